@@ -1,6 +1,7 @@
 """How the pages of the interface read docstrings and types.
 
-Sections of a docstring become lists of entries, ``name : what it is``. An entry that names a field of a class becomes an
+Sections of a docstring become lists of entries, ``name : what it is``. An entry that names a field
+    of a class becomes an
 attribute of it, with its type, which can be linked and searched for.
 """
 
@@ -21,7 +22,11 @@ _ENTRY = re.compile(r"^(?P<names>\*{0,2}\w+(?:, \*{0,2}\w+)*) : (?P<text>.*)$")
 #: a link to a name of the package by the module where it is written
 _ROLE = re.compile(r":(?P<role>func|class|meth|attr|exc):`(?P<path>granphon\.[\w.]+)`")
 #: names that are imported from granphon itself
-_PUBLIC = {f"{getattr(granphon, name).__module__}.{name}": name for name in granphon.__all__ if not name.startswith("_")}
+_PUBLIC = {
+    f"{getattr(granphon, name).__module__}.{name}": name
+    for name in granphon.__all__
+    if not name.startswith("_")
+}
 #: what annotations are called on the page; those in capitals without a module are explained there
 ALIASES = {
     "Array": "Array",
@@ -43,15 +48,45 @@ ALIASES = {
 #: how elements of arrays other than floats are called
 _ELEMENTS = {"int64": "[int]", "bool": "[bool]", "complex128": "[complex]"}
 #: public by name, and no part of the interface: what classes of the package ask of each other
-INNER = frozenset({
-    "options", "history",
-    "check_diameter", "check_state", "cached", "reference_lattice", "has_one_lattice", "velocity_scale",
-    "unit_length", "overlap_of_equal_balls", "branch_scales", "prescribed",
-    "require", "discard_results_on_any_change", "implemented_properties", "set", "units_of", "flat", "describe",
-    "width_units", "response", "plan", "survey", "serving", "is_exact", "operator", "parameters_of_branches",
-    "to_info",
-    "arrays", "long_law", "prepare", "slow_part", "is_solved_anew", "count_start", "require_start",
-})  # fmt: skip
+INNER = frozenset(
+    {
+        "options",
+        "history",
+        "check_diameter",
+        "check_state",
+        "cached",
+        "reference_lattice",
+        "has_one_lattice",
+        "velocity_scale",
+        "unit_length",
+        "overlap_of_equal_balls",
+        "branch_scales",
+        "prescribed",
+        "require",
+        "discard_results_on_any_change",
+        "implemented_properties",
+        "set",
+        "units_of",
+        "flat",
+        "describe",
+        "width_units",
+        "response",
+        "plan",
+        "survey",
+        "serving",
+        "is_exact",
+        "operator",
+        "parameters_of_branches",
+        "to_info",
+        "arrays",
+        "long_law",
+        "prepare",
+        "slow_part",
+        "is_solved_anew",
+        "count_start",
+        "require_start",
+    }
+)
 
 
 def process(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
@@ -61,7 +96,9 @@ def process(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[
 
 
 def _say_publicly(link: re.Match[str]) -> str:
-    """A link without the module, which a reader need not know; by the public name if there is one."""
+    """A link without the module, which a reader need not know; by the public name if there is
+    one.
+    """
     owner, _, member = link["path"].rpartition(".")
     if link["path"] in _PUBLIC:
         return f":{link['role']}:`~granphon.{_PUBLIC[link['path']]}`"
@@ -75,13 +112,27 @@ def skip(app: Any, what: str, name: str, obj: Any, skipped: bool, options: Any) 
     return True if what == "class" and name in INNER else None
 
 
-def sign(app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str | None) -> Any:
-    """For ``autodoc-process-signature``: names that autodoc could not look up, and defaults made anew for each object."""
-    return signature and say_types(signature.replace("<factory>", "...")), returned and say_types(returned)
+def sign(
+    app: Any,
+    what: str,
+    name: str,
+    obj: Any,
+    options: Any,
+    signature: str | None,
+    returned: str | None,
+) -> Any:
+    """For ``autodoc-process-signature``: names that autodoc could not look up, and defaults made
+    anew for each object.
+    """
+    return signature and say_types(signature.replace("<factory>", "...")), returned and say_types(
+        returned
+    )
 
 
 def name_aliases() -> None:
-    """Have autodoc call an alias by its name inside other types too, and arrays by their elements."""
+    """Have autodoc call an alias by its name inside other types too, and arrays by their
+    elements.
+    """
     from sphinx.util.inspect import TypeAliasForwardRef
 
     TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # type: ignore[method-assign]
@@ -99,11 +150,19 @@ def field_types(obj: Any) -> dict[str, str]:
         return {}
     fields = [field.name for field in dataclasses.fields(obj) if not field.name.startswith("_")]
     try:
-        hints = get_type_hints(obj, None, {name: TypeAliasForwardRef(said) for name, said in ALIASES.items()})
+        hints = get_type_hints(
+            obj, None, {name: TypeAliasForwardRef(said) for name, said in ALIASES.items()}
+        )
     except NameError:  # imported for type checkers alone
-        hints = {name: hint for one in reversed(obj.__mro__) for name, hint in getattr(one, "__annotations__", {}).items()}
+        hints = {
+            name: hint
+            for one in reversed(obj.__mro__)
+            for name, hint in getattr(one, "__annotations__", {}).items()
+        }
     return {
-        name: say_types(hints[name]) if isinstance(hints[name], str) else stringify_annotation(hints[name], "smart")
+        name: say_types(hints[name])
+        if isinstance(hints[name], str)
+        else stringify_annotation(hints[name], "smart")
         for name in fields
         if get_origin(hints[name]) is not ClassVar and not _stands_apart(obj, name)
     }
@@ -115,22 +174,31 @@ def _stands_apart(obj: Any, name: str) -> bool:
 
 
 def say_types(text: str) -> str:
-    """Types as a text of annotations has them, with their aliases said; of fields without their shapes and units."""
+    """Types as a text of annotations has them, with their aliases said; of fields without their
+    shapes and units.
+    """
     text = re.sub(r"""~?(?:typing\.)?Annotated\[(.+?)(?:, (?:"[^"]*"|'[^']*'))+\]""", r"\1", text)
-    return re.sub(r"(?<![\w.~'])\w+(?!\s*[(\w:=.\[])", lambda name: ALIASES.get(name[0], name[0]), text)
+    return re.sub(
+        r"(?<![\w.~'])\w+(?!\s*[(\w:=.\[])", lambda name: ALIASES.get(name[0], name[0]), text
+    )
 
 
 def rendered(lines: list[str], fields: Mapping[str, str] = {}) -> list[str]:
-    """The lines of a docstring as reStructuredText; ``fields`` are the types of the attributes of its class."""
+    """The lines of a docstring as reStructuredText; ``fields`` are the types of the attributes of
+    its class.
+    """
     out: list[str] = []
-    title, at = "", 0
+    title = ""
+    at = 0
     while at < len(lines):
         if lines[at] in _TITLES and at + 1 < len(lines) and re.fullmatch("-+", lines[at + 1]):
-            title, at = lines[at], at + 2
+            title = lines[at]
+            at = at + 2
             out += ["", f":{title}:", ""]
         elif title and lines[at].strip():
             end = next(_ends(lines, at))
-            entry, rest = _ENTRY.match(lines[at]), lines[at + 1 : end]
+            entry = _ENTRY.match(lines[at])
+            rest = lines[at + 1 : end]
             if entry:
                 out += _render_entry(title, entry["names"].split(", "), entry["text"], rest, fields)
             elif not lines[at - 1].strip() and title != "Notes":  # a paragraph after the section
@@ -145,11 +213,16 @@ def rendered(lines: list[str], fields: Mapping[str, str] = {}) -> list[str]:
     return out
 
 
-def _render_entry(title: str, names: list[str], text: str, rest: list[str], fields: Mapping[str, str]) -> list[str]:
+def _render_entry(
+    title: str, names: list[str], text: str, rest: list[str], fields: Mapping[str, str]
+) -> list[str]:
     """An entry of a section: an item of a list, or the definition of an attribute."""
     if set(names) <= set(fields):
         types = {fields[name] for name in names}
-        made = [f"    .. py:attribute:: {names[0]}", *(f"                      {name}" for name in names[1:])]
+        made = [
+            f"    .. py:attribute:: {names[0]}",
+            *(f"                      {name}" for name in names[1:]),
+        ]
         made += [f"       :type: {types.pop()}"] if len(types) == 1 else []
         return [*made, "", f"       {text}", *(f"       {line.strip()}" for line in rest), ""]
     shown = [_exception(name) if title in ("Raises", "Warns") else _bold(name) for name in names]

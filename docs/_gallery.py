@@ -1,4 +1,6 @@
-"""How the gallery takes the figures of the examples, in which order it shows them, and what stands for each in its list."""
+"""How the gallery takes the figures of the examples, in which order it shows them, and what stands
+for each in its list.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,47 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
 _ORDER = (
-    "steel_bands", "friction", "dos", "modes_K_M", "rolling_wave", "iso_frequency", "pulse_dispersion", "poisson_ratio",
-    "granular_chain", "diatomic_chain", "defect_mode", "column", "pressed_along_one_axis", "membrane", "fcc_and_hcp",
-    "slowness_fcc", "rolling_modes", "zigzag_edge", "surface_waves_fcc", "transfer_function", "transmission",
-    "pressure_sweep", "ladder", "work_precision", "force_chains", "conjecture",
-    "true_directions", "hysteresis", "disorder_in_space", "fit_width", "several_runs", "spectral_function", "soft_modes",
-    "coherent_speckle", "wave_crossing", "hexagon_pulse", "solitary_wave", "second_harmonic", "impact_on_hexagon",
+    "steel_bands",
+    "friction",
+    "dos",
+    "modes_K_M",
+    "rolling_wave",
+    "iso_frequency",
+    "pulse_dispersion",
+    "poisson_ratio",
+    "granular_chain",
+    "diatomic_chain",
+    "defect_mode",
+    "column",
+    "pressed_along_one_axis",
+    "membrane",
+    "fcc_and_hcp",
+    "slowness_fcc",
+    "rolling_modes",
+    "zigzag_edge",
+    "surface_waves_fcc",
+    "transfer_function",
+    "transmission",
+    "pressure_sweep",
+    "ladder",
+    "work_precision",
+    "force_chains",
+    "conjecture",
+    "true_directions",
+    "hysteresis",
+    "disorder_in_space",
+    "fit_width",
+    "several_runs",
+    "spectral_function",
+    "soft_modes",
+    "coherent_speckle",
+    "wave_crossing",
+    "hexagon_pulse",
+    "solitary_wave",
+    "second_harmonic",
+    "impact_on_hexagon",
     "random_packing",
-)  # fmt: skip
+)
 _shown: WeakSet[Any] = WeakSet()
 #: which panel stands for an example, counted as the figure does, where it is not the largest one
 _PANELS = {
@@ -33,9 +68,13 @@ _PANELS = {
     "slowness_fcc": 0,
     "work_precision": 0,
 }
-#: size of a thumbnail, in inches and in dots per inch; of its letters, in points; and the longest label of an axis,
-#: and the longest text in a panel, in letters
-_THUMB_SIZE, _THUMB_DPI, _LETTERS, _LONGEST, _LONGEST_TEXT = (2.0, 1.4), 200, 8.0, 18, 4
+#: size of a thumbnail, in inches and in dots per inch; of its letters, in points; and the longest
+#: label of an axis, and the longest text in a panel, in letters
+_THUMB_SIZE = (2.0, 1.4)
+_THUMB_DPI = 200
+_LETTERS = 8.0
+_LONGEST = 18
+_LONGEST_TEXT = 4
 #: lines from which on they are a net, whose lines are drawn thinner
 _MANY = 200
 
@@ -47,8 +86,8 @@ def order(filename: str) -> tuple[int, str]:
 
 
 def scraper(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
-    """Take ``figure`` once a script has made it. Those of granphon.figures.bands are not pyplot's, where sphinx-gallery
-    looks.
+    """Take ``figure`` once a script has made it. Those of granphon.figures.bands are not pyplot's,
+    where sphinx-gallery looks.
 
     An animation is left to sphinx-gallery.
     """
@@ -56,7 +95,11 @@ def scraper(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]
 
     names = block_vars["example_globals"]
     figure = names.get("figure")
-    if figure is None or figure in _shown or any(isinstance(value, Animation) for value in names.values()):
+    if (
+        figure is None
+        or figure in _shown
+        or any(isinstance(value, Animation) for value in names.values())
+    ):
         return ""
     _shown.add(figure)
     path = next(block_vars["image_path_iterator"])
@@ -72,12 +115,18 @@ def _panel_of(images: Path, name: str) -> Path:
 
 
 def draw_panel(figure: Any, name: str, path: Path) -> None:
-    """Save one panel of a figure, with letters that can be read when it is as small as in the list of the gallery."""
+    """Save one panel of a figure, with letters that can be read when it is as small as in the list
+    of the gallery.
+    """
     areas = [ax.get_position().width * ax.get_position().height for ax in figure.axes]
     chosen = figure.axes[_PANELS.get(name, areas.index(max(areas)))]
     figure.set_layout_engine("none")
     figure.set_size_inches(_THUMB_SIZE)
-    for part in (*(ax for ax in figure.axes if ax is not chosen), *figure.texts, *figure.findobj(Legend)):
+    for part in (
+        *(ax for ax in figure.axes if ax is not chosen),
+        *figure.texts,
+        *figure.findobj(Legend),
+    ):
         part.set_visible(False)
     if figure.get_suptitle():
         figure.suptitle("")
@@ -112,7 +161,9 @@ def draw_panel(figure: Any, name: str, path: Path) -> None:
 
 
 def take_panels(app: Any) -> None:
-    """Put the panels where sphinx-gallery has put a reduced picture of all; those of scripts that did not run are there."""
+    """Put the panels where sphinx-gallery has put a reduced picture of all; those of scripts that
+    did not run are there.
+    """
     images = Path(app.srcdir) / "gallery" / "images"
     for panel in images.glob("*_panel.png"):
         panel.replace(images / "thumb" / f"sphx_glr_{panel.stem.removesuffix('_panel')}_thumb.png")

@@ -1,11 +1,13 @@
-"""The tables of the reference, from what they describe: ``python docs/_generate.py`` writes them into their pages.
+"""The tables of the reference, from what they describe: ``python docs/_generate.py`` writes them
+into their pages.
 
-With names, as in ``python docs/_generate.py rooms media``, only the tables between the marks of these names; ``text`` are
-the texts of the interface, ``docs/reference/api/*.txt``.
+With names, as in ``python docs/_generate.py rooms media``, only the tables between the marks of
+these names; ``text`` are the texts of the interface, ``docs/reference/api/*.txt``.
 
-What a key allows is asked of the rule that reads it; defaults and units are those of the schema; commands and their options
-are those of the command line; the fields of output files are read from files that small scenes wrote just now. Only what
-things *mean* is written here, and what has no meaning yet is an error.
+What a key allows is asked of the rule that reads it; defaults and units are those of the schema;
+commands and their options are those of the command line; the fields of output files are read from
+files that small scenes wrote just now. Only what things *mean* is written here, and what has no
+meaning yet is an error.
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ from _meanings import (
     SPREAD_BLOCKS,
     SPREADS,
     SWEPT,
-)  # fmt: skip
+)
 from _text import write_interface
 from typer.models import OptionInfo
 
@@ -70,10 +72,16 @@ from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
 HERE = Path(__file__).parent
 PAGES = [
     HERE / "development.md",
-    *(HERE / "reference" / f"{name}.md" for name in ("api", "api/results", "scene", "commands", "files")),
+    *(
+        HERE / "reference" / f"{name}.md"
+        for name in ("api", "api/results", "scene", "commands", "files")
+    ),
 ]
 _REGION = re.compile(r"(<!-- (\w+): python docs/_generate\.py -->\n).*?(<!-- end -->)", re.DOTALL)
-_UNITS = {kind.allowed: kind.unit for kind in (LENGTH, MODULUS, DENSITY, WIDTH, FREQUENCY, TIME, *LOADS.values())}
+_UNITS = {
+    kind.allowed: kind.unit
+    for kind in (LENGTH, MODULUS, DENSITY, WIDTH, FREQUENCY, TIME, *LOADS.values())
+}
 #: what the fields of all files mean, and their units
 MEANINGS = {name: one.meaning for name, one in CATALOGUE.items()} | FIELDS
 UNITS = {name: one.unit for name, one in CATALOGUE.items()} | FIELD_UNITS
@@ -88,54 +96,82 @@ SCENES = {
     "phonopy: {band_points: 3, mesh: 6 6 1}",
     "ema": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: 5 N}",
     "square": "packing: {diameter: 8 mm, lattice: square}\nload: {force: 5 N}",
-    "array": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: 5 N}}\nmedium: {{{_ARRAY}}}",
-    "squeezed": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{overlap: 1 um}}\nmedium: {{{_ARRAY}}}",
-    "sweep": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: [5 N, 9 N]}}\n"
-    f"medium: [ema, {_ARRAY}]\nsweep: {{width: [1 um, 2 um]}}\nobserve: [bands]\nphonopy: {{band_points: 2}}",
-    "arrays": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{pressure: [2 kN/m, 3 kN/m]}}\n"
+    "array": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: 5"
+    f" N}}\nmedium: {{{_ARRAY}}}",
+    "squeezed": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{overlap: 1"
+    f" um}}\nmedium: {{{_ARRAY}}}",
+    "sweep": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: [5 N, 9"
+    f" N]}}\n"
+    f"medium: [ema, {_ARRAY}]\nsweep: {{width: [1 um, 2 um]}}\nobserve: [bands]\nphonopy:"
+    f" {{band_points: 2}}",
+    "arrays": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{pressure: [2"
+    f" kN/m, 3 kN/m]}}\n"
     f"medium: {{{_ARRAY}}}",
-    "loaded": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: 5 N}}\nmedium: {{{_LOADED}}}",
-    "path": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: [2 N, 5 N]}}\nmedium: {{{_LOADED}}}",
-    "choice": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: 40 N}\nmedium: auto",
-    "choices": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [40 N, 90 N]}\nmedium: auto",
+    "loaded": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: 5"
+    f" N}}\nmedium: {{{_LOADED}}}",
+    "path": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}}}\nload: {{force: [2 N, 5"
+    f" N]}}\nmedium: {{{_LOADED}}}",
+    "choice": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: 40 N}\nmedium:"
+    " auto",
+    "choices": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [40 N, 90"
+    " N]}\nmedium: auto",
     "squares": "packing: {diameter: 8 mm, lattice: square}\nload: {force: [5 N, 9 N]}",
-    "chains": "packing: {diameter: 8 mm, lattice: chain, motions: all, torsion: 0.01, bending: 0.01}\n"
+    "chains": "packing: {diameter: 8 mm, lattice: chain, motions: all, torsion: 0.01, bending:"
+    " 0.01}\n"
     "load: {force: [5 N, 9 N]}",
-    "membranes": "packing: {diameter: 8 mm, motions: all, bending: 0.01}\nload: {force: [5 N, 9 N]}",
+    "membranes": "packing: {diameter: 8 mm, motions: all, bending: 0.01}\nload: {force: [5 N,"
+    " 9 N]}",
     "waves": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [20 N, 40 N]}\n"
-    "medium: {simulation: {shape: 8 20, samples: 2}}\ndirection: [0, 1]\nobserve: [dos, spectrum, pulse]\n"
+    "medium: {simulation: {shape: 8 20, samples: 2}}\ndirection: [0, 1]\nobserve: [dos,"
+    " spectrum, pulse]\n"
     "spectrum: {points: 3}\npulse: {frequency: 12 kHz, cycles: 2, distance: 50 mm}",
     "edge": "packing: {diameter: 8 mm, lattice: square}\nload: {force: 5 N}\nobserve: [surface]\n"
     "surface: {axis: 1, points: 3}",
     **{
-        f"response_{of}": f"packing: {{diameter: 8 mm, lattice: chain}}\nload: {{force: {load}}}\nobserve: [response]\n"
-        f"response: {{frequencies: [1 kHz, 2 kHz, 3 kHz, 4 kHz, 5 kHz], source: plane, receiver: plane, quantity: {of}, "
+        f"response_{of}": f"packing: {{diameter: 8 mm, lattice: chain}}\nload: {{force:"
+        f" {load}}}\nobserve: [response]\n"
+        f"response: {{frequencies: [1 kHz, 2 kHz, 3 kHz, 4 kHz, 5 kHz], source: plane,"
+        f" receiver: plane, quantity: {of}, "
         "damping: 9 us, cut: {axis: 0, layers: 3, edges: floor free}}"
-        for of, load in (("displacement", "5 N"), ("velocity", "[5 N, 9 N]"), ("transmissibility", "5 N"))
+        for of, load in (
+            ("displacement", "5 N"),
+            ("velocity", "[5 N, 9 N]"),
+            ("transmissibility", "5 N"),
+        )
     },
     **{
-        f"motion_{of}": f"packing: {{diameter: 8 mm, lattice: chain}}\nload: {{force: {load}}}\nobserve: [motion]\n"
-        "motion: {drive: {balls: 0, impact: 0.1 m/s}, cut: {axis: 0, layers: 8}, duration: 0.1 ms, frames: 41}"
+        f"motion_{of}": f"packing: {{diameter: 8 mm, lattice: chain}}\nload: {{force:"
+        f" {load}}}\nobserve: [motion]\n"
+        "motion: {drive: {balls: 0, impact: 0.1 m/s}, cut: {axis: 0, layers: 8}, duration:"
+        " 0.1 ms, frames: 41}"
         for of, load in (("one", "5 N"), ("many", "[5 N, 9 N]"))
     },
-    "motion_samples": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [20 N, 40 N]}\n"
+    "motion_samples": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [20 N, 40"
+    " N]}\n"
     "medium: {simulation: {shape: 4 6, samples: 2}}\nobserve: [motion]\n"
-    "motion: {drive: {balls: lower, impact: 0.1 m/s, direction: 0 1}, cut: {axis: 1, layers: 1}, duration: 50 us}",
-    "crystals": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: [20 N, 40 N]}}\n"
+    "motion: {drive: {balls: lower, impact: 0.1 m/s, direction: 0 1}, cut: {axis: 1, layers:"
+    " 1}, duration: 50 us}",
+    "crystals": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload:"
+    f" {{force: [20 N, 40 N]}}\n"
     f"medium: {{{_CUBE}}}",
-    "cube": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: 20 N}}\n"
+    "cube": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload:"
+    f" {{force: 20 N}}\n"
     f"medium: {{{_CUBE}}}",
-    "crystal": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: 5 N}\nobserve: [bands]\nphonopy: {band_points: 3}\n"
+    "crystal": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: 5 N}\nobserve:"
+    " [bands]\nphonopy: {band_points: 3}\n"
     "bands: {damping: 1 us, loss_factor: 0.01}",
-}  # fmt: skip
+}
 
 
-# -- tables ---------------------------------------------------------------------------------------------------------
+# -- tables ----------------------------------------------------------------------------------------
 
 
 def table(heads: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
     """A table in Markdown."""
-    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in (heads, *rows)]
+    lines = [
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |"
+        for line in (heads, *rows)
+    ]
     return "\n".join([lines[0], "|" + "---|" * len(heads), *lines[1:]])
 
 
@@ -169,14 +205,15 @@ def known(attempt: Callable[[], Any]) -> list[str]:
     return told(attempt).removeprefix("a block of keys: ").split(", ")
 
 
-# -- the interface --------------------------------------------------------------------------------------------------
+# -- the interface ---------------------------------------------------------------------------------
 
 
 def interface_pages() -> list[Path]:
     """The pages of the interface, in their order."""
     index = HERE / "reference" / "api.md"
     return [
-        index.parent / f"{name}.md" for name in re.findall(r"^api/\w+$", index.read_text(encoding="utf-8"), re.MULTILINE)
+        index.parent / f"{name}.md"
+        for name in re.findall(r"^api/\w+$", index.read_text(encoding="utf-8"), re.MULTILINE)
     ]
 
 
@@ -185,7 +222,9 @@ def interface() -> str:
     rows = []
     for page in interface_pages():
         text = page.read_text(encoding="utf-8")
-        names = re.findall(r"^\.\. auto(class|function|exception|module):: (\S+)$", text, re.MULTILINE)
+        names = re.findall(
+            r"^\.\. auto(class|function|exception|module):: (\S+)$", text, re.MULTILINE
+        )
         title = text.partition("\n")[0].removeprefix("# ")
         rows.append(
             [
@@ -214,19 +253,29 @@ def result_units() -> str:
     return table(("result", "fields and their units"), rows)
 
 
-# -- the scene ------------------------------------------------------------------------------------------------------
+# -- the scene -------------------------------------------------------------------------------------
 
 
 def scene_keys() -> str:
     """Key, meaning, what is allowed, SI unit, default."""
     rows = []
-    made = {name: one.default for kind in (Material, Packing, Scene) for name, one in signature(kind).parameters.items()}
+    made = {
+        name: one.default
+        for kind in (Material, Packing, Scene)
+        for name, one in signature(kind).parameters.items()
+    }
     for field in SCENE_FIELDS:
         allowed = told(partial(field.kind.rule(Context(folder=HERE)), object()))
         block, _, name = field.key.rpartition(".")
-        several = "; or a list of these, or a [range](#ranges)" if block == "load" and name in LOADS else ""
+        several = (
+            "; or a list of these, or a [range](#ranges)"
+            if block == "load" and name in LOADS
+            else ""
+        )
         default = field.default or _plain_default(field.key, made[name])
-        rows.append([f"`{field.key}`", field.words, allowed + several, _UNITS.get(allowed, ""), default])
+        rows.append(
+            [f"`{field.key}`", field.words, allowed + several, _UNITS.get(allowed, ""), default]
+        )
     return table(("key", "what it is", "allowed", "SI unit", "default"), rows)
 
 
@@ -250,10 +299,20 @@ def spreads() -> str:
             rest = {} if (kind, key) == ("measured", "diameters") else SPREAD_BLOCKS[kind]
             allowed = told(probe({kind: {**rest, key: object()}}))
             default = f"{Normal(1.0).cutoff:g}" if key == "cutoff" else ""
-            rows.append([f"{kind}.{key}", allowed, "m" if key == "diameters" else _UNITS.get(allowed, ""), default])
+            rows.append(
+                [
+                    f"{kind}.{key}",
+                    allowed,
+                    "m" if key == "diameters" else _UNITS.get(allowed, ""),
+                    default,
+                ]
+            )
     return table(
         ("form", "what it is", "allowed", "SI unit", "default"),
-        ([f"`{name}`", meaning(SPREADS, name), allowed, unit, default] for name, allowed, unit, default in rows),
+        (
+            [f"`{name}`", meaning(SPREADS, name), allowed, unit, default]
+            for name, allowed, unit, default in rows
+        ),
     )
 
 
@@ -279,7 +338,9 @@ def medium_options() -> str:
 
 
 def _option_default(key: str, value: Any) -> str:
-    """Write the default of an option of a medium; where it is None the medium chooses it by the lattice."""
+    """Write the default of an option of a medium; where it is None the medium chooses it by the
+    lattice.
+    """
     if key == "simulation.shape":
         return ", ".join(map(literal, DEFAULT_SHAPES.values()))
     return DEFAULTS[key] if key in DEFAULTS else literal(value)
@@ -291,7 +352,14 @@ def sweep_parameters() -> str:
     for name, unit in PARAMETERS.items():
         allowed = told(lambda name=name: rules.PARAMETERS_SWEPT.read({name: object()}, Context()))
         several = "a list" if unit is None else "one, a list, or a [range](#ranges)"
-        rows.append([f"`{name}`", meaning(PACKINGS, name), f"{several}: {_element(name, allowed)}", unit or ""])
+        rows.append(
+            [
+                f"`{name}`",
+                meaning(PACKINGS, name),
+                f"{several}: {_element(name, allowed)}",
+                unit or "",
+            ]
+        )
     return table(("parameter", "what is swept", "allowed", "SI unit"), rows)
 
 
@@ -306,14 +374,25 @@ def ranges() -> str:
     full = {"from": "1 N", "to": "2 N", "points": 2}
     rows = []
     for key in known(lambda: rules.read_values({"?": 0}, LOADS["force"].read)):
-        allowed = "as a single value" if key in ("from", "to") else told(
-            lambda key=key: rules.read_values({**full, key: object()}, LOADS["force"].read)
-        )  # fmt: skip
-        rows.append([f"`{key}`", meaning(RANGE, key), allowed, literal(rules.SCALES[0]) if key == "scale" else "required"])
+        allowed = (
+            "as a single value"
+            if key in ("from", "to")
+            else told(
+                lambda key=key: rules.read_values({**full, key: object()}, LOADS["force"].read)
+            )
+        )
+        rows.append(
+            [
+                f"`{key}`",
+                meaning(RANGE, key),
+                allowed,
+                literal(rules.SCALES[0]) if key == "scale" else "required",
+            ]
+        )
     return table(("key of a range", "what it is", "allowed", "default"), rows)
 
 
-# -- the commands ---------------------------------------------------------------------------------------------------
+# -- the commands ----------------------------------------------------------------------------------
 
 
 def commands() -> str:
@@ -327,7 +406,11 @@ def commands() -> str:
         parts += [
             f"## granphon {command.name or call.__name__}",
             _as_code(re.sub(r"(?<!\n)\n(?!\n)", " ", text)),
-            *([table(("argument or option", "what it is", "value", "default"), rows)] if rows else []),
+            *(
+                [table(("argument or option", "what it is", "value", "default"), rows)]
+                if rows
+                else []
+            ),
             "```text\n" + "\n".join(line.strip() for line in examples.splitlines()[1:]) + "\n```",
         ]
     return "\n\n".join(parts)
@@ -360,12 +443,15 @@ def _as_code(text: str) -> str:
     return re.sub(r"(?<![\w`-])--[a-z][\w-]*", r"`\g<0>`", text)
 
 
-# -- the files ------------------------------------------------------------------------------------------------------
+# -- the files -------------------------------------------------------------------------------------
 
 
 def files() -> str:
     """Which file is written when."""
-    rows = [[f"`{name}`", *meaning(FILES, name)] for name in (*RESULT_FILES, *FIT_FILES, *TRADEOFF_FILES)]
+    rows = [
+        [f"`{name}`", *meaning(FILES, name)]
+        for name in (*RESULT_FILES, *FIT_FILES, *TRADEOFF_FILES)
+    ]
     return table(("file", "written for", "what is in it"), rows)
 
 
@@ -380,7 +466,15 @@ class Results:
             _do("run", str(scene), "-o", str(folder / name), "--no-figures", "-q")
         data = folder / "data.csv"
         data.write_text("force (N),velocity (m/s)\n2,465\n5,603\n9,681\n18,774\n", encoding="utf-8")
-        _do("fit", str(folder / "ema.yaml"), str(data), "-o", str(folder / "fit"), "--frequency", "6.5 kHz")
+        _do(
+            "fit",
+            str(folder / "ema.yaml"),
+            str(data),
+            "-o",
+            str(folder / "fit"),
+            "--frequency",
+            "6.5 kHz",
+        )
         self.sweeps = [load_sweep(folder / name / "sweep.nc") for name in MANY]
 
     def yaml(self, name: str, file: str) -> Any:
@@ -388,7 +482,11 @@ class Results:
         return plain_yaml((self.folder / name / file).read_text(encoding="utf-8"), file)
 
     def row(
-        self, name: str, value: Any, units: Mapping[str, str] | None = None, words: Mapping[str, str] | None = None
+        self,
+        name: str,
+        value: Any,
+        units: Mapping[str, str] | None = None,
+        words: Mapping[str, str] | None = None,
     ) -> list[str]:
         """Field, unit, kind, meaning: by ``units`` and ``words``, or by those of all files."""
         unit = (units or {}).get(name, UNITS.get(name, ""))
@@ -412,14 +510,14 @@ def kind(value: Any) -> str:
         # those that are empty here hold sentences
         inner = kind(value[0]) if value else "text"
         return "matrix" if inner.startswith("list") else f"list of {inner}s"
-    return {dict: "block", str: "text", float: "number", int: "number", type(None): "text"}[type(value)]
+    return {dict: "block", str: "text", float: "number", int: "number", type(None): "text"}[
+        type(value)
+    ]
 
 
 #: the scenes of one state, and of many
-ONE, MANY = (
-    ("all", "ema", "square", "array", "squeezed", "choice", "cube", "loaded"),
-    ("sweep", "arrays", "choices", "squares", "chains", "membranes", "waves", "crystals", "path"),
-)
+ONE = ("all", "ema", "square", "array", "squeezed", "choice", "cube", "loaded")
+MANY = ("sweep", "arrays", "choices", "squares", "chains", "membranes", "waves", "crystals", "path")
 HEADS = ("field", "unit", "kind", "what it is")
 
 
@@ -444,7 +542,10 @@ def in_order(*parts: Mapping[str, Any]) -> list[str]:
 
 def columns(of: Table, words: Mapping[str, str]) -> str:
     """The columns of a table, with the units of their headings or those of all files."""
-    rows = ([f"`{one.name}`", one.unit or UNITS.get(one.name, ""), meaning(words, one.name)] for one in of.headings)
+    rows = (
+        [f"`{one.name}`", one.unit or UNITS.get(one.name, ""), meaning(words, one.name)]
+        for one in of.headings
+    )
     return table(("column", "unit", "what it is"), rows)
 
 
@@ -463,36 +564,49 @@ def sweep_fields(results: Results) -> str:
     """Variables of sweep.nc, and which of them are columns of sweep.csv."""
     heads = set()
     for name in MANY:
-        heads |= {heading.name for heading in Table.read(results.folder / name / "sweep.csv").headings}
+        heads |= {
+            heading.name for heading in Table.read(results.folder / name / "sweep.csv").headings
+        }
     rows = []
     for name in in_order(*(dataset.variables for dataset in results.sweeps)):
         (one, *_) = (dataset[name] for dataset in results.sweeps if name in dataset.variables)
-        said, unit = one.attrs.get("long_name", ""), one.attrs.get("units", "")
+        said = one.attrs.get("long_name", "")
+        unit = one.attrs.get("units", "")
         axes = ", ".join("parameters" if dim in PARAMETERS else str(dim) for dim in one.dims)
         shown = f"`{name}`" + (", or another parameter" if name in PARAMETERS else "")
-        rows.append([shown, unit, axes, "yes" if name in heads else "", said or meaning(SWEPT, name)])
+        rows.append(
+            [shown, unit, axes, "yes" if name in heads else "", said or meaning(SWEPT, name)]
+        )
     return table(("variable", "unit", "dimensions", "in sweep.csv", "what it is"), rows)
 
 
 def sweep_attributes(results: Results) -> str:
     """Global attributes of sweep.nc."""
     names = in_order(*(dataset.attrs for dataset in results.sweeps))
-    return table(("attribute", "what it is"), ([f"`{name}`", meaning(ATTRIBUTES, name)] for name in names))
+    return table(
+        ("attribute", "what it is"), ([f"`{name}`", meaning(ATTRIBUTES, name)] for name in names)
+    )
 
 
 def band_fields(results: Results) -> str:
     """The block ``granphon`` of band.yaml."""
     found = [results.yaml(name, "band.yaml")["granphon"] for name in ("all", "crystal")]
     values = merged(*found)
-    return table(HEADS, (results.row(name, values[name], words=BANDED) for name in in_order(*found)))
+    return table(
+        HEADS, (results.row(name, values[name], words=BANDED) for name in in_order(*found))
+    )
 
 
 def phonopy_fields(results: Results) -> str:
     """What the block ``granphon`` of phonopy_params.yaml has besides."""
     text = (results.folder / "all" / "phonopy_params.yaml").read_text(encoding="utf-8")
-    own = plain_yaml("".join(itertools.takewhile(str.strip, text.splitlines(keepends=True))), "head")["granphon"]
+    own = plain_yaml(
+        "".join(itertools.takewhile(str.strip, text.splitlines(keepends=True))), "head"
+    )["granphon"]
     shared = results.yaml("all", "band.yaml")["granphon"]
-    return table(HEADS, (results.row(name, value) for name, value in own.items() if name not in shared))
+    return table(
+        HEADS, (results.row(name, value) for name, value in own.items() if name not in shared)
+    )
 
 
 def dos_fields(results: Results) -> str:
@@ -504,7 +618,10 @@ def sample_fields(results: Results) -> str:
     """Arrays and scalars of sample.extxyz."""
     head = (results.folder / "loaded" / "sample.extxyz").read_text(encoding="utf-8").splitlines()[1]
     columns = re.search(r"Properties=(\S+)", head)[1].split(":")  # type: ignore[index]
-    names = [(name, int(count)) for name, _, count in zip(columns[::3], columns[1::3], columns[2::3], strict=True)]
+    names = [
+        (name, int(count))
+        for name, _, count in zip(columns[::3], columns[1::3], columns[2::3], strict=True)
+    ]
     rows = []
     for name, count in names:
         said, unit = SAMPLE.get(name, (MEANINGS.get(name), UNITS.get(name, "")))
@@ -518,14 +635,18 @@ def sample_fields(results: Results) -> str:
         )
     for name in re.findall(r" (\w+)=(?!\")", head):
         if name not in ("Lattice", "Properties", "pbc"):
-            rows.append([f"`{name}`", UNITS.get(name, ""), "of the sample", meaning(MEANINGS, name)])
+            rows.append(
+                [f"`{name}`", UNITS.get(name, ""), "of the sample", meaning(MEANINGS, name)]
+            )
     return table(("array or number", "unit", "how many", "what it is"), rows)
 
 
 def fit_fields(results: Results) -> str:
     """Fields of fit.yaml, then the columns of fit.csv that are not among them."""
     data = results.yaml("fit", "fit.yaml")
-    return table(HEADS, (results.row(name, value, data["units"], FITTED) for name, value in data.items()))
+    return table(
+        HEADS, (results.row(name, value, data["units"], FITTED) for name, value in data.items())
+    )
 
 
 def fit_columns(results: Results) -> str:
@@ -539,16 +660,22 @@ def tradeoff_columns(results: Results) -> str:
     return columns(Table.parse("tradeoff.csv", empty.csv().encode()), MEASURED)
 
 
-# -- the packages ---------------------------------------------------------------------------------------------------
+# -- the packages ----------------------------------------------------------------------------------
 
 
 def rooms() -> str:
-    """The packages as the contracts of imports have them: a diagram of their levels, and what each is the room of."""
-    contracts = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
-        "contracts"
-    ]
+    """The packages as the contracts of imports have them: a diagram of their levels, and what each
+    is the room of.
+    """
+    contracts = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"][
+        "importlinter"
+    ]["contracts"]
     (contract,) = (one for one in contracts if one["id"] == "rooms")
-    levels = [[room.strip() for room in level.split("|")] for level in contract["layers"] if level != "__main__"]
+    levels = [
+        [room.strip() for room in level.split("|")]
+        for level in contract["layers"]
+        if level != "__main__"
+    ]
     packages = {room for level in levels for room in level}
     # a library has a door where all packages but one are forbidden to import it
     doors: dict[str, list[str]] = {}
@@ -560,32 +687,59 @@ def rooms() -> str:
     diagram = ["```text"]
     for level in levels:
         outside = ", ".join(library for room in level for library in doors.get(room, ()))
-        diagram += [f"{'   '.join(level):^{width}}" + f"   <-  {outside}" * bool(outside), f"{'|':^{width}}"]
+        diagram += [
+            f"{'   '.join(level):^{width}}" + f"   <-  {outside}" * bool(outside),
+            f"{'|':^{width}}",
+        ]
     rows = []
     for name in (room for level in reversed(levels) for room in level):
         package = import_module(f"granphon.{name}")
-        modules = sorted(path.stem for path in Path(str(package.__file__)).parent.glob("*.py") if path.stem != "__init__")
-        what = (package.__doc__ or "").strip().partition("\n")[0].rstrip(".")
+        modules = sorted(
+            path.stem
+            for path in Path(str(package.__file__)).parent.glob("*.py")
+            if path.stem != "__init__"
+        )
+        what = " ".join((package.__doc__ or "").partition("\n\n")[0].split()).rstrip(".")
         rows.append([f"`{name}`", what, " ".join(f"`{module}`" for module in modules)])
     drawn = "\n".join(line.rstrip() for line in [*diagram[:-1], "```"])
     return f"{drawn}\n\n{table(('package', 'room of', 'modules'), rows)}"
 
 
-# -- the pages ------------------------------------------------------------------------------------------------------
+# -- the pages -------------------------------------------------------------------------------------
 
 
 #: tables made of the code alone, and those made of files that small scenes write
 PLAIN = (
-    rooms, interface, result_units, scene_keys, spreads, media, medium_options, sweep_parameters, ranges, commands, files,
-)  # fmt: skip
+    rooms,
+    interface,
+    result_units,
+    scene_keys,
+    spreads,
+    media,
+    medium_options,
+    sweep_parameters,
+    ranges,
+    commands,
+    files,
+)
 READ = (
-    summary, sweep_fields, sweep_attributes, band_fields, phonopy_fields, dos_fields, sample_fields, fit_fields,
-    fit_columns, tradeoff_columns,
-)  # fmt: skip
+    summary,
+    sweep_fields,
+    sweep_attributes,
+    band_fields,
+    phonopy_fields,
+    dos_fields,
+    sample_fields,
+    fit_fields,
+    fit_columns,
+    tradeoff_columns,
+)
 
 
 def regions(names: Sequence[str] = ()) -> dict[str, str]:
-    """What stands between the marks, by their names: of all, or of ``names``. Scenes run only where it takes their files."""
+    """What stands between the marks, by their names: of all, or of ``names``. Scenes run only where
+    it takes their files.
+    """
     made = {one.__name__: one() for one in PLAIN if one.__name__ in names or not names}
     read = [one for one in READ if one.__name__ in names or not names]
     if not read:
@@ -602,7 +756,9 @@ def marks(text: str) -> list[str]:
 
 def filled(text: str, found: Mapping[str, str]) -> str:
     """A page with its regions made anew, as far as they were found."""
-    return _REGION.sub(lambda m: f"{m[1]}\n{found[m[2]]}\n\n{m[3]}" if m[2] in found else m[0], text)
+    return _REGION.sub(
+        lambda m: f"{m[1]}\n{found[m[2]]}\n\n{m[3]}" if m[2] in found else m[0], text
+    )
 
 
 def texts(names: Sequence[str] = ()) -> dict[Path, str]:

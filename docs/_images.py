@@ -1,6 +1,8 @@
-"""The pictures of the pages: ``python docs/_images.py`` draws them into docs/images, with names only those.
+"""The pictures of the pages: ``python docs/_images.py`` draws them into docs/images, with names
+only those.
 
-Every file there has its entry here: a function that draws it, an example whose figure it is, or what else makes it.
+Every file there has its entry here: a function that draws it, an example whose figure it is, or
+what else makes it.
 """
 
 from __future__ import annotations
@@ -39,8 +41,10 @@ from granphon.figures.work_precision import plot_work_precision
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = HERE.parent / "examples"
-#: greatest resolution of pictures, in dots per inch, and the greatest width, in dots: a page shows it some 700 wide
-_DPI, _WIDTH = 300, 1200
+#: greatest resolution of pictures, in dots per inch, and the greatest width, in dots: a page shows
+#: it some 700 wide
+_DPI = 300
+_WIDTH = 1200
 #: colours that are left of a picture: as many as leave its file below 100 kB
 _COLOURS = 256, 128, 64, 32
 MOST_BYTES = 100_000
@@ -53,24 +57,37 @@ REAL = gp.Packing(STEEL, diameter=8e-3, spread=gp.Uniform(2.04e-6))
 
 def panels(*ratios: float, height: float = 2.8) -> tuple[Any, Any]:
     """A figure as wide as a page, with panels side by side."""
-    return plt.subplots(1, len(ratios), figsize=(6.4, height), width_ratios=ratios, layout="constrained")
+    return plt.subplots(
+        1, len(ratios), figsize=(6.4, height), width_ratios=ratios, layout="constrained"
+    )
 
 
 def draw_diameters() -> Any:
-    """A list of six diameters, and a uniform spread of the same width: how many balls have which size, and the exponent."""
+    """A list of six diameters, and a uniform spread of the same width: how many balls have which
+    size, and the exponent.
+    """
     lot = gp.Measured([8.0009e-3, 7.9988e-3, 7.9994e-3, 8.0001e-3, 8.0012e-3, 7.9996e-3])
     even = gp.Uniform(lot.width)
     force = np.geomspace(1.0, 60.0, 300)
     figure, (left, right) = panels(1.0, 1.6)
     edge = 0.5e6 * even.width
     left.fill_between([-edge, edge], 1.0, color=VERMILION, alpha=0.25, label="uniform")
-    left.vlines(1e6 * (np.array(lot.diameters) - lot.mean), 0.0, 1.0, color=BLUE, label="list of six")
+    left.vlines(
+        1e6 * (np.array(lot.diameters) - lot.mean), 0.0, 1.0, color=BLUE, label="list of six"
+    )
     left.set(xlabel="Diameter - mean (µm)", yticks=[], ylim=(0.0, 1.6))
     left.legend(loc="upper center", ncols=2, columnspacing=1.0)
-    for spread, colour, label in ((lot, BLUE, "list of six"), (even, VERMILION, "uniform, same width")):
+    for spread, colour, label in (
+        (lot, BLUE, "list of six"),
+        (even, VERMILION, "uniform, same width"),
+    ):
         state = gp.EffectiveMedium(gp.Packing(STEEL, lot.mean, spread)).at_force(force)
         right.semilogx(
-            force, gp.local_exponent(state), color=colour, label=label, zorder=3.0 if colour == VERMILION else 2.0
+            force,
+            gp.local_exponent(state),
+            color=colour,
+            label=label,
+            zorder=3.0 if colour == VERMILION else 2.0,
         )
     right.axhline(1.0 / 6.0, color=GUIDE, linestyle="--", label="equal balls, 1/6")
     right.set(xlabel="Contact force (N)", ylabel="Local exponent")
@@ -83,7 +100,11 @@ def draw_fit() -> Any:
     sides = np.array([100.0, 200.0, 300.0, 400.0, 500.0, 700.0, 990.0])
     times = 1e-6 * np.array([913.3, 745.8, 670.7, 632.3, 607.8, 572.1, 537.1])
     velocity = 0.4157 / times
-    return fit_figure(gp.fit_width(REAL, force_of_frame(sides, 31), velocity, np.full(7, 3.0), 6500.0, direction=(0, 1)))
+    return fit_figure(
+        gp.fit_width(
+            REAL, force_of_frame(sides, 31), velocity, np.full(7, 3.0), 6500.0, direction=(0, 1)
+        )
+    )
 
 
 def draw_simulation() -> Any:
@@ -103,23 +124,28 @@ def draw_figure() -> Any:
 
 
 def draw_lattices() -> Any:
-    """A piece of each lattice that is known by name; of crystals a cube, or two layers, with the contacts as lines."""
+    """A piece of each lattice that is known by name; of crystals a cube, or two layers, with the
+    contacts as lines.
+    """
     figure, axes = plt.subplots(2, 5, figsize=(6.4, 3.0), layout="constrained")
     pieces = {
-        "chain": [3.0], "triangular": [2.0, 1.8], "square": [2.0, 2.0], "honeycomb": [3.1, 2.7], "kagome": [3.1, 3.6],
-        "sc": [1.0] * 3, "bcc": [2.0 / 3.0**0.5] * 3, "fcc": [2.0**0.5] * 3, "hcp": [2.1, 1.8, 1.7],
+        "chain": [3.0], "triangular": [2.0, 1.8], "square": [2.0, 2.0],
+        "honeycomb": [3.1, 2.7], "kagome": [3.1, 3.6], "sc": [1.0] * 3,
+        "bcc": [2.0 / 3.0**0.5] * 3, "fcc": [2.0**0.5] * 3, "hcp": [2.1, 1.8, 1.7],
         "diamond": [4.0 / 3.0**0.5] * 3,
     }  # fmt: skip
     for ax, (name, box) in zip(axes.flat, pieces.items(), strict=True):
         lattice = gp.Packing(STEEL, 8e-3, lattice=name).structure
-        cells = np.stack(np.meshgrid(*[np.arange(-5, 6)] * lattice.periods, indexing="ij"), axis=-1).reshape(
-            -1, lattice.periods
-        )
+        cells = np.stack(
+            np.meshgrid(*[np.arange(-5, 6)] * lattice.periods, indexing="ij"), axis=-1
+        ).reshape(-1, lattice.periods)
         flat = (cells[:, None] @ lattice.vectors + lattice.positions).reshape(-1, lattice.dimension)
         flat = flat[np.all((flat > -1e-6) & (flat < np.array(box) + 1e-6), axis=1)]
         places = np.pad(flat, ((0, 0), (0, 3 - lattice.dimension)))
         space = lattice.dimension == 3
-        painter = Painter(View(azimuth=-68.0, elevation=16.0) if space else View(azimuth=-90.0, elevation=90.0))
+        painter = Painter(
+            View(azimuth=-68.0, elevation=16.0) if space else View(azimuth=-90.0, elevation=90.0)
+        )
         for i, place in enumerate(places):
             painter.add_sphere(place, 0.25 if space else 0.5, BLUE)
             for other in places[:i] if space else ():
@@ -127,7 +153,8 @@ def draw_lattices() -> Any:
                     painter.add_line(np.stack([place, other]), "0.45", 1.2)
         painter.draw(ax, name, fade=0.45 if space else 0.0)
         low, high = painter.extent
-        middle, half = 0.5 * (low + high), 0.53 * max(float(np.max(high - low)), 2.0)
+        middle = 0.5 * (low + high)
+        half = 0.53 * max(float(np.max(high - low)), 2.0)
         ax.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
         ax.set(aspect="equal", title=name)
         ax.axis("off")
@@ -136,7 +163,9 @@ def draw_lattices() -> Any:
 
 def draw_crystal() -> Any:
     """Bands of fcc with its Brillouin zone."""
-    phonons = gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc")).at_force(18.446))
+    phonons = gp.Phonons(
+        gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc")).at_force(18.446)
+    )
     return bands_figure(phonons.bands("GXWKGL", npoints=41), asymptotes=phonons.lattice)
 
 
@@ -152,8 +181,15 @@ def draw_vacancy() -> Any:
     nanometres = 1e9 * state.scales.length * np.linalg.norm(moved, axis=1)
     figure, ax = plt.subplots(figsize=(6.4, 3.2), layout="constrained")
     discs = EllipseCollection(
-        0.98, 0.98, 0.0, units="xy", offsets=sites, offset_transform=ax.transData, array=nanometres, cmap="cividis_r"
-    )  # fmt: skip
+        0.98,
+        0.98,
+        0.0,
+        units="xy",
+        offsets=sites,
+        offset_transform=ax.transData,
+        array=nanometres,
+        cmap="cividis_r",
+    )
     ax.add_collection(discs)
     ax.quiver(
         *sites.T,
@@ -177,8 +213,17 @@ def draw_phonopy() -> Any:
     plot_bands(bands, ax)
     start = np.concatenate([[0.0], np.cumsum([piece[-1] - piece[0] for piece in bands.distances])])
     for qpoints, along, before in zip(bands.qpoints, bands.distances, start, strict=False):
-        found = phonons.phonopy.run_qpoints(qpoints[::10]).frequencies * phonons.scales.frequency / 1e3
-        ax.plot(before + along[::10] - along[0], found, "o", color="none", markeredgecolor="black", markersize=4.0)
+        found = (
+            phonons.phonopy.run_qpoints(qpoints[::10]).frequencies * phonons.scales.frequency / 1e3
+        )
+        ax.plot(
+            before + along[::10] - along[0],
+            found,
+            "o",
+            color="none",
+            markeredgecolor="black",
+            markersize=4.0,
+        )
     ax.plot([], [], "o", color="none", markeredgecolor="black", markersize=4.0, label="phonopy")
     ax.legend(loc="lower center")
     return figure
@@ -208,10 +253,18 @@ def draw_cluster() -> Any:
     levels.set_edgecolor("0.3")
     left.set(xlabel="Mode", ylabel="Frequency (kHz)", xticks=[1, 4, 10, 16, 21])
     figure.colorbar(levels, ax=left, label="Rotational part", ticks=[0.0, 0.5, 1.0])
-    sites, turns = balls.positions[:, :2] - balls.positions[:, :2].mean(axis=0), modes[:, 2, -1]
+    sites = balls.positions[:, :2] - balls.positions[:, :2].mean(axis=0)
+    turns = modes[:, 2, -1]
     right.add_collection(
         EllipseCollection(
-            1.0, 1.0, 0.0, units="xy", offsets=sites, offset_transform=right.transData, facecolors="0.9", edgecolors="0.3"
+            1.0,
+            1.0,
+            0.0,
+            units="xy",
+            offsets=sites,
+            offset_transform=right.transData,
+            facecolors="0.9",
+            edgecolors="0.3",
         )
     )
     for site, turn in zip(sites, turns, strict=True):
@@ -219,7 +272,12 @@ def draw_cluster() -> Any:
         arc = site + 0.3 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         right.plot(*arc[:-3].T, color=VERMILION)
         right.annotate("", arc[-1], arc[-6], arrowprops={"arrowstyle": "-|>", "color": VERMILION})
-    right.set(xlim=(-1.6, 1.6), ylim=(-1.6, 1.6), aspect="equal", title="The highest mode: all turn one way")
+    right.set(
+        xlim=(-1.6, 1.6),
+        ylim=(-1.6, 1.6),
+        aspect="equal",
+        title="The highest mode: all turn one way",
+    )
     right.axis("off")
     return figure
 
@@ -246,7 +304,12 @@ def draw_network() -> Any:
             ),
             autolim=False,
         )
-        ax.set(xlim=(0.0, 1e3 * network.cell[0, 0]), ylim=(0.0, 1e3 * network.cell[1, 1]), aspect="equal", xlabel="x (mm)")
+        ax.set(
+            xlim=(0.0, 1e3 * network.cell[0, 0]),
+            ylim=(0.0, 1e3 * network.cell[1, 1]),
+            aspect="equal",
+            xlabel="x (mm)",
+        )
     start = network.positions[network.i]
     strength = network.normal_force / network.normal_force.mean()
     lines = LineCollection(
@@ -271,7 +334,9 @@ def draw_tradeoff() -> Any:
 
 
 def draw_machines() -> Any:
-    """The way of tasks and results between the command, a scheduler and workers on other machines, and the store."""
+    """The way of tasks and results between the command, a scheduler and workers on other machines,
+    and the store.
+    """
     figure, ax = plt.subplots(figsize=(6.4, 2.7), layout="constrained")
     ax.set(xlim=(0.0, 12.8), ylim=(0.3, 5.3))
     ax.set_axis_off()
@@ -284,12 +349,20 @@ def draw_machines() -> Any:
         "worker on machine 3": (9.8, 0.5, 2.9, 1.0, VERMILION),
     }
     for words, (x, y, width, height, colour) in boxes.items():
-        style = {"boxstyle": "round,pad=0,rounding_size=0.15", "edgecolor": colour, "linewidth": 1.2}
-        ax.add_patch(FancyBboxPatch((x, y), width, height, facecolor=(*to_rgb(colour), 0.12), **style))
+        style = {
+            "boxstyle": "round,pad=0,rounding_size=0.15",
+            "edgecolor": colour,
+            "linewidth": 1.2,
+        }
+        ax.add_patch(
+            FancyBboxPatch((x, y), width, height, facecolor=(*to_rgb(colour), 0.12), **style)
+        )
         ax.text(x + width / 2.0, y + height / 2.0, words, ha="center", va="center", fontsize=7.5)
 
     def arrow(start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
-        ax.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1.0})
+        ax.annotate(
+            "", end, start, arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1.0}
+        )
 
     for (left, right), y in (((3.75, 5.35), 4.2), *(((8.25, 9.75), y) for y in (4.4, 2.7, 1.0))):
         arrow((left, y + 0.2), (right, y + 0.2), BLUE)
@@ -297,21 +370,34 @@ def draw_machines() -> Any:
     arrow((1.6, 3.45), (1.6, 1.95), VERMILION)
     arrow((2.2, 1.95), (2.2, 3.45), "0.25")
     for x, y, words, colour in (
-        (4.55, 4.75, "tasks,\nin batches", BLUE), (9.0, 4.9, "tasks", BLUE),
-        (4.55, 3.6, "results", VERMILION), (9.0, 3.8, "results", VERMILION),
-        (0.75, 2.7, "results", VERMILION), (3.75, 2.7, "when the sweep\nis continued", "0.25"),
-    ):  # fmt: skip
+        (4.55, 4.75, "tasks,\nin batches", BLUE),
+        (9.0, 4.9, "tasks", BLUE),
+        (4.55, 3.6, "results", VERMILION),
+        (9.0, 3.8, "results", VERMILION),
+        (0.75, 2.7, "results", VERMILION),
+        (3.75, 2.7, "when the sweep\nis continued", "0.25"),
+    ):
         ax.text(x, y, words, ha="center", va="center", color=colour, fontsize=7.0)
     return figure
 
 
 def draw_laws() -> Any:
-    """Force and stiffness over the overlap of laws for the same two balls, and for two of rubber that adhere."""
-    ball, rubber = gp.Ball(STEEL, 8e-3), gp.Ball(gp.Material(5e6, 0.49, 1100.0), 8e-3)
+    """Force and stiffness over the overlap of laws for the same two balls, and for two of rubber
+    that adhere.
+    """
+    ball = gp.Ball(STEEL, 8e-3)
+    rubber = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 8e-3)
     figure, axes = panels(1.0, 1.0, height=2.4)
-    laws = (("Hertz", gp.Hertz()), ("power 1", gp.PowerLaw(1.0, 1e7)), ("power 2", gp.PowerLaw(2.0, 5e12)))
+    laws = (
+        ("Hertz", gp.Hertz()),
+        ("power 1", gp.PowerLaw(1.0, 1e7)),
+        ("power 2", gp.PowerLaw(2.0, 5e12)),
+    )
     adhesive = (("Hertz", gp.Hertz()), ("DMT", gp.DMT(0.1)), ("JKR", gp.JKR(0.1)))
-    for ax, body, several, reach in ((axes[0], ball, laws, (-0.5, 2.0)), (axes[1], rubber, adhesive, (-4.0, 8.0))):
+    for ax, body, several, reach in (
+        (axes[0], ball, laws, (-0.5, 2.0)),
+        (axes[1], rubber, adhesive, (-4.0, 8.0)),
+    ):
         overlap = np.linspace(*reach, 400)
         for name, law in several:
             force = law.between(body, body).force(overlap * 1e-6)
@@ -325,7 +411,11 @@ def draw_laws() -> Any:
 def draw_run() -> Any:
     """What ``granphon run`` draws of the array of the first page."""
     with tempfile.TemporaryDirectory() as folder:
-        return gp.Scene.from_yaml(EXAMPLES / "steel_hexagon.yaml").run(folder, figures=False, force=True).figure("bands.png")
+        return (
+            gp.Scene.from_yaml(EXAMPLES / "steel_hexagon.yaml")
+            .run(folder, figures=False, force=True)
+            .figure("bands.png")
+        )
 
 
 def of_example(name: str) -> Callable[[], Any]:
@@ -385,7 +475,9 @@ def save(figure: Any, path: Path) -> None:
 def reduce(picture: Any, path: Path) -> None:
     """Write a picture in few colours, no wider than the pages show it sharply."""
     if picture.width > _WIDTH:
-        picture = picture.resize((_WIDTH, round(picture.height * _WIDTH / picture.width)), Image.Resampling.LANCZOS)
+        picture = picture.resize(
+            (_WIDTH, round(picture.height * _WIDTH / picture.width)), Image.Resampling.LANCZOS
+        )
     for colours in _COLOURS:
         picture.convert("RGB").quantize(colours, dither=Image.Dither.NONE).save(path, optimize=True)
         if path.stat().st_size < MOST_BYTES:

@@ -1,4 +1,5 @@
-"""What keys, options and fields mean, in the words of the reference; ``_generate.py`` has everything else about them.
+"""What keys, options and fields mean, in the words of the reference; ``_generate.py`` has
+everything else about them.
 
 Observables are not here: the catalogue of granphon/observables says what they mean.
 """
@@ -19,7 +20,8 @@ SPREADS = {
     "normal.cutoff": "number of standard deviations at which it is cut",
     "discrete.diameters": "kinds of balls",
     "discrete.fractions": "fraction of each kind; they add up to 1",
-    "measured": "a table of diameters beside the scene; the first line heads its columns, as `diameter (mm)`",
+    "measured": "a table of diameters beside the scene; the first line heads its columns, as"
+    " `diameter (mm)`",
     "measured.file": "the same, as a block: the table",
     "measured.column": "heading of its column, if that is neither `diameter` nor the only one",
     "measured.diameters": "the diameters themselves",
@@ -34,27 +36,39 @@ RUNGS = {
     "ala": "averaged lattice: all balls have the mean diameter",
     "afa": "averaged force: balls differ, and stay at the sites of the lattice",
     "ema": "effective medium: the neighbours of a ball give way",
-    "cluster": "cluster medium: a ball and its neighbours differ; better than `ema` at low load, and dearer",
-    "simulation": "every ball of an array by itself; lattices that stand without friction (chain, triangular, fcc, hcp), "
+    "cluster": "cluster medium: a ball and its neighbours differ; better than `ema` at low"
+    " load, and dearer",
+    "simulation": "every ball of an array by itself; lattices that stand without friction (chain,"
+    " triangular, fcc, hcp), "
     "others with `start: gas`",
     "auto": "the cheapest of these whose expected error is within a tolerance",
 }
 RUNG_OPTIONS = {
-    "ema.local_field": "computed, or what the paper prints, which is [wrong](../errata.md), to reproduce its curves",
-    "cluster.balls": "balls of the cluster; 7, 19 or 37 on the triangular lattice, 13 in fcc and hcp",
-    "simulation.shape": "cells along each period of the array, by default one of these, by the dimension of the lattice",
-    "simulation.seed": "seed of the diameters of the first sample; each further sample has the next number",
+    "ema.local_field": "computed, or what the paper prints, which is [wrong](../errata.md), to"
+    " reproduce its curves",
+    "cluster.balls": "balls of the cluster; 7, 19 or 37 on the triangular lattice, 13 in fcc"
+    " and hcp",
+    "simulation.shape": "cells along each period of the array, by default one of these, by the"
+    " dimension of the lattice",
+    "simulation.seed": "seed of the diameters of the first sample; each further sample has the next"
+    " number",
     "simulation.samples": "how many arrays are averaged; two or more have standard errors",
-    "simulation.friction_history": "load the samples [with friction](../how-to/simulation.md#load-it-with-friction)",
-    "simulation.friction_coefficient": "of the contacts; needed with `friction_history`, and only then, as are those below",
-    "simulation.geometry": "`lattice`: contacts keep the directions of the lattice; `exact`: their own, "
-    "with `finite_overlap`; left out: [exact where it matters](../explanation/simulation.md#which-geometry)",
-    "simulation.start": "where the loading starts, at rest without friction: a reduced spacing $a^*$ or a load; or "
-    "`gas`, balls apart",
-    "simulation.shear_response": "tangential stiffness under sound: $\\eta k$ everywhere, none where a contact slides, or "
+    "simulation.friction_history": "load the samples [with"
+    " friction](../how-to/simulation.md#load-it-with-friction)",
+    "simulation.friction_coefficient": "of the contacts; needed with `friction_history`, and only"
+    " then, as are those below",
+    "simulation.geometry": "`lattice`: contacts keep the directions of the lattice; `exact`: their"
+    " own, with `finite_overlap`; left out: [exact where it"
+    " matters](../explanation/simulation.md#which-geometry)",
+    "simulation.start": "where the loading starts, at rest without friction: a reduced spacing"
+    " $a^*$ or a load; or `gas`, balls apart",
+    "simulation.shear_response": "tangential stiffness under sound: $\\eta k$ everywhere, none"
+    " where a contact slides, or "
     "that of Mindlin's partial slip",
-    "simulation.step_tolerance": "relative change of the force by which steps of the load may be wrong",
-    "simulation.ordered": "take the loads in the order given, up and down; else from the lowest to the highest",
+    "simulation.step_tolerance": "relative change of the force by which steps of the load may be"
+    " wrong",
+    "simulation.ordered": "take the loads in the order given, up and down; else from the lowest"
+    " to the highest",
     "auto.tolerance": "largest expected relative error of velocities and frequencies",
     "auto.friction_history": "whether errors are relative to arrays [loaded with friction]"
     "(../how-to/tradeoff.md#arrays-loaded-with-friction)",
@@ -81,65 +95,145 @@ RANGE = {
     "scale": "how they are spaced",
 }
 FILES = {
-    "scene.yaml": ("always", "the scene with every default written out, in SI units, and the versions of the software"),
+    "scene.yaml": (
+        "always",
+        "the scene with every default written out, in SI units, and the versions of the software",
+    ),
     "summary.yaml": ("always", "the numbers, see [below](#summaryyaml)"),
     "band.yaml": ("`bands`", "bands in phonopy's format, see [below](#bandyaml)"),
-    "phonopy_params.yaml": ("`bands`", "force constants for phonopy and Euphonic, see [below](#phonopy_paramsyaml)"),
-    "damped_bands.csv": ("`bands` with a block `bands`", "bands, and frequency, decay and Q of these with losses"),
+    "phonopy_params.yaml": (
+        "`bands`",
+        "force constants for phonopy and Euphonic, see [below](#phonopy_paramsyaml)",
+    ),
+    "damped_bands.csv": (
+        "`bands` with a block `bands`",
+        "bands, and frequency, decay and Q of these with losses",
+    ),
     "dos.csv": ("`dos`", "density of states, see [below](#doscsv)"),
-    "sample.extxyz": ("a simulation at one load", "the balls of the first sample, see [below](#sampleextxyz)"),
+    "sample.extxyz": (
+        "a simulation at one load",
+        "the balls of the first sample, see [below](#sampleextxyz)",
+    ),
     "sample_balls.csv": (
         "a simulation with `friction_history` at one load",
         "the balls of the first sample, see [below](#sample_ballscsv-and-sample_contactscsv)",
     ),
-    "sample_contacts.csv": ("the same", "its contacts that carry load, with normal and tangential forces"),
+    "sample_contacts.csv": (
+        "the same",
+        "its contacts that carry load, with normal and tangential forces",
+    ),
     "bands.png": (
         "`bands`",
-        "the bands, with the density of states beside them if it was asked for; branches that coincide are one thick line",
+        "the bands, with the density of states beside them if it was asked for; branches that"
+        " coincide are one thick line",
     ),
     "dos.png": ("`dos` without `bands`", "the density of states"),
-    "surface.json": ("`surface`", "spectrum of the outer layer, and waves of the edge, for `gp.SurfaceSpectrum.from_dict`"),
-    "surface.csv": ("`surface`", "the waves of the edge, a row for each: frequency, width, energy in the outer layers"),
-    "surface.png": ("`surface`", "the map of the spectrum, with the edges of the bands and the waves on it"),
-    "sample_dos.json": ("`dos`, a simulation", "density of states of the first sample, for `gp.SpectralDensity.from_dict`"),
+    "surface.json": (
+        "`surface`",
+        "spectrum of the outer layer, and waves of the edge, for `gp.SurfaceSpectrum.from_dict`",
+    ),
+    "surface.csv": (
+        "`surface`",
+        "the waves of the edge, a row for each: frequency, width, energy in the outer layers",
+    ),
+    "surface.png": (
+        "`surface`",
+        "the map of the spectrum, with the edges of the bands and the waves on it",
+    ),
+    "sample_dos.json": (
+        "`dos`, a simulation",
+        "density of states of the first sample, for `gp.SpectralDensity.from_dict`",
+    ),
     "sample_dos.csv": ("`dos`, a simulation", "the same as a table, with the standard error"),
     "sample_dos.png": ("`dos`, a simulation", "the same as a figure"),
-    "spectrum.json": ("`spectrum`", "spectral functions of the first sample along the path, and bands of the mean lattice"),
-    "spectrum.csv": ("`spectrum`", "their peaks, widths, mean free paths and attenuation, for each wave vector"),
-    "spectrum.png": ("`spectrum`", "the map of the spectral function, with the bands, peaks and widths on it"),
-    "pulse.json": ("`pulse`", "what was sent and heard, ball by ball, as `gp.Pulse.from_dict` reads"),
-    "pulse.csv": ("`pulse`", "over time: the force that was sent, the coherent signal, the rms of the speckle"),
+    "spectrum.json": (
+        "`spectrum`",
+        "spectral functions of the first sample along the path, and bands of the mean lattice",
+    ),
+    "spectrum.csv": (
+        "`spectrum`",
+        "their peaks, widths, mean free paths and attenuation, for each wave vector",
+    ),
+    "spectrum.png": (
+        "`spectrum`",
+        "the map of the spectral function, with the bands, peaks and widths on it",
+    ),
+    "pulse.json": (
+        "`pulse`",
+        "what was sent and heard, ball by ball, as `gp.Pulse.from_dict` reads",
+    ),
+    "pulse.csv": (
+        "`pulse`",
+        "over time: the force that was sent, the coherent signal, the rms of the speckle",
+    ),
     "pulse.png": ("`pulse`", "seismogram, and the coherent part beside the speckle"),
     "motion.csv": ("`motion`", "energies and the greatest force, a row for each state and time"),
-    "motion_contacts.csv": ("`motion` of one state", "the contacts: when a wave comes, and their greatest force"),
-    "motion.nc": ("`motion` of one state", "the balls at all times, their network, and forces of contacts"),
-    "motion.png": ("`motion`", "the motion and its energies; of several states the greatest force and the kinetic energy"),
-    "response.csv": ("`response`", "magnitude and phase, a row for each state, frequency and place of the receiver"),
-    "response.png": ("`response`", "magnitude and phase over frequency; of six loads and more a map of load and frequency"),
-    "forces.png": ("a simulation at one load", "force chains in the first sample, and how forces are distributed in all"),
-    "sweep.nc": ("every run", "every state, as a data set for xarray (netCDF), see [below](#sweepnc-and-sweepcsv)"),
+    "motion_contacts.csv": (
+        "`motion` of one state",
+        "the contacts: when a wave comes, and their greatest force",
+    ),
+    "motion.nc": (
+        "`motion` of one state",
+        "the balls at all times, their network, and forces of contacts",
+    ),
+    "motion.png": (
+        "`motion`",
+        "the motion and its energies; of several states the greatest force and the kinetic energy",
+    ),
+    "response.csv": (
+        "`response`",
+        "magnitude and phase, a row for each state, frequency and place of the receiver",
+    ),
+    "response.png": (
+        "`response`",
+        "magnitude and phase over frequency; of six loads and more a map of load and frequency",
+    ),
+    "forces.png": (
+        "a simulation at one load",
+        "force chains in the first sample, and how forces are distributed in all",
+    ),
+    "sweep.nc": (
+        "every run",
+        "every state, as a data set for xarray (netCDF), see [below](#sweepnc-and-sweepcsv)",
+    ),
     "sweep.csv": ("every run", "the same as a table, without tensors and bands"),
-    "sweep.png": ("a sweep of no more than one parameter", "velocities and exponents over the load, and those of pulses"),
-    "sweep_incomplete.nc": ("a sweep with a path that ends early", "the loads that all media have reached, as `sweep.nc`"),
+    "sweep.png": (
+        "a sweep of no more than one parameter",
+        "velocities and exponents over the load, and those of pulses",
+    ),
+    "sweep_incomplete.nc": (
+        "a sweep with a path that ends early",
+        "the loads that all media have reached, as `sweep.nc`",
+    ),
     "sweep_incomplete.csv": ("the same", "the same as a table"),
-    "sweep_dos.csv": ("`dos`, a sweep", "densities of states of the arrays, a row for each state and frequency"),
+    "sweep_dos.csv": (
+        "`dos`, a sweep",
+        "densities of states of the arrays, a row for each state and frequency",
+    ),
     "sweep_dos.png": ("`dos`, a sweep", "the same as a figure, with bands of standard errors"),
-    "sweep_spectra.csv": ("`spectrum`, a sweep", "lines of plane waves, a row for each, see [below](#waves-in-arrays)"),
-    "sweep_spectra.png": ("`spectrum`, a sweep", "dispersion, with the widths as bars, and attenuation over frequency"),
+    "sweep_spectra.csv": (
+        "`spectrum`, a sweep",
+        "lines of plane waves, a row for each, see [below](#waves-in-arrays)",
+    ),
+    "sweep_spectra.png": (
+        "`spectrum`, a sweep",
+        "dispersion, with the widths as bars, and attenuation over frequency",
+    ),
     "diameters.csv": ("a measured spread of more than 1000 balls", "`diameter (m)`: the diameters"),
     "fit.yaml": ("`granphon fit`", "the fit, see [below](#fityaml-and-fitcsv)"),
     "fit.csv": ("`granphon fit`", "data and fit"),
     "fit.png": ("`granphon fit`", "data, fit, equal balls, and residuals"),
     "tradeoff.csv": ("`granphon tradeoff`", "errors and costs, see [below](#tradeoffcsv)"),
     "tradeoff.png": ("`granphon tradeoff`", "error over time"),
-}  # fmt: skip
+}
 #: fields of output files that are not observables
 FIELDS = {
     "schema": "version of the file's format",
     "versions": "versions of granphon and of the packages that the computation used",
     "source": "name of the scene file",
     "observe": "what was computed, as the scene asked for",
-    "finite_overlap": "whether terms of relative order overlap/diameter were kept; a list if media of a sweep differ",
+    "finite_overlap": "whether terms of relative order overlap/diameter were kept; a list if media"
+    " of a sweep differ",
     "medium": "the medium, with its options",
     "local_field": "α, β and Ξ of the effective medium",
     "ok": "whether all checks under `validity` are passed",
@@ -149,7 +243,8 @@ FIELDS = {
     "units": "the unit of each number above",
     "sizes": "number of values of each dimension of a sweep",
     "states": "number of states of a sweep",
-    "peaks": "peaks of the response at each place of the receiver: frequency, height and Q, which are nan if not resolved",
+    "peaks": "peaks of the response at each place of the receiver: frequency, height and Q,"
+    " which are nan if not resolved",
     "frequency_Hz": "frequency",
     "total_per_Hz": "density of states of a ball",
     "translational_per_Hz": "the part of it that is translation",
@@ -161,7 +256,8 @@ FIELDS = {
     "granphon_stiffness_N_per_m": "unit of stiffness, the normal stiffness k",
     "granphon_mass_kg": "unit of mass, the mass M of a ball",
     "version": "version of granphon",
-    "force_constants_scale": "factor by which the stored force constants are multiplied, a power of two",
+    "force_constants_scale": "factor by which the stored force constants are multiplied, a power"
+    " of two",
     "auxiliary_atom": "symbol of the [heavy atom](../explanation/rotations.md#the-auxiliary-atom)",
     "zero_bands": "number of flat bands at zero frequency in the export",
     "masses": "masses of the balls over M",
@@ -177,10 +273,12 @@ FIELDS = {
     "rotations": "angle of rotation since the start of a loading with friction; otherwise zero",
     "contacts": "number of contacts that carry load",
     "friction_coefficient": "μ of the contacts; with `friction_history`",
-    "stderr": "standard error of the width; nan where it would rest on a scatter below the rounding of the data",
+    "stderr": "standard error of the width; nan where it would rest on a scatter below the"
+    " rounding of the data",
     "std": "standard deviation of the diameters, W/√12",
     "std_stderr": "standard error of the standard deviation",
-    "p": "probability of a larger `chi2`; nan with sigma from the scatter, or no degrees of freedom",
+    "p": "probability of a larger `chi2`; nan with sigma from the scatter, or no degrees of"
+    " freedom",
     "sigma_given": "whether `sigma` was given",
     "class": "class of the Python object; `WidthFit.from_dict` makes it again",
     "parameters": "names of the fitted parameters",
@@ -197,10 +295,22 @@ FIELDS = {
 }
 #: the unit of fields whose files do not say it; one without a unit is "1"
 FIELD_UNITS = {
-    "granphon_length_m": "m", "granphon_stiffness_N_per_m": "N/m", "granphon_mass_kg": "kg", "hertz": "Hz",
-    "force_constants_scale": "1", "mass": "M", "masses": "M", "pos": "d", "radius": "d",
-    "diameter_deviations": "d", "displacements": "d", "slip_origin": "d", "rotations": "rad", "chi2": "1", "p": "1",
-}  # fmt: skip
+    "granphon_length_m": "m",
+    "granphon_stiffness_N_per_m": "N/m",
+    "granphon_mass_kg": "kg",
+    "hertz": "Hz",
+    "force_constants_scale": "1",
+    "mass": "M",
+    "masses": "M",
+    "pos": "d",
+    "radius": "d",
+    "diameter_deviations": "d",
+    "displacements": "d",
+    "slip_origin": "d",
+    "rotations": "rad",
+    "chi2": "1",
+    "p": "1",
+}
 #: of band.yaml and phonopy_params.yaml
 BANDED = {
     "periods": "number of periods of the lattice, 1 to 3",
@@ -236,10 +346,14 @@ MEASURED = {
 SAMPLE = {
     "contact_force": ("mean force of the contacts of the ball, over that of all contacts", "1"),
     "tangential_force": (
-        "mean tangential force of the contacts of the ball, over the mean normal force; with `friction_history`",
+        "mean tangential force of the contacts of the ball, over the mean normal force; with"
+        " `friction_history`",
         "1",
     ),
-    "sliding_contacts": ("number of contacts that carry load and slide; with `friction_history`", ""),
+    "sliding_contacts": (
+        "number of contacts that carry load and slide; with `friction_history`",
+        "",
+    ),
 }
 #: variables of a sweep that are not observables
 SWEPT = {
@@ -256,12 +370,14 @@ ATTRIBUTES = {
     "schema": "version of the file's format",
     "versions": "versions of the packages, as JSON",
     "media": "media with all their options, as JSON",
-    "finite_overlap": "whether all media kept terms of relative order overlap/diameter; `geometry: exact` always does",
+    "finite_overlap": "whether all media kept terms of relative order overlap/diameter; `geometry:"
+    " exact` always does",
     "direction": "direction of propagation, if it was given or velocities depend on it",
     "observe": "the words for what was computed, as in a scene, as JSON",
     "warnings": "a list of sentences, as JSON",
     "packing": "parameters of the packing that do not vary, as JSON",
     "bands": "corners of the path of the bands, as JSON",
     "labels": "labels of the corners of the path, as JSON",
-    "waves": "what is asked of the waves in arrays and networks, and whether exponents are, as JSON",
+    "waves": "what is asked of the waves in arrays and networks, and whether exponents are, as"
+    " JSON",
 }

@@ -1,4 +1,6 @@
-"""The address of the repository that the first page links to: that of the project, or of the clone with these pages."""
+"""The address of the repository that the first page links to: that of the project, or of the clone
+with these pages.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ _KNOWN_HOSTS = ("https://github.com/", "https://gitlab.com/", "https://bitbucket
 
 
 def address(project_urls: Iterable[str], root: Path) -> str | None:
-    """The URL ``Repository`` of the metadata ("label, address"), else that of the remote ``origin`` of the clone at root."""
+    """The URL ``Repository`` of the metadata ("label, address"), else that of the remote ``origin``
+    of the clone at root.
+    """
     named = dict(url.split(", ", 1) for url in project_urls)
     if "Repository" in named:
         return named["Repository"]
@@ -27,7 +31,8 @@ def address(project_urls: Iterable[str], root: Path) -> str | None:
 
 
 def web_address(remote: str, root: Path) -> str | None:
-    """An address that a browser opens, of a remote as git writes it; names, passwords and ports of ssh are left out.
+    """An address that a browser opens, of a remote as git writes it; names, passwords and ports of
+    ssh are left out.
 
     Parameters
     ----------
@@ -42,7 +47,10 @@ def web_address(remote: str, root: Path) -> str | None:
             return None
         if scheme == "file":
             return remote
-        if scheme not in ("http", "https", "git", "ssh", "git+ssh", "ssh+git") or not parts.hostname:
+        if (
+            scheme not in ("http", "https", "git", "ssh", "git+ssh", "ssh+git")
+            or not parts.hostname
+        ):
             return None
         web = scheme in ("http", "https")
         host = parts.netloc.rpartition("@")[2] if web else parts.hostname
@@ -54,7 +62,9 @@ def web_address(remote: str, root: Path) -> str | None:
 
 
 def theme_options(repository: str | None) -> dict[str, str]:
-    """What the theme needs for its links to the source of each page; nothing for a host whose addresses it does not know."""
+    """What the theme needs for its links to the source of each page; nothing for a host whose
+    addresses it does not know.
+    """
     if not repository or not repository.startswith(_KNOWN_HOSTS):
         return {}
     return {"source_repository": repository, "source_branch": "main", "source_directory": "docs/"}
@@ -78,7 +88,9 @@ def _page(path: str) -> str:
 def _git(folder: Path, *arguments: str) -> str | None:
     """What git says, or None where there is no git, or nothing to say."""
     try:
-        done = subprocess.run(["git", *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=20)
+        done = subprocess.run(
+            ["git", *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=20
+        )
     except (OSError, subprocess.TimeoutExpired):
         return None
     return done.stdout.strip() or None if done.returncode == 0 else None

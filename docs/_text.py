@@ -1,6 +1,8 @@
-"""The pages of the interface as plain texts, ``docs/reference/api/*.txt``, for readers without a build of the pages.
+"""The pages of the interface as plain texts, ``docs/reference/api/*.txt``, for readers without a
+build of the pages.
 
-Each has the names of its page in their order, with signatures and docstrings; ``python docs/_generate.py`` writes them.
+Each has the names of its page in their order, with signatures and docstrings; ``python
+docs/_generate.py`` writes them.
 """
 
 from __future__ import annotations
@@ -18,11 +20,13 @@ from _docstrings import INNER, say_types
 
 _HEAD = """{title}
 
-granphon.X is imported from granphon itself, any other name from the module before it. python docs/_generate.py writes this
-text from the code.
+granphon.X is imported from granphon itself, any other name from the module before it. python
+docs/_generate.py writes this text from the code.
 """
 #: an entry of a page of the interface, with its options
-_ENTRY = re.compile(r"^\.\. auto(class|function|exception|module):: (\S+)\n((?:   :.*\n)*)", re.MULTILINE)
+_ENTRY = re.compile(
+    r"^\.\. auto(class|function|exception|module):: (\S+)\n((?:   :.*\n)*)", re.MULTILINE
+)
 #: a link in a docstring: with a text of its own, or of which the last word is shown
 _LINK = re.compile(r":\w+:`(?:([^`<]+) <[^`>]+>|~(?:[\w.]*\.)?([\w]+)|([^`]+))`")
 #: classes whose members are said once, where they stand themselves
@@ -55,7 +59,11 @@ def write_interface(page: Path) -> str:
 def _list_names(module: str) -> list[str]:
     """Public classes and functions that a module defines."""
     every = vars(import_module(module)).items()
-    return [name for name, one in every if callable(one) and one.__module__ == module and not name.startswith("_")]
+    return [
+        name
+        for name, one in every
+        if callable(one) and one.__module__ == module and not name.startswith("_")
+    ]
 
 
 def _write_entry(path: str, left_out: Sequence[str]) -> Iterator[str]:
@@ -66,16 +74,23 @@ def _write_entry(path: str, left_out: Sequence[str]) -> Iterator[str]:
     if inspect.isclass(one):
         for member, value, of in _list_members(one):
             if member not in left_out:
-                yield indent(_write(f".{member}", value, inspect.getdoc(getattr(one, member)) or "", of), "    ")
+                yield indent(
+                    _write(f".{member}", value, inspect.getdoc(getattr(one, member)) or "", of),
+                    "    ",
+                )
 
 
 def _list_members(one: type) -> Iterator[tuple[str, Any, type]]:
-    """Public methods and properties of a class and of those below the public ones, in the order of their source."""
+    """Public methods and properties of a class and of those below the public ones, in the order of
+    their source.
+    """
     seen = set[str]()
     for base in one.__mro__:
         if base.__module__.startswith("granphon") and (base is one or base.__name__ not in _SAID):
             for name, value in vars(base).items():
-                if not (name.startswith("_") or name in INNER | seen) and (callable(value) or hasattr(value, "__get__")):
+                if not (name.startswith("_") or name in INNER | seen) and (
+                    callable(value) or hasattr(value, "__get__")
+                ):
                     seen.add(name)
                     yield name, value, base
 
@@ -84,7 +99,15 @@ def _write(name: str, one: Any, doc: str, owner: type | None = None) -> str:
     """The signature of a name, and below it its docstring."""
     function = getattr(one, "__func__", one)
     called = name + (_write_signature(function, owner) if callable(function) else "")
-    head = "\n".join(wrap(called, _WIDTH, subsequent_indent=" " * 8, break_long_words=False, break_on_hyphens=False))
+    head = "\n".join(
+        wrap(
+            called,
+            _WIDTH,
+            subsequent_indent=" " * 8,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    )
     said = _LINK.sub(lambda found: found[1] or found[2] or found[3], doc)
     return f"{head}\n{indent(said, '    ')}\n"
 
@@ -100,16 +123,24 @@ def _write_signature(one: Any, owner: type | None) -> str:
             annotation=each.annotation if each.annotation is each.empty else _Bare(each.annotation),
             default=_say_default(each.default),
         )
-        for each in list(found.parameters.values())[owner is not None and not isinstance(one, staticmethod):]
-    ]  # fmt: skip
+        for each in list(found.parameters.values())[
+            owner is not None and not isinstance(one, staticmethod) :
+        ]
+    ]
     returned = found.return_annotation
-    given = found.replace(parameters=taken, return_annotation=returned if returned is found.empty else _Bare(returned))
-    said = re.sub(r"NDArray\[(?:np\.)?(\w+)\]", lambda kind: "Array" + _ELEMENTS.get(kind[1], ""), str(given))
+    given = found.replace(
+        parameters=taken, return_annotation=returned if returned is found.empty else _Bare(returned)
+    )
+    said = re.sub(
+        r"NDArray\[(?:np\.)?(\w+)\]", lambda kind: "Array" + _ELEMENTS.get(kind[1], ""), str(given)
+    )
     return say_types(said.replace("<factory>", "..."))
 
 
 def _say_default(value: Any) -> Any:
-    """A default that reads the same in every process: an object without a text of its own by its class."""
+    """A default that reads the same in every process: an object without a text of its own by its
+    class.
+    """
     if inspect.isfunction(value):
         return _Bare(value.__name__)
     return _Bare(f"{type(value).__name__}()") if " at 0x" in repr(value) else value

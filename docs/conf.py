@@ -28,7 +28,9 @@ myst_heading_anchors = 3
 smartquotes_action = "qe"  # two dashes begin an option
 html_theme = "furo"
 html_title = "granphon"
-_address = _repository.address(_metadata("granphon").get_all("Project-URL") or (), _Path(__file__).parent.parent)
+_address = _repository.address(
+    _metadata("granphon").get_all("Project-URL") or (), _Path(__file__).parent.parent
+)
 html_theme_options = _repository.theme_options(_address)
 html_static_path = ["_static"]
 html_css_files = ["granphon.css"]
@@ -38,14 +40,16 @@ autodoc_type_aliases = _docstrings.ALIASES
 # what these have is said once, where they stand themselves, or by ASE and Python
 autodoc_default_options = {
     "members": True,
-    "inherited-members": "Result, ContactState, Sample, Equilibrium, Calculator, GetPropertiesMixin, BaseException, OSError",
+    "inherited-members": "Result, ContactState, Sample, Equilibrium, Calculator,"
+    " GetPropertiesMixin, BaseException, OSError",
 }
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 100
 autodoc_member_order = "bysource"
 exclude_patterns = ["_build"]
 nitpicky = False
-# every script is run; one that has not changed since the last build on this machine is not run again
+# every script is run; one that has not changed since the last build on this machine is not run
+# again
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
@@ -64,7 +68,9 @@ def _link_repository(app, page, source):
 
 
 def setup(app):
-    """Read docstrings and types as they are written here, and take the thumbnails once the gallery is made."""
+    """Read docstrings and types as they are written here, and take the thumbnails once the gallery
+    is made.
+    """
     app.connect("builder-inited", _gallery.take_panels, priority=900)
     _docstrings.name_aliases()
     app.connect("autodoc-process-docstring", _docstrings.process)

@@ -1,12 +1,13 @@
 r"""Coherent and speckle
 ====================
 
-The motion of a ball in a disordered array, when a pulse arrives, has two parts. The mean over a plane of balls, and over
-arrays, is the coherent wave, which travels with the sound velocity and fades. The rest is the speckle, which differs from
-ball to ball, arrives later and lasts longer.
+The motion of a ball in a disordered array, when a pulse arrives, has two parts. The mean over a
+plane of balls, and over arrays, is the coherent wave, which travels with the sound velocity and
+fades. The rest is the speckle, which differs from ball to ball, arrives later and lasts longer.
 
-Five periods of 6.5 kHz run through 220 rows of 40 balls, under two loads. Left: the coherent amplitude (lines) and the rms
-of the speckle (dashed) at two distances. Right: the balls' velocities at one moment, under the lower load.
+Five periods of 6.5 kHz run through 220 rows of 40 balls, under two loads. Left: the coherent
+amplitude (lines) and the rms of the speckle (dashed) at two distances. Right: the balls' velocities
+at one moment, under the lower load.
 """
 
 import sys
@@ -21,16 +22,18 @@ from granphon.figures.waves import plot_frame
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
 simulation = gp.DirectSimulation(packing, shape=(40, 220))
-pulses, networks = {}, {}
+pulses = {}
+networks = {}
 for force in (18.4, 1.8):  # N
     waves = gp.Waves(simulation.at_force(force).sample)
     pulses[force] = [
-        waves.transmit(6500.0, (0, 1), distance, ends="free", duration=3.0e-3, frames=[1.6e-3]) for distance in (0.2, 0.7)
+        waves.transmit(6500.0, (0, 1), distance, ends="free", duration=3.0e-3, frames=[1.6e-3])
+        for distance in (0.2, 0.7)
     ]
     networks[force] = waves.network
 
-# %%
-# At high load nearly all of the energy that reaches the far plane is coherent, at low load less than half of it.
+# %% At high load nearly all of the energy that reaches the far plane is coherent, at low load less
+# than half of it.
 
 coherent = {force: [pulse.coherent_fraction for pulse in both] for force, both in pulses.items()}
 assert coherent[18.4][1] > 0.95
@@ -44,11 +47,22 @@ with matplotlib.rc_context(STYLE):
         for pulse, colour in zip(both, (BLUE, VERMILION), strict=True):
             label = f"{pulse.distance:.2g} m"
             axes[name].plot(
-                1e3 * pulse.times, pulse.envelope / most, color=colour, linewidth=1.0, label=f"{label}, coherent"
+                1e3 * pulse.times,
+                pulse.envelope / most,
+                color=colour,
+                linewidth=1.0,
+                label=f"{label}, coherent",
             )
             style = {"color": colour, "linewidth": 1.0, "linestyle": "--"}
-            axes[name].plot(1e3 * pulse.times, pulse.speckle_amplitude / most, label=f"{label}, speckle", **style)
-        axes[name].set(xlabel="Time (ms)", ylim=(0.0, None), xlim=(0.0, 3.0), title=f"$f={force:g}$ N")
+            axes[name].plot(
+                1e3 * pulse.times,
+                pulse.speckle_amplitude / most,
+                label=f"{label}, speckle",
+                **style,
+            )
+        axes[name].set(
+            xlabel="Time (ms)", ylim=(0.0, None), xlim=(0.0, 3.0), title=f"$f={force:g}$ N"
+        )
         axes[name].set_ylabel("Velocity over the greatest\ncoherent one at 0.2 m")
     axes["high"].legend(fontsize=7.0)
     plot_frame(networks[1.8], pulses[1.8][1], 0, axes["picture"])

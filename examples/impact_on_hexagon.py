@@ -1,8 +1,9 @@
 r"""An impact on a hexagonal array
 ==============================
 
-A ball at the lower edge of a triangular array of steel balls gets a velocity of 0.5 m/s upwards. Behind the front balls
-spin, and some contacts open. Shown are the speeds of all balls at three times, and where the energy is.
+A ball at the lower edge of a triangular array of steel balls gets a velocity of 0.5 m/s upwards.
+Behind the front balls spin, and some contacts open. Shown are the speeds of all balls at three
+times, and where the energy is.
 """
 
 import sys
@@ -17,9 +18,14 @@ network = gp.AveragedLattice(gp.Packing(steel, diameter=8e-3)).at_force(5.0).net
 array = network.repeat((31, 1)).cut(1, 30)
 velocities = np.zeros((array.n_balls, 3))
 velocities[15, 1] = 0.5
-motion = gp.NonlinearWaves(array, friction_coefficient=0.3).run(2.6e-4, velocities=velocities, frames=81)
+motion = gp.NonlinearWaves(array, friction_coefficient=0.3).run(
+    2.6e-4, velocities=velocities, frames=81
+)
 kept = (motion.energy + motion.lost) / motion.energy[0]
-print(f"energy and losses: 1 within {np.max(np.abs(kept - 1.0)):.0e}; lost {motion.lost[-1] / motion.energy[0]:.3f}")
+print(
+    f"energy and losses: 1 within {np.max(np.abs(kept - 1.0)):.0e}; lost"
+    f" {motion.lost[-1] / motion.energy[0]:.3f}"
+)
 assert np.max(np.abs(kept - 1.0)) < 2e-3
 
 figure = motion_figure(motion)

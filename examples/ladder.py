@@ -1,10 +1,11 @@
 """The ladder of media against the array itself
 ============================================
 
-Three media approximate an array of balls of different diameters. The averaged lattice takes all balls to be equal. The
-averaged force averages over pairs of balls that are held in place. The effective medium lets each ball give way. We compare
-them with the simulation, which finds the equilibrium of every ball without an average. All are with friction, for 8 mm
-steel balls whose diameters differ by 2.04 microns; points are means of four arrays of 48 x 48 balls.
+Three media approximate an array of balls of different diameters. The averaged lattice takes all
+balls to be equal. The averaged force averages over pairs of balls that are held in place. The
+effective medium lets each ball give way. We compare them with the simulation, which finds the
+equilibrium of every ball without an average. All are with friction, for 8 mm steel balls whose
+diameters differ by 2.04 microns; points are means of four arrays of 48 x 48 balls.
 """
 
 import sys
@@ -27,17 +28,22 @@ media = {
     "effective medium": (gp.EffectiveMedium(packing), "#0072B2", "-"),
 }
 
-# %%
-# The errors of the media. The longitudinal velocity of the effective medium is right above :math:`f^*=0.15`, and its
-# transverse velocity at all loads (by chance: two errors cancel, as :ref:`another example <sphx_glr_gallery_conjecture.py>`
-# shows).
+# %% The errors of the media. The longitudinal velocity of the effective medium is right above
+# :math:`f^*=0.15`, and its transverse velocity at all loads (by chance: two errors cancel, as
+# :ref:`another example <sphx_glr_gallery_conjecture.py>` shows).
 
 valid = array.reduced_force > 0.15
 error = {}
 for name, (medium, _, _) in media.items():
     found = gp.sound_velocities(medium.at_force(force))
-    error[name] = np.array([found.longitudinal / truth.longitudinal, found.transverse / truth.transverse]) - 1.0
-    print(f"{name}: off by {error[name][0, 2]:.1%} (L) and {error[name][1, 2]:.1%} (T) at {force[2]:.2g} N")
+    error[name] = (
+        np.array([found.longitudinal / truth.longitudinal, found.transverse / truth.transverse])
+        - 1.0
+    )
+    print(
+        f"{name}: off by {error[name][0, 2]:.1%} (L) and {error[name][1, 2]:.1%} (T) at"
+        f" {force[2]:.2g} N"
+    )
 assert np.all(np.abs(error["effective medium"][0, valid]) < 0.01)
 assert np.all(np.abs(error["effective medium"][1]) < 0.015)
 assert np.allclose(error["averaged lattice"][:, 2], [0.21, 0.29], atol=0.01)
@@ -45,16 +51,38 @@ assert np.allclose(error["averaged force"][:, 2], [-0.10, -0.05], atol=0.01)
 
 with matplotlib.rc_context(STYLE):
     figure, axes = plt.subplots(
-        2, 2, figsize=(7.0, 4.0), dpi=300, layout="constrained", sharex=True, sharey="row", height_ratios=[1.5, 1.0]
+        2,
+        2,
+        figsize=(7.0, 4.0),
+        dpi=300,
+        layout="constrained",
+        sharex=True,
+        sharey="row",
+        height_ratios=[1.5, 1.0],
     )
     fine = np.geomspace(force[0], force[-1], 121)
-    for row, (name, (above, below)) in enumerate(zip(("longitudinal", "transverse"), axes.T, strict=True)):
+    for row, (name, (above, below)) in enumerate(
+        zip(("longitudinal", "transverse"), axes.T, strict=True)
+    ):
         for label, (medium, colour, dashes) in media.items():
             style = {"color": colour, "linestyle": dashes, "linewidth": 1.2}
-            above.loglog(fine, getattr(gp.sound_velocities(medium.at_force(fine)), name), label=label, **style)
+            above.loglog(
+                fine,
+                getattr(gp.sound_velocities(medium.at_force(fine)), name),
+                label=label,
+                **style,
+            )
             below.plot(force, 100.0 * error[label][row], **style)
-        values, errors = getattr(truth, name), getattr(truth, f"{name}_error")
-        points = {"fmt": "o", "color": "black", "mfc": "white", "markersize": 3.5, "elinewidth": 0.7, "zorder": 3}
+        values = getattr(truth, name)
+        errors = getattr(truth, f"{name}_error")
+        points = {
+            "fmt": "o",
+            "color": "black",
+            "mfc": "white",
+            "markersize": 3.5,
+            "elinewidth": 0.7,
+            "zorder": 3,
+        }
         above.errorbar(force, values, errors, label="simulation", **points)
         below.errorbar(force, 0.0 * force, 100.0 * errors / values, **points)
         above.set_title(name)

@@ -1,9 +1,9 @@
 r"""Modes at K and M: how balls move and turn
 =========================================
 
-The three modes of steel balls at K (upper row) and at M (lower row), in order of frequency from left to right. Arrows are
-displacements. The sector on each ball is the angle through which it has turned, vermilion anticlockwise and blue
-clockwise, on the same scale as the arrows.
+The three modes of steel balls at K (upper row) and at M (lower row), in order of frequency from
+left to right. Arrows are displacements. The sector on each ball is the angle through which it has
+turned, vermilion anticlockwise and blue clockwise, on the same scale as the arrows.
 """
 
 import sys
@@ -21,9 +21,9 @@ phonons = gp.Phonons(gp.AveragedLattice(gp.Packing(steel, diameter=8e-3)).at_for
 points = {"K": (1 / 3, 1 / 3), "M": (1 / 2, 0.0)}
 modes = phonons.modes(list(points.values()))
 
-# %%
-# At both points one mode is a pure rotation. It is not always the highest: at K it is the lowest, at M the highest. Its
-# frequency is :math:`\omega^2=5\eta(3+\sum_p\cos\mathbf q\cdot\mathbf a_p)k/M`.
+# %% At both points one mode is a pure rotation. It is not always the highest: at K it is the
+# lowest, at M the highest. Its frequency is :math:`\omega^2=5\eta(3+\sum_p\cos\mathbf q\cdot\mathbf
+# a_p)k/M`.
 
 assert np.allclose(modes.rotational_fraction, [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], atol=1e-12)
 eta = steel.mindlin_ratio

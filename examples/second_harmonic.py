@@ -1,10 +1,10 @@
 r"""The second harmonic of a shaker
 ===============================
 
-The end of a pressed chain is shaken at one frequency. Hertz's law makes a second harmonic, which runs with another wave
-number than the product of the first with itself: 2 q is not q(2 f). The two beat, and the second harmonic grows and falls
-over the distance as A^2/(4 delta) cot(q d/2) \|sin((q(2 f) - 2 q) n d/2)\|, with the amplitude A of the shaker and the
-overlap delta.
+The end of a pressed chain is shaken at one frequency. Hertz's law makes a second harmonic, which
+runs with another wave number than the product of the first with itself: 2 q is not q(2 f). The two
+beat, and the second harmonic grows and falls over the distance as A^2/(4 delta) cot(q d/2)
+\|sin((q(2 f) - 2 q) n d/2)\|, with the amplitude A of the shaker and the overlap delta.
 """
 
 import sys
@@ -22,10 +22,12 @@ packing = gp.Packing(steel, diameter=8e-3, lattice="chain", motions="longitudina
 chain = gp.AveragedLattice(packing).at_force(10.0).network.cut(0, 500)
 waves = gp.NonlinearWaves(chain)
 
-qd, overlap = 0.8, waves.overlap[0]
+qd = 0.8
+overlap = waves.overlap[0]
 own = np.sqrt(chain.normal_stiffness[0] / chain.masses[0])
 frequency = own * np.sin(qd / 2.0) / np.pi
-amplitude, ramp = 3e-3 * overlap, 30.0
+amplitude = 3e-3 * overlap
+ramp = 30.0
 
 
 def shake(time):
@@ -36,19 +38,33 @@ def shake(time):
 
 
 shaker = gp.Drive(0, (1.0, 0.0, 0.0), displacement=shake)
-motion = waves.run(90.0 / frequency, drive=shaker, frames=90 * 24 + 1, step=1.0 / (400.0 * frequency))
+motion = waves.run(
+    90.0 / frequency, drive=shaker, frames=90 * 24 + 1, step=1.0 / (400.0 * frequency)
+)
 found = np.abs(motion.harmonics(frequency, count=2))[1]
 ball = np.arange(61)
 beat = 2.0 * np.arcsin(2.0 * np.sin(qd / 2.0)) - 2.0 * qd
 theory = amplitude**2 / (4.0 * overlap) / np.tan(qd / 2.0) * np.abs(np.sin(beat * ball / 2.0))
 error = np.max(np.abs(found[:61] - theory)) / theory.max()
-print(f"second harmonic: at most {theory.max() / amplitude:.1e} of the shaker, as in theory to {error:.0e}")
+print(
+    f"second harmonic: at most {theory.max() / amplitude:.1e} of the shaker, as in theory to"
+    f" {error:.0e}"
+)
 assert error < 4e-3
 
 with matplotlib.rc_context(STYLE):
-    figure, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.6), dpi=300, layout="constrained")
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(PAGE_WIDTH, 2.6), dpi=300, layout="constrained"
+    )
     plot_harmonics(motion, left, frequency, count=2)
-    left.plot(8.0 * ball[1:], 1e9 * theory[1:], color="black", linewidth=0.8, dashes=(3, 2), label="theory")
+    left.plot(
+        8.0 * ball[1:],
+        1e9 * theory[1:],
+        color="black",
+        linewidth=0.8,
+        dashes=(3, 2),
+        label="theory",
+    )
     left.set(xlim=(0.0, 480.0), ylim=(1e-3, 30.0))
     left.legend()
     plot_ball_spectrum(motion, right, 17)

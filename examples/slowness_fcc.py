@@ -1,10 +1,10 @@
 r"""Slowness of a crystal in space
 ==============================
 
-Slowness is the inverse of the sound velocity. The figure shows it over all directions, in a face-centred cubic crystal of
-steel balls, without friction on the left and with it on the right. Three waves travel in each direction, one of them nearly
-longitudinal (dark). Friction makes sound not only faster but almost the same in all directions. Dashed lines are polarised
-across the cut.
+Slowness is the inverse of the sound velocity. The figure shows it over all directions, in a
+face-centred cubic crystal of steel balls, without friction on the left and with it on the right.
+Three waves travel in each direction, one of them nearly longitudinal (dark). Friction makes sound
+not only faster but almost the same in all directions. Dashed lines are polarised across the cut.
 """
 
 import sys
@@ -24,8 +24,10 @@ smooth, rough = (
 )
 
 # %%
-# The squared velocities follow from three elastic constants, :math:`C_{11}=2C_{44}=\sqrt2\,k(1+\eta)/d` and
-# :math:`C_{12}=k(1-\eta)/(\sqrt2\,d)`. The ratio :math:`2C_{44}/(C_{11}-C_{12})=2(1+\eta)/(1+3\eta)` is 1 where sound is
+# The squared velocities follow from three elastic constants,
+# :math:`C_{11}=2C_{44}=\sqrt2\,k(1+\eta)/d` and
+# :math:`C_{12}=k(1-\eta)/(\sqrt2\,d)`. The ratio
+# :math:`2C_{44}/(C_{11}-C_{12})=2(1+\eta)/(1+3\eta)` is 1 where sound is
 # isotropic: it is 2 without friction, and 1.05 for rough steel.
 
 ways = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
@@ -41,7 +43,9 @@ with matplotlib.rc_context(STYLE):
     figure = plt.figure(figsize=(7.0, 4.6), dpi=300, layout="constrained")
     above, beneath = figure.subfigures(2, 1, height_ratios=[1.5, 1.0])
     surfaces = above.subplots(1, 2)
-    for state, ax, name in zip((smooth, rough), surfaces, ("without friction", "with friction"), strict=True):
+    for state, ax, name in zip(
+        (smooth, rough), surfaces, ("without friction", "with friction"), strict=True
+    ):
         plot_slowness_surface(state, ax).set_title(name)
     cuts = beneath.subplots(1, 4)
     for k, state in enumerate((smooth, rough)):

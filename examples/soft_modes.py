@@ -1,13 +1,14 @@
 r"""From sound to soft modes
 ========================
 
-The figure shows the density of states of an array of balls that differ, divided by the frequency. In the plane sound gives
-a constant at low frequencies, by Debye's law; what is above it is an excess of modes. As the load falls towards the
-rigidity threshold this excess moves to lower frequencies. Close to the threshold the density of states itself is constant
-down to low frequencies: a plateau of soft modes, in which few balls take part.
+The figure shows the density of states of an array of balls that differ, divided by the frequency.
+In the plane sound gives a constant at low frequencies, by Debye's law; what is above it is an
+excess of modes. As the load falls towards the rigidity threshold this excess moves to lower
+frequencies. Close to the threshold the density of states itself is constant down to low
+frequencies: a plateau of soft modes, in which few balls take part.
 
-Frequencies are divided by the top frequency of the lattice of mean contacts under the same load. Right: the fraction of the
-balls that take part in a mode (participation ratio), over its frequency.
+Frequencies are divided by the top frequency of the lattice of mean contacts under the same load.
+Right: the fraction of the balls that take part in a mode (participation ratio), over its frequency.
 """
 
 import sys
@@ -22,8 +23,12 @@ from granphon.figures.style import COLOURS, STYLE
 LOADS = (3.0, 0.05, 0.002)  # f*
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), friction=False)
-states = gp.DirectSimulation(packing, shape=(36, 36)).at_force(np.array(LOADS) * packing.width_units.force)
-density, modes, top = {}, {}, {}
+states = gp.DirectSimulation(packing, shape=(36, 36)).at_force(
+    np.array(LOADS) * packing.width_units.force
+)
+density = {}
+modes = {}
+top = {}
 for at, load in enumerate(LOADS):
     state = states[at]
     waves = gp.Waves(state.sample.network.without_rattlers())
@@ -31,30 +36,44 @@ for at, load in enumerate(LOADS):
     density[load] = waves.dos(resolution=0.012 * top[load], vectors=3)
     modes[load] = waves.modes(24)
 
-# %%
-# The plateau: at a thirtieth of the top frequency there are several times as many modes at the lowest load as at the
-# highest.
+# %% The plateau: at a thirtieth of the top frequency there are several times as many modes at the
+# lowest load as at the highest.
 
-share = {load: np.interp(0.033 * top[load], one.frequencies, one.total) * top[load] for load, one in density.items()}
+share = {
+    load: np.interp(0.033 * top[load], one.frequencies, one.total) * top[load]
+    for load, one in density.items()
+}
 assert share[0.002] > 4.0 * share[3.0]
 
 with matplotlib.rc_context(STYLE):
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.0, 3.0), dpi=300, layout="constrained")
     for load, colour in zip(LOADS, COLOURS, strict=False):
-        one, unit = density[load], top[load]
-        there = one.frequencies > 0.02 * unit  # below, the resolution of the kernel, and the two motions of the whole
+        one = density[load]
+        unit = top[load]
+        # below, the resolution of the kernel, and the two motions of the whole
+        there = one.frequencies > 0.02 * unit
         left.plot(
-            one.frequencies[there] / unit, one.total[there] * unit, color=colour, linewidth=1.0, label=f"$f^*={load:g}$"
+            one.frequencies[there] / unit,
+            one.total[there] * unit,
+            color=colour,
+            linewidth=1.0,
+            label=f"$f^*={load:g}$",
         )
         found = modes[load]
         style = {"color": colour, "marker": ".", "linestyle": "", "markersize": 3.0}
         right.plot(found.frequencies / unit, found.participation_ratio, **style)
     left.set(
-        xscale="log", yscale="log", xlim=(0.02, 2.0), ylim=(0.03, 10.0), xlabel="Frequency over the top of the mean lattice"
+        xscale="log",
+        yscale="log",
+        xlim=(0.02, 2.0),
+        ylim=(0.03, 10.0),
+        xlabel="Frequency over the top of the mean lattice",
     )
     left.set_ylabel("Density of states per ball,\ntimes that frequency")
     left.legend()
-    right.set(xlim=(0.0, 0.12), ylim=(0.0, 0.8), xlabel="Frequency over the top of the mean lattice")
+    right.set(
+        xlim=(0.0, 0.12), ylim=(0.0, 0.8), xlabel="Frequency over the top of the mean lattice"
+    )
     right.set_ylabel("Participation ratio")
 if "-o" in sys.argv:
     figure.savefig(sys.argv[-1])

@@ -1,9 +1,10 @@
 r"""A solitary wave
 ===============
 
-The end of a chain of steel balls is hit at 0.3 m/s. The chain is hardly pressed, so that contacts bear next to nothing but
-the wave, which is a few balls long and keeps its form. Its velocity goes with the sixth root of its greatest force: lines in
-the right panel are 0.90553 d c^(1/3) m^(-1/2) F^(1/6), with c of Hertz's law f = c overlap^(3/2).
+The end of a chain of steel balls is hit at 0.3 m/s. The chain is hardly pressed, so that contacts
+bear next to nothing but the wave, which is a few balls long and keeps its form. Its velocity goes
+with the sixth root of its greatest force: lines in the right panel are 0.90553 d c^(1/3) m^(-1/2)
+F^(1/6), with c of Hertz's law f = c overlap^(3/2).
 """
 
 import sys
@@ -29,18 +30,23 @@ def hit(speed, duration, frames):
     return waves.run(duration, velocities=velocities, frames=frames)
 
 
-speeds, forces = [], []
+speeds = []
+forces = []
 for speed in (0.02, 0.1, 0.5, 2.0):
     motion = hit(speed, 1.5e-3 * speed**-0.2 * 0.7, 2001)
     speeds.append(motion.pulse_velocity(range(20, 46)))
     forces.append(motion.peaks()[1][30])
 coefficient = float(chain.normal_force[0] / waves.overlap[0] ** 1.5)
 unit = 0.90553 * 8e-3 * coefficient ** (1 / 3) * chain.masses[0] ** -0.5
-print("velocity over the law:", np.round(np.array(speeds) / (unit * np.array(forces) ** (1 / 6)), 5))
+print(
+    "velocity over the law:", np.round(np.array(speeds) / (unit * np.array(forces) ** (1 / 6)), 5)
+)
 assert np.allclose(speeds, unit * np.array(forces) ** (1 / 6), rtol=1e-4)
 
 with matplotlib.rc_context(STYLE):
-    figure, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.8), dpi=300, layout="constrained")
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(PAGE_WIDTH, 2.8), dpi=300, layout="constrained"
+    )
     plot_motion(hit(0.3, 1.0e-3, 201), left, show="forces")
     span = np.geomspace(0.5 * forces[0], 2.0 * forces[-1], 50)
     right.loglog(span, unit * span ** (1 / 6), color="0.5", linewidth=1.0, label="law")

@@ -1,14 +1,16 @@
 r"""Bands that dissolve
 ===================
 
-In an array of balls that differ a plane wave is not a mode: it is scattered, and its line has a width. The spectral
-function :math:`A(\mathbf q,f)` is the spectrum of a wave of wave vector q in the array itself. The kernel polynomial method
-computes it for the whole network of contacts at once.
+In an array of balls that differ a plane wave is not a mode: it is scattered, and its line has a
+width. The spectral function :math:`A(\mathbf q,f)` is the spectrum of a wave of wave vector q in
+the array itself. The kernel polynomial method computes it for the whole network of contacts at
+once.
 
-The figure has the same 4,096 steel balls, with a uniform spread, under two loads. Where the overlap is far above the spread
-(left, :math:`f^*=3`), the lines follow the bands of the lattice of mean contacts, dashed. Near the rigidity threshold
-(right, :math:`f^*=0.003`) only long waves are left: from a tenth of the top frequency on the width of a line is as large as
-its frequency, and the bands have no meaning.
+The figure has the same 4,096 steel balls, with a uniform spread, under two loads. Where the overlap
+is far above the spread (left, :math:`f^*=3`), the lines follow the bands of the lattice of mean
+contacts, dashed. Near the rigidity threshold (right, :math:`f^*=0.003`) only long waves are left:
+from a tenth of the top frequency on the width of a line is as large as its frequency, and the bands
+have no meaning.
 """
 
 import sys
@@ -25,14 +27,20 @@ from granphon.waves.path_spectra import find_path_spectra
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
-simulation, path = gp.DirectSimulation(packing, shape=(64, 64)), BandPath.default(packing.structure)
+simulation = gp.DirectSimulation(packing, shape=(64, 64))
+path = BandPath.default(packing.structure)
 spectra = {}
 for load in (3.0, 0.003):  # f*
     state = simulation.at_force(load * packing.width_units.force)
     spectra[load] = find_path_spectra(
-        gp.Waves(state.sample), state.contact_lattice(), state.scales, path.arrays, path.labels, points=17,
+        gp.Waves(state.sample),
+        state.contact_lattice(),
+        state.scales,
+        path.arrays,
+        path.labels,
+        points=17,
         polarisations=["longitudinal"],
-    )  # fmt: skip
+    )
 
 # %%
 # At high load the width is a few hundredths of the frequency, at low load a third of it or more.

@@ -1,10 +1,11 @@
 """Bands of steel balls
 ====================
 
-Steel balls, 8 mm in diameter, lie in a triangular array and are pressed together with 18.4 N at each contact. The three
-branches along Γ-K-M-Γ are coloured by the fraction of the kinetic energy that is rotation. Dashed lines are the limit of
-long waves (equations 13 to 15 of the paper, with the corrected d²/10); the inset shows the Brillouin zone and the path. On
-the right is the density of states per ball, with the contributions of translation and rotation.
+Steel balls, 8 mm in diameter, lie in a triangular array and are pressed together with 18.4 N at
+each contact. The three branches along Γ-K-M-Γ are coloured by the fraction of the kinetic energy
+that is rotation. Dashed lines are the limit of long waves (equations 13 to 15 of the paper, with
+the corrected d²/10); the inset shows the Brillouin zone and the path. On the right is the density
+of states per ball, with the contributions of translation and rotation.
 """
 
 import sys
@@ -26,10 +27,13 @@ assert round(velocity) == 791
 # The rotational branch has its top at Γ, :math:`\omega^2=30\eta k/M`.
 
 phonons = gp.Phonons(state)
-bands, dos = phonons.bands("GKMG"), phonons.dos((64, 64))
+bands = phonons.bands("GKMG")
+dos = phonons.dos((64, 64))
 top = bands.frequencies.max()
 print(f"top of the rotational branch: {top / 1e3:.2f} kHz")
-assert np.isclose(top, np.sqrt(30.0 * state.packing.mindlin_ratio) * state.scales.frequency, rtol=1e-12)
+assert np.isclose(
+    top, np.sqrt(30.0 * state.packing.mindlin_ratio) * state.scales.frequency, rtol=1e-12
+)
 assert round(top / 1e3, 2) == 65.82
 
 figure = bands_figure(bands, dos, asymptotes=phonons.lattice)

@@ -1,10 +1,11 @@
 r"""Surface waves of fcc (001) and (111)
 ====================================
 
-Steel balls on fcc, pressed together, end at a free surface. The spectrum of the outer layer is shown over the wave vector
-along the surface, with the edges of the crystal's bands (dashed) and the waves of the surface outside of them (dots). The
-lowest is Rayleigh's wave, whose velocity at long waves follows from the elastic tensor. The next one, just below the bands,
-moves the balls across the direction in which it runs; the half space of an elastic continuum has no such wave.
+Steel balls on fcc, pressed together, end at a free surface. The spectrum of the outer layer is
+shown over the wave vector along the surface, with the edges of the crystal's bands (dashed) and the
+waves of the surface outside of them (dots). The lowest is Rayleigh's wave, whose velocity at long
+waves follows from the elastic tensor. The next one, just below the bands, moves the balls across
+the direction in which it runs; the half space of an elastic continuum has no such wave.
 """
 
 import sys
@@ -24,9 +25,13 @@ q = np.linspace(0.01, 0.5, 50)[:, None] * [1.0, 0.0]
 frequencies = np.linspace(0.0, 62e3, 320)
 
 with matplotlib.rc_context(STYLE):
-    figure, panels = plt.subplots(1, 2, figsize=(7.0, 3.2), dpi=300, layout="constrained", sharey=True)
+    figure, panels = plt.subplots(
+        1, 2, figsize=(7.0, 3.2), dpi=300, layout="constrained", sharey=True
+    )
     # Miller indices belong to the vectors of the primitive cell
-    for ax, (name, axis) in zip(panels, {"(001)": (1, 1, 0), "(111)": (1, 1, 1)}.items(), strict=True):
+    for ax, (name, axis) in zip(
+        panels, {"(001)": (1, 1, 0), "(111)": (1, 1, 1)}.items(), strict=True
+    ):
         surface = gp.Surface(state, axis)
         waves = surface.branches(q)
         plot_surface(surface.spectrum(q, frequencies, damping=400.0), ax, branches=waves)

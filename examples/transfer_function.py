@@ -1,10 +1,10 @@
 r"""The transfer function of a chain
 ================================
 
-A shaker moves the wall at which a chain of steel and aluminium balls ends, and a sensor listens at its free end. Below the
-gap of the chain each mode is a peak, and its phase falls by :math:`\pi`. In the gap little arrives, except where the light
-ball at the free end has a mode of its own; above it the light balls swing. Dashpots at the contacts damp the upper modes
-most.
+A shaker moves the wall at which a chain of steel and aluminium balls ends, and a sensor listens at
+its free end. Below the gap of the chain each mode is a peak, and its phase falls by :math:`\pi`. In
+the gap little arrives, except where the light ball at the free end has a mode of its own; above it
+the light balls swing. Dashpots at the contacts damp the upper modes most.
 """
 
 import sys
@@ -21,14 +21,17 @@ STEEL = gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3, mass=28.84e-3, name=
 ALUMINIUM = gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 19.05e-3, mass=9.75e-3, name="aluminium")
 state = gp.Crystal.on("chain", [STEEL, ALUMINIUM]).at_force(20.0)
 chain = state.network.cut(0, 8, edges=("floor", "free"))
-waves, gap = gp.Waves(chain), gp.Phonons(state).gaps()[0]
+waves = gp.Waves(chain)
+gap = gp.Phonons(state).gaps()[0]
 frequencies = np.linspace(20.0, 10e3, 1500)
 dampings = (2e-7, 2e-6)  # s
-responses = [waves.response(frequencies, "plane", "plane", damping, quantity="transmissibility") for damping in dampings]
+responses = [
+    waves.response(frequencies, "plane", "plane", damping, quantity="transmissibility")
+    for damping in dampings
+]
 
-# %%
-# At rest the chain moves with the wall. The mode of the free end is at :math:`\omega^2=k(1/M+1/m)`, halfway
-# between the squares of the edges of the gap.
+# %% At rest the chain moves with the wall. The mode of the free end is at
+# :math:`\omega^2=k(1/M+1/m)`, halfway between the squares of the edges of the gap.
 
 modes = waves.damped_modes(3, damping=dampings[0])
 print("Q of the lowest modes:", np.round(modes.quality))

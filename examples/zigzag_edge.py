@@ -1,12 +1,14 @@
 r"""Waves at the zigzag edge of granular graphene
 =============================================
 
-Balls on a honeycomb, in contact with three neighbours each, turn as they move. A ribbon that is cut out of them along a
-zigzag edge has branches that its bulk does not have: waves that run along its free edges. They lie in the gaps of the
-bulk's bands (light grey), projected on the wave vector along the edge. Blue ones are at the lower edge and red ones at the
-upper; where both coincide one covers the other, and where the two edges feel each other the colours are mixed.
+Balls on a honeycomb, in contact with three neighbours each, turn as they move. A ribbon that is cut
+out of them along a zigzag edge has branches that its bulk does not have: waves that run along its
+free edges. They lie in the gaps of the bulk's bands (light grey), projected on the wave vector
+along the edge. Blue ones are at the lower edge and red ones at the upper; where both coincide one
+covers the other, and where the two edges feel each other the colours are mixed.
 
-The waves of one edge of a half space (dots) are poles of its Green's function. The ribbon has each of them twice.
+The waves of one edge of a half space (dots) are poles of its Green's function. The ribbon has each
+of them twice.
 """
 
 import sys
@@ -30,9 +32,8 @@ bulk = [edge.continuum(segment) for segment in bands.qpoints]
 q = np.linspace(0.02, 0.5, 25)
 waves = edge.branches(q[:, None])
 
-# %%
-# At q = 0.35, of the modes of the ribbon nearly all of whose energy is in its outer quarter, there is one at each edge for
-# each wave of the half space.
+# %% At q = 0.35, of the modes of the ribbon nearly all of whose energy is in its outer quarter,
+# there is one at each edge for each wave of the half space.
 
 there = np.abs(waves.place - np.argmin(np.abs(q - 0.34))) < 1
 lone = waves.frequencies[there & (waves.weight > 0.3)]

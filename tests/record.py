@@ -1,10 +1,12 @@
-"""Some two hundred results over all features at full precision, to be compared before and after a change of structure.
+"""Some two hundred results over all features at full precision, to be compared before and after a
+change of structure.
 
     python -m tests.record FILE.npz              writes them
     python -m tests.record FILE.npz --compare    computes them again, and lists what differs by more than it may
 
-Arrays may differ by 1e-13 of their largest entry, frequencies near Gamma each by that of itself, results of simulations by
-the residual of their equilibria. Eigenvectors are recorded as projectors on each set of degenerate modes.
+Arrays may differ by 1e-13 of their largest entry, frequencies near Gamma each by that of itself,
+results of simulations by the residual of their equilibria. Eigenvectors are recorded as projectors
+on each set of degenerate modes.
 """
 
 from __future__ import annotations
@@ -39,21 +41,28 @@ def packings() -> Iterator[tuple[str, gp.Packing]]:
     """Lattices with and without friction, equal balls."""
     for lattice, friction in itertools.product(("triangular", "square", "kagome"), (True, False)):
         if lattice == "triangular" or friction:
-            yield f"{lattice}, friction {friction}", gp.Packing(STEEL, 8e-3, lattice=lattice, friction=friction)
+            yield (
+                f"{lattice}, friction {friction}",
+                gp.Packing(STEEL, 8e-3, lattice=lattice, friction=friction),
+            )
 
 
 def spreads() -> dict[str, Any]:
     """A distribution of each kind."""
     d = 8e-3
     return {
-        "uniform": gp.Uniform(2.04e-6), "normal": gp.Normal(0.6e-6),
+        "uniform": gp.Uniform(2.04e-6),
+        "normal": gp.Normal(0.6e-6),
         "discrete": gp.Discrete(diameters=(d - 1e-6, d + 1e-6), fractions=(0.5, 0.5)),
-    }  # fmt: skip
+    }
 
 
 def projectors(modes: Any) -> np.ndarray:
-    """(n_q, dofs, dofs): on the lowest set of modes at each q whose frequencies differ by less than 1e-6 of the top."""
-    values, vectors = modes.frequencies, modes.eigenvectors
+    """(n_q, dofs, dofs): on the lowest set of modes at each q whose frequencies differ by less than
+    1e-6 of the top.
+    """
+    values = modes.frequencies
+    vectors = modes.eigenvectors
     out = []
     for w, v in zip(values, vectors, strict=True):
         few = v[:, w < w[0] + 1e-6 * values.max()]
@@ -72,22 +81,41 @@ def states() -> Iterator[tuple[str, Any]]:
         rough = gp.Packing(STEEL, 8e-3, spread=spread)
         for medium in (gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium):
             yield f"{medium.name}, {kind}", medium(rough).at_force(FORCES)
-            yield f"{medium.name}, {kind}, pressure", medium(rough).at_pressure([500.0, 4000.0], finite_overlap=True)
+            yield (
+                f"{medium.name}, {kind}, pressure",
+                medium(rough).at_pressure([500.0, 4000.0], finite_overlap=True),
+            )
     yield (
         "paper's local field",
-        gp.EffectiveMedium(gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2.04e-6)), "paper").at_force(5.0),
+        gp.EffectiveMedium(gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2.04e-6)), "paper").at_force(
+            5.0
+        ),
     )
 
 
 def observed(name: str, state: Any) -> Iterator[tuple[str, Any]]:
     """What is found of a state."""
-    for field in ("force", "overlap", "normal_stiffness", "shear_stiffness", "reduced_force", "contact_fraction",
-                  "force_fluctuation", "stiffness_ratio", "effective_density"):  # fmt: skip
+    for field in (
+        "force",
+        "overlap",
+        "normal_stiffness",
+        "shear_stiffness",
+        "reduced_force",
+        "contact_fraction",
+        "force_fluctuation",
+        "stiffness_ratio",
+        "effective_density",
+    ):
         yield f"{name}: {field}", getattr(state, field)
     v = gp.sound_velocities(state, (0.6, 0.8))
     yield f"{name}: velocities", np.stack([v.longitudinal, v.transverse])
     yield f"{name}: tensor", gp.moduli(state).tensor
-    yield f"{name}: validity", np.stack([np.broadcast_to(check.value, state.shape) for check in gp.validity(state).checks])
+    yield (
+        f"{name}: validity",
+        np.stack(
+            [np.broadcast_to(check.value, state.shape) for check in gp.validity(state).checks]
+        ),
+    )
     if not state.finite_overlap:
         yield f"{name}: exponent", gp.local_exponent(state)
 
@@ -106,9 +134,15 @@ def spectra() -> Iterator[tuple[str, Any]]:
         yield f"bands, {name}: distances", bands.distances
         modes = phonons.modes(generic)
         yield f"modes, {name}: projectors", projectors(modes)
-        yield f"near gamma, {name}", np.log(phonons.frequencies([[1e-9, 2e-9], [1e-12, 0.0]])[:, :2])
+        yield (
+            f"near gamma, {name}",
+            np.log(phonons.frequencies([[1e-9, 2e-9], [1e-12, 0.0]])[:, :2]),
+        )
         dos = phonons.dos(mesh=(12, 12), points=51)
-        yield f"dos, {name}", np.stack([dos.frequencies / dos.frequencies[-1], dos.translational, dos.rotational])
+        yield (
+            f"dos, {name}",
+            np.stack([dos.frequencies / dos.frequencies[-1], dos.translational, dos.rotational]),
+        )
         atoms = gp.atoms(state).repeat((3, 3, 1))
         calc = gp.HertzMindlin(state)
         yield f"force constants, {name}", calc.get_force_constants(atoms)
@@ -125,23 +159,43 @@ def simulations() -> Iterator[tuple[str, Any]]:
     """Direct simulation."""
     for friction in (True, False):
         packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2.04e-6), friction=friction)
-        state = gp.DirectSimulation(packing, shape=(16, 16), seed=1, samples=2).at_force([2.0, 18.446])
-        for field in ("overlap", "normal_stiffness", "force_fluctuation", "contact_fraction", "elastic_tensor"):
+        state = gp.DirectSimulation(packing, shape=(16, 16), seed=1, samples=2).at_force(
+            [2.0, 18.446]
+        )
+        for field in (
+            "overlap",
+            "normal_stiffness",
+            "force_fluctuation",
+            "contact_fraction",
+            "elastic_tensor",
+        ):
             yield f"simulation, friction {friction}: {field}", getattr(state, field)
         v = gp.sound_velocities(state)
-        yield f"simulation, friction {friction}: velocities", np.stack([v.longitudinal, v.transverse])
+        yield (
+            f"simulation, friction {friction}: velocities",
+            np.stack([v.longitudinal, v.transverse]),
+        )
 
 
 def sweeps_and_fits() -> Iterator[tuple[str, Any]]:
     """Data sets, files and fits."""
     rough = gp.Packing(GLASS, 1e-3, spread=gp.Uniform(4e-6))
-    data = gp.sweep(rough, force=[1.0, 5.0], media=("ala", "afa", "ema"), bands=PATH, npoints=5, width=[2e-6, 4e-6])
+    data = gp.sweep(
+        rough,
+        force=[1.0, 5.0],
+        media=("ala", "afa", "ema"),
+        bands=PATH,
+        npoints=5,
+        width=[2e-6, 4e-6],
+    )
     for name in ("longitudinal", "transverse", "bulk", "shear", "exponent", "frequencies"):
         yield f"sweep: {name}", data[name].values
     steel = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2.04e-6))
     force = np.geomspace(2.0, 20.0, 8)
     exact = gp.sound_velocities(gp.EffectiveMedium(steel).at_force(force)).longitudinal
-    found = gp.fit_width(steel, force, exact * (1.0 + 1e-3 * np.cos(np.arange(8))), sigma=1e-3 * exact)
+    found = gp.fit_width(
+        steel, force, exact * (1.0 + 1e-3 * np.cos(np.arange(8))), sigma=1e-3 * exact
+    )
     yield "fit: values", np.array([found.width, found.stderr, found.chi2])
     with tempfile.TemporaryDirectory() as folder:
         state = gp.EffectiveMedium(steel).at_force(5.0)
@@ -166,7 +220,8 @@ def differences(old: dict[str, np.ndarray], new: dict[str, np.ndarray]) -> list[
     """A line for each result that differs by more than it may, or that only one of the two has."""
     lines = [f"only in one: {name}" for name in old.keys() ^ new.keys()]
     for name in old.keys() & new.keys():
-        a, b = old[name], new[name]
+        a = old[name]
+        b = new[name]
         if a.shape != b.shape:
             lines.append(f"{name}: shape {a.shape}, now {b.shape}")
             continue
@@ -187,7 +242,9 @@ def main() -> int:
     given = parser.parse_args()
     new = results()
     if not given.compare:
-        np.savez_compressed(given.file, **{name.replace("/", "|"): value for name, value in new.items()})
+        np.savez_compressed(
+            given.file, **{name.replace("/", "|"): value for name, value in new.items()}
+        )
         print(f"{len(new)} results written to {given.file}")
         return 0
     with np.load(given.file) as stored:

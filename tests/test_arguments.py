@@ -1,4 +1,6 @@
-"""Anything in the place of an argument of a public call gives a result, or one error of granphon in one line."""
+"""Anything in the place of an argument of a public call gives a result, or one error of granphon in
+one line.
+"""
 
 import itertools
 from collections.abc import Callable
@@ -18,11 +20,47 @@ CRYSTAL = gp.Crystal.on("triangular", [gp.Ball(STEEL, 8e-3)])
 
 #: what no argument means, and numbers beyond all sense
 ANYTHING: list[Any] = [
-    None, True, -1, 2**70, 10**400, 1e308, 1e-320, float("nan"), float("inf"), 1 + 2j, "", "x", "\0", "1e400", b"x", [], (),
-    [[]], [[1], [1, 2]], [1, "a"], ["a", None], [1e308, 1e308], [float("nan")] * 2, [0.0, 0.0], np.array(1.0), np.array([]),
-    np.arange(1, 6), np.zeros((2, 2, 2)), np.array(["a"]), np.array([1 + 1j]), np.array([None]), {}, {"a": 1}, {1, 2},
-    range(3), object(), len, int, np.ma.array([1.0, 2.0], mask=[False, True]), slice(1),
-]  # fmt: skip
+    None,
+    True,
+    -1,
+    2**70,
+    10**400,
+    1e308,
+    1e-320,
+    float("nan"),
+    float("inf"),
+    1 + 2j,
+    "",
+    "x",
+    "\0",
+    "1e400",
+    b"x",
+    [],
+    (),
+    [[]],
+    [[1], [1, 2]],
+    [1, "a"],
+    ["a", None],
+    [1e308, 1e308],
+    [float("nan")] * 2,
+    [0.0, 0.0],
+    np.array(1.0),
+    np.array([]),
+    np.arange(1, 6),
+    np.zeros((2, 2, 2)),
+    np.array(["a"]),
+    np.array([1 + 1j]),
+    np.array([None]),
+    {},
+    {"a": 1},
+    {1, 2},
+    range(3),
+    object(),
+    len,
+    int,
+    np.ma.array([1.0, 2.0], mask=[False, True]),
+    slice(1),
+]
 
 
 def bulk(lattice: str) -> gp.ContactNetwork:
@@ -38,64 +76,157 @@ def sample() -> Any:
 
 
 CALLS: dict[str, tuple[Callable[[], Callable[..., Any]], dict[str, Any]]] = {
-    "Material": (lambda: gp.Material, {"young_modulus": 2e11, "poisson_ratio": 0.3, "density": 7800.0}),
-    "Packing": (lambda: gp.Packing, {
-        "material": STEEL, "diameter": 8e-3, "spread": None, "lattice": "triangular", "friction": True,
-        "motions": "in_plane", "torsion": 0.0, "bending": 0.0,
-    }),
-    "Ball": (lambda: gp.Ball, {
-        "material": STEEL, "diameter": 8e-3, "mass": None, "inertia": None, "name": "A", "spread": None,
-    }),
+    "Material": (
+        lambda: gp.Material,
+        {"young_modulus": 2e11, "poisson_ratio": 0.3, "density": 7800.0},
+    ),
+    "Packing": (
+        lambda: gp.Packing,
+        {
+            "material": STEEL,
+            "diameter": 8e-3,
+            "spread": None,
+            "lattice": "triangular",
+            "friction": True,
+            "motions": "in_plane",
+            "torsion": 0.0,
+            "bending": 0.0,
+        },
+    ),
+    "Ball": (
+        lambda: gp.Ball,
+        {
+            "material": STEEL,
+            "diameter": 8e-3,
+            "mass": None,
+            "inertia": None,
+            "name": "A",
+            "spread": None,
+        },
+    ),
     "Load": (lambda: gp.Load, {"kind": "force", "array": 1.0}),
     "EffectiveMedium": (lambda: gp.EffectiveMedium, {"packing": DIFFER, "local_field": "computed"}),
-    "DirectSimulation": (lambda: gp.DirectSimulation, {
-        "packing": DIFFER, "shape": (6, 6), "seed": 0, "samples": 1, "workers": 1, "friction_coefficient": None,
-        "geometry": None, "start": 0.5, "shear_response": "stick", "step_tolerance": 1e-4,
-    }),
-    "at_force": (lambda: gp.AveragedLattice(EQUAL).at_force, {"force": 1.0, "finite_overlap": None}),
+    "DirectSimulation": (
+        lambda: gp.DirectSimulation,
+        {
+            "packing": DIFFER,
+            "shape": (6, 6),
+            "seed": 0,
+            "samples": 1,
+            "workers": 1,
+            "friction_coefficient": None,
+            "geometry": None,
+            "start": 0.5,
+            "shear_response": "stick",
+            "step_tolerance": 1e-4,
+        },
+    ),
+    "at_force": (
+        lambda: gp.AveragedLattice(EQUAL).at_force,
+        {"force": 1.0, "finite_overlap": None},
+    ),
     "sound_velocities": (lambda: gp.sound_velocities, {"state": at_rest(), "direction": [1, 0]}),
-    "amplitude_shift": (lambda: gp.amplitude_shift, {"x": at_rest(), "q": [0.1, 0.0], "branch": 1, "law": None}),
-    "fit_width": (lambda: gp.fit_width, {
-        "packing": EQUAL, "force": [1.0, 2.0, 5.0], "velocity": [400.0, 460.0, 550.0], "medium": "ema",
-    }),
-    "Measurements": (lambda: gp.Measurements, {"force": [1.0, 2.0], "velocity": [400.0, 500.0], "sigma": None}),
+    "amplitude_shift": (
+        lambda: gp.amplitude_shift,
+        {"x": at_rest(), "q": [0.1, 0.0], "branch": 1, "law": None},
+    ),
+    "fit_width": (
+        lambda: gp.fit_width,
+        {
+            "packing": EQUAL,
+            "force": [1.0, 2.0, 5.0],
+            "velocity": [400.0, 460.0, 550.0],
+            "medium": "ema",
+        },
+    ),
+    "Measurements": (
+        lambda: gp.Measurements,
+        {"force": [1.0, 2.0], "velocity": [400.0, 500.0], "sigma": None},
+    ),
     "scattering_lengths": (lambda: gp.scattering_lengths, {"runs": []}),
     "Surface": (lambda: gp.Surface, {"x": bulk("fcc"), "axis": (1, 1, 1), "edge": "free"}),
     "velocity": (lambda: gp.Surface(bulk("fcc"), 2).velocity, {"direction": (1, 0)}),
     "bands": (lambda: gp.Phonons(at_rest()).bands, {"path": "GK", "npoints": 2}),
-    "Crystal.on": (lambda: gp.Crystal.on, {
-        "lattice": "triangular", "balls": [gp.Ball(STEEL, 8e-3)], "friction": True, "motions": None, "torsion": 0.0,
-    }),
-    "Crystal.at_force": (lambda: CRYSTAL.at_force, {"force": 1.0, "gravity": None, "finite_overlap": None}),
+    "Crystal.on": (
+        lambda: gp.Crystal.on,
+        {
+            "lattice": "triangular",
+            "balls": [gp.Ball(STEEL, 8e-3)],
+            "friction": True,
+            "motions": None,
+            "torsion": 0.0,
+        },
+    ),
+    "Crystal.at_force": (
+        lambda: CRYSTAL.at_force,
+        {"force": 1.0, "gravity": None, "finite_overlap": None},
+    ),
     "Crystal.remove": (lambda: CRYSTAL.repeat((3, 3)).remove, {"index": 0}),
     "cut": (lambda: bulk("triangular").cut, {"axis": 0, "layers": 3, "edges": "free"}),
     "select": (lambda: bulk("triangular").repeat((3, 3)).select, {"balls": [0, 1]}),
-    "transmit": (lambda: partial(gp.Waves(bulk("triangular").repeat((4, 3))).transmit, 5e3), {
-        "direction": [1, 0], "distance": 0.016, "source": "plane", "ends": "free",
-    }),
-    "NonlinearWaves": (lambda: gp.NonlinearWaves, {
-        "x": at_rest(), "law": None, "damping": 0.0, "friction_coefficient": 0.3, "gravity": None, "geometry": "lattice",
-    }),
-    "run": (lambda: partial(gp.NonlinearWaves(bulk("chain").repeat((4,))).run, 1e-5), {
-        "velocities": np.zeros((4, 1)), "frames": 2, "step": None, "scheme": "verlet",
-    }),
-    "fit_damping": (lambda: partial(
-        gp.fit_damping, bulk("chain").cut(0, 3), gp.TransferFunction([1e3, 2e3, 3e3], [1.0, 2.0, 1.0]), (0, "x"), (2, "x"),
-    ), {"damping": 0.0, "loss_factor": 0.0, "parameters": ("damping",)}),
+    "transmit": (
+        lambda: partial(gp.Waves(bulk("triangular").repeat((4, 3))).transmit, 5e3),
+        {
+            "direction": [1, 0],
+            "distance": 0.016,
+            "source": "plane",
+            "ends": "free",
+        },
+    ),
+    "NonlinearWaves": (
+        lambda: gp.NonlinearWaves,
+        {
+            "x": at_rest(),
+            "law": None,
+            "damping": 0.0,
+            "friction_coefficient": 0.3,
+            "gravity": None,
+            "geometry": "lattice",
+        },
+    ),
+    "run": (
+        lambda: partial(gp.NonlinearWaves(bulk("chain").repeat((4,))).run, 1e-5),
+        {
+            "velocities": np.zeros((4, 1)),
+            "frames": 2,
+            "step": None,
+            "scheme": "verlet",
+        },
+    ),
+    "fit_damping": (
+        lambda: partial(
+            gp.fit_damping,
+            bulk("chain").cut(0, 3),
+            gp.TransferFunction([1e3, 2e3, 3e3], [1.0, 2.0, 1.0]),
+            (0, "x"),
+            (2, "x"),
+        ),
+        {"damping": 0.0, "loss_factor": 0.0, "parameters": ("damping",)},
+    ),
     "BallContacts": (lambda: gp.BallContacts, {"balls": {"A": STEEL}, "law": None}),
-    "complex_bands": (lambda: gp.Phonons(at_rest()).complex_bands, {"frequencies": [1e3], "axis": 0}),
+    "complex_bands": (
+        lambda: gp.Phonons(at_rest()).complex_bands,
+        {"frequencies": [1e3], "axis": 0},
+    ),
     "Signal": (lambda: gp.Signal, {"times": (0.0, 1.0), "values": (0.0, 1.0)}),
     "TabulatedLaw": (lambda: gp.TabulatedLaw, {"overlap": [0, 1e-6, 2e-6], "force": [0, 1.0, 3.0]}),
-    "force_distribution": (lambda: sample().force_distribution, {"bins": 10, "largest": 5.0, "least": 0.0}),
+    "force_distribution": (
+        lambda: sample().force_distribution,
+        {"bins": 10, "largest": 5.0, "least": 0.0},
+    ),
     "contact_fraction": (lambda: sample().contact_fraction, {"threshold": 1e-6}),
-    "TransferFunction": (lambda: gp.TransferFunction, {"frequencies": [1.0, 2.0], "magnitude": [1.0, 2.0], "phase": None}),
-}  # fmt: skip
+    "TransferFunction": (
+        lambda: gp.TransferFunction,
+        {"frequencies": [1.0, 2.0], "magnitude": [1.0, 2.0], "phase": None},
+    ),
+}
 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_anything_in_the_place_of_an_argument_gives_a_result_or_one_error(name: str) -> None:
     make, good = CALLS[name]
-    call, wrong = make(), []
+    call = make()
+    wrong = []
     for argument, given in itertools.product(good, ANYTHING):
         try:
             call(**(good | {argument: given}))

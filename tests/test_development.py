@@ -21,7 +21,9 @@ from tests.test_structure import PACKAGE
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "development.md"
-PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
+    "project"
+]
 #: what is needed at run time, scenes included
 NEEDED = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["scenes"]]
 
@@ -30,7 +32,7 @@ def read(name: str) -> str:
     return (ROOT / name).read_text(encoding="utf-8")
 
 
-# -- what is named --------------------------------------------------------------------------------------------------
+# -- what is named ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("page", ["docs/development.md", "CONTRIBUTING.md"])
@@ -43,12 +45,17 @@ def test_every_file_that_is_named_exists(page):
         assert (home / name).exists(), f"{page} names {name}"
 
 
-# -- versions -------------------------------------------------------------------------------------------------------
+# -- versions --------------------------------------------------------------------------------------
 
 
 def lowest() -> str:
-    """The text of tests/lowest.txt: the least version of everything that is needed at run time and in the tests."""
-    lines = ["# The least versions that pyproject.toml allows: python -m tests.test_development > tests/lowest.txt"]
+    """The text of tests/lowest.txt: the least version of everything that is needed at run time and
+    in the tests.
+    """
+    lines = [
+        "# The least versions that pyproject.toml allows: python -m tests.test_development >"
+        " tests/lowest.txt"
+    ]
     for requirement in (*NEEDED, *PROJECT["optional-dependencies"]["test"]):
         if requirement == "granphon[scenes]":  # it is among those needed at run time
             continue
@@ -59,11 +66,15 @@ def lowest() -> str:
 
 
 def test_the_lowest_versions_are_those_of_the_project():
-    assert read("tests/lowest.txt") == lowest(), "run: python -m tests.test_development > tests/lowest.txt"
+    assert read("tests/lowest.txt") == lowest(), (
+        "run: python -m tests.test_development > tests/lowest.txt"
+    )
 
 
 def test_every_dependency_says_who_needs_it():
-    rows = re.findall(r"^\| ([\w-]+) \| [\d.]+ \| .+ \| .+ \| .+ \|$", read("docs/development.md"), re.MULTILINE)
+    rows = re.findall(
+        r"^\| ([\w-]+) \| [\d.]+ \| .+ \| .+ \| .+ \|$", read("docs/development.md"), re.MULTILINE
+    )
     assert sorted(rows) == sorted(re.split("[<>=]", one)[0] for one in NEEDED)
 
 
@@ -79,11 +90,15 @@ def test_the_wheel_has_the_package_its_licences_and_its_command(tmp_path):
         commands = archive.read(f"{about}/entry_points.txt").decode()
     assert {name.partition("/")[0] for name in names} == {"granphon", about}
     assert {one for one in names if one.startswith("granphon/")} >= {
-        file.relative_to(ROOT).as_posix() for ending in ("*.py", "*.pyi", "*.js", "*.yaml", "py.typed")
+        file.relative_to(ROOT).as_posix()
+        for ending in ("*.py", "*.pyi", "*.js", "*.yaml", "py.typed")
         for file in (ROOT / "granphon").rglob(ending)
-    }  # fmt: skip
+    }
     assert sorted(metadata.get_all("License-File")) == sorted(
-        ["LICENSE", *(f"granphon/page/assets/vendor/{name}.LICENSE" for name in ("plotly", "three"))]
+        [
+            "LICENSE",
+            *(f"granphon/page/assets/vendor/{name}.LICENSE" for name in ("plotly", "three")),
+        ]
     )
     assert all(f"{about}/licenses/{one}" in names for one in metadata.get_all("License-File"))
     assert metadata["License-Expression"] == PROJECT["license"]
@@ -117,19 +132,32 @@ def test_the_conda_recipe_says_what_the_project_says():
         assert from_recipe_dir
         return re.search(pattern, (place / name).read_text(encoding="utf-8"))
 
-    template = templates.Environment(undefined=templates.StrictUndefined).from_string(read(".ci/conda/meta.yaml"))
-    recipe = yaml.safe_load(template.render(load_file_data=load_data, load_file_regex=load_regex, PYTHON="python"))
+    template = templates.Environment(undefined=templates.StrictUndefined).from_string(
+        read(".ci/conda/meta.yaml")
+    )
+    recipe = yaml.safe_load(
+        template.render(load_file_data=load_data, load_file_regex=load_regex, PYTHON="python")
+    )
     assert recipe["package"] == {"name": "granphon", "version": granphon.__version__}
-    run = [re.fullmatch(r"([a-z0-9-]+) >=([\d.]+(?:,<[\d.]+)?)", one) for one in recipe["requirements"]["run"]]
+    run = [
+        re.fullmatch(r"([a-z0-9-]+) >=([\d.]+(?:,<[\d.]+)?)", one)
+        for one in recipe["requirements"]["run"]
+    ]
     assert all(run), recipe["requirements"]["run"]
     needed = {one[1].removesuffix("-base"): one[2] for one in run if one}
     wanted = dict(one.lower().split(">=") for one in NEEDED)
     assert needed == wanted | {"python": PROJECT["requires-python"].removeprefix(">=")}
     assert recipe["build"]["entry_points"] == ["granphon = granphon.__main__:main"]
     assert recipe["about"]["license"] == PROJECT["license"]
-    assert all(list((place / recipe["source"]["path"]).glob(one)) for one in recipe["about"]["license_file"])
+    assert all(
+        list((place / recipe["source"]["path"]).glob(one))
+        for one in recipe["about"]["license_file"]
+    )
     hatchling = next(one for one in recipe["requirements"]["host"] if one.startswith("hatchling"))
-    assert hatchling.replace(" ", "") in tomllib.loads(read("pyproject.toml"))["build-system"]["requires"]
+    assert (
+        hatchling.replace(" ", "")
+        in tomllib.loads(read("pyproject.toml"))["build-system"]["requires"]
+    )
 
 
 if __name__ == "__main__":

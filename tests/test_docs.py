@@ -1,10 +1,13 @@
-"""The pages do what they say: every block runs, every value in a comment is the value, every link leads somewhere.
+"""The pages do what they say: every block runs, every value in a comment is the value, every link
+leads somewhere.
 
-The blocks of a page are carried out in order, in one folder, which holds nothing but ``examples`` at the start:
+The blocks of a page are carried out in order, in one folder, which holds nothing but ``examples``
+at the start:
 
 ``python``   where a line is an expression, and the comment that ends it starts with a number, the numbers there (parted by
-             commas, up to the first word) are all of the expression's, rounded to the digits that are printed. A comment
-             that is a Python literal of another kind (a text, tuple, list, True or False), up to a colon, is the value.
+             commas, up to the first word) are all of the expression's, rounded to the digits that
+             are printed. A comment that is a Python literal of another kind (a text, tuple, list,
+             True or False), up to a colon, is the value.
 ``yaml``     is a scene. If its first line is a comment with a name, such as ``# scene.yaml``, it is written there. One that
              is called wrong.yaml need not be right.
 ``text``     likewise, if its first line is such as ``# table.csv``; else it is not looked at.
@@ -50,9 +53,17 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 #: made by the build, and not pages of ours
 MADE = ("_build", "gallery")
-PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in MADE)]
+PAGES = [
+    ROOT / "README.md",
+    *sorted(p for p in DOCS.rglob("*.md") if p.relative_to(DOCS).parts[0] not in MADE),
+]
 #: commands that a page may have and that are not run here: they install, or run this very suite
-NOT_RUN = ("python -m pip install", "python -m pytest", "python tests/benchmarks", "python -m tests.record")
+NOT_RUN = (
+    "python -m pip install",
+    "python -m pytest",
+    "python tests/benchmarks",
+    "python -m tests.record",
+)
 
 #: characters for which the column of a page has room
 COLUMN = 88
@@ -61,11 +72,22 @@ WRAPPED = ("console", "text")
 
 #: pages that take seconds, by simulations or by measuring times
 LONG = (
-    "explanation/cluster.md", "how-to/edges.md", "how-to/figure.md", "how-to/impact.md", "how-to/kinds.md",
-    "how-to/material.md", "how-to/page.md", "how-to/paper.md", "how-to/phonopy.md",
-    "how-to/simulation.md", "how-to/sweep.md", "how-to/tradeoff.md", "how-to/velocities.md", "how-to/waves.md",
+    "explanation/cluster.md",
+    "how-to/edges.md",
+    "how-to/figure.md",
+    "how-to/impact.md",
+    "how-to/kinds.md",
+    "how-to/material.md",
+    "how-to/page.md",
+    "how-to/paper.md",
+    "how-to/phonopy.md",
+    "how-to/simulation.md",
+    "how-to/sweep.md",
+    "how-to/tradeoff.md",
+    "how-to/velocities.md",
+    "how-to/waves.md",
     "tutorial/steel.md",
-)  # fmt: skip
+)
 
 _FENCE = re.compile(r"^```(\S+)[^\n]*\n(.*?)^```\s*$", re.MULTILINE | re.DOTALL)
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
@@ -87,7 +109,7 @@ def having(*languages: str) -> list[Any]:
     return [pytest.param(page, id=name_of(page)) for page in PAGES if blocks(page, *languages)]
 
 
-# -- values in comments ---------------------------------------------------------------------------------------------
+# -- values in comments ----------------------------------------------------------------------------
 
 
 def comments(code: str) -> dict[int, str]:
@@ -103,13 +125,18 @@ def flat(value: Any) -> list[float]:
 
 
 def check(value: Any, comment: str) -> Iterator[str | None]:
-    """What is wrong with a comment on a value, None if nothing is; nothing of a comment that states no value."""
+    """What is wrong with a comment on a value, None if nothing is; nothing of a comment that states
+    no value.
+    """
     numbers = _NUMBERS.match(comment)
     if numbers:
-        printed, values = re.findall(_NUMBER, numbers[0]), flat(value)
+        printed = re.findall(_NUMBER, numbers[0])
+        values = flat(value)
         half = [0.5 * 10.0 ** int(Decimal(p).as_tuple().exponent) * (1.0 + 1e-9) for p in printed]
         right = len(printed) == len(values)
-        right = right and all(abs(float(p) - v) <= h for p, v, h in zip(printed, values, half, strict=True))
+        right = right and all(
+            abs(float(p) - v) <= h for p, v, h in zip(printed, values, half, strict=True)
+        )
         yield None if right else f"the comment says {numbers[0]}, the value is {values}"
         return
     value = value.item() if isinstance(value, np.generic) else value
@@ -122,7 +149,9 @@ def check(value: Any, comment: str) -> Iterator[str | None]:
 
 
 def run(code: str, names: dict[str, Any], where: str, first: int = 1) -> Iterator[str | None]:
-    """Execute a block statement by statement; for each value that a comment states, what is wrong with it."""
+    """Execute a block statement by statement; for each value that a comment states, what is wrong
+    with it.
+    """
     said = comments(code)
     for statement in ast.parse(code).body:
         place = f"{where}:{first + statement.lineno - 1}"
@@ -134,17 +163,19 @@ def run(code: str, names: dict[str, Any], where: str, first: int = 1) -> Iterato
             exec(compile(ast.Module([statement], []), place, "exec"), names)
 
 
-# -- commands -------------------------------------------------------------------------------------------------------
+# -- commands --------------------------------------------------------------------------------------
 
 
 def commands(text: str, prompt: str) -> Iterator[tuple[str, list[str]]]:
     """Each command of a block, continued lines joined, and the lines that it is said to print."""
-    command, printed = "", []
+    command = ""
+    printed = []
     for line in text.replace("\\\n", " ").splitlines():
         if line.startswith(prompt) and line.strip():
             if command:
                 yield command, printed
-            command, printed = line.removeprefix(prompt).strip(), []
+            command = line.removeprefix(prompt).strip()
+            printed = []
         else:
             printed.append(line.rstrip())
     if command:
@@ -159,15 +190,26 @@ def carried_out(command: str) -> tuple[int, list[str]]:
         with redirect_stdout(said), redirect_stderr(said):
             code = main(words[1:])
         return code, [line.rstrip() for line in said.getvalue().splitlines()]
-    assert words[0] in ("phonopy", "phonopy-bandplot") or command.startswith("python examples/"), f"{command}: not run"
-    program = [sys.executable] if words[0] == "python" else [str(Path(sys.executable).with_name(words[0]))]
+    assert words[0] in ("phonopy", "phonopy-bandplot") or command.startswith("python examples/"), (
+        f"{command}: not run"
+    )
+    program = (
+        [sys.executable]
+        if words[0] == "python"
+        else [str(Path(sys.executable).with_name(words[0]))]
+    )
     quiet = {**os.environ, "MPLBACKEND": "Agg"}
-    done = subprocess.run([*program, *words[1:]], capture_output=True, text=True, check=False, env=quiet)
+    done = subprocess.run(
+        [*program, *words[1:]], capture_output=True, text=True, check=False, env=quiet
+    )
     return done.returncode, [line.rstrip() for line in (done.stdout + done.stderr).splitlines()]
 
 
 def is_as_printed(found: list[str], printed: list[str]) -> bool:
-    lines = ("(?:.*\n)*?" if line == "..." else re.escape(line).replace(r"\.\.\.", ".*") + "\n" for line in printed)
+    lines = (
+        "(?:.*\n)*?" if line == "..." else re.escape(line).replace(r"\.\.\.", ".*") + "\n"
+        for line in printed
+    )
     pattern = "".join(lines)
     return re.fullmatch(pattern, "".join(f"{line}\n" for line in found)) is not None
 
@@ -185,7 +227,7 @@ def at_the_prompt(text: str, prompt: str, where: str) -> Iterator[str | None]:
             yield None
 
 
-# -- pages ----------------------------------------------------------------------------------------------------------
+# -- pages -----------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -209,7 +251,9 @@ def performed(page: Path, folder: Path) -> Iterator[str | None]:
                 (folder / named[1]).write_text(text, encoding="utf-8")
             if language == "yaml" and not (named and named[1] == "wrong.yaml"):
                 scene = gp.Scene.from_yaml(named[1]) if named else gp.Scene.from_text(text, where)
-                assert all(np.all(np.asarray(state.force) > 0.0) for _, state in scene.states(quick=True)), where
+                assert all(
+                    np.all(np.asarray(state.force) > 0.0) for _, state in scene.states(quick=True)
+                ), where
         elif language == "python":
             yield from run(text, names, name_of(page), first)
         # the README's first two are those of a clean environment: .ci/run has them
@@ -234,8 +278,11 @@ def test_every_block_runs_and_gives_what_the_page_says(page, folder):
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            # phonopy and numpy bring an OpenMP library each: Euphonic says that it will use one thread
-            warnings.filterwarnings("ignore", "Setting the shape on a NumPy array", DeprecationWarning, r"ase\.")
+            # phonopy and numpy bring an OpenMP library each: Euphonic says that it will use one
+            # thread
+            warnings.filterwarnings(
+                "ignore", "Setting the shape on a NumPy array", DeprecationWarning, r"ase\."
+            )
             warnings.filterwarnings("ignore", "More than one OpenMP library", UserWarning)
             checks = list(performed(page, folder))
     finally:
@@ -253,18 +300,38 @@ def test_the_column_has_room_for_every_block(page):
     code = [
         (text.count("\n", 0, found.start(2)) + 1, found[2])
         for found in _FENCE.finditer(text)
-        if not found[0].startswith((*(f"```{kind}\n" for kind in WRAPPED), "```{code-block} text", "```{eval-rst}"))
+        if not found[0].startswith(
+            (*(f"```{kind}\n" for kind in WRAPPED), "```{code-block} text", "```{eval-rst}")
+        )
     ]
-    wide = [first + n for first, block in code for n, line in enumerate(block.splitlines()) if len(line) > COLUMN]
+    wide = [
+        first + n
+        for first, block in code
+        for n, line in enumerate(block.splitlines())
+        if len(line) > COLUMN
+    ]
     assert wide == [], f"{name_of(page)}: lines of more than {COLUMN} characters"
 
 
 def test_the_convention_finds_what_is_wrong(folder):
-    right = ("x  # 790.96 m/s", "x  # 791", "[x, -1.0]  # 790.96, -1.0 m/s, both", "'a'  # 'a'", "x > 0  # True")
+    right = (
+        "x  # 790.96 m/s",
+        "x  # 791",
+        "[x, -1.0]  # 790.96, -1.0 m/s, both",
+        "'a'  # 'a'",
+        "x > 0  # True",
+    )
     for line in right:
         assert list(run(line, {"x": 790.9588}, "here")) == [None]
     assert list(run("x = 1.0  # 2.0\nx  # in m/s\nx", {}, "here")) == []
-    for wrong in ("7.96  # 7.95", "7.96  # 7.9", "[1.0, 2.0]  # 1.0", "1.0  # 1.0, 2.0", "1e-6  # 1.1e-6", "'a'  # 'b'"):
+    for wrong in (
+        "7.96  # 7.95",
+        "7.96  # 7.9",
+        "[1.0, 2.0]  # 1.0",
+        "1.0  # 1.0, 2.0",
+        "1e-6  # 1.1e-6",
+        "'a'  # 'b'",
+    ):
         (found,) = run(wrong, {}, "here")
         assert found is not None
         assert found.startswith("here:1: the comment says")
@@ -286,7 +353,9 @@ def links(page: Path) -> list[str]:
     """Targets of links and images that are neither on the web nor in the same page."""
     text = _FENCE.sub("", page.read_text(encoding="utf-8"))
     text = re.sub(r"`[^`\n]*`|\$\$.*?\$\$|\$[^$\n]*\$", "", text, flags=re.DOTALL)
-    found = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r"^\[[^\]]+\]:\s*(\S+)", text, re.MULTILINE)
+    found = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(
+        r"^\[[^\]]+\]:\s*(\S+)", text, re.MULTILINE
+    )
     return [t for t in found if not re.match(r"[a-z]+:|#", t)]
 
 
@@ -304,7 +373,9 @@ def test_every_link_leads_to_a_file(page):
         if there.is_relative_to(DOCS / "gallery"):
             continue  # the build makes it, and says what is missing
         # a folder is shown as a list of its files where the README is read
-        assert there.is_file() or (page.name == "README.md" and there.is_dir()), f"{name_of(page)} links to {target}"
+        assert there.is_file() or (page.name == "README.md" and there.is_dir()), (
+            f"{name_of(page)} links to {target}"
+        )
         assert not anchor or anchor in anchors(there), f"{name_of(page)} links to {target}"
 
 
@@ -323,7 +394,10 @@ def test_the_picture_of_the_readme_is_what_its_command_draws(tmp_path):
 def test_the_readme_starts_with_the_commands_that_install_run_and_test():
     (_, _, install), (_, _, test) = blocks(ROOT / "README.md", "sh")[:2]
     scene_file = "examples/steel_hexagon.yaml"
-    assert install.strip().split(" && ") == ['python -m pip install ".[scenes]"', f"granphon run {scene_file} -o out"]
+    assert install.strip().split(" && ") == [
+        'python -m pip install ".[scenes]"',
+        f"granphon run {scene_file} -o out",
+    ]
     assert test.strip().split(" && ") == ['python -m pip install ".[test]"', "python -m pytest -q"]
     assert (ROOT / scene_file).is_file()
 
@@ -353,7 +427,9 @@ def test_a_remote_has_an_address_that_a_browser_opens(repository, remote, there)
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="there is no git on this machine")
-def test_the_address_of_the_project_goes_before_that_of_the_clone(repository, tmp_path, monkeypatch):
+def test_the_address_of_the_project_goes_before_that_of_the_clone(
+    repository, tmp_path, monkeypatch
+):
     for name in [name for name in os.environ if name.startswith("GIT_")]:
         monkeypatch.delenv(name)  # a hook of git names the repository that it runs for
 
@@ -363,21 +439,29 @@ def test_the_address_of_the_project_goes_before_that_of_the_clone(repository, tm
     assert address() is None  # no clone
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
     assert address() is None  # of nothing
-    subprocess.run(["git", "remote", "add", "origin", "git@host.org:owner/name.git"], cwd=tmp_path, check=True)
+    subprocess.run(
+        ["git", "remote", "add", "origin", "git@host.org:owner/name.git"], cwd=tmp_path, check=True
+    )
     assert address("Home, https://host.org") == "https://host.org/owner/name"
     assert address("Home, https://host.org", "Repository, https://a.org/b") == "https://a.org/b"
     (tmp_path / "inner").mkdir()
-    assert address(root=tmp_path / "inner") is None  # the pages of a project that lies in another's repository
+    # the pages of a project that lies in another's repository
+    assert address(root=tmp_path / "inner") is None
     monkeypatch.setenv("PATH", str(tmp_path))
     assert address() is None  # no git
     # where the page is no built one: headings are left as they are
-    made = repository.linked("## The repository\n\nThe repository holds the code.\n", "https://host.org/a?b&c")
+    made = repository.linked(
+        "## The repository\n\nThe repository holds the code.\n", "https://host.org/a?b&c"
+    )
     assert made.startswith("## The repository\n")
-    assert '<a class="reference external" href="https://host.org/a?b&amp;c">The repository</a> holds' in made
+    assert (
+        '<a class="reference external" href="https://host.org/a?b&amp;c">The repository</a> holds'
+        in made
+    )
     assert repository.linked("The repository", None) == "The repository"
 
 
-# -- the reference --------------------------------------------------------------------------------------------------
+# -- the reference ---------------------------------------------------------------------------------
 
 
 @cache
@@ -396,9 +480,15 @@ def test_the_tables_of_the_reference_are_made_from_the_code(monkeypatch, those):
 
     made = _generate.texts([one.__name__ for one in getattr(_generate, those)])
     every = {one.__name__ for one in (*_generate.PLAIN, *_generate.READ)}
-    assert every == {name for page in _generate.PAGES for name in _generate.marks(page.read_text(encoding="utf-8"))}
+    assert every == {
+        name
+        for page in _generate.PAGES
+        for name in _generate.marks(page.read_text(encoding="utf-8"))
+    }
     for page, text in made.items():
-        assert page.read_text(encoding="utf-8") == text, f"{page.name} is out of date: run python docs/_generate.py"
+        assert page.read_text(encoding="utf-8") == text, (
+            f"{page.name} is out of date: run python docs/_generate.py"
+        )
 
 
 def test_the_texts_of_the_interface_are_those_of_the_code(monkeypatch):
@@ -408,18 +498,24 @@ def test_the_texts_of_the_interface_are_those_of_the_code(monkeypatch):
     made = _generate.texts(["text"])
     for page in _generate.interface_pages():
         text = made[page.with_suffix(".txt")]
-        assert page.with_suffix(".txt").read_text(encoding="utf-8") == text, f"{page.stem}.txt: run python docs/_generate.py"
+        assert page.with_suffix(".txt").read_text(encoding="utf-8") == text, (
+            f"{page.stem}.txt: run python docs/_generate.py"
+        )
         assert not re.search(r" at 0x|:\w+:`|<factory>", text)
     whole = "\n".join(text for page, text in made.items() if page.suffix == ".txt")
     for name, one, owner in interface():  # as the pages have them
-        shown = rf"^    \.{name.rpartition('.')[2]}\b" if owner else rf"^granphon\.(?:\w+\.)*{name}\b"
+        shown = (
+            rf"^    \.{name.rpartition('.')[2]}\b" if owner else rf"^granphon\.(?:\w+\.)*{name}\b"
+        )
         if owner is None or callable(one) or hasattr(one, "__get__"):
             assert re.search(shown, whole, re.MULTILINE), name
 
 
 def test_every_public_name_is_on_a_page_of_the_interface(monkeypatch):
     monkeypatch.syspath_prepend(DOCS)
-    listed = re.findall(r"^\.\. auto(?:class|function|exception):: granphon\.(\w+)$", interface_text(), re.MULTILINE)
+    listed = re.findall(
+        r"^\.\. auto(?:class|function|exception):: granphon\.(\w+)$", interface_text(), re.MULTILINE
+    )
     assert sorted(listed) == sorted(set(gp.__all__) - {"__version__"})
 
 
@@ -429,16 +525,22 @@ def test_every_column_of_measurements_is_in_the_page_on_fits():
 
 
 def test_every_quantity_of_a_result_is_in_the_page_of_files():
-    units = {**simulation.SimulatedState.units, **observables.SoundVelocities.units, **observables.Moduli.units}
+    units = {
+        **simulation.SimulatedState.units,
+        **observables.SoundVelocities.units,
+        **observables.Moduli.units,
+    }
     del units["shears"], units["velocities"]  # of Python only
     page = (DOCS / "reference" / "files.md").read_text(encoding="utf-8")
     for name, unit in units.items():
-        assert re.search(rf"^\| `{name}` \| {'' if name == 'valid' else re.escape(unit)} ?\|", page, re.MULTILINE), name
+        assert re.search(
+            rf"^\| `{name}` \| {'' if name == 'valid' else re.escape(unit)} ?\|", page, re.MULTILINE
+        ), name
     for row in re.findall(r"^\| `.*", page, re.MULTILINE):
         assert row.rstrip(" |").count("|") >= 2, row  # none without a meaning
 
 
-# -- the pages of the interface -------------------------------------------------------------------------------------
+# -- the pages of the interface --------------------------------------------------------------------
 
 
 def sections(text: str) -> dict[str, list[str]]:
@@ -455,40 +557,55 @@ def test_sections_of_docstrings_become_fields_whose_entries_are_all_there(monkey
     import _docstrings
 
     def role(error: str) -> str:
-        return f":exc:`~granphon.base.errors.{error}`" if hasattr(errors, error) else f":exc:`{error}`"
+        return (
+            f":exc:`~granphon.base.errors.{error}`" if hasattr(errors, error) else f":exc:`{error}`"
+        )
 
     documented = [
         (f"{path.stem}.{getattr(node, 'name', '')}", ast.get_docstring(node))
         for path in sorted(Path(gp.__file__).parent.rglob("*.py"))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and "---" in (ast.get_docstring(node) or "")
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef))
+        and "---" in (ast.get_docstring(node) or "")
     ]
     assert len(documented) > 50
     for name, text in documented:
         made = "\n".join(_docstrings.rendered(text.splitlines()))
         assert re.findall(r"^:(\w+):$", made, re.MULTILINE) == list(sections(text)), name
         assert not re.search(r"^-{3,}$|:raises", made, re.MULTILINE), name
-        drawn = [line.partition(" – ")[0].strip(" -") for line in made.splitlines() if line.startswith("    - ")]
+        drawn = [
+            line.partition(" – ")[0].strip(" -")
+            for line in made.splitlines()
+            if line.startswith("    - ")
+        ]
         expected = [
-            ", ".join(role(n) if title in ("Raises", "Warns") else f"**{n}**" for n in names.split(", "))
+            ", ".join(
+                role(n) if title in ("Raises", "Warns") else f"**{n}**" for n in names.split(", ")
+            )
             for title, entries in sections(text).items()
             for names in entries
         ]
         assert [line.replace("\\*", "*") for line in drawn] == expected, name
 
 
-#: what an entry of these pages may say of a quantity: its unit, its shape, or that it is a pure number
+#: what an entry of these pages may say of a quantity: its unit, its shape, or that it is a pure
+#: number
 _UNIT = r"N|m|Pa|Hz|s|kg|J|rad|SI|k|d|W|M|x|y|q|eta|0|1|zero|one|bytes|degrees"
 _PURE = (
-    r"[Ff]ractions?|[Pp]art|[Rr]atio|[Nn]umbers?|reduced|relative|divided by|over the mean|probability|without a unit|"
+    r"[Ff]ractions?|[Pp]art|[Rr]atio|[Nn]umbers?|reduced|relative|divided by|over the"
+    r" mean|probability|without a unit|"
     r"standard error|pieces|units?|matplotlib|shape"
 )
-_QUANTITY = re.compile(rf"\b(?:{_UNIT}|{_PURE})\b|\(\w+(?:, ?[\w.]+)*,?\)|\(\.\.\.|:(?:meth|attr|func):")
+_QUANTITY = re.compile(
+    rf"\b(?:{_UNIT}|{_PURE})\b|\(\w+(?:, ?[\w.]+)*,?\)|\(\.\.\.|:(?:meth|attr|func):"
+)
 _HAS_NUMBERS = re.compile(r"\b(?:Array|ArrayLike|Values|NDArray|float|Any)\b")
 
 
 def interface() -> Iterator[tuple[str, Any, Any]]:
-    """Names of the pages of the interface as autodoc takes them: where, the name itself, and what owns it, or None."""
+    """Names of the pages of the interface as autodoc takes them: where, the name itself, and what
+    owns it, or None.
+    """
     import _docstrings
     import conf
 
@@ -496,28 +613,53 @@ def interface() -> Iterator[tuple[str, Any, Any]]:
     entry = r"^\.\. auto(?:class|function|exception):: (\S+)\.(\w+)\n((?:   :.*\n)*)"
     for module, name, options in re.findall(entry, interface_text(), re.MULTILINE):
         one = getattr(import_module(module), name)
-        left_out = {word for words in re.findall(r":exclude-members: (.*)", options) for word in words.split(", ")}
+        left_out = {
+            word
+            for words in re.findall(r":exclude-members: (.*)", options)
+            for word in words.split(", ")
+        }
         yield name, one, None
         for member in dir(one) if isinstance(one, type) else ():
             owner = next(base for base in one.__mro__ if member in vars(base))
             inner = member.startswith("_") or member in _docstrings.INNER | left_out
-            if not inner and owner.__module__.startswith("granphon") and (owner is one or owner.__name__ not in cut):
+            if (
+                not inner
+                and owner.__module__.startswith("granphon")
+                and (owner is one or owner.__name__ not in cut)
+            ):
                 yield f"{name}.{member}", inspect.getattr_static(one, member), one
 
 
 def lacks(where: str, one: Any, owner: Any) -> Iterator[str]:
     """What the entry of a name of the interface does not say."""
-    function = one.fget if isinstance(one, property) else getattr(one, "func", getattr(one, "__func__", one))
+    function = (
+        one.fget
+        if isinstance(one, property)
+        else getattr(one, "func", getattr(one, "__func__", one))
+    )
     if isinstance(one, type):
         texts = [base.__doc__ or "" for base in one.__mro__ if base is not object]
-        entries = [each for text in texts for names in sections(inspect.cleandoc(text)).values() for each in names]
+        entries = [
+            each
+            for text in texts
+            for names in sections(inspect.cleandoc(text)).values()
+            for each in names
+        ]
         said = {name for each in entries for name in each.split(", ")}
         for field in inspect.signature(one).parameters if dataclasses.is_dataclass(one) else ():
             if not field.startswith("_") and field not in said:
                 yield f"{where} does not say what its field {field} is"
     elif inspect.isfunction(function):
-        text = inspect.getdoc(getattr(owner, where.split(".")[1])) if owner else inspect.getdoc(function)
-        hints = {name: str(hint) for name, hint in function.__annotations__.items() if _HAS_NUMBERS.search(str(hint))}
+        text = (
+            inspect.getdoc(getattr(owner, where.split(".")[1]))
+            if owner
+            else inspect.getdoc(function)
+        )
+        hints = {
+            name: str(hint)
+            for name, hint in function.__annotations__.items()
+            if _HAS_NUMBERS.search(str(hint))
+        }
         if not text:
             yield f"{where} has no docstring"
         elif hints and not _QUANTITY.search(text):
@@ -541,20 +683,45 @@ STAND_INS = {"PressedEquilibrium", "TrueEquilibrium"}
 def test_every_type_that_is_returned_is_on_a_page(monkeypatch):
     """Return annotations of functions and properties, and the fields of results."""
     monkeypatch.syspath_prepend(DOCS)
-    listed = set(re.findall(r"^\.\. (?:auto|py:)\w+:: \S+\.(\w+)$", interface_text(), re.MULTILINE)) | STAND_INS
-    ours = {node.name for path in Path(gp.__file__).parent.rglob("*.py") for node in ast.walk(ast.parse(path.read_text()))
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_")}  # fmt: skip
+    listed = (
+        set(re.findall(r"^\.\. (?:auto|py:)\w+:: \S+\.(\w+)$", interface_text(), re.MULTILINE))
+        | STAND_INS
+    )
+    ours = {
+        node.name
+        for path in Path(gp.__file__).parent.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    }
     for name in interface_text().split(".. automodule:: ")[1:]:
         listed |= set(vars(import_module(name.split()[0])))
-    left_out = {word for words in re.findall(r":exclude-members: (.*)", interface_text()) for word in words.split(", ")}
+    left_out = {
+        word
+        for words in re.findall(r":exclude-members: (.*)", interface_text())
+        for word in words.split(", ")
+    }
     missing = set()
     for where, one, _ in interface():
-        function = one.fget if isinstance(one, property) else getattr(one, "func", getattr(one, "__func__", one))
+        function = (
+            one.fget
+            if isinstance(one, property)
+            else getattr(one, "func", getattr(one, "__func__", one))
+        )
         returned = getattr(function, "__annotations__", {}).get("return", "")
-        missing |= {(where, name) for name in re.findall(r"\w+", str(returned)) if name in ours - listed}
-        for field in dataclasses.fields(one) if dataclasses.is_dataclass(one) and isinstance(one, type) else ():
+        missing |= {
+            (where, name) for name in re.findall(r"\w+", str(returned)) if name in ours - listed
+        }
+        for field in (
+            dataclasses.fields(one)
+            if dataclasses.is_dataclass(one) and isinstance(one, type)
+            else ()
+        ):
             if field.name not in left_out and not field.name.startswith("_"):
-                missing |= {(f"{where}.{field.name}", n) for n in re.findall(r"\w+", str(field.type)) if n in ours - listed}
+                missing |= {
+                    (f"{where}.{field.name}", n)
+                    for n in re.findall(r"\w+", str(field.type))
+                    if n in ours - listed
+                }
     assert missing == set()
 
 
@@ -576,8 +743,9 @@ def test_a_name_without_shapes_and_units_is_found():
         overlap: float
 
     assert list(lacks("speak", speak, None)) == [
-        "speak says neither the unit nor the shape of force, return", "speak does not say what force is",
-    ]  # fmt: skip
+        "speak says neither the unit nor the shape of force, return",
+        "speak does not say what force is",
+    ]
     assert list(lacks("State", State, None)) == ["State does not say what its field overlap is"]
 
 
@@ -586,7 +754,11 @@ def test_a_name_without_shapes_and_units_is_found():
 
 def test_every_picture_has_its_source_and_is_on_a_page():
     source = ast.parse((DOCS / "_images.py").read_text(encoding="utf-8"))
-    (made,) = [one.value for one in source.body if isinstance(one, ast.AnnAssign) and ast.unparse(one.target) == "IMAGES"]
+    (made,) = [
+        one.value
+        for one in source.body
+        if isinstance(one, ast.AnnAssign) and ast.unparse(one.target) == "IMAGES"
+    ]
     assert isinstance(made, ast.Dict)
     there = sorted(path.stem for path in (DOCS / "images").iterdir())
     assert sorted(ast.literal_eval(key) for key in made.keys if key) == there

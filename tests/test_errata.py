@@ -1,4 +1,6 @@
-"""Evidence for docs/errata.md: what the paper prints against what follows from its own definitions."""
+"""Evidence for docs/errata.md: what the paper prints against what follows from its own
+definitions.
+"""
 
 from __future__ import annotations
 
@@ -17,23 +19,33 @@ from numpy.testing import assert_allclose
 import granphon as gp
 
 # the numbers of Section IV
-SIGMA, DENSITY, DIAMETER, FORCE, WIDTH = 0.276, 7840.0, 8e-3, 18.446, 2.04e-6
+SIGMA = 0.276
+DENSITY = 7840.0
+DIAMETER = 8e-3
+FORCE = 18.446
+WIDTH = 2.04e-6
 ETA = 2 * (1 - SIGMA) / (2 - SIGMA)
-PRINTED_E, STEEL_E = 9.20e10, 211.65e9
+PRINTED_E = 9.20e10
+STEEL_E = 211.65e9
 
 
-# -- Section II -------------------------------------------------------------------------------------------------------
+# -- Section II ------------------------------------------------------------------------------------
 
 
 def test_d_i_are_diameters():
-    # Hertz, as in Johnson: delta^3 = 9 f^2 / (16 R E'^2), 1/R = 1/R_1 + 1/R_2, E' = E / 2(1 - sigma^2).
-    # Equation 1 agrees if d_i are diameters, and gives 2^(1/3) times the overlap if they are radii
-    material, f = gp.Material(2e11, 0.3, 7800.0), 3.0
-    one, two = 2e-3, 5e-3  # radii
+    # Hertz, as in Johnson: delta^3 = 9 f^2 / (16 R E'^2), 1/R = 1/R_1 + 1/R_2, E' = E / 2(1 -
+    # sigma^2). Equation 1 agrees if d_i are diameters, and gives 2^(1/3) times the overlap if they
+    # are radii
+    material = gp.Material(2e11, 0.3, 7800.0)
+    f = 3.0
+    one = 2e-3
+    two = 5e-3  # radii
     radius = 1 / (1 / one + 1 / two)
     hertz = (9 * f**2 / (16 * radius * material.contact_modulus**2)) ** (1 / 3)
     assert_allclose(gp.HertzLaw.between(material, 2 * one, 2 * two).overlap(f), hertz, rtol=1e-14)
-    assert_allclose(gp.HertzLaw.between(material, one, two).overlap(f), 2 ** (1 / 3) * hertz, rtol=1e-14)
+    assert_allclose(
+        gp.HertzLaw.between(material, one, two).overlap(f), 2 ** (1 / 3) * hertz, rtol=1e-14
+    )
     # and so do the mass and the inertia of equations 7 and 8: d = 2 R
     assert_allclose(gp.Packing(material, 2.0).mass, 4 / 3 * math.pi * 7800.0, rtol=1e-15)
     assert Fraction(2, 5) == Fraction(2**2, 10)
@@ -44,7 +56,9 @@ def test_mindlin_reduction(part):
     # delta_t = (3 mu N / 2 kappa) [1 - (1 - T/mu N)^(2/3)]; the stiffness dT/d delta_t over kappa
     with mpmath.workdps(30):
         t = mpmath.mpf(part)
-        exact = 1 / mpmath.diff(lambda x: mpmath.mpf(3) / 2 * (1 - (1 - x) ** (mpmath.mpf(2) / 3)), t)
+        exact = 1 / mpmath.diff(
+            lambda x: mpmath.mpf(3) / 2 * (1 - (1 - x) ** (mpmath.mpf(2) / 3)), t
+        )
         printed = 1 - mpmath.cbrt(t)
         assert abs(gp.mindlin_reduction(part, 1.0, 1.0) / exact - 1) < 1e-14
         assert abs(printed / exact - 1) > 0.09
@@ -54,10 +68,13 @@ def test_mindlin_reduction(part):
 
 
 def contact_energy(u_i, u_j, phi_i, phi_j, normal, d_i, d_j, eta):
-    """Half k e^2 + half kappa s^2, the slip from the motion of the two material points at the contact."""
+    """Half k e^2 + half kappa s^2, the slip from the motion of the two material points at the
+    contact.
+    """
     tangent = np.array([-normal[1], normal[0]])
     # z x r turns the point at r: r = d_i n/2 on ball i, -d_j n/2 on ball j
-    point_i, point_j = u_i + phi_i * d_i / 2 * tangent, u_j - phi_j * d_j / 2 * tangent
+    point_i = u_i + phi_i * d_i / 2 * tangent
+    point_j = u_j - phi_j * d_j / 2 * tangent
     gap = point_j - point_i
     return 0.5 * (gap @ normal) ** 2 + 0.5 * eta * (gap @ tangent) ** 2
 
@@ -65,7 +82,8 @@ def contact_energy(u_i, u_j, phi_i, phi_j, normal, d_i, d_j, eta):
 @given(seed=st.integers(0, 2**31))
 def test_sign_of_equation_5(seed):
     rng = np.random.default_rng(seed)
-    angle, eta = rng.uniform(0, 7), rng.uniform(0.1, 1.3)
+    angle = rng.uniform(0, 7)
+    eta = rng.uniform(0.1, 1.3)
     normal = np.array([math.cos(angle), math.sin(angle)])
     tangent = np.array([-normal[1], normal[0]])
     d_i, d_j = rng.uniform(0.5, 2.0, 2)
@@ -79,8 +97,16 @@ def test_sign_of_equation_5(seed):
     force = -np.array([energy(step, 0) - energy(-step, 0) for step in np.eye(2)]) / 2
     torque = -(energy(np.zeros(2), 1) - energy(np.zeros(2), -1)) / 2
     turned = (d_j * phi_j + d_i * phi_i) / 2
-    printed = ((u_i - u_j) @ normal) * normal + eta * ((u_i - u_j) @ tangent) * tangent - eta * turned * tangent
-    correct = ((u_j - u_i) @ normal) * normal + eta * ((u_j - u_i) @ tangent) * tangent - eta * turned * tangent
+    printed = (
+        ((u_i - u_j) @ normal) * normal
+        + eta * ((u_i - u_j) @ tangent) * tangent
+        - eta * turned * tangent
+    )
+    correct = (
+        ((u_j - u_i) @ normal) * normal
+        + eta * ((u_j - u_i) @ tangent) * tangent
+        - eta * turned * tangent
+    )
     equation_6 = eta * d_i / 2 * ((u_j - u_i) @ tangent - turned)
     assert_allclose(force, correct, atol=1e-13)
     assert_allclose(torque, equation_6, atol=1e-13)
@@ -90,13 +116,18 @@ def test_sign_of_equation_5(seed):
 
 
 def test_equation_5_as_printed_has_no_vibrations():
-    # a plane wave along a1: the printed normal forces add up to a push in the direction of the displacement
+    # a plane wave along a1: the printed normal forces add up to a push in the direction of the
+    # displacement
     for q in (0.1, 1.0, 3.0):
         cosines = [math.cos(p * math.pi / 3) for p in range(6)]
         printed = sum((1 - math.cos(q * c)) * c**2 for c in cosines)
         assert printed > 0.0
         # M omega^2 u = -F would be negative; with the sign turned it is the longitudinal branch
-        assert_allclose(gp.ContactLattice.of("triangular", 0.0).frequencies([[q, 0.0]])[0, 1] ** 2, printed, rtol=1e-13)
+        assert_allclose(
+            gp.ContactLattice.of("triangular", 0.0).frequencies([[q, 0.0]])[0, 1] ** 2,
+            printed,
+            rtol=1e-13,
+        )
 
 
 @given(x=st.floats(-7, 7), y=st.floats(-7, 7), eta=st.floats(0.1, 1.3))
@@ -107,7 +138,8 @@ def test_equations_10_and_11_hold(twin, x, y, eta):
     for p in range(3):
         n = np.array([math.cos(p * math.pi / 3), math.sin(p * math.pi / 3)])
         t = np.array([-n[1], n[0]])
-        s, c = math.sin(q @ n), math.cos(q @ n)
+        s = math.sin(q @ n)
+        c = math.cos(q @ n)
         matrix[:2, :2] += 2 * (1 - c) * (np.outer(n, n) + eta * np.outer(t, t))
         matrix[:2, 2] += 1j * eta * s * t
         matrix[2, :2] += -1j * eta * s * t
@@ -137,15 +169,19 @@ def test_optical_coefficient_is_one_tenth(twin, angle):
         # half of it is the mean of cos^2(q.n/2) alone ...
         narrowing = sum((mpmath.cos(p * mpmath.pi / 3)) ** 2 for p in range(3)) / 12
         assert abs(narrowing - mpmath.mpf(1) / 8) < 1e-30
-        # ... less what the translations give back, (3 eta/2)^2 10 / (30 eta)^2 = 1/40 in the same unit
+        # ... less what the translations give back, (3 eta/2)^2 10 / (30 eta)^2 = 1/40 in the same
+        # unit
         assert Fraction(1, 8) - Fraction(9, 4) * 10 / 30**2 == Fraction(1, 10)
 
 
 def test_contact_radius_and_velocity_ratio_are_different_powers(steel):
-    # end of Section II: (f/E d^2)^(1/6) << 1 and contact radius << ball radius are one condition, yet not one number
+    # end of Section II: (f/E d^2)^(1/6) << 1 and contact radius << ball radius are one condition,
+    # yet not one number
     medium = gp.AveragedLattice(gp.Packing(steel, DIAMETER))
     low, high = (gp.validity(medium.at_force(f)) for f in (1.0, 64.0))
-    assert_allclose(high["contact_radius"].value / low["contact_radius"].value, 64 ** (1 / 3), rtol=1e-14)
+    assert_allclose(
+        high["contact_radius"].value / low["contact_radius"].value, 64 ** (1 / 3), rtol=1e-14
+    )
     assert_allclose(high["load"].value / low["load"].value, 64 ** (1 / 6), rtol=1e-14)
 
 
@@ -155,7 +191,7 @@ def test_lowest_resonance_is_five_times_the_estimate(steel):
     assert_allclose(omega / (steel.transverse_velocity / DIAMETER), 5.002, atol=1e-3)
 
 
-# -- Section III, as far as equal balls and the averaged force go ------------------------------------------------------
+# -- Section III, as far as equal balls and the averaged force go ----------------------------------
 
 
 def test_rms_of_the_uniform_distribution():
@@ -167,7 +203,10 @@ def test_rms_of_the_uniform_distribution():
 
 def test_harmonic_diameter_to_first_order():
     # text below 22: d + (D_i + D_j)/2, the half in front of both
-    errors = [abs(2 * (1 + x) * (1 - 0.4 * x) / (2 + 0.6 * x) - (1 + (x - 0.4 * x) / 2)) for x in (1e-2, 5e-3, 2.5e-3)]
+    errors = [
+        abs(2 * (1 + x) * (1 - 0.4 * x) / (2 + 0.6 * x) - (1 + (x - 0.4 * x) / 2))
+        for x in (1e-2, 5e-3, 2.5e-3)
+    ]
     assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.01)
     assert abs(2 * 1.01 * 0.996 / 2.006 - (1 + 0.01 / 2 - 0.004)) > 1e-3
 
@@ -181,9 +220,12 @@ def test_bulk_modulus_of_the_averaged_lattice_24(steel):
 
 
 def averaged_force(delta, width):
-    """<(delta + D)^(3/2)>, D the mean of two independent uniform deviations, in closed form (delta > W/2)."""
+    """<(delta + D)^(3/2)>, D the mean of two independent uniform deviations, in closed form (delta
+    > W/2).
+    """
 
-    # the density of D is triangular on (-W/2, W/2): the second difference of (4/35) x^(7/2), over (W/2)^2
+    # the density of D is triangular on (-W/2, W/2): the second difference of (4/35) x^(7/2), over
+    # (W/2)^2
     def primitive(x):
         return mpmath.mpf(4) / 35 * x ** (mpmath.mpf(7) / 2)
 
@@ -206,22 +248,29 @@ def test_averaged_force_26():
             errors.append(found - mpmath.mpf(3) / 16)
         # the coefficient is 3/16, and what is left falls as 1/delta^2
         assert abs(errors[-1]) < 1e-7
-        assert_allclose([float(mpmath.log(errors[i] / errors[i + 1], 2)) for i in (0, 1)], 2.0, atol=1e-3)
+        assert_allclose(
+            [float(mpmath.log(errors[i] / errors[i + 1], 2)) for i in (0, 1)], 2.0, atol=1e-3
+        )
 
 
 def test_averaged_force_modulus_27_is_right_and_agrees_with_three_sixteenths():
-    # stiffness at a given force over that of the averaged lattice: 1 - (2/3) epsilon, epsilon the coefficient in 26
+    # stiffness at a given force over that of the averaged lattice: 1 - (2/3) epsilon, epsilon the
+    # coefficient in 26
     assert Fraction(2, 3) * Fraction(3, 16) == Fraction(1, 8)
     assert Fraction(2, 3) * Fraction(3, 8) == Fraction(1, 4)
     with mpmath.workdps(60):
-        square, errors = mpmath.mpf(1) / 12, []
+        square = mpmath.mpf(1) / 12
+        errors = []
         for delta in (mpmath.mpf(100), mpmath.mpf(200), mpmath.mpf(400)):
             stiffness = mpmath.diff(lambda x: averaged_force(x, 1), delta)
-            equal = averaged_force(delta, 1) ** (mpmath.mpf(2) / 3)  # overlap of equal balls under the same force
+            # overlap of equal balls under the same force
+            equal = averaged_force(delta, 1) ** (mpmath.mpf(2) / 3)
             ratio = stiffness / (mpmath.mpf(3) / 2 * mpmath.sqrt(equal))
             errors.append((ratio - 1) * equal**2 / square + mpmath.mpf(1) / 8)
         assert abs(errors[-1]) < 1e-6
-        assert_allclose([float(mpmath.log(errors[i] / errors[i + 1], 2)) for i in (0, 1)], 2.0, atol=1e-2)
+        assert_allclose(
+            [float(mpmath.log(errors[i] / errors[i + 1], 2)) for i in (0, 1)], 2.0, atol=1e-2
+        )
 
 
 def test_pressure_factor_of_27_is_the_overlap(packing):
@@ -231,7 +280,7 @@ def test_pressure_factor_of_27_is_the_overlap(packing):
     assert_allclose(printed, state.overlap**-2, rtol=1e-13)
 
 
-# -- Section IV -------------------------------------------------------------------------------------------------------
+# -- Section IV ------------------------------------------------------------------------------------
 
 
 def velocity(modulus, sigma=SIGMA, friction=True):
@@ -286,10 +335,12 @@ def test_bulk_velocities_belong_to_another_poisson_ratio():
 
 def test_mindlin_ratio_and_what_friction_adds():
     assert_allclose(ETA, 0.84, atol=5e-4)
-    rough, smooth = velocity(STEEL_E), velocity(STEEL_E, friction=False)
+    rough = velocity(STEEL_E)
+    smooth = velocity(STEEL_E, friction=False)
     # longitudinal: below the frictional value by 11.6 %
     assert_allclose(1 - smooth.longitudinal / rough.longitudinal, 0.1161, atol=5e-5)
-    # transverse: the frictional value lies 35.6 % above the other; counted like the first it is 26.3 % below
+    # transverse: the frictional value lies 35.6 % above the other; counted like the first it is
+    # 26.3 % below
     assert_allclose(rough.transverse / smooth.transverse - 1, 0.3564, atol=5e-5)
     assert_allclose(1 - smooth.transverse / rough.transverse, 0.2628, atol=5e-5)
     assert_allclose(rough.longitudinal / smooth.longitudinal - 1, 0.1314, atol=5e-5)
@@ -311,31 +362,39 @@ def test_wavenumber_and_wavelength_of_the_pulse():
     assert round(6500 * DIAMETER / 791, 3) == 0.066
     assert round(791 / 6500, 3) == 0.122
     assert round(791 / 6500 / DIAMETER) == 15
-    state = gp.AveragedLattice(gp.Packing(gp.Material(STEEL_E, SIGMA, DENSITY), DIAMETER)).at_force(FORCE)
+    state = gp.AveragedLattice(gp.Packing(gp.Material(STEEL_E, SIGMA, DENSITY), DIAMETER)).at_force(
+        FORCE
+    )
     exact = gp.pulse_velocities(state, 6500.0)
     assert_allclose(exact.wavenumber[0] * DIAMETER / (2 * math.pi), 0.0661, atol=5e-5)
     # and yet the group velocity of such a pulse is already 1.6 % below the limit
     assert_allclose(exact.group[0] / velocity(STEEL_E).longitudinal, 0.984, atol=1e-3)
 
 
-# -- the appendix, as far as the dynamical matrix goes -----------------------------------------------------------------
+# -- the appendix, as far as the dynamical matrix goes ---------------------------------------------
 
 
 @given(x=st.floats(-7, 7), y=st.floats(-7, 7))
 def test_determinant_a9_lacks_a_constant(x, y):
     q = np.array([x, y])
-    determinant = np.linalg.det(gp.ContactLattice.of("triangular", 0.0).dynamical_matrix([q])[0]).real
-    gamma = [1 - math.cos(q @ [math.cos(p * math.pi / 3), math.sin(p * math.pi / 3)]) for p in range(3)]
+    determinant = np.linalg.det(
+        gp.ContactLattice.of("triangular", 0.0).dynamical_matrix([q])[0]
+    ).real
+    gamma = [
+        1 - math.cos(q @ [math.cos(p * math.pi / 3), math.sin(p * math.pi / 3)]) for p in range(3)
+    ]
     printed = sum(gamma[p] * gamma[(p + 1) % 3] for p in range(3))
     # 3 k^2 times the sum: it cancels in the ratios alpha and beta
     assert_allclose(determinant, 3 * printed, atol=1e-13)
 
 
-# -- Section IV, the effective medium ----------------------------------------------------------------------------------
+# -- Section IV, the effective medium --------------------------------------------------------------
 
 
 @pytest.mark.claim("media-against-the-array")
-@pytest.mark.parametrize(("friction", "fraction", "printed_at"), [(True, 0.754, 0.115), (False, 0.772, 0.107)])
+@pytest.mark.parametrize(
+    ("friction", "fraction", "printed_at"), [(True, 0.754, 0.115), (False, 0.772, 0.107)]
+)
 def test_contact_fraction_at_the_limit_of_validity(friction, fraction, printed_at):
     steel = gp.Material(STEEL_E, SIGMA, DENSITY)
     packing = gp.Packing(steel, DIAMETER, gp.Uniform(WIDTH), friction=friction)
@@ -344,7 +403,7 @@ def test_contact_fraction_at_the_limit_of_validity(friction, fraction, printed_a
     assert_allclose(state.contact_fraction, [fraction, 0.85], atol=2e-3)  # not 0.85 at f* = 0.08
 
 
-# -- the page itself --------------------------------------------------------------------------------------------------
+# -- the page itself -------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("errata")
@@ -354,6 +413,8 @@ def test_every_entry_of_the_errata_names_a_test_that_exists():
     named = set(re.findall(r"`(test_\w+)`", page))
     here = {name for name in globals() if name.startswith("test_")}
     sources = [path.read_text(encoding="utf-8") for path in tests.glob("*/test_*.py")]
-    elsewhere = {name for source in sources for name in re.findall(r"^def (test_\w+)", source, re.MULTILINE)}
+    elsewhere = {
+        name for source in sources for name in re.findall(r"^def (test_\w+)", source, re.MULTILINE)
+    }
     assert named <= here | elsewhere
     assert here - {"test_every_entry_of_the_errata_names_a_test_that_exists"} <= named

@@ -24,20 +24,52 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 #: of those that do not write a picture that stands still
 SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
-#: what takes more than a second and a half: simulations of many balls, and half spaces; the documentation runs them too
+#: what takes more than a second and a half: simulations of many balls, and half spaces; the
+#: documentation runs them too
 LONG = {
-    "coherent_speckle", "column", "conjecture", "defect_mode", "diatomic_chain", "disorder_in_space", "dos",
-    "fcc_and_hcp", "fit_width", "force_chains", "hexagon_pulse", "hysteresis", "impact_on_hexagon", "iso_frequency",
-    "ladder", "paper_figures6_7_8", "paper_figures9_10_11", "poisson_ratio", "pressed_along_one_axis",
-    "pressure_sweep", "random_packing", "rolling_wave", "second_harmonic", "several_runs",
-    "slowness_fcc", "soft_modes", "solitary_wave", "spectral_function", "surface_waves_fcc", "transfer_function",
-    "transmission", "true_directions", "wave_crossing", "work_precision", "zigzag_edge",
-}  # fmt: skip
+    "coherent_speckle",
+    "column",
+    "conjecture",
+    "defect_mode",
+    "diatomic_chain",
+    "disorder_in_space",
+    "dos",
+    "fcc_and_hcp",
+    "fit_width",
+    "force_chains",
+    "hexagon_pulse",
+    "hysteresis",
+    "impact_on_hexagon",
+    "iso_frequency",
+    "ladder",
+    "paper_figures6_7_8",
+    "paper_figures9_10_11",
+    "poisson_ratio",
+    "pressed_along_one_axis",
+    "pressure_sweep",
+    "random_packing",
+    "rolling_wave",
+    "second_harmonic",
+    "several_runs",
+    "slowness_fcc",
+    "soft_modes",
+    "solitary_wave",
+    "spectral_function",
+    "surface_waves_fcc",
+    "transfer_function",
+    "transmission",
+    "true_directions",
+    "wave_crossing",
+    "work_precision",
+    "zigzag_edge",
+}
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Runs an example as the command line does with -o, once: its names, its figure and the file it has written."""
+    """Runs an example as the command line does with -o, once: its names, its figure and the file it
+    has written.
+    """
 
     @cache
     def once(name):
@@ -58,14 +90,18 @@ def run(tmp_path_factory):
     return once
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.exhaustive] * (name in LONG)) for name in SCRIPTS])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.exhaustive] * (name in LONG)) for name in SCRIPTS],
+)
 def test_an_example_runs_and_writes_its_figure(run, name):
     figure, out = run(name).figure, run(name).out
     assert [path.name for path in out.parent.iterdir()] == [out.name]
     with Image.open(out) as image:
         assert image.format == out.suffix[1:].upper()
         assert_allclose(image.size, figure.get_size_inches() * figure.dpi, atol=1.0)
-    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    tight = figure.get_tightbbox()
+    (width, height) = figure.get_size_inches()
     assert min(tight.x0, tight.y0) >= 0.0
     assert tight.x1 <= width
     assert tight.y1 <= height
@@ -87,10 +123,12 @@ def test_the_wave_runs_to_the_right_and_comes_back_after_a_period(run):
     with Image.open(run("rolling_wave").out) as image:
         assert image.n_frames == 16
     for e in names["mixed"].values():
-        now, later = names["motion"](e, 0.0), names["motion"](e, 2.0 * np.pi)
+        now = names["motion"](e, 0.0)
+        later = names["motion"](e, 2.0 * np.pi)
         assert_allclose(later[0], now[0], atol=1e-12)
         assert_allclose(later[1], now[1], atol=1e-12)
-        # four balls to a wave: after a quarter of a period each ball of a row moves as the one to the left of it did
+        # four balls to a wave: after a quarter of a period each ball of a row moves as the one to
+        # the left of it did
         quarter = names["motion"](e, 0.5 * np.pi)
         row = np.flatnonzero(names["sites"][:, 1] == 0.0)
         assert np.all(np.diff(names["sites"][row, 0]) == 1.0)
@@ -100,12 +138,22 @@ def test_the_wave_runs_to_the_right_and_comes_back_after_a_period(run):
 
 def test_figure_2_is_in_the_units_of_the_paper(run):
     first, second = run("paper_figure2").figure.axes[:2]
-    for ax, top in ((first, np.sqrt(30.0 * 2.0 * (1.0 - 0.276) / (2.0 - 0.276))), (second, np.sqrt(6.0))):
+    for ax, top in (
+        (first, np.sqrt(30.0 * 2.0 * (1.0 - 0.276) / (2.0 - 0.276))),
+        (second, np.sqrt(6.0)),
+    ):
         y = np.concatenate([c.get_segments() for c in ax.collections])[..., 1]
         assert y.max() == pytest.approx(top, rel=1e-9)
         left, right = ax.get_xlim()
         assert right - left == pytest.approx(2.0 / 3.0 + 1.0 / np.sqrt(3.0), rel=1e-12)
-        assert [t.get_text() for t in ax.get_xticklabels()] == ["0.6", "0.4", "0.2", "0.0", "0.2", "0.4"]
+        assert [t.get_text() for t in ax.get_xticklabels()] == [
+            "0.6",
+            "0.4",
+            "0.2",
+            "0.0",
+            "0.2",
+            "0.4",
+        ]
         assert ax.get_xticks()[3] == pytest.approx(2.0 / 3.0)
 
 
@@ -125,10 +173,13 @@ def test_the_points_of_the_simulation_are_in_the_figures_of_the_paper(run):
     assert_allclose(points[1][:, 0], points[0][:, 0] + 0.343, rtol=1e-12)
     assert_allclose(points[1][:, 1] ** 1.5, points[0][:, 1], rtol=1e-12)
     assert_allclose(points[2][:, 0], points[0][:, 1], rtol=1e-12)
-    # the last is at a force where the array is nearly ideal: f* = (a* - 1/2)^(3/2), k* = (3/2) (a* - 1/2)^(1/2)
+    # the last is at a force where the array is nearly ideal: f* = (a* - 1/2)^(3/2), k* = (3/2) (a*
+    # - 1/2)^(1/2)
     y = points[0][-1, 0] - 0.157
     assert points[0][-1, 1] == pytest.approx(y**1.5, rel=1e-3)
     assert points[2][-1, 1] == pytest.approx(np.sqrt(1.5 * np.sqrt(y)), rel=1e-3)
     for ax in (six, seven, eight):
-        bars = np.concatenate([np.ptp(np.array(c.get_segments())[..., 1], axis=1) for c in ax.containers[0][2][-1:]])
+        bars = np.concatenate(
+            [np.ptp(np.array(c.get_segments())[..., 1], axis=1) for c in ax.containers[0][2][-1:]]
+        )
         assert np.all(bars > 0.0)

@@ -1,4 +1,6 @@
-"""What others add: by a call, or by the entry points of a package that is installed; and what is said when it fails."""
+"""What others add: by a call, or by the entry points of a package that is installed; and what is
+said when it fails.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ class Soft:
     """Hertz's law with another modulus."""
 
     def __init__(self, part, push=0.0):
-        self.part, self.push = part, push
+        self.part = part
+        self.push = push
 
     def between(self, ball, other):
         return gp.HertzLaw(self.part * gp.Hertz().between(ball, other).coefficient)
@@ -43,7 +46,9 @@ def test_an_observable_that_fails_is_named_and_breaks_nothing_else(tmp_path):
     gp.register_observable("twice", "N", "twice the force", lambda of: 2.0 * of.state.force)
     data = gp.sweep(PACKING, force=[2.0, 9.0], media=("ala", "afa"))
     assert not {"broken", "crooked", "absent"} & set(data)
-    np.testing.assert_array_equal(data["twice"], 2.0 * np.tile(data["force"].values[:, None], (1, 2)))
+    np.testing.assert_array_equal(
+        data["twice"], 2.0 * np.tile(data["force"].values[:, None], (1, 2))
+    )
     told = data.attrs["warnings"]
     assert "the observable 'broken' fails: ZeroDivisionError: no such thing; it is left out" in told
     assert "the observable 'unknown' is not known (nan) at 2 of 2 loads" in told
@@ -51,21 +56,34 @@ def test_an_observable_that_fails_is_named_and_breaks_nothing_else(tmp_path):
     bands = Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("twice",))
     assert bands.run(tmp_path / "one", figures=False).summary()["twice"] == 18.0
     with pytest.raises(InputError, match=r"'broken' fails: ZeroDivisionError.*do not observe it"):
-        Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("broken",)).run(tmp_path / "two")
-    blocks = "material: {young_modulus: 200 GPa, poisson_ratio: 0.3, density: 7.8 g/cm^3}\npacking: {diameter: 8 mm}\n"
+        Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("broken",)).run(
+            tmp_path / "two"
+        )
+    blocks = (
+        "material: {young_modulus: 200 GPa, poisson_ratio: 0.3, density: 7.8 g/cm^3}\npacking:"
+        " {diameter: 8 mm}\n"
+    )
     scene = Scene.from_text(f"{blocks}load: {{force: [1 N, 2 N]}}\nobserve: [velocities, broken]\n")
     with pytest.raises(InputError, match=r": observe: [^;]*'broken' fails"):
         scene.run(tmp_path / "three")
 
 
 def test_a_scene_that_observes_one_pays_for_the_velocities_that_it_is_found_from(tmp_path):
-    gp.register_observable("ratio", "1", "of velocities", lambda of: of.velocities.transverse / of.velocities.longitudinal,
-                           cost="velocities")  # fmt: skip
+    gp.register_observable(
+        "ratio",
+        "1",
+        "of velocities",
+        lambda of: of.velocities.transverse / of.velocities.longitudinal,
+        cost="velocities",
+    )
     scene = Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("bands", "ratio"))
     assert scene.observe == ("velocities", "bands", "ratio")
     v = gp.sound_velocities(gp.AveragedLattice(PACKING).at_force(9.0))
     alone = Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("ratio",))
-    assert alone.run(tmp_path / "out", figures=False).summary()["ratio"] == v.transverse / v.longitudinal
+    assert (
+        alone.run(tmp_path / "out", figures=False).summary()["ratio"]
+        == v.transverse / v.longitudinal
+    )
 
 
 def test_a_law_has_a_name_and_numbers_in_scenes(tmp_path):
@@ -84,14 +102,23 @@ load: {force: 10 N}
         wanted = gp.Crystal.on("chain", [ball], law="half").at_force(10.0).overlap[0]
         assert found.summary()["overlap"] == pytest.approx(wanted, rel=1e-14)
         again = Scene.from_yaml(found.files[0].parent / "scene.yaml")
-        assert again.run(tmp_path / "again", True, figures=False).summary()["overlap"] == found.summary()["overlap"]
-    (tmp_path / "scene.yaml").write_text(text.replace("LAW", "{soft: {part: 0.5, push: 2 s}}"), encoding="utf-8")
+        assert (
+            again.run(tmp_path / "again", True, figures=False).summary()["overlap"]
+            == found.summary()["overlap"]
+        )
+    (tmp_path / "scene.yaml").write_text(
+        text.replace("LAW", "{soft: {part: 0.5, push: 2 s}}"), encoding="utf-8"
+    )
     with pytest.raises(InputError, match="push: found '2 s'"):
         Scene.from_yaml(tmp_path / "scene.yaml")
-    (tmp_path / "scene.yaml").write_text(text.replace("LAW", "{soft: {part: 0.5 N, push: 2 N/m}}"), encoding="utf-8")
+    (tmp_path / "scene.yaml").write_text(
+        text.replace("LAW", "{soft: {part: 0.5 N, push: 2 N/m}}"), encoding="utf-8"
+    )
     with pytest.raises(InputError, match=r"part: found '0\.5 N'; allowed: a plain number"):
         Scene.from_yaml(tmp_path / "scene.yaml")
-    with pytest.raises(InputError, match=r"the contact law 'jkr' has numbers: adhesion. Give it as JKR"):
+    with pytest.raises(
+        InputError, match=r"the contact law 'jkr' has numbers: adhesion. Give it as JKR"
+    ):
         gp.Crystal.on("chain", [ball], law="jkr")
 
 
@@ -101,14 +128,21 @@ def test_a_lattice_and_a_medium_are_known_to_sweeps():
 
     @gp.register_medium
     class Equal(gp.AveragedLattice):
-        name, words = "equal", "equal balls"
+        name = "equal"
+        words = "equal balls"
 
-    data = gp.sweep(PACKING, force=[3.0], media=("ala", "equal"), lattice=["triangular", "two rows"])
-    np.testing.assert_allclose(data["longitudinal"].values, data["longitudinal"].values.flat[0], rtol=1e-13)
+    data = gp.sweep(
+        PACKING, force=[3.0], media=("ala", "equal"), lattice=["triangular", "two rows"]
+    )
+    np.testing.assert_allclose(
+        data["longitudinal"].values, data["longitudinal"].values.flat[0], rtol=1e-13
+    )
     assert triangular is LATTICES["triangular"]
     with pytest.raises(InputError, match="the medium 'ema' exists already, of granphon"):
         gp.register_medium(type("Other", (gp.AveragedLattice,), {"name": "ema"}))
-    with pytest.raises(InputError, match=r"the medium 'equal' exists already, of the program\. Give another name"):
+    with pytest.raises(
+        InputError, match=r"the medium 'equal' exists already, of the program\. Give another name"
+    ):
         gp.register_medium(type("Again", (Equal,), {"name": "equal"}))
 
 
@@ -119,7 +153,9 @@ def test_only_the_same_is_registered_twice():
     def second(path):
         return path
 
-    reader.__qualname__ = second.__qualname__ = "reader"  # as of a cell of a notebook that runs twice
+    reader.__qualname__ = second.__qualname__ = (
+        "reader"  # as of a cell of a notebook that runs twice
+    )
     gp.register_reader("mine", reader)
     gp.register_reader("mine", reader)
     gp.register_reader("mine", second)
@@ -134,67 +170,98 @@ def test_only_the_same_is_registered_twice():
         gp.register_observable("again", "1", "one", lambda of: np.ones_like(of.state.force))
     for register in (
         lambda: gp.register_reader("mine", lambda path: path),
-        lambda: gp.register_law("mine", gp.TabulatedLaw([0.0, 1e-6, 2e-6, 3e-6], [0.0, 1.0, 3.0, 8.0])),
+        lambda: gp.register_law(
+            "mine", gp.TabulatedLaw([0.0, 1e-6, 2e-6, 3e-6], [0.0, 1.0, 3.0, 8.0])
+        ),
         lambda: gp.register_observable("mine", "1", "one", lambda of: 2.0),
     ):
-        with pytest.raises(InputError, match=r"'mine' exists already, of the program\. Give another name"):
+        with pytest.raises(
+            InputError, match=r"'mine' exists already, of the program\. Give another name"
+        ):
             register()
 
 
 def test_a_reader_that_fails_is_named():
     gp.register_reader("dem", lambda path: {"no": path})
     gp.register_reader("wrong", lambda path: path.nothing)
-    with pytest.raises(InputError, match=r"the reader 'dem' returns .* Let it return a granphon.ContactNetwork"):
+    with pytest.raises(
+        InputError, match=r"the reader 'dem' returns .* Let it return a granphon.ContactNetwork"
+    ):
         gp.ContactNetwork.read("dem", "file")
     with pytest.raises(InputError, match=r"the reader 'wrong' fails: AttributeError"):
         gp.ContactNetwork.read("wrong", __file__)
-    with pytest.raises(InputError, match="program: found 'yade'; allowed: tables, lammps, dem, wrong"):
+    with pytest.raises(
+        InputError, match="program: found 'yade'; allowed: tables, lammps, dem, wrong"
+    ):
         gp.ContactNetwork.read("yade", "file")
 
 
 @pytest.mark.parametrize(
     ("register", "told"),
     [
-        (lambda: gp.register_observable("two words", "1", "x", len), "the name 'two words'. Give a word"),
-        (lambda: gp.register_observable("one", "furlongzz", "x", len), "the unit 'furlongzz'. Give"),
+        (
+            lambda: gp.register_observable("two words", "1", "x", len),
+            "the name 'two words'. Give a word",
+        ),
+        (
+            lambda: gp.register_observable("one", "furlongzz", "x", len),
+            "the unit 'furlongzz'. Give",
+        ),
         (lambda: gp.register_observable("one", "km/s", "x", len), "the unit 'km/s'. Give"),
         (lambda: gp.register_observable("one", "1", 7, len), "the words 7. Give a text"),
         (lambda: gp.register_observable("one", "1", "x", 3), "3 finds no observable"),
         (lambda: gp.register_observable("one", "1", "x", len, cost="bands"), "cost: found 'bands'"),
-        (lambda: gp.register_observable("force", "N", "x", len), "the observable 'force' exists already"),
-        *((lambda name=name: gp.register_observable(name, "1", "x", len), f"the name {name!r}. Give a word")
-          for name in ("load", "medium", "dos", "motion", "response_frequency")),
+        (
+            lambda: gp.register_observable("force", "N", "x", len),
+            "the observable 'force' exists already",
+        ),
+        *(
+            (
+                lambda name=name: gp.register_observable(name, "1", "x", len),
+                f"the name {name!r}. Give a word",
+            )
+            for name in ("load", "medium", "dos", "motion", "response_frequency")
+        ),
         (lambda: gp.register_law("mine", object()), "is no contact law"),
         (lambda: gp.register_law("my law", Soft, part=""), "cannot have 'my law'"),
         (lambda: gp.register_law("mine", Soft, part="furlong"), "cannot have 'furlong'"),
         (lambda: gp.register_law("mine", Soft), "'mine' is not made of nothing: missing"),
         (lambda: gp.register_law("mine", Soft, other=""), "'mine' is not made of other"),
-        (lambda: gp.register_lattice(gp.Lattice("nacl", ((1, 0), (0, 1)))), "'nacl' exists already"),
+        (
+            lambda: gp.register_lattice(gp.Lattice("nacl", ((1, 0), (0, 1)))),
+            "'nacl' exists already",
+        ),
         (lambda: gp.register_law("mine", Soft(1.0), part=""), "'mine' is made already"),
         (lambda: gp.register_lattice("fcc"), "'fcc' is no lattice"),
         (lambda: gp.register_medium(gp.Packing), "is no medium"),
         (lambda: gp.register_reader("x", "y"), "'y' reads no files"),
         (lambda: gp.register_reader("=x", len), "the name of a reader"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_registered(register, told):
     with pytest.raises(InputError, match=told):
         register()
 
 
 def test_packages_add_by_entry_points_and_one_that_fails_is_named(tmp_path):
-    """In a process of its own: two plug-ins, the second of which fails after it has added something."""
+    """In a process of its own: two plug-ins, the second of which fails after it has added
+    something.
+    """
     (tmp_path / "good.py").write_text(
         "import granphon as gp\n"
         "def register():\n"
         "    gp.register_lattice(gp.Lattice('rows', ((1, 0), (0, 3**0.5)), ((0, 0), (0.5, 0.5))))\n"
-        "    gp.register_observable('twice', 'N', 'twice the force', lambda of: 2 * of.state.force)\n"
+        "    gp.register_observable('twice', 'N', 'twice the force', lambda of: 2 *"
+        " of.state.force)\n"
     )
     (tmp_path / "bad.py").write_text(
-        "import granphon as gp\ngp.register_law('half', gp.PowerLaw(2.0, 1e9))\nimport no_such_module\n"
+        "import granphon as gp\ngp.register_law('half', gp.PowerLaw(2.0, 1e9))\nimport"
+        " no_such_module\n"
     )
     (tmp_path / "extra-1.0.dist-info").mkdir()
-    (tmp_path / "extra-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: extra\nVersion: 1.0\n")
+    (tmp_path / "extra-1.0.dist-info" / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: extra\nVersion: 1.0\n"
+    )
     (tmp_path / "extra-1.0.dist-info" / "entry_points.txt").write_text(
         "[granphon.plugins]\ngood = good:register\nbad = bad\n"
     )
@@ -220,12 +287,19 @@ main()
 """
     paths = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
     run = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert run.returncode == 0, run.stderr
     values, lattice, law, *doctor = run.stdout.splitlines()
     assert values == "[2.0, 4.0]"
-    why = "The plug-in bad of extra could not be loaded: ModuleNotFoundError: No module named 'no_such_module'"
+    why = (
+        "The plug-in bad of extra could not be loaded: ModuleNotFoundError: No module named"
+        " 'no_such_module'"
+    )
     assert lattice.startswith(f"unknown lattice 'nothing'. {why}.")
     assert "rows" in lattice
     assert why in law

@@ -1,4 +1,6 @@
-"""At the edges the package is as exact as docs/reference/extremes.md claims, or says why not; never silently wrong."""
+"""At the edges the package is as exact as docs/reference/extremes.md claims, or says why not; never
+silently wrong.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,11 @@ EVERY = [*CASES, *CRYSTALS]
 
 
 @pytest.mark.claim("readme-range", "extremes-errors", "api-waves", "membranes-bend")
-@pytest.mark.parametrize("case", only([case for case in EVERY if not case.slow], EVERY), ids=[case.name for case in EVERY])
+@pytest.mark.parametrize(
+    "case",
+    only([case for case in EVERY if not case.slow], EVERY),
+    ids=[case.name for case in EVERY],
+)
 def test_claims(case: Case) -> None:
     assert worst(case) <= case.claim
 
@@ -46,11 +52,13 @@ def test_the_page_holds_what_the_suite_claims() -> None:
         assert float(number) <= case.claim
 
 
-# -- anything at all --------------------------------------------------------------------------------------------------
+# -- anything at all -------------------------------------------------------------------------------
 
 decades = st.one_of(st.floats(-30.0, 30.0), st.floats(-323.0, 308.0)).map(lambda x: 10.0**x)
 widths = st.sampled_from([None, 0.0, 1e-300, 1e-16, 1e-8, 1e-3, 0.3, 1.9])
-poisson = st.one_of(st.floats(-1.0, 0.5, exclude_min=True), st.sampled_from([-1.0 + 2.0**-53, 0.0, 0.276, 0.5]))
+poisson = st.one_of(
+    st.floats(-1.0, 0.5, exclude_min=True), st.sampled_from([-1.0 + 2.0**-53, 0.0, 0.276, 0.5])
+)
 
 
 def numbers(value: Any) -> Iterator[float]:
@@ -67,33 +75,61 @@ def numbers(value: Any) -> Iterator[float]:
 
 @settings(max_examples=300)
 @given(
-    decades, decades, decades, poisson, widths, st.sampled_from(["uniform", "normal", "two"]),
+    decades,
+    decades,
+    decades,
+    poisson,
+    widths,
+    st.sampled_from(["uniform", "normal", "two"]),
     st.sampled_from([gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium]),
-    st.sampled_from(["force", "pressure", "overlap"]), st.floats(-45.0, 2.0), st.booleans(), st.booleans(),
-)  # fmt: skip
+    st.sampled_from(["force", "pressure", "overlap"]),
+    st.floats(-45.0, 2.0),
+    st.booleans(),
+    st.booleans(),
+)
 def test_any_numbers_give_finite_ones_or_an_error(
-    young: float, density: float, d: float, sigma: float, part: float | None, kind: str, medium: Any, name: str,
-    decade: float, friction: bool, finite: bool,
-) -> None:  # fmt: skip
+    young: float,
+    density: float,
+    d: float,
+    sigma: float,
+    part: float | None,
+    kind: str,
+    medium: Any,
+    name: str,
+    decade: float,
+    friction: bool,
+    finite: bool,
+) -> None:
     try:
         material = gp.Material(young, sigma, density, yield_strength=1e-3 * young or None)
         spread: Any = None
         if part is not None:
             width = part * d
             spread = {
-                "uniform": lambda: gp.Uniform(width), "normal": lambda: gp.Normal(width / 3.4),
+                "uniform": lambda: gp.Uniform(width),
+                "normal": lambda: gp.Normal(width / 3.4),
                 "two": lambda: gp.Discrete((d - width / 4.0, d + 0.75 * width), (0.75, 0.25)),
-            }[kind]()  # fmt: skip
+            }[kind]()
         packing = gp.Packing(material, d, spread, friction=friction)
         unit = {"force": young * d * d, "pressure": young * d, "overlap": d}[name]
         state = getattr(medium(packing), f"at_{name}")(10.0**decade * unit, finite_overlap=finite)
-        named = ("force", "overlap", "normal_stiffness", "shear_stiffness", "pressure", "effective_density")
+        named = (
+            "force",
+            "overlap",
+            "normal_stiffness",
+            "shear_stiffness",
+            "pressure",
+            "effective_density",
+        )
         found = [
             float(getattr(state, attribute))
             for attribute in (*named, "force_fluctuation", "contact_fraction", "stiffness_ratio")
         ]
         law = state.law
-        found += [float(of(state.overlap)) for of in (law.energy, law.force, law.stiffness, law.stiffness_slope)]
+        found += [
+            float(of(state.overlap))
+            for of in (law.energy, law.force, law.stiffness, law.stiffness_slope)
+        ]
         found += [float(gp.local_exponent(state)), state.scales.frequency, state.scales.velocity]
         results = [of(state) for of in (gp.sound_velocities, gp.moduli)]
         results.append(gp.validity(state))
@@ -109,7 +145,11 @@ def test_any_numbers_give_finite_ones_or_an_error(
 
 def test_numbers_at_the_end_of_a_series() -> None:
     """Where the averaged force turns to its series, rounding may put a load on either side."""
-    for spread in (gp.Uniform(2e-6), gp.Normal(6e-7), gp.Discrete((D - 1e-6, D + 1e-6), (0.5, 0.5))):
+    for spread in (
+        gp.Uniform(2e-6),
+        gp.Normal(6e-7),
+        gp.Discrete((D - 1e-6, D + 1e-6), (0.5, 0.5)),
+    ):
         medium = gp.AveragedForce(gp.Packing(STEEL, D, spread))
         middle = float(medium.at_overlap(12.0 * spread.largest).force)
         loads = [middle * (1.0 + 2.2e-16 * step) for step in range(-60, 60)]

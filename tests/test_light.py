@@ -1,4 +1,6 @@
-"""The core runs on numpy and scipy; what needs another package says which, and how to install it."""
+"""The core runs on numpy and scipy; what needs another package says which, and how to install
+it.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from tests.conftest import only
 
 #: the packages beyond numpy and scipy, each of which may be absent
 KNOWN = ["ase", "phonopy", "spglib", *EXTRAS["scenes"], "distributed", "cryptography"]
-PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))[
+    "project"
+]
 
 #: what hides packages in a process of its own, as if they were not installed
 HIDE = """
@@ -73,7 +77,10 @@ print(turning.displacements.tolist(), turning.spins.tolist(), turning.forces.tol
 #: what needs other packages than numpy and scipy, by name: what does it, and the packages
 FEATURES = {
     "velocities": ("gp.sound_velocities(state), gp.moduli(state), gp.validity(state)", ()),
-    "tables": ("network.write_tables('b.csv', 'c.csv'), gp.ContactNetwork.from_table('b.csv', 'c.csv')", ()),
+    "tables": (
+        "network.write_tables('b.csv', 'c.csv'), gp.ContactNetwork.from_table('b.csv', 'c.csv')",
+        (),
+    ),
     "motion file": ("motion.write('m.nc'), gp.Motion.read('m.nc')", ()),
     "fit": ("gp.fit_width(packing, [2.0, 5.0, 10.0], [485.0, 590.0, 690.0])", ()),
     "atoms": ("gp.atoms(state).get_potential_energy()", ("ase",)),
@@ -90,10 +97,13 @@ FEATURES = {
         ("xarray", "h5netcdf", "h5py"),
     ),
     "scene": ("gp.Scene.from_text(scene)", ("yaml",)),
-    "run": ("gp.Scene.from_text(scene).run('out', figures=False)", ("yaml", "xarray", "h5netcdf", "h5py")),
+    "run": (
+        "gp.Scene.from_text(scene).run('out', figures=False)",
+        ("yaml", "xarray", "h5netcdf", "h5py"),
+    ),
     "command": ("command('check', 'scene.yaml')", ("typer", "yaml")),
     "workers elsewhere": ("require_workers(None, 'local:1')", ("distributed", "cryptography")),
-}  # fmt: skip
+}
 SCENE = """
 schema: 1
 material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}
@@ -136,7 +146,11 @@ print(json.dumps(told))
 def run(hidden, *parts, **environment):
     code = f"HIDDEN = {hidden!r}" + "".join((HIDE, *parts))
     found = subprocess.run(
-        [sys.executable, "-c", code], text=True, capture_output=True, check=False, env={**os.environ, **environment}
+        [sys.executable, "-c", code],
+        text=True,
+        capture_output=True,
+        check=False,
+        env={**os.environ, **environment},
     )
     assert found.returncode == 0, found.stderr
     return found.stdout
@@ -180,7 +194,10 @@ def test_errors_name_the_extras_that_bring_the_packages():
 
 
 @pytest.mark.parametrize(
-    "hidden", only([KNOWN, list(EXTRAS["scenes"])], [KNOWN, list(EXTRAS["scenes"]), *([one] for one in KNOWN)])
+    "hidden",
+    only(
+        [KNOWN, list(EXTRAS["scenes"])], [KNOWN, list(EXTRAS["scenes"]), *([one] for one in KNOWN)]
+    ),
 )
 def test_what_needs_an_absent_package_says_which_and_how_to_install_it(hidden):
     features = {name: code for name, (code, _) in FEATURES.items()}
@@ -192,7 +209,12 @@ def test_what_needs_an_absent_package_says_which_and_how_to_install_it(hidden):
     assert set(told) == {name for name, (_, needs) in FEATURES.items() if set(needs) & absent}
     for name, text in told.items():
         (package,) = (one for one in absent if f"needs {one}, which is not installed. " in text)
-        install = next((f'"granphon[{extra}]"' for extra, brings in EXTRAS.items() if package in brings), package)
+        install = next(
+            (f'"granphon[{extra}]"' for extra, brings in EXTRAS.items() if package in brings),
+            package,
+        )
         assert text.strip().endswith(f" Install it: pip install {install}.")
-        assert text.startswith("GranphonError: 2 granphon: error: " if name == "command" else "MissingPackageError: ")
+        assert text.startswith(
+            "GranphonError: 2 granphon: error: " if name == "command" else "MissingPackageError: "
+        )
         assert text.strip().count("\n") == 0

@@ -1,4 +1,6 @@
-"""The references against closed forms, against each other's ways, and against what they are to judge."""
+"""The references against closed forms, against each other's ways, and against what they are to
+judge.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ CLOSED = {
     1.0: 1.0 / (5.0 / 6.0 - ROOT3 / math.pi) - 1.0,
 }
 
-# -- the local field ----------------------------------------------------------------------------------------------------
+# -- the local field -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("eta", CLOSED)
@@ -43,18 +45,27 @@ def test_cubature_and_projection_agree(eta):
     assert error < 1e-13 * xi * (1.0 + xi)
 
 
-# -- the effective medium -----------------------------------------------------------------------------------------------
+# -- the effective medium --------------------------------------------------------------------------
 
 FORCES = np.geomspace(1e-4, 100.0, 13)
-SHAPES = {"uniform": UNIFORM, "normal": NORMAL, **{name: LOTS[name] for name in ("three", "0.5 large", "ten")}}
+SHAPES = {
+    "uniform": UNIFORM,
+    "normal": NORMAL,
+    **{name: LOTS[name] for name in ("three", "0.5 large", "ten")},
+}
 
 
 @pytest.mark.claim("tradeoff-references")
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.exhaustive] * (name in ("normal", "ten"))) for name in SHAPES]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.exhaustive] * (name in ("normal", "ten")))
+        for name in SHAPES
+    ],
 )
 def test_integration_and_collocation_agree(name):
-    xi, order = XI[0.84], np.random.default_rng(0).permutation(len(FORCES))
+    xi = XI[0.84]
+    order = np.random.default_rng(0).permutation(len(FORCES))
     y, k = integrate_curve(SHAPES[name], xi, FORCES[order])
     force, stiffness = evaluated(effective_curve(SHAPES[name], xi), y)
     np.testing.assert_allclose(force, FORCES[order], rtol=1e-11)
@@ -64,14 +75,19 @@ def test_integration_and_collocation_agree(name):
 def test_integration_gains_with_its_tolerance():
     forces = np.geomspace(0.05, 10.0, 5)
     best = integrate_curve(UNIFORM, XI[0.0], forces)
-    for method, tolerance, bound in (("Radau", 1e-6, 1e-6), ("LSODA", 1e-8, 1e-6), ("LSODA", 1e-11, 2e-10)):
+    for method, tolerance, bound in (
+        ("Radau", 1e-6, 1e-6),
+        ("LSODA", 1e-8, 1e-6),
+        ("LSODA", 1e-11, 2e-10),
+    ):
         y, k = integrate_curve(UNIFORM, XI[0.0], forces, tolerance, method)
         assert 1e-13 < np.max(np.abs(k / best[1] - 1.0)) < bound
         np.testing.assert_allclose(y, best[0], rtol=0.0, atol=bound)
 
 
 def test_integration_starts_high_enough():
-    # equation (36) has the series as its one smooth solution: a higher start leads to the same curve
+    # equation (36) has the series as its one smooth solution: a higher start leads to the same
+    # curve
     y, k = integrate_curve(LOTS["three"], XI[0.0], [1.0, 1e5])
     low = integrate_curve(LOTS["three"], XI[0.0], [1.0])
     np.testing.assert_allclose([y[0], k[0]], np.ravel(low), rtol=1e-12)
@@ -86,11 +102,12 @@ def test_integration_says_where_a_curve_ends():
         integrate_curve(FLAT, XI[0.0], [0.5 * curve.least_force], 1e-9)
 
 
-# -- density of states --------------------------------------------------------------------------------------------------
+# -- density of states -----------------------------------------------------------------------------
 
 
 def test_balls_on_square_rows_are_chains():
-    # without friction D = diag(4 sin^2(q_1/2), 4 sin^2(q_2/2)): steps in one direction, square roots in the other
+    # without friction D = diag(4 sin^2(q_1/2), 4 sin^2(q_2/2)): steps in one direction, square
+    # roots in the other
     lattice = ContactLattice(SQUARE.vectors, SQUARE.positions, SQUARE.contacts, 0.0)
     edges = np.array([-1.0, 0.0, 1e-3, 0.3, 1.0, 1.7, 1.999, 2.1])
     expected = 4.0 / np.pi * np.arcsin(np.clip(edges, 0.0, 2.0) / 2.0)
@@ -102,18 +119,23 @@ def test_long_waves_are_those_of_debye(eta):
     lattice = ContactLattice.of(TRIANGULAR, eta)
     velocities, _ = lattice.sound_velocities((1.0, 0.0))
     edges = np.array([0.02, 0.04])
-    found = count_modes(lattice, edges) / (lattice.measure / (4.0 * np.pi) * np.sum(velocities**-2.0) * edges**2)
+    found = count_modes(lattice, edges) / (
+        lattice.measure / (4.0 * np.pi) * np.sum(velocities**-2.0) * edges**2
+    )
     # what is left is dispersion, in even powers
     np.testing.assert_allclose(found, 1.0, atol=1e-3)
     assert (found[1] - 1.0) / (found[0] - 1.0) == pytest.approx(4.0, rel=0.01)
 
 
 @pytest.mark.claim("tradeoff-references")
-@pytest.mark.parametrize(("friction", "finite_overlap"), [(False, True), (True, False)], ids=["smooth", "rough"])
+@pytest.mark.parametrize(
+    ("friction", "finite_overlap"), [(False, True), (True, False)], ids=["smooth", "rough"]
+)
 def test_against_tetrahedra(steel, friction, finite_overlap):
     medium = gp.AveragedLattice(gp.Packing(steel, 8e-3, friction=friction))
     state = medium.at_force(5e3 if finite_overlap else 18.446, finite_overlap=finite_overlap)
-    phonons, lattice = gp.Phonons(state), state.contact_lattice()
+    phonons = gp.Phonons(state)
+    lattice = state.contact_lattice()
     errors = []
     for size in (32, 128):
         dos = phonons.dos(mesh=(size, size), points=101)

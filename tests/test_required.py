@@ -1,6 +1,8 @@
-"""A scene pays for what it asks: in a process of its own, costly calls are counted and costly modules listed.
+"""A scene pays for what it asks: in a process of its own, costly calls are counted and costly
+modules listed.
 
-The processes are forks of one that has loaded libraries which no scene goes without, and nothing that is counted.
+The processes are forks of one that has loaded libraries which no scene goes without, and nothing
+that is counted.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ def load(name: str) -> ModuleType:
 
 
 #: what makes the table of costs, and what the benchmarks share
-costs, side_by_side = load("costs"), load("side_by_side")
+costs = load("costs")
+side_by_side = load("side_by_side")
 
 ALWAYS = {"scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", ".granphon-files"}
 SWEEP: set[str] = set()
@@ -44,9 +47,16 @@ BANDS = {"band.yaml", "phonopy_params.yaml"}
 
 #: libraries that are not among the costly ones
 LIGHT = (
-    "numpy", "typer", "yaml", "h5py", "PIL.Image", "pyparsing", "dateutil.parser",
-    "multiprocessing", "concurrent.futures",
-)  # fmt: skip
+    "numpy",
+    "typer",
+    "yaml",
+    "h5py",
+    "PIL.Image",
+    "pyparsing",
+    "dateutil.parser",
+    "multiprocessing",
+    "concurrent.futures",
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -61,7 +71,9 @@ def processes(tmp_path_factory):
 
     def python(code, *arguments):
         path = f"import sys\nsys.path.insert(0, {str(BENCHMARKS)!r})\n"
-        status, out, err = warm.run(scratch, Path.cwd(), ["-c", *arguments], path + code, {"MPLBACKEND": "Agg"})
+        status, out, err = warm.run(
+            scratch, Path.cwd(), ["-c", *arguments], path + code, {"MPLBACKEND": "Agg"}
+        )
         assert status == 0, err
         return out
 
@@ -74,7 +86,9 @@ def processes(tmp_path_factory):
 @cache
 def bringing(parts: frozenset[str]) -> set[str]:
     """The watched modules that these load, in the versions that there are."""
-    return set(costs.HEAVY) & set(costs.python(f"import sys, {', '.join(parts)}\nprint(*sys.modules)").split())
+    return set(costs.HEAVY) & set(
+        costs.python(f"import sys, {', '.join(parts)}\nprint(*sys.modules)").split()
+    )
 
 
 def expected(modules: set[str]) -> set[str]:
@@ -89,7 +103,9 @@ NODES = {"scipy.special", "scipy.linalg"}
 WAVES = {"scipy.fft", "scipy.special"}
 PHONOPY = {"phonopy", "spglib", "ase", "ase.calculators"}
 #: xarray loads dask, where that is installed
-XARRAY = {"xarray", "h5netcdf", "pandas"} | ({"dask.array"} if importlib.util.find_spec("dask") else set())
+XARRAY = {"xarray", "h5netcdf", "pandas"} | (
+    {"dask.array"} if importlib.util.find_spec("dask") else set()
+)
 #: ase.io, which writes the sample, imports calculators
 SAMPLE = {"ase", "ase.calculators"}
 EMA = {"local field": 1, "effective medium": 1}
@@ -117,32 +133,54 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
     "simulation": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
     "simulation, no friction": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
     "simulation in space": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),
-    # no exponent, which takes two more of both; the sound velocity, one of the conditions of validity, takes the response
+    # no exponent, which takes two more of both; the sound velocity, one of the conditions of
+    # validity, takes the response
     "bands of a simulation": (
-        SPECTRA | {"modes": 1, "equilibria": 1, "linear responses": 1}, PHONOPY | WAVES, {*BANDS, "sample.extxyz"},
+        SPECTRA | {"modes": 1, "equilibria": 1, "linear responses": 1},
+        PHONOPY | WAVES,
+        {*BANDS, "sample.extxyz"},
     ),
     "sweep of simulations": ({"equilibria": 18, "linear responses": 18}, WAVES, SWEEP),
-}  # fmt: skip
+}
 FIGURES = {
-    "bands": {"bands.png"}, "bands, no friction": {"bands.png"}, "density of states": {"dos.png"},
-    "bands and density of states": {"bands.png"}, "sweep, averaged": {"sweep.png"}, "sweep, effective medium": {"sweep.png"},
-    "sweep, auto": {"sweep.png"}, "auto, to be simulated": {"forces.png"},
-    "simulation": {"forces.png"}, "simulation, no friction": {"forces.png"},
-    "simulation in space": {"forces.png"}, "bands of a simulation": {"bands.png", "forces.png"},
+    "bands": {"bands.png"},
+    "bands, no friction": {"bands.png"},
+    "density of states": {"dos.png"},
+    "bands and density of states": {"bands.png"},
+    "sweep, averaged": {"sweep.png"},
+    "sweep, effective medium": {"sweep.png"},
+    "sweep, auto": {"sweep.png"},
+    "auto, to be simulated": {"forces.png"},
+    "simulation": {"forces.png"},
+    "simulation, no friction": {"forces.png"},
+    "simulation in space": {"forces.png"},
+    "bands of a simulation": {"bands.png", "forces.png"},
     "sweep of simulations": {"sweep.png"},
-}  # fmt: skip
+}
 
 
 #: kinds whose parts are those of others: exhaustive
 ALIKE = {
-    "velocities, averaged force", "velocities, effective medium", "auto, intermediate load", "bands", "bands, no friction",
-    "auto, equal balls", "auto, high load", "sweep, auto", "sweep, averaged",
-    "density of states", "simulation", "simulation, no friction", "simulation in space",
-}  # fmt: skip
+    "velocities, averaged force",
+    "velocities, effective medium",
+    "auto, intermediate load",
+    "bands",
+    "bands, no friction",
+    "auto, equal balls",
+    "auto, high load",
+    "sweep, auto",
+    "sweep, averaged",
+    "density of states",
+    "simulation",
+    "simulation, no friction",
+    "simulation in space",
+}
 
 
 def asked(seen: Any) -> dict[str, int]:
-    """Calls but for the trials by which the command estimates what a simulation takes: three, of one small sample."""
+    """Calls but for the trials by which the command estimates what a simulation takes: three, of
+    one small sample.
+    """
     calls = dict(seen.calls)
     assert calls.pop(costs.TRIAL, 0) <= (3 if "equilibria" in calls else 0)
     return calls
@@ -166,7 +204,9 @@ def test_a_scene_calls_loads_and_writes_what_it_asks_and_nothing_else(kind):
     drawn = FIGURES.get(kind, set())
     seen = costs.seen(kind)
     assert asked(seen) == calls | ({"figures": len(drawn)} if drawn else {})
-    assert judged(set(seen.modules)) == judged(expected(XARRAY | modules | ({"matplotlib"} if drawn else set())))
+    assert judged(set(seen.modules)) == judged(
+        expected(XARRAY | modules | ({"matplotlib"} if drawn else set()))
+    )
     assert set(seen.files) == ALWAYS | files | drawn
 
 
@@ -188,13 +228,18 @@ def test_without_friction_nothing_turns():
     assert costs.seen("bands, no friction").branches == 2
 
 
-@pytest.mark.parametrize("kind", only(["bands and density of states"], ["bands and density of states", "sweep, averaged"]))
+@pytest.mark.parametrize(
+    "kind",
+    only(["bands and density of states"], ["bands and density of states", "sweep, averaged"]),
+)
 def test_a_check_computes_no_spectra_and_writes_nothing(kind):
     seen = costs.seen(kind, command="check")
     assert (seen.calls, seen.modules, seen.files) == ({}, [], [])
 
 
-@pytest.mark.parametrize("kind", only(["auto, to be simulated"], ["auto, to be simulated", "bands of a simulation"]))
+@pytest.mark.parametrize(
+    "kind", only(["auto, to be simulated"], ["auto, to be simulated", "bands of a simulation"])
+)
 def test_a_check_simulates_no_sample_and_loads_no_phonopy(kind):
     seen = costs.seen(kind, command="check")
     assert set(seen.calls) <= {costs.TRIAL}
@@ -213,7 +258,9 @@ def test_a_scene_that_was_made_in_python_sweeps_like_one_that_was_read_and_like_
     found = made.sweep()
     assert made.sweep().identical(found)
     assert read.sweep().identical(found)
-    assert gp.sweep(read.packing, force=read.load.values, media=list(read.media), **dict(read.parameters)).identical(found)
+    assert gp.sweep(
+        read.packing, force=read.load.values, media=list(read.media), **dict(read.parameters)
+    ).identical(found)
 
 
 @pytest.mark.claim("exponent-cost")
@@ -256,16 +303,28 @@ def test_what_is_counted_exists_and_is_python(entry):
 
 
 @pytest.mark.parametrize(
-    ("value", "bound", "least", "code"), [(2, 3, False, 0), (4, 3, False, 1), (4, 3, True, 0), (2, 3, True, 1)]
+    ("value", "bound", "least", "code"),
+    [(2, 3, False, 0), (4, 3, False, 1), (4, 3, True, 0), (2, 3, True, 1)],
 )
-def test_a_missed_bound_of_a_benchmark_is_the_exit_code(value, bound, least, code, tmp_path, capsys):
+def test_a_missed_bound_of_a_benchmark_is_the_exit_code(
+    value, bound, least, code, tmp_path, capsys
+):
     row = side_by_side.Row("a ratio", value, bound=bound, least=least)
-    parts = {"one": lambda repeats: [row], "free": lambda repeats: [side_by_side.Row("seconds", repeats, "s")]}
+    parts = {
+        "one": lambda repeats: [row],
+        "free": lambda repeats: [side_by_side.Row("seconds", repeats, "s")],
+    }
     path = tmp_path / "results.json"
-    assert side_by_side.command_line("Benchmarks", parts, argv=["--json", str(path), "--repeats", "3"]) == code
+    assert (
+        side_by_side.command_line("Benchmarks", parts, argv=["--json", str(path), "--repeats", "3"])
+        == code
+    )
     out, err = capsys.readouterr()
     assert ("missed: a ratio" in err) == bool(code)
-    assert f"| a ratio | {value} |  | {'≥' if least else '≤'} 3 | {'FAIL' if code else 'pass'} |" in out
+    assert (
+        f"| a ratio | {value} |  | {'≥' if least else '≤'} 3 | {'FAIL' if code else 'pass'} |"
+        in out
+    )
     results = json.loads(path.read_text(encoding="utf-8"))
     assert results["machine"]["cores"] >= 1
     assert {"processor", "python", "numpy", "scipy", "phonopy", "blas"} <= set(results["machine"])

@@ -1,4 +1,6 @@
-"""Sizes beyond the memory of the machine are refused before work begins, by every call that takes one."""
+"""Sizes beyond the memory of the machine are refused before work begins, by every call that takes
+one.
+"""
 
 from __future__ import annotations
 
@@ -55,17 +57,25 @@ DOORS = {
     "samples": lambda: simulation((64, 64), samples=10**7).at_force(10.0),
     "path": lambda: simulation((3000, 3000), **FRICTION).path(force=[10.0, 20.0]),
     "frames of a motion": lambda: gp.NonlinearWaves(network()).run(1e-4, frames=10**7),
-    "frames of a pulse": lambda: gp.Waves(network()).transmit(3000.0, (1, 0), 0.03, frames=np.linspace(0.0, 1e-3, 10**6)),
-    "response": lambda: gp.Waves(network()).response(SORTED, (0, (1, 0)), (np.arange(1, 144), (1, 0)), damping=1e-6),
+    "frames of a pulse": lambda: gp.Waves(network()).transmit(
+        3000.0, (1, 0), 0.03, frames=np.linspace(0.0, 1e-3, 10**6)
+    ),
+    "response": lambda: gp.Waves(network()).response(
+        SORTED, (0, (1, 0)), (np.arange(1, 144), (1, 0)), damping=1e-6
+    ),
     "complex bands": lambda: gp.Phonons(equal()).complex_bands(MANY[:2_000_000], 0),
-    "complex bands with losses": lambda: gp.Phonons(equal()).complex_bands(MANY[:800_000], 0, damping=1e-7),
+    "complex bands with losses": lambda: gp.Phonons(equal()).complex_bands(
+        MANY[:800_000], 0, damping=1e-7
+    ),
     "transmission": lambda: gp.transmission(equal().network, None, equal().network, SORTED),
     "local_dos": lambda: gp.Waves(network()).local_dos(0, MANY),
     "sweep": lambda: gp.sweep(PACKING, force=MANY),
     "loads": lambda: gp.EffectiveMedium(PACKING).at_force(MANY),
     "loads of pairs": lambda: gp.AveragedForce(PACKING).at_force(MANY[:10_000_000]),
     "pulse velocities": lambda: gp.pulse_velocities(equal(), MANY[:2_000_000]),
-    "force constants": lambda: gp.HertzMindlin(equal()).get_force_constants(gp.atoms(equal()).repeat((100, 100, 1))),
+    "force constants": lambda: gp.HertzMindlin(equal()).get_force_constants(
+        gp.atoms(equal()).repeat((100, 100, 1))
+    ),
 }
 
 

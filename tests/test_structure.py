@@ -1,4 +1,6 @@
-"""What import-linter, which holds the direction of imports, cannot say: nothing is loaded that was not asked for."""
+"""What import-linter, which holds the direction of imports, cannot say: nothing is loaded that was
+not asked for.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,17 @@ PACKAGE = Path(granphon.__file__).parent
 
 def loaded_after(code: str) -> set[str]:
     run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", f"{code}\nimport sys\nprint('\\n'.join(sys.modules))"],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-W",
+            "error",
+            "-c",
+            f"{code}\nimport sys\nprint('\\n'.join(sys.modules))",
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     return set(run.stdout.split())
 
 
@@ -39,7 +49,8 @@ def test_importing_granphon_loads_nothing_heavy():
 def test_velocities_load_neither_phonopy_nor_matplotlib_nor_calculators():
     code = (
         "import granphon as gp\n"
-        "state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3)).at_force(1.0)\n"
+        "state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0),"
+        " 1e-3)).at_force(1.0)\n"
         "gp.sound_velocities(state), gp.moduli(state), gp.pulse_velocities(state, 1e3)"
     )
     assert not heavy(loaded_after(code))
@@ -72,9 +83,11 @@ def test_public_names_exist_and_are_documented():
         _ = granphon.nonsense
 
 
-#: places above the law that hold 3/2, 2/3, 1/3, 5/2, 2/5 or 5/3, or a cube root, and what they are there
+#: places above the law that hold 3/2, 2/3, 1/3, 5/2, 2/5 or 5/3, or a cube root, and what they are
+#: there
 NOT_HERTZ = {
-    "array/friction.py:_lose_rising": "integrals of powers of h^(1/2): the closed form of Hertz and Mindlin in one step",
+    "array/friction.py:_lose_rising": "integrals of powers of h^(1/2): the closed form of Hertz and"
+    " Mindlin in one step",
     "array/friction.py:_lose_falling": "the same",
     "balls/ball.py:__post_init__": "inertia of a shell over that of a solid ball",
     "balls/diameters.py:cut_rms": "argument of the gamma function",
@@ -100,7 +113,9 @@ QUOTIENTS = {(3, 2), (2, 3), (1, 3), (5, 3), (5, 2), (2, 5), (1, 6)}
 
 def holds_exponent(node: ast.AST) -> bool:
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
-        ends = [end.value if isinstance(end, ast.Constant) else None for end in (node.left, node.right)]
+        ends = [
+            end.value if isinstance(end, ast.Constant) else None for end in (node.left, node.right)
+        ]
         return tuple(ends) in QUOTIENTS
     if isinstance(node, ast.Constant):
         return isinstance(node.value, float) and node.value in EXPONENTS
@@ -108,9 +123,17 @@ def holds_exponent(node: ast.AST) -> bool:
 
 
 def find_exponents(path: Path) -> set[str]:
-    """Functions that hold an exponent; a number of the module that is one alone has a name and a reason of its own."""
-    tree, found = ast.parse(path.read_text(encoding="utf-8")), set()
-    inside = {id(part): node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) for part in ast.walk(node)}
+    """Functions that hold an exponent; a number of the module that is one alone has a name and a
+    reason of its own.
+    """
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = set()
+    inside = {
+        id(part): node.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+        for part in ast.walk(node)
+    }
     lone = {id(node.value) for node in tree.body if isinstance(node, ast.Assign | ast.AnnAssign)}
     for node in ast.walk(tree):
         if holds_exponent(node) and not (isinstance(node, ast.Constant) and id(node) in lone):
@@ -119,6 +142,12 @@ def find_exponents(path: Path) -> set[str]:
 
 
 def test_only_the_law_holds_its_exponents():
-    """Hertz's law has one owner, granphon.balls.hertz: what is above it asks for forces, stiffnesses, energies by name."""
-    paths = [path for path in PACKAGE.rglob("*.py") if not path.relative_to(PACKAGE).as_posix().startswith(LAWFUL)]
+    """Hertz's law has one owner, granphon.balls.hertz: what is above it asks for forces,
+    stiffnesses, energies by name.
+    """
+    paths = [
+        path
+        for path in PACKAGE.rglob("*.py")
+        if not path.relative_to(PACKAGE).as_posix().startswith(LAWFUL)
+    ]
     assert set().union(*map(find_exponents, paths)) == set(NOT_HERTZ)

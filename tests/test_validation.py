@@ -1,7 +1,8 @@
-"""Each claim of the pages has its row in docs/reference/validation.md, and its test; claims that no other test would show.
+"""Each claim of the pages has its row in docs/reference/validation.md, and its test; claims that no
+other test would show.
 
-A claim is found by its id: `<!-- claim: ID -->` beside the sentence, the first cell of the row, and the mark
-`claim` of the tests that the row names.
+A claim is found by its id: `<!-- claim: ID -->` beside the sentence, the first cell of the row, and
+the mark `claim` of the tests that the row names.
 """
 
 from __future__ import annotations
@@ -48,7 +49,11 @@ class Row:
 
     @property
     def tests(self) -> set[str]:
-        return {f"{one['test']}::{one['name']}" for one in _PRODUCER.finditer(self.producers) if one["test"]}
+        return {
+            f"{one['test']}::{one['name']}"
+            for one in _PRODUCER.finditer(self.producers)
+            if one["test"]
+        }
 
 
 @cache
@@ -60,7 +65,8 @@ def rows() -> dict[str, list[Row]]:
     for head, text in zip(parts[::2], parts[1::2], strict=True):
         link = re.fullmatch(r"\[[^\]]+\]\(([^)#]+)\)", head)
         page = (PAGE.parent / link[1]).resolve().relative_to(DOCS).as_posix() if link else head
-        _, *lines = re.findall(r"^\| (.+?) \| (.+?) \| (.+) \|$", text, re.MULTILINE)  # the first row is the heads
+        # the first row is the heads
+        _, *lines = re.findall(r"^\| (.+?) \| (.+?) \| (.+) \|$", text, re.MULTILINE)
         found[page] = [Row(*line) for line in lines]
     return found
 
@@ -74,18 +80,22 @@ def marked() -> dict[str, set[str]]:
             for mark in getattr(node, "decorator_list", ()):
                 if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "pytest.mark.claim":
                     for name in map(ast.literal_eval, mark.args):
-                        found.setdefault(name, set()).add(f"{path.relative_to(ROOT).as_posix()}::{node.name}")
+                        found.setdefault(name, set()).add(
+                            f"{path.relative_to(ROOT).as_posix()}::{node.name}"
+                        )
     return found
 
 
 def without() -> set[str]:
     """Pages that are said to claim nothing besides the values of their code."""
-    (text,) = re.findall(r"<!-- without claims -->(.*?)<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    (text,) = re.findall(
+        r"<!-- without claims -->(.*?)<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL
+    )
     targets = re.findall(r"\]\(([^)#\s]+)\)", text)
     return {(PAGE.parent / target).resolve().relative_to(DOCS).as_posix() for target in targets}
 
 
-# -- the page -----------------------------------------------------------------------------------------------------------
+# -- the page --------------------------------------------------------------------------------------
 
 
 def test_every_page_is_in_the_table_or_said_to_claim_nothing():
@@ -107,7 +117,9 @@ def test_each_claim_has_an_id_of_its_own_and_each_marked_test_a_claim():
     assert marked().keys() <= set(ids)
 
 
-@pytest.mark.parametrize("row", [row for claims in rows().values() for row in claims], ids=lambda row: row.id)
+@pytest.mark.parametrize(
+    "row", [row for claims in rows().values() for row in claims], ids=lambda row: row.id
+)
 def test_the_tests_of_a_row_are_those_that_are_marked_with_its_id(row):
     assert row.tests == marked().get(row.id, set())
 
@@ -144,7 +156,9 @@ def test_what_produces_a_claim_exists(page):
                 script = ROOT / one["benchmark"]
                 asked = set(one["options"].partition("--only")[2].split())
                 if script.is_dir():
-                    known = set().union(*(parts_of(path.stem) for path in script.glob("bench_*.py")))
+                    known = set().union(
+                        *(parts_of(path.stem) for path in script.glob("bench_*.py"))
+                    )
                 else:
                     assert script.is_file(), one[0]
                     known = parts_of(script.stem)
@@ -164,7 +178,7 @@ def test_the_page_links_to_every_page():
     }
 
 
-# -- claims that no other test would show -------------------------------------------------------------------------------
+# -- claims that no other test would show ----------------------------------------------------------
 
 
 def steel_packing(steel, **options):
@@ -174,7 +188,10 @@ def steel_packing(steel, **options):
 @pytest.mark.claim("few-polynomials")
 @pytest.mark.parametrize(
     "shape",
-    only([UniformShape(), NormalShape(3.0)], [UniformShape(), *(NormalShape(cutoff) for cutoff in (2.0, 3.0, 6.0))]),
+    only(
+        [UniformShape(), NormalShape(3.0)],
+        [UniformShape(), *(NormalShape(cutoff) for cutoff in (2.0, 3.0, 6.0))],
+    ),
     ids=str,
 )
 @pytest.mark.parametrize("eta", [0.0, 0.84])
@@ -193,8 +210,13 @@ def test_the_curve_of_a_density_has_few_polynomials_and_forgives_little(shape, e
 def test_the_printed_local_field_changes_the_stiffness_by_half_a_per_cent(steel):
     packing = steel_packing(steel, friction=False)
     force = 0.08 * packing.law.coefficient * packing.width**1.5
-    right, printed = (gp.EffectiveMedium(packing, local_field=word).at_force(force) for word in ("computed", "paper"))
-    assert printed.normal_stiffness / right.normal_stiffness - 1.0 == pytest.approx(-0.005, abs=0.0005)
+    right, printed = (
+        gp.EffectiveMedium(packing, local_field=word).at_force(force)
+        for word in ("computed", "paper")
+    )
+    assert printed.normal_stiffness / right.normal_stiffness - 1.0 == pytest.approx(
+        -0.005, abs=0.0005
+    )
 
 
 @pytest.mark.claim("places-of-a-lot")
@@ -203,7 +225,8 @@ def test_a_large_lot_put_together_changes_the_force_by_little():
     lot = gp.Measured(8e-3 + 1e-6 * off)
     assert len(lot.shape.positions) <= MOST_POINTS < off.size
     x = (np.array(lot.diameters) - lot.mean) / lot.width
-    y, total = -0.4, 0.0  # few contacts are left, f* = 7e-4
+    y = -0.4
+    total = 0.0  # few contacts are left, f* = 7e-4
     for some in np.split(x, 50):
         gap = np.maximum(y + 0.5 * (some[:, None] + x), 0.0)
         total += float(np.sum(gap * np.sqrt(gap)))
@@ -214,10 +237,14 @@ def test_a_large_lot_put_together_changes_the_force_by_little():
 @pytest.mark.exhaustive
 def test_rare_kinds_end_the_equation_far_below_its_validity():
     # as study_simulation.py has it of many more lists
-    draw, found = np.random.default_rng(3), []
+    draw = np.random.default_rng(3)
+    found = []
     for _ in range(5):
-        off, rare = draw.uniform(-1.0, 1.0, 3), 10.0 ** draw.uniform(-6.0, -2.0, 2)
-        curve = effective_curve(kinds(off.tolist(), [1.0 - np.sum(rare), *rare.tolist()]), local_field().xi)
+        off = draw.uniform(-1.0, 1.0, 3)
+        rare = 10.0 ** draw.uniform(-6.0, -2.0, 2)
+        curve = effective_curve(
+            kinds(off.tolist(), [1.0 - np.sum(rare), *rare.tolist()]), local_field().xi
+        )
         found.append(curve.least_force if curve.stiffness_vanishes else 0.0)
     assert 1e-6 < max(found) < 1e-2
 
@@ -241,7 +268,9 @@ def test_forces_read_from_extxyz(steel, tmp_path):
 def test_the_limits_are_reached_together(steel):
     medium = gp.AveragedLattice(gp.Packing(steel, 8e-3))
     names = "contact_radius", "load", "velocity", "resonance"
-    below, above = (gp.validity(medium.at_overlap(part * 8e-3)) for part in (0.0094 - 0.0006, 0.019))
+    below, above = (
+        gp.validity(medium.at_overlap(part * 8e-3)) for part in (0.0094 - 0.0006, 0.019)
+    )
     assert all(below[name].ok for name in names)
     assert not any(above[name].ok for name in names)
 
@@ -255,7 +284,9 @@ def test_the_spacing_loses_the_digits_of_the_overlap():
 
 @pytest.mark.claim("slower-than-steel")
 def test_sound_is_seven_times_slower_than_in_steel(steel, state):
-    assert steel.longitudinal_velocity / gp.sound_velocities(state).longitudinal == pytest.approx(7.0, abs=0.5)
+    assert steel.longitudinal_velocity / gp.sound_velocities(state).longitudinal == pytest.approx(
+        7.0, abs=0.5
+    )
 
 
 @pytest.mark.claim("tutorial-exponents")
@@ -269,7 +300,9 @@ def test_the_exponents_of_the_tutorial(steel):
 
 @dataclass(frozen=True)
 class Quadratic:
-    """f = c delta_+^2, a contact law that is not Hertz's, as the page on development has tried it; c in N/m^2."""
+    """f = c delta_+^2, a contact law that is not Hertz's, as the page on development has tried it;
+    c in N/m^2.
+    """
 
     coefficient: float
     least_overlap: float = 0.0
@@ -311,7 +344,8 @@ def test_another_contact_law(steel):
     sheet = gp.atoms(state).repeat((3, 3, 1))
     sheet.calc = gp.HertzMindlin(state)
     sheet.rattle(stdev=0.1 * state.relative_overlap, seed=2)
-    forces, step = sheet.get_forces(), 1e-2 * state.relative_overlap
+    forces = sheet.get_forces()
+    step = 1e-2 * state.relative_overlap
     for ball, axis in ((0, 0), (4, 1), (8, 0)):
         energies = []
         for move in (-step, step):
@@ -319,4 +353,6 @@ def test_another_contact_law(steel):
             other.positions[ball, axis] += move
             other.calc = gp.HertzMindlin(state)
             energies.append(other.get_potential_energy())
-        assert (energies[0] - energies[1]) / (2.0 * step) == pytest.approx(forces[ball, axis], abs=1e-13)
+        assert (energies[0] - energies[1]) / (2.0 * step) == pytest.approx(
+            forces[ball, axis], abs=1e-13
+        )

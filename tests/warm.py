@@ -1,4 +1,6 @@
-"""Programs in forks of one process that has loaded their libraries: each has a process of its own, and loads none again."""
+"""Programs in forks of one process that has loaded their libraries: each has a process of its own,
+and loads none again.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,10 @@ class Warm:
 
     def __init__(self, *modules: str) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _SERVER, *modules], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", _SERVER, *modules],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         )
 
     def run(
@@ -57,13 +62,21 @@ class Warm:
         code: str = "",
         environment: dict[str, str] | None = None,
     ) -> tuple[int, str, str]:
-        """Exit code and output of a Python program (its path, or ``-c`` with ``code``) that is run in ``folder``."""
+        """Exit code and output of a Python program (its path, or ``-c`` with ``code``) that is run
+        in ``folder``.
+        """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        out, err = scratch / "stdout", scratch / "stderr"
+        out = scratch / "stdout"
+        err = scratch / "stderr"
         for path in (out, err):
             path.unlink(missing_ok=True)
-        job = {"folder": str(folder), "arguments": list(arguments), "code": code, "environment": environment or {}}
+        job = {
+            "folder": str(folder),
+            "arguments": list(arguments),
+            "code": code,
+            "environment": environment or {},
+        }
         self._process.stdin.write(json.dumps(job | {"out": str(out), "err": str(err)}) + os.linesep)
         self._process.stdin.flush()
         status = self._process.stdout.readline()

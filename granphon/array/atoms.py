@@ -1,21 +1,25 @@
-"""Balls as an ``ase.Atoms``: the meaning of its arrays, and the check that they belong to the given state.
+"""Balls as an ``ase.Atoms``: the meaning of its arrays, and the check that they belong to the given
+state.
 
-Atoms are in reduced units (d = k = M = 1). For conversion to SI, the scales are in ``atoms.info`` (see
-:class:`granphon.base.scales.Units`). ASE loses that dictionary in several places, so an array guards against the units of
-another state. The arrays are:
+Atoms are in reduced units (d = k = M = 1). For conversion to SI, the scales are in ``atoms.info``
+(see :class:`granphon.base.scales.Units`). ASE loses that dictionary in several places, so an array
+guards against the units of another state. The arrays are:
 
-``granphon_scales``      (N, 3) natural logarithms of d (m), k (N/m) and M (kg): a file with eight decimals then keeps
-                         eight digits of each scale.
-``granphon_kind``        (N,) 0: balls of a lattice; 1: of a lattice with finite overlap; 2: of a simulated sample.
+``granphon_scales``      (N, 3) natural logarithms of d (m), k (N/m) and M (kg): a file with eight
+                         decimals then keeps eight digits of each scale.
+``granphon_kind``        (N,) 0: balls of a lattice; 1: of a lattice with finite overlap; 2: of a
+                         simulated sample.
 ``diameter_deviations``  (N,) d_i - <d>.
-``displacements``        (N, 3) displacements from the lattice sites; force constants depend on these.
-``slip_origin``          (N, 3) displacements at which, without rotation, no contact has slipped: those of a sample at rest.
-``rotations``            (N,) angle phi about z, rad, of balls that stay in a plane or on a line; (N, 3) rotation vector
-                         phi, rad, of balls that move in space.
+``displacements``        (N, 3) displacements from the lattice sites; force constants depend on
+                         these.
+``slip_origin``          (N, 3) displacements at which, without rotation, no contact has slipped:
+                         those of a sample at rest.
+``rotations``            (N,) angle phi about z, rad, of balls that stay in a plane or on a line;
+                         (N, 3) rotation vector phi, rad, of balls that move in space.
 ``radius``               (N,) radius d_i/2, for programs that draw balls.
 
-All but the last are required, and so are masses: ASE gives a ball without a mass that of an iron atom, and some of its
-readers store that mass.
+All but the last are required, and so are masses: ASE gives a ball without a mass that of an iron
+atom, and some of its readers store that mass.
 """
 
 from __future__ import annotations
@@ -48,10 +52,16 @@ SAMPLE = 2
 _SCALES = "granphon_scales"
 #: name of the array of kinds
 _KIND = "granphon_kind"
-#: names of the arrays on which energy and force constants depend, with the shape of one ball's entry in a plane
+#: names of the arrays on which energy and force constants depend, with the shape of one ball's
+#: entry in a plane
 ARRAYS: dict[str, tuple[int, ...]] = {
-    _SCALES: (3,), _KIND: (), "diameter_deviations": (), "displacements": (3,), "slip_origin": (3,), "rotations": (),
-}  # fmt: skip
+    _SCALES: (3,),
+    _KIND: (),
+    "diameter_deviations": (),
+    "displacements": (3,),
+    "slip_origin": (3,),
+    "rotations": (),
+}
 #: largest component of a lattice vector, in diameters, across the line or the plane of the lattice
 _TILT = 1e-3
 #: largest error of a logarithm that a file with eight decimals causes
@@ -71,12 +81,16 @@ def count_coordinates(packing: Packing) -> int:
 
 
 def _shapes(coordinates: int) -> dict[str, tuple[int, ...]]:
-    """Shape of one ball's entry in each array of :data:`ARRAYS`; balls that move in space turn about three axes."""
+    """Shape of one ball's entry in each array of :data:`ARRAYS`; balls that move in space turn
+    about three axes.
+    """
     return ARRAYS | {"rotations": (3,)} if coordinates == 3 else ARRAYS
 
 
 def has_masses(balls: Atoms) -> bool:
-    """Whether every ball has its own mass, different from the one in ASE's table for the element of its symbol."""
+    """Whether every ball has its own mass, different from the one in ASE's table for the element of
+    its symbol.
+    """
     from ase.data import atomic_masses
 
     return balls.has("masses") and not np.any(balls.get_masses() == atomic_masses[balls.numbers])
@@ -88,15 +102,23 @@ def has_sampled(balls: Atoms) -> bool:
 
 
 def take_arrays(
-    balls: Atoms, units: Units, kind: Kind, given: Mapping[str, Array] | None = None, coordinates: int = 2
+    balls: Atoms,
+    units: Units,
+    kind: Kind,
+    given: Mapping[str, Array] | None = None,
+    coordinates: int = 2,
 ) -> None:
     """Put scales and arrays on Atoms, in place; ``coordinates`` is from :func:`count_coordinates`.
 
-    Each array is taken from ``given`` if it is there, otherwise from the Atoms, otherwise it is that of balls at rest on the
-    lattice sites. Missing masses become (1 + deviation)^3, as for balls of one material.
+    Each array is taken from ``given`` if it is there, otherwise from the Atoms, otherwise it is
+    that of balls at rest on the lattice sites. Missing masses become (1 + deviation)^3, as for
+    balls of one material.
     """
     new = {name: np.zeros((len(balls), *shape)) for name, shape in _shapes(coordinates).items()}
-    new |= {_SCALES: np.tile(_take_logarithms(units), (len(balls), 1)), _KIND: np.full(len(balls), kind)}
+    new |= {
+        _SCALES: np.tile(_take_logarithms(units), (len(balls), 1)),
+        _KIND: np.full(len(balls), kind),
+    }
     new |= {name: balls.arrays[name] for name in ARRAYS if name in balls.arrays}
     new |= given or {}
     if not has_masses(balls):
@@ -109,11 +131,14 @@ def take_arrays(
     balls.info.update(units.to_info())
 
 
-def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None, coordinates: int = 2) -> Atoms:
-    """Copy Atoms, and give the copy the arrays and masses that it lacks: those of ``like``, or of balls on the lattice.
+def adopt(
+    atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None, coordinates: int = 2
+) -> Atoms:
+    """Copy Atoms, and give the copy the arrays and masses that it lacks: those of ``like``, or of
+    balls on the lattice.
 
-    Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if the scales in ``info``
-    are not those of ``units``.
+    Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if
+    the scales in ``info`` are not those of ``units``.
     """
     balls = atoms.copy()
     _require_info(balls, units)
@@ -121,12 +146,17 @@ def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None, coo
     if like is not None:
         if len(like) != len(balls):
             raise InputError(
-                f"like has {len(like)} balls, and the Atoms have {len(balls)}", "Arrays are copied ball by ball"
+                f"like has {len(like)} balls, and the Atoms have {len(balls)}",
+                "Arrays are copied ball by ball",
             )
         if not has_masses(balls):
             balls.set_array("masses", None)
         names = (*ARRAYS, "radius", "masses")
-        given = {name: like.arrays[name].copy() for name in names if name not in balls.arrays and name in like.arrays}
+        given = {
+            name: like.arrays[name].copy()
+            for name in names
+            if name not in balls.arrays and name in like.arrays
+        }
     take_arrays(balls, units, kind, given, coordinates)
     return balls
 
@@ -134,17 +164,29 @@ def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None, coo
 def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int = 2) -> Kind:
     """Find out whether the balls are of kind :data:`LATTICE`, :data:`FINITE` or :data:`SAMPLE`.
 
-    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls belong to another state,
-    or to a state whose balls have another number of ``coordinates``.
+    Raises :class:`~granphon.base.errors.InputError` if an array or masses are missing, or the balls
+    belong to another state, or to a state whose balls have another number of ``coordinates``.
     """
-    missing = ["masses"] * (not has_masses(balls)) + [name for name in ARRAYS if not balls.has(name)]
+    missing = ["masses"] * (not has_masses(balls)) + [
+        name for name in ARRAYS if not balls.has(name)
+    ]
     if missing:
-        raise InputError(f"the Atoms have no {', '.join(missing)}", "A file or another program has left this out", _MEND)
+        raise InputError(
+            f"the Atoms have no {', '.join(missing)}",
+            "A file or another program has left this out",
+            _MEND,
+        )
     for name, shape in _shapes(coordinates).items():
         if balls.arrays[name].shape != (len(balls), *shape):
-            why = f"The balls of this state turn about {'x, y and z' if shape else 'z only'}" if name == "rotations" else ""
+            why = (
+                f"The balls of this state turn about {'x, y and z' if shape else 'z only'}"
+                if name == "rotations"
+                else ""
+            )
             raise InputError(
-                f"the array {name} has the shape {balls.arrays[name].shape}", why, f"Give {(len(balls), *shape)}"
+                f"the array {name} has the shape {balls.arrays[name].shape}",
+                why,
+                f"Give {(len(balls), *shape)}",
             )
     _require_info(balls, units)
     given = balls.arrays[_SCALES]
@@ -153,27 +195,32 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
         ball = int(np.argmin(same))
         d, k, mass = (f"{value:.9g}" for value in np.exp(given[ball]))
         raise InputError(
-            f"ball {ball} of the Atoms is in the units {d} m, {k} N/m and {mass} kg, and the state in"
-            f" {units.length:.9g} m, {units.stiffness:.9g} N/m and {units.mass:.9g} kg",
+            f"ball {ball} of the Atoms is in the units {d} m, {k} N/m and {mass} kg, and the"
+            f" state in {units.length:.9g} m, {units.stiffness:.9g} N/m and {units.mass:.9g} kg",
             "It is in units of another state, or was added without any",
             "Use the state it was made from, and add balls from gp.atoms(state)",
         )
     kinds = set(balls.arrays[_KIND].tolist())
     if len(kinds) > 1:
-        raise InputError("the Atoms combine balls on different lattices", mend="Use balls of one lattice")
+        raise InputError(
+            "the Atoms combine balls on different lattices", mend="Use balls of one lattice"
+        )
     kind: Kind = kinds.pop() if kinds else FINITE * finite_overlap
     if (kind == FINITE) != finite_overlap:
         ours, theirs = ("with", "without") if finite_overlap else ("without", "with")
         raise InputError(
             f"the Atoms were made {theirs} finite overlap, and this is a calculation {ours} it",
             "Their cells differ by the overlap",
-            f"Make the state with finite_overlap={not finite_overlap}, or make new Atoms with gp.atoms(state)",
+            f"Make the state with finite_overlap={not finite_overlap}, or make new Atoms with"
+            f" gp.atoms(state)",
         )
     return kind
 
 
 def require_lying(balls: Atoms, periods: int) -> None:
-    """Raise :class:`InputError` unless the cell lies and repeats along x alone (one period), or in the xy plane (two)."""
+    """Raise :class:`InputError` unless the cell lies and repeats along x alone (one period), or in
+    the xy plane (two).
+    """
     if periods == 3:
         return
     where, layer = (("line", "one row along x"), ("plane", "one layer in x and y"))[periods - 1]
@@ -181,7 +228,11 @@ def require_lying(balls: Atoms, periods: int) -> None:
         raise InputError(f"the cell is tilted out of the {where}", f"The array is {layer}")
     if np.any(balls.pbc[periods:]):
         allowed = tuple(axis < periods for axis in range(3))
-        raise InputError(f"the balls are periodic across the {where}", f"The array is {layer}", f"Set pbc = {allowed}")
+        raise InputError(
+            f"the balls are periodic across the {where}",
+            f"The array is {layer}",
+            f"Set pbc = {allowed}",
+        )
 
 
 def _take_logarithms(units: Units) -> Array:
@@ -202,9 +253,10 @@ def _require_info(balls: Atoms, units: Units) -> None:
 def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     """Write Atoms as extended XYZ with every digit; ``ase.io.read`` and OVITO read it.
 
-    ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions, displacements and diameters, and
-    forces depend on differences of these. Masses stand there twice, as ``masses`` for ASE and as ``mass`` for OVITO. Results
-    of the calculator are not written. The folder is made if need be; a file of granphon is replaced.
+    ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions,
+    displacements and diameters, and forces depend on differences of these. Masses stand there
+    twice, as ``masses`` for ASE and as ``mass`` for OVITO. Results of the calculator are not
+    written. The folder is made if need be; a file of granphon is replaced.
 
     Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, and
     :class:`~granphon.base.errors.OutputError` where it cannot be written, or another file is there.
@@ -217,7 +269,9 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     if not isinstance(atoms, Atoms):
         raise InputError(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms")
     first = {"symbols": np.array(list(atoms.symbols)), "positions": atoms.positions}
-    arrays: dict[str, Any] = first | {name: a for name, a in atoms.arrays.items() if name not in ("numbers", "positions")}
+    arrays: dict[str, Any] = first | {
+        name: a for name, a in atoms.arrays.items() if name not in ("numbers", "positions")
+    }
     if "masses" in arrays:
         arrays["mass"] = arrays["masses"]
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)

@@ -1,11 +1,13 @@
 """C of a periodic array of contacts, its transpose, and C^T D C, without a matrix.
 
-C maps the motions of balls to the deformations of contacts. A product of a small matrix with all balls gives what the two
-ends of all contacts contribute to all deformations, another product gives the forces on balls; between them stand shifts of
-whole arrays with ghost cells. In the flattened array a shift along the lattice is one number, so that what all contacts of a
-kind need are two slices of one long array, whatever the number of dimensions. Ghost cells hold images of balls, and images
-of contacts: so each ball finds all its contacts, and nothing has to be added up across the boundary. The array is worked on
-in parts, some layers of its first axis at a time, that stay in the processor's cache.
+C maps the motions of balls to the deformations of contacts. A product of a small matrix with all
+balls gives what the two ends of all contacts contribute to all deformations, another product gives
+the forces on balls; between them stand shifts of whole arrays with ghost cells. In the flattened
+array a shift along the lattice is one number, so that what all contacts of a kind need are two
+slices of one long array, whatever the number of dimensions. Ghost cells hold images of balls, and
+images of contacts: so each ball finds all its contacts, and nothing has to be added up across the
+boundary. The array is worked on in parts, some layers of its first axis at a time, that stay in the
+processor's cache.
 """
 
 from __future__ import annotations
@@ -42,7 +44,9 @@ class Halo:
         along = list(zip(*shifts, strict=True))
         self.below = tuple(max(0, -min(steps)) for steps in along)
         self.above = tuple(max(0, *steps) for steps in along)
-        self.outer = tuple(sum(widths) for widths in zip(self.below, self.shape, self.above, strict=True))
+        self.outer = tuple(
+            sum(widths) for widths in zip(self.below, self.shape, self.above, strict=True)
+        )
         self._strides = [math.prod(self.outer[axis + 1 :]) for axis in range(len(self.outer))]
         inside = (slice(low, low + size) for low, size in zip(self.below, self.shape, strict=True))
         self.inner: tuple[Any, ...] = (..., *inside)
@@ -52,29 +56,44 @@ class Halo:
         return sum(step * stride for step, stride in zip(shift, self._strides, strict=True))
 
     def images(self, array: Values, first: int) -> Iterator[tuple[Values, Values]]:
-        """Yield views of ghost layers and of the layers that they repeat, axis after axis from ``first`` on."""
+        """Yield views of ghost layers and of the layers that they repeat, axis after axis from
+        ``first`` on.
+        """
         for axis in range(first, len(self.shape)):
-            below, size, above = self.below[axis], self.shape[axis], self.above[axis]
+            below = self.below[axis]
+            size = self.shape[axis]
+            above = self.above[axis]
             rest: tuple[Any, ...] = (slice(None),) * (len(self.shape) - 1 - axis)
-            for done in range(0, above, size):  # more ghost layers than the array has repeat it more than once
-                count, end = min(size, above - done), below + size + done
-                yield array[(..., slice(end, end + count), *rest)], array[(..., slice(below, below + count), *rest)]
+            for done in range(0, above, size):
+                # more ghost layers than the array has repeat it more than once
+                count = min(size, above - done)
+                end = below + size + done
+                yield (
+                    array[(..., slice(end, end + count), *rest)],
+                    array[(..., slice(below, below + count), *rest)],
+                )
             for done in range(0, below, size):
-                count, start = min(size, below - done), below - done
+                count = min(size, below - done)
+                start = below - done
                 last = below + size
-                yield array[(..., slice(start - count, start), *rest)], array[(..., slice(last - count, last), *rest)]
+                yield (
+                    array[(..., slice(start - count, start), *rest)],
+                    array[(..., slice(last - count, last), *rest)],
+                )
 
 
 class _Workspace(NamedTuple):
-    """Views of the buffers for a part of the array; the last axis runs over the places in the flattened part.
+    """Views of the buffers for a part of the array; the last axis runs over the places in the
+    flattened part.
 
     Attributes
     ----------
-    balls : (fields, layers, ...) motions of balls and then forces on them, with ghost cells; ``near`` are those that matter,
-        and ``images`` pairs ghost cells with those that they repeat, but for whole layers.
+    balls : (fields, layers, ...) motions of balls and then forces on them, with ghost cells;
+        ``near`` are those that matter, and ``images`` pairs ghost cells with those that they
+        repeat, but for whole layers.
     ends : (2 rows, ...) what the ends of contacts contribute to deformations.
-    contacts : (rows, layers, ...) those of the tails; deformations or tensions of all contacts take their place. ``rows``
-        are those of contacts that have an end in the part.
+    contacts : (rows, layers, ...) those of the tails; deformations or tensions of all contacts take
+        their place. ``rows`` are those of contacts that have an end in the part.
     pairs : head and tail of each kind of contact.
     gathered : a place for the tension at ball j, and the tension at ball i.
     joined : tensions at both ends.
@@ -96,8 +115,8 @@ class _Workspace(NamedTuple):
 class _Part(NamedTuple):
     """Layers of the first axis that are worked on together.
 
-    ``sources`` pairs layers with their places in the workspace, ghost layers included. ``start`` is the place of its rows in
-    the flattened array, ``inner`` the index of the layers.
+    ``sources`` pairs layers with their places in the workspace, ghost layers included. ``start`` is
+    the place of its rows in the flattened array, ``inner`` the index of the layers.
     """
 
     layers: slice
@@ -108,46 +127,69 @@ class _Part(NamedTuple):
 
 
 class ContactOperator:
-    """C of an array of ``shape`` (L1, ..., Lp) with contacts between balls some ``shifts`` of cells apart.
+    """C of an array of ``shape`` (L1, ..., Lp) with contacts between balls some ``shifts`` of cells
+    apart.
 
-    A deformation is ``head . x_j - tail . x_i``, x being the motions in the cells of balls j and i; ``head`` and ``tail``
-    are (rows, fields), and each group of rows has one for each contact of a cell. Motions and forces are (fields, L1, ...,
-    Lp), deformations and tensions (rows, L1, ..., Lp), at the cell of ball i. Results have the precision of what is given.
+    A deformation is ``head . x_j - tail . x_i``, x being the motions in the cells of balls j and i;
+    ``head`` and ``tail`` are (rows, fields), and each group of rows has one for each contact of a
+    cell. Motions and forces are (fields, L1, ..., Lp), deformations and tensions (rows, L1, ...,
+    Lp), at the cell of ball i. Results have the precision of what is given.
     """
 
-    def __init__(self, shape: Sequence[int], shifts: Sequence[tuple[int, ...]], head: Values, tail: Values) -> None:
+    def __init__(
+        self, shape: Sequence[int], shifts: Sequence[tuple[int, ...]], head: Values, tail: Values
+    ) -> None:
         both_ways = [tuple(sign * n for n in shift) for shift in shifts for sign in (1, -1)]
-        halo, along = Halo(shape, both_ways), (0,) * (len(shape) - 1)
+        halo = Halo(shape, both_ways)
+        along = (0,) * (len(shape) - 1)
         steps = [halo.offset(shift) for shift in shifts]
-        # the parts of all kinds of contacts are alike: one that begins in a ghost cell and leads away has a far end too
+        # the parts of all kinds of contacts are alike: one that begins in a ghost cell and leads
+        # away has a far end too
         reach = max(0, *steps) - min(0, *steps) - halo.offset((0, *halo.below[1:]))
         layers = -(-reach // halo.offset((1, *along)))
-        self.shape, self.n_contacts, self.head, self.tail = tuple(shape), len(shifts), head, tail
+        self.shape = tuple(shape)
+        self.n_contacts = len(shifts)
+        self.head = head
+        self.tail = tail
         self.n_rows, self.n_fields = head.shape
         self.halo = Halo(shape, [*both_ways, (layers, *along), (-layers, *along)])
         self._stride = self.halo.offset((1, *along))
         self._steps = [self.halo.offset(shift) for shift in shifts]
         self._found: dict[Any, list[_Part]] = {}
 
-    # -- parts --------------------------------------------------------------------------------------------------------
+    # -- parts -------------------------------------------------------------------------------------
 
     def parts(self, precision: DTypeLike) -> list[_Part]:
         """Return the parts of the array, which share buffers of this precision."""
-        key, halo, count = np.dtype(precision), self.halo, self.shape[0]
+        key = np.dtype(precision)
+        halo = self.halo
+        count = self.shape[0]
         if key not in self._found:
             ghosts = halo.below[0] + halo.above[0]
             cached = _CACHED // (2 * self.n_rows * key.itemsize * self._stride)
             most = max(1, cached - ghosts, _LONG * ghosts)
             step = -(-count // -(-count // most))  # parts of one length, but for the last
-            spaces = {layers: self._make_workspace(layers, key) for layers in {step, count % step or step}}
+            spaces = {
+                layers: self._make_workspace(layers, key) for layers in {step, count % step or step}
+            }
             self._found[key] = []
             for start in range(0, count, step):
-                stop, sources, below = min(start + step, count), [], halo.below[0]
-                space, at, end = spaces[stop - start], start - below, stop + halo.above[0]
+                stop = min(start + step, count)
+                sources = []
+                below = halo.below[0]
+                space = spaces[stop - start]
+                at = start - below
+                end = stop + halo.above[0]
                 while at < end:  # layers that follow each other in the array, ghost layers included
                     low = at % count
-                    length, place = min(count - low, end - at), at - start + below
-                    sources.append((slice(low, low + length), (slice(None), slice(place, place + length), *halo.inner[2:])))
+                    length = min(count - low, end - at)
+                    place = at - start + below
+                    sources.append(
+                        (
+                            slice(low, low + length),
+                            (slice(None), slice(place, place + length), *halo.inner[2:]),
+                        )
+                    )
                     at += length
                 first = start * self._stride + halo.offset(halo.below) - max(0, *self._steps)
                 inner = (slice(None), slice(below, below + stop - start), *halo.inner[2:])
@@ -155,14 +197,22 @@ class ContactOperator:
         return self._found[key]
 
     def _make_workspace(self, layers: int, precision: DTypeLike) -> _Workspace:
-        halo, n, count = self.halo, self.n_contacts, self.n_rows
+        halo = self.halo
+        n = self.n_contacts
+        count = self.n_rows
         outer = (layers + halo.below[0] + halo.above[0], *halo.outer[1:])
-        balls, ends = np.zeros((self.n_fields, *outer), precision), np.zeros((2 * count, *outer), precision)
-        flat, flat_ends = balls.reshape(self.n_fields, -1), ends.reshape(2 * count, -1)
+        balls, ends = (
+            np.zeros((self.n_fields, *outer), precision),
+            np.zeros((2 * count, *outer), precision),
+        )
+        flat = balls.reshape(self.n_fields, -1)
+        flat_ends = ends.reshape(2 * count, -1)
         heads, tails = flat_ends.reshape(2, -1, n, flat.shape[1])
         least, most = min(0, *self._steps), max(0, *self._steps)
-        first, end = halo.offset(halo.below), flat.shape[1] - halo.offset(halo.above)
-        low, high = first - most, end - least  # contacts that begin here have an end in this part
+        first = halo.offset(halo.below)
+        end = flat.shape[1] - halo.offset(halo.above)
+        low = first - most
+        high = end - least  # contacts that begin here have an end in this part
         kinds = list(enumerate(self._steps))
         return _Workspace(
             balls=balls,
@@ -171,13 +221,19 @@ class ContactOperator:
             ends=flat_ends[:, low + least : high + most],
             contacts=ends[count:],
             rows=flat_ends[count:, low:high],
-            pairs=[(heads[:, at, low + step : high + step], tails[:, at, low:high]) for at, step in kinds],
-            gathered=[(heads[:, at, first:end], tails[:, at, first - step : end - step]) for at, step in kinds],
+            pairs=[
+                (heads[:, at, low + step : high + step], tails[:, at, low:high])
+                for at, step in kinds
+            ],
+            gathered=[
+                (heads[:, at, first:end], tails[:, at, first - step : end - step])
+                for at, step in kinds
+            ],
             joined=flat_ends[:, first:end],
             forces=flat[:, first:end],
         )
 
-    # -- products -----------------------------------------------------------------------------------------------------
+    # -- products ----------------------------------------------------------------------------------
 
     def deform(self, balls: Values) -> Values:
         """Return the deformations C u."""
@@ -189,18 +245,26 @@ class ContactOperator:
         return out
 
     def pull(self, *tensions: Values) -> Values:
-        """Return the forces C^T f, for tensions that are given in parts (n, L1, ..., Lp), one after the other."""
+        """Return the forces C^T f, for tensions that are given in parts (n, L1, ..., Lp), one after
+        the other.
+        """
         return self.collect(np.concatenate([self.head, -self.tail]).T, tensions)
 
     def collect(self, matrix: Values, contacts: Sequence[Values]) -> Values:
-        """Return (m, L1, ..., Lp) sums over the contacts of each ball: ``matrix`` (m, 2 rows) times their values.
+        """Return (m, L1, ..., Lp) sums over the contacts of each ball: ``matrix`` (m, 2 rows) times
+        their values.
 
-        Its columns are for contacts of which the ball is ball j, and then for those of which it is ball i.
+        Its columns are for contacts of which the ball is ball j, and then for those of which it is
+        ball i.
         """
         precision = contacts[0].dtype
-        matrix, out = matrix.astype(contacts[0].real.dtype), np.empty((len(matrix), *self.shape), precision)
+        matrix, out = (
+            matrix.astype(contacts[0].real.dtype),
+            np.empty((len(matrix), *self.shape), precision),
+        )
         for part in self.parts(precision):
-            space, at = part.space, 0
+            space = part.space
+            at = 0
             for one in contacts:
                 for layers, source in part.sources:
                     space.contacts[at : at + len(one)][source] = one[:, layers]
@@ -210,7 +274,8 @@ class ContactOperator:
             for place, tension in space.gathered:
                 place[...] = tension
             if len(matrix) == self.n_fields:
-                found, forces = space.balls, space.forces
+                found = space.balls
+                forces = space.forces
             else:
                 found = np.empty((len(matrix), *space.balls.shape[1:]), precision)
                 first = self.halo.offset(self.halo.below)
@@ -226,9 +291,11 @@ class ContactHessian:
     Parameters
     ----------
     operator : C.
-    stiffness : the diagonal of D, in parts (n, L1, ..., Lp) one after the other, (rows, L1, ..., Lp) in all.
-    coupling : what else is in D: forces against the deformations ``a`` by a unit of the deformations ``b``, arrays
-        (contacts, L1, ..., Lp) by (a, b), the numbers of two groups of rows.
+    stiffness : the diagonal of D, in parts (n, L1, ..., Lp) one after the other, (rows, L1, ...,
+        Lp) in all.
+    coupling : what else is in D: forces against the deformations ``a`` by a unit of the
+        deformations ``b``, arrays (contacts, L1, ..., Lp) by (a, b), the numbers of two groups of
+        rows.
     precision : single or double; complex, of stiffnesses with losses and of complex motions.
     """
 
@@ -239,15 +306,20 @@ class ContactHessian:
         coupling: Mapping[tuple[int, int], Values] | None = None,
         precision: DTypeLike = np.float32,
     ) -> None:
-        self._operator, self._precision = operator, np.dtype(precision)
+        self._operator = operator
+        self._precision = np.dtype(precision)
         real = np.zeros(0, precision).real.dtype
         self._split = np.concatenate([operator.head, operator.tail]).astype(real)
         self._join = np.concatenate([operator.head, -operator.tail]).T.astype(real)
         coupling = coupling or {}
         tables = {id(one): one for one in coupling.values()}
-        n, rows = operator.n_contacts, operator.n_rows
-        law = np.empty((rows + n * len(tables), *operator.halo.outer), precision)  # with images in the ghost cells
-        np.concatenate([*stiffness, *tables.values()], out=law[operator.halo.inner], casting="unsafe")
+        n = operator.n_contacts
+        rows = operator.n_rows
+        # with images in the ghost cells
+        law = np.empty((rows + n * len(tables), *operator.halo.outer), precision)
+        np.concatenate(
+            [*stiffness, *tables.values()], out=law[operator.halo.inner], casting="unsafe"
+        )
         for image, cell in operator.halo.images(law, 0):
             image[...] = cell
         law = law.reshape(len(law), -1)
@@ -256,18 +328,26 @@ class ContactHessian:
         self._law: list[tuple[Values, list[tuple[Values, Values, Values]]]] = []
         for part in operator.parts(precision):
             count = part.space.rows.shape[1]
-            here, groups = law[:, part.start : part.start + count], part.space.rows.reshape(-1, n, count)
-            rest = [(groups[a], groups[b], here[place[id(one)]]) for (a, b), one in coupling.items()]
+            here = law[:, part.start : part.start + count]
+            groups = part.space.rows.reshape(-1, n, count)
+            rest = [
+                (groups[a], groups[b], here[place[id(one)]]) for (a, b), one in coupling.items()
+            ]
             self._law.append((here[:rows], rest))
 
     def __call__(self, balls: Values, press: float | None = None) -> tuple[Values, float]:
-        """Return the forces (fields, L1, ..., Lp), and the sum of the tensions along normals with the sign turned.
+        """Return the forces (fields, L1, ..., Lp), and the sum of the tensions along normals with
+        the sign turned.
 
         ``press`` adds to the overlaps of all contacts; without it the sum is not found.
         """
-        operator, n, total = self._operator, self._operator.n_contacts, 0.0
+        operator = self._operator
+        n = self._operator.n_contacts
+        total = 0.0
         out = np.empty((operator.n_fields, *operator.shape), self._precision)
-        for part, (diagonal, coupling) in zip(operator.parts(self._precision), self._law, strict=True):
+        for part, (diagonal, coupling) in zip(
+            operator.parts(self._precision), self._law, strict=True
+        ):
             space = part.space
             stretch(self._split, balls, part)
             if press:
@@ -304,13 +384,15 @@ def stretch(split: Values, balls: Values, part: _Part) -> None:
 
 
 def multiply_columns(matrix: Values, columns: Values, out: Values) -> None:
-    """Write the product of a small matrix with many columns, in parts for which BLAS takes one thread.
+    """Write the product of a small matrix with many columns, in parts for which BLAS takes one
+    thread.
 
-    Its threads wait for each other, and their number changes the last digit. A real matrix takes the two parts of complex
-    columns as columns of their own.
+    Its threads wait for each other, and their number changes the last digit. A real matrix takes
+    the two parts of complex columns as columns of their own.
     """
     if matrix.dtype != out.dtype:
-        columns, out = columns.view(matrix.dtype), out.view(matrix.dtype)
+        columns = columns.view(matrix.dtype)
+        out = out.view(matrix.dtype)
     step = max(1, _ONE_THREAD // matrix.size)
     if columns.shape[1] <= step:
         np.matmul(matrix, columns, out=out)

@@ -1,17 +1,20 @@
 """Mechanical equilibrium of an array of balls of different diameters, in reduced units.
 
-In the paper's limit, where spread and overlap are small compared with the diameter, the directions of contacts stay those of
-the lattice. In units of W and of the force c W^(3/2) (Section IV) a contact has the overlap
+In the paper's limit, where spread and overlap are small compared with the diameter, the directions
+of contacts stay those of the lattice. In units of W and of the force c W^(3/2) (Section IV) a
+contact has the overlap
 
     h = y + (x_i + x_j)/2 - n.(u_j - u_i)
 
-with y = (d - a)/W common to all contacts, and carries the force h_+^(3/2). Equilibrium is the minimum of the sum of
-(2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the work of the load subtracted. This function is
-convex. Newton's method finds the minimum; where many contacts are open, an interior-point method
-(:mod:`granphon.array.interior`) first goes near it. Conjugate gradients solve the linear equations of each step, no more
-accurately than the step needs, in single precision as long as that serves; forces are found in double. The length of a step
-is chosen from the slope of the energy along it, never from the energy itself, a large sum in which rounding hides the
-changes.
+with y = (d - a)/W common to all contacts, and carries the force h_+^(3/2). Equilibrium is the
+minimum of the sum of
+(2/5) h_+^(5/2) over all u; at given load, the minimum over y too, with the work of the load
+subtracted. This function is convex. Newton's method finds the minimum; where many contacts are
+open, an interior-point method (:mod:`granphon.array.interior`) first goes near it. Conjugate
+gradients solve the linear equations of each step, no more accurately than the step needs, in single
+precision as long as that serves; forces are found in double. The length of a step is chosen from
+the slope of the energy along it, never from the energy itself, a large sum in which rounding hides
+the changes.
 """
 
 from __future__ import annotations
@@ -45,44 +48,50 @@ from granphon.base.errors import ConvergenceError, InputError
 from granphon.base.results import Result
 from granphon.dynamics.elasticity import voigt_pairs
 
-#: largest residual force on a ball, over the mean contact force (or over the rms difference of contact forces, if that is
-#: less)
+#: largest residual force on a ball, over the mean contact force (or over the rms difference of
+#: contact forces, if that is less)
 REST_TOLERANCE = 1e-10
-#: f* below which a sample with open contacts counts as carrying no load: it is within 1e-5 W of its rigidity threshold, or
-#: below it
+#: f* below which a sample with open contacts counts as carrying no load: it is within 1e-5 W of its
+#: rigidity threshold, or below it
 THRESHOLD_FORCE = 1e-8
 #: largest number of steps of Newton's method
 _NEWTON_STEPS = 1000
-#: fraction of contacts closed on the sites of the lattice, below which the interior-point method comes before Newton's
+#: fraction of contacts closed on the sites of the lattice, below which the interior-point method
+#: comes before Newton's
 _CLOSED_ON_SITES = 0.45
 #: if the force is given, largest f* at which it does
 _MOST_INTERIOR = 1.5e-2
-#: f* below which an equilibrium at given force is started from the equilibrium at ten times the force, by Newton's method
+#: f* below which an equilibrium at given force is started from the equilibrium at ten times the
+#: force, by Newton's method
 _DIRECT_FORCE = 1e-4
-#: least rms difference of contact forces, over that of balls held at their sites: in a chain all contacts carry the same
-#: force, but for rounding
+#: least rms difference of contact forces, over that of balls held at their sites: in a chain all
+#: contacts carry the same force, but for rounding
 _LEAST_DIFFERENCE = 1e-4
 #: tolerance of a linear system, over its right side, at most
 _LOOSEST = 0.15
-#: below that, the tolerance is the ratio by which the last step reduced the residual, to this power: where balls that
-#: nothing holds come to rest, progress is slow, however accurate the steps (S. C. Eisenstat and H. F. Walker, SIAM J. Sci.
-#: Comput. 17, 16 (1996), choose tolerances in this way)
+#: below that, the tolerance is the ratio by which the last step reduced the residual, to this
+#: power: where balls that nothing holds come to rest, progress is slow, however accurate the steps
+#: (S. C. Eisenstat and H. F. Walker, SIAM J. Sci. Comput. 17, 16 (1996), choose tolerances in this
+#: way)
 _PROGRESS = 1.2
 #: length of a step below which the linear equations of later ones are solved in double precision
 _SPOILT_LENGTH = 0.3
-#: force of a contact, over the largest residual force on a ball, above which the contact counts as carrying load. In
-#: practice the ratio is either far below one or above a hundred
+#: force of a contact, over the largest residual force on a ball, above which the contact counts as
+#: carrying load. In practice the ratio is either far below one or above a hundred
 CARRIED_FORCE = 10.0
-#: relative error of the linear response: that of the stiffness is its square, that of its slope of the same order
+#: relative error of the linear response: that of the stiffness is its square, that of its slope of
+#: the same order
 _RESPONSE = 1e-8
-#: the same of elastic constants, where it enters squared, over the part of an affine strain's energy that is stored
+#: the same of elastic constants, where it enters squared, over the part of an affine strain's
+#: energy that is stored
 _ELASTIC = 1e-7
 #: fraction of a given load by which rounding may miss it
 _LOAD_ROUNDING = 1e-15
-#: force left on a ball that the rounding of displacements explains, in units of it times the stiffness
+#: force left on a ball that the rounding of displacements explains, in units of it times the
+#: stiffness
 _MOVE_ROUNDING = 16.0
-#: tolerance of the load, as a fraction of the tolerance of forces: the load, a number that the user gave, is met to more
-#: digits
+#: tolerance of the load, as a fraction of the tolerance of forces: the load, a number that the user
+#: gave, is met to more digits
 _LOAD_TOLERANCE = 1e-3
 #: largest number of trials for the length of a step
 _LENGTH_TRIALS = 30
@@ -96,15 +105,18 @@ class Equilibrium(Result):
 
     Attributes
     ----------
-    deviations : (L1, ..., Lp) x = Delta/W of the balls; (n, L1, ..., Lp) of n > 1 balls in the cell.
+    deviations : (L1, ..., Lp) x = Delta/W of the balls; (n, L1, ..., Lp) of n > 1 balls in the
+        cell.
     overlap : y, common to all contacts.
-    balls : (n p, L1, ..., Lp) displacements in units of W, in the coordinates of :class:`~granphon.array.stencils.Stencils`.
+    balls : (n p, L1, ..., Lp) displacements in units of W, in the coordinates of
+        :class:`~granphon.array.stencils.Stencils`.
     residual : largest force left on a ball, divided by the mean contact force.
     newton, conjugate : number of steps taken by Newton's method and by conjugate gradients.
     lattice : the lattice of the contacts.
     ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
 
-    In arrays of contacts the first axis is the kind of contact, in the order of the lattice's table: (n_c, L1, ..., Lp).
+    In arrays of contacts the first axis is the kind of contact, in the order of the lattice's
+    table: (n_c, L1, ..., Lp).
     """
 
     deviations: Annotated[Array, "...", "", "finite"]
@@ -117,14 +129,21 @@ class Equilibrium(Result):
     ratio: Annotated[float, "", "", "zero or above"] = 0.0
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # keep derivatives already found: each costs a linear response, and another process may have asked for them
+        # keep derivatives already found: each costs a linear response, and another process may have
+        # asked for them
         found = {name: vars(self)[name] for name in ("_derivatives",) if name in vars(self)}
         return *super().__reduce__(), found
 
     def share(self, deviations: Array, stencils: Stencils) -> Self:
-        """Return the same equilibrium with ``deviations``, equal to its own, and ``stencils`` shared with others."""
-        other, known = replace(self, deviations=deviations), vars(self)
-        vars(other).update({name: known[name] for name in ("_derivatives", "place") if name in known}, stencils=stencils)
+        """Return the same equilibrium with ``deviations``, equal to its own, and ``stencils``
+        shared with others.
+        """
+        other = replace(self, deviations=deviations)
+        known = vars(self)
+        vars(other).update(
+            {name: known[name] for name in ("_derivatives", "place") if name in known},
+            stencils=stencils,
+        )
         return other
 
     @cached_property
@@ -133,25 +152,36 @@ class Equilibrium(Result):
         return Stencils(array_shape(self.deviations, self.lattice), lattice=self.lattice)
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on the lattice."""
+        """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on
+        the lattice.
+        """
         super()._check()
         shape = array_shape(self.deviations, self.lattice)
         wanted = self.lattice.n_balls * self.lattice.periods, *shape
         if len(shape) != self.lattice.periods or np.shape(self.balls) != wanted:
-            found = f"deviations of the shape {np.shape(self.deviations)} and balls of {np.shape(self.balls)}"
-            raise InputError(f"the Equilibrium has {found}, which is no array of the {self.lattice.name} lattice")
+            found = (
+                f"deviations of the shape {np.shape(self.deviations)} and balls of"
+                f" {np.shape(self.balls)}"
+            )
+            raise InputError(
+                f"the Equilibrium has {found}, which is no array of the {self.lattice.name} lattice"
+            )
 
     @cached_property
     def place(self) -> ExactPlace:
         """Configuration of the balls in the true geometry."""
-        return ExactGeometry(self.stencils, self.deviations, self.ratio).place(self.balls, self.overlap)
+        return ExactGeometry(self.stencils, self.deviations, self.ratio).place(
+            self.balls, self.overlap
+        )
 
     @property
     def differences(self) -> Array:
         """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
         if self.ratio:
             return self.place.differences
-        return self.stencils.average_pairs(self.deviations) - self.stencils.operator.deform(self.balls)
+        return self.stencils.average_pairs(self.deviations) - self.stencils.operator.deform(
+            self.balls
+        )
 
     @property
     def overlaps(self) -> Array:
@@ -165,25 +195,32 @@ class Equilibrium(Result):
 
     @property
     def excess(self) -> Array:
-        """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2), found without the loss of digits of a subtraction."""
+        """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2), found without the loss of digits of a
+        subtraction.
+        """
         return hertz.press_further(self.overlap, self.differences)[0]
 
     @property
     def stiffnesses(self) -> Array:
-        """(n_c, L1, ..., Lp) stiffnesses (3/2) h^(1/2) of the contacts that carry load; zero for the others."""
+        """(n_c, L1, ..., Lp) stiffnesses (3/2) h^(1/2) of the contacts that carry load; zero for
+        the others.
+        """
         return np.asarray(hertz.stiffness_of(self._roots))
 
     @property
     def stiffness_slopes(self) -> Array:
-        """(n_c, L1, ..., Lp) slopes of the stiffnesses, (3/4) h^(-1/2); zero where no load is carried."""
+        """(n_c, L1, ..., Lp) slopes of the stiffnesses, (3/4) h^(-1/2); zero where no load is
+        carried.
+        """
         return hertz.slope_of(self._roots)
 
     @property
     def _roots(self) -> Array:
-        """Square roots h^(1/2) of overlaps where contacts carry load; zero where the force may be a residual only.
+        """Square roots h^(1/2) of overlaps where contacts carry load; zero where the force may be a
+        residual only.
 
-        The iteration leaves balls that nothing holds where they touch others with a trace of force. Shear springs at such
-        contacts would hold them.
+        The iteration leaves balls that nothing holds where they touch others with a trace of force.
+        Shear springs at such contacts would hold them.
         """
         overlaps = self.overlaps
         least = hertz.overlap_of(CARRIED_FORCE * self.residual * self.force)
@@ -201,19 +238,27 @@ class Equilibrium(Result):
 
     @property
     def boundary_force(self) -> float:
-        """Force f*, a reduced number, at which the pressure is the same where the cell keeps its size."""
+        """Force f*, a reduced number, at which the pressure is the same where the cell keeps its
+        size.
+        """
         return find_boundary_force(self.place, self.forces) if self.ratio else self.force
 
     def response(self) -> Array:
-        """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
+        """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y;
+        computed anew at each call.
+        """
         stiffness = self.stiffnesses
-        (balls,) = find_linear_response(self.stencils, stiffness, [stiffness - _find_uniform_part(stiffness)], _RESPONSE)
+        (balls,) = find_linear_response(
+            self.stencils, stiffness, [stiffness - _find_uniform_part(stiffness)], _RESPONSE
+        )
         return np.asarray(1.0 - self.stencils.operator.deform(balls))
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:
         response = self.response()
-        return float(np.mean(self.stiffnesses * response**2)), float(np.mean(self.stiffness_slopes * response**3))
+        return float(np.mean(self.stiffnesses * response**2)), float(
+            np.mean(self.stiffness_slopes * response**3)
+        )
 
     @property
     def stiffness(self) -> float:
@@ -228,59 +273,83 @@ class Equilibrium(Result):
         """
         return self._derivatives[1]
 
-    def find_elasticity(self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
-        """Return the (n, n) elastic tensor of the array, in Voigt order, with springs at every contact that carries load.
+    def find_elasticity(
+        self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0
+    ) -> Array:
+        """Return the (n, n) elastic tensor of the array, in Voigt order, with springs at every
+        contact that carries load.
 
-        Under a small uniform strain each ball moves and turns until it is in balance again; the energy that the contacts
-        then store is the elastic energy. This rests on the contacts alone, without an effective medium or a conjecture about
-        friction. Springs against slip, twist and roll have ``shear`` (eta), ``torsion`` and ``bending`` (over d^2) times the
-        normal stiffness of their contact; shear and torsion are numbers, or one for each contact, (n_c, L1, ..., Lp).
-        Energies are per d^p, and the unit is that of the contacts' stiffness. An error of the linear response enters
-        squared. Raises :class:`~granphon.base.errors.ConvergenceError` if the response is not found.
+        Under a small uniform strain each ball moves and turns until it is in balance again; the
+        energy that the contacts then store is the elastic energy. This rests on the contacts alone,
+        without an effective medium or a conjecture about friction. Springs against slip, twist and
+        roll have ``shear`` (eta), ``torsion`` and ``bending`` (over d^2) times the normal stiffness
+        of their contact; shear and torsion are numbers, or one for each contact, (n_c, L1, ...,
+        Lp). Energies are per d^p, and the unit is that of the contacts' stiffness. An error of the
+        linear response enters squared. Raises :class:`~granphon.base.errors.ConvergenceError` if
+        the response is not found.
         """
-        own, normal = self.stencils, self.stiffnesses
-        # the array has one ratio for all contacts, on which its preconditioner is built: the mean, weighted by stiffness
+        own = self.stencils
+        normal = self.stiffnesses
+        # the array has one ratio for all contacts, on which its preconditioner is built: the mean,
+        # weighted by stiffness
         slip, twist = (np.asarray(ratio, float) for ratio in (shear, torsion))
         eta, mean = (
-            float(np.sum(ratio * normal) / np.sum(normal)) if ratio.ndim else float(ratio) for ratio in (slip, twist)
+            float(np.sum(ratio * normal) / np.sum(normal)) if ratio.ndim else float(ratio)
+            for ratio in (slip, twist)
         )
-        if not eta:  # only shear turns balls that are strained: without it twist and roll store nothing
+        if not eta:
+            # only shear turns balls that are strained: without it twist and roll store nothing
             mean = bending = 0.0
         stencils = Stencils(own.shape, eta, own.workers, self.lattice, mean, bending)
-        stiffness, n, p = stencils.weights(normal, slip=slip, twist=twist), stencils.n_contacts, len(own.shape)
+        stiffness = stencils.weights(normal, slip=slip, twist=twist)
+        n = stencils.n_contacts
+        p = len(own.shape)
         gradients = stencils.strains()
-        unit = np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)])
+        unit = np.array(
+            [0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)]
+        )
         affine = unit[(..., *(None,) * p)]
-        # tensions that are the same in all contacts of a kind are in balance if all balls are equivalent
+        # tensions that are the same in all contacts of a kind are in balance if all balls are
+        # equivalent
         even = _find_uniform_part(normal) if stencils.n_balls == 1 else 0.0
         means = stencils.weights(np.full((n, *(1,) * p), even))
-        motions = find_linear_response(stencils, stiffness, ((stiffness - means) * one for one in affine), _ELASTIC)
+        motions = find_linear_response(
+            stencils, stiffness, ((stiffness - means) * one for one in affine), _ELASTIC
+        )
         own.forget()  # many samples may be kept, each with a large Green's function
         tensor = np.zeros((len(affine), len(affine)))
         for a, motion in enumerate(motions):
             tension = stiffness * (affine[a] - stencils.operator.deform(motion))
-            for b, other in enumerate(motions[: a + 1]):  # found again for each pair: all together would take much memory
-                tensor[a, b] = tensor[b, a] = dot(tension, affine[b] - stencils.operator.deform(other))
+            for b, other in enumerate(motions[: a + 1]):
+                # found again for each pair: all together would take much memory
+                tensor[a, b] = tensor[b, a] = dot(
+                    tension, affine[b] - stencils.operator.deform(other)
+                )
         return tensor / (self.lattice.measure * np.prod(stencils.shape))
 
 
 def _find_uniform_part(stiffness: Array) -> float:
-    """Return a stiffness that may be subtracted from that of every contact in the response to a uniform strain.
+    """Return a stiffness that may be subtracted from that of every contact in the response to a
+    uniform strain.
 
-    Equal tension in all contacts moves nothing, so any constant may be subtracted. Where all contacts are closed, and so
-    nearly alike, the mean is subtracted to save digits. Where some are open the result is zero: the rounding of a subtracted
-    constant would pull at balls that nothing holds.
+    Equal tension in all contacts moves nothing, so any constant may be subtracted. Where all
+    contacts are closed, and so nearly alike, the mean is subtracted to save digits. Where some are
+    open the result is zero: the rounding of a subtracted constant would pull at balls that nothing
+    holds.
     """
     return float(np.mean(stiffness)) if np.all(stiffness) else 0.0
 
 
 def array_shape(deviations: Array, lattice: Lattice) -> tuple[int, ...]:
-    """Return the numbers of cells (L1, ..., Lp) of an array with these deviations; see :class:`Equilibrium`."""
+    """Return the numbers of cells (L1, ..., Lp) of an array with these deviations; see
+    :class:`Equilibrium`.
+    """
     return np.shape(deviations)[lattice.n_balls > 1 :]
 
 
 class NewtonIterate:
-    """Balls on the way to equilibrium: what their place tells of the contacts and, once found, how far they are from rest.
+    """Balls on the way to equilibrium: what their place tells of the contacts and, once found, how
+    far they are from rest.
 
     Attributes
     ----------
@@ -301,7 +370,9 @@ class NewtonIterate:
     distance: float
 
     def __init__(self, y: float, balls: Array, means: Array, stencils: Stencils) -> None:
-        self.overlap, self.balls, self._stencils = y, balls, stencils
+        self.overlap = y
+        self.balls = balls
+        self._stencils = stencils
         differences = stencils.operator.deform(balls)
         np.subtract(means, differences, out=differences)
         root: Array = differences.astype(np.float32)
@@ -312,23 +383,30 @@ class NewtonIterate:
             _, contact = hertz.press_further(y, part, part)
             roots[low : low + _CACHED] = contact
             sums += np.sum(part), dot(part, part), np.sum(contact)
-        self.excess, self.root, self._sums = differences, root, sums.tolist()
+        self.excess = differences
+        self.root = root
+        self._sums = sums.tolist()
 
     def measure(self, load: ReducedLoad, least: float) -> Self:
         """Find how far the balls are from rest; forces no larger than ``least`` count as that."""
         pull = self._stencils.forces(self.excess)
-        contacts, common, (total, squares, roots) = self.root.size, float(hertz.force_of(self.overlap)), self._sums
-        mean, square, self.level = (one / contacts for one in (total, squares, hertz.stiffness_of(roots)))
+        contacts = self.root.size
+        common = float(hertz.force_of(self.overlap))
+        (total, squares, roots) = self._sums
+        mean, square, self.level = (
+            one / contacts for one in (total, squares, hertz.stiffness_of(roots))
+        )
         self.force = common + mean
         push = (load.force - common) - mean if load.overlap is None else 0.0
-        # where overlaps are small, near the rigidity threshold and on a line, the spacing of doubles at y and at the
-        # displacements is too coarse to meet the load
+        # where overlaps are small, near the rigidity threshold and on a line, the spacing of
+        # doubles at y and at the displacements is too coarse to meet the load
         spacing = math.ulp(max(self.overlap, float(np.max(np.abs(self.balls)))))
         push *= abs(push) > _LOAD_ROUNDING * self.force + spacing * self.level
         self.left = math.sqrt(float(np.max(np.sum(self._stencils.cartesian(pull) ** 2, axis=0))))
         self.rest = Motion(pull, contacts * push)
         scale = min(self.force, max(math.sqrt(max(0.0, square - mean**2)), self.level * least))
-        # on a line displacements add up, as in a random walk, and all that is left in the end is their rounding
+        # on a line displacements add up, as in a random walk, and all that is left in the end is
+        # their rounding
         moved = float(np.max(np.abs(self.balls))) if len(self._stencils.shape) == 1 else 0.0
         at_rest = self.left <= _MOVE_ROUNDING * math.ulp(moved) * self.level
         # the load itself is met to more digits: it is a number that the user gave
@@ -339,29 +417,40 @@ class NewtonIterate:
 
     def search(self, step: Motion, means: Array, load: ReducedLoad) -> tuple[NewtonIterate, float]:
         """Return the balls after a step, and its length, of :func:`find_length`."""
-        strain, there = self._stencils.operator.deform(step.balls) - step.compression, self
+        strain = self._stencils.operator.deform(step.balls) - step.compression
+        there = self
         flat = strain.ravel()
 
         def measure(length: float) -> tuple[float, Callable[[], float]]:
             nonlocal there
-            y, balls = self.overlap + length * step.compression, self.balls + length * step.balls
+            y = self.overlap + length * step.compression
+            balls = self.balls + length * step.balls
             there = NewtonIterate(y, balls, means, self._stencils)
             slope = -dot(there.excess, strain)
             if load.overlap is None:
                 slope += step.compression * means.size * (float(hertz.force_of(y)) - load.force)
-            return slope, lambda: hertz.stiffness_of(float(np.einsum("i,i,i", there.root.ravel(), flat, flat)))
+            return slope, lambda: hertz.stiffness_of(
+                float(np.einsum("i,i,i", there.root.ravel(), flat, flat))
+            )
 
-        length = find_length(measure, dot(self.rest.balls, step.balls) + self.rest.compression * step.compression)
+        length = find_length(
+            measure, dot(self.rest.balls, step.balls) + self.rest.compression * step.compression
+        )
         return there, length
 
 
-def find_length(measure: Callable[[float], tuple[float, Callable[[], float]]], first: float) -> float:
-    """Return the length of a step at which the slope of the energy has at most a tenth of its ``first`` size.
+def find_length(
+    measure: Callable[[float], tuple[float, Callable[[], float]]], first: float
+) -> float:
+    """Return the length of a step at which the slope of the energy has at most a tenth of its
+    ``first`` size.
 
-    ``measure`` returns the slope at a length, below zero at first, and what finds its derivative. Lengths are tried by
-    Newton's method in one dimension, within brackets.
+    ``measure`` returns the slope at a length, below zero at first, and what finds its derivative.
+    Lengths are tried by Newton's method in one dimension, within brackets.
     """
-    low, high, length = 0.0, math.inf, 1.0
+    low = 0.0
+    high = math.inf
+    length = 1.0
     for _ in range(_LENGTH_TRIALS):
         slope, find_rise = measure(length)
         if abs(slope) <= 0.1 * abs(first):
@@ -385,16 +474,20 @@ def equilibrate(
 
     Parameters
     ----------
-    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the cell.
+    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the
+        cell.
     load : overlap or mean contact force, reduced.
     stencils : of the array; by default those of the triangular lattice.
-    start : equilibrium from which to begin, for example that of the same balls under a similar load.
-    tolerance : largest force left on a ball, over the mean contact force, or over the rms difference of contact forces if
-        that is less: at high loads the effect of disorder is itself only a small part of the force.
+    start : equilibrium from which to begin, for example that of the same balls under a similar
+        load.
+    tolerance : largest force left on a ball, over the mean contact force, or over the rms
+        difference of contact forces if that is less: at high loads the effect of disorder is itself
+        only a small part of the force.
 
     Raises
     ------
-    InputError : the sample carries no load at this overlap; or no start is given and the force is below f* = 1e-8.
+    InputError : the sample carries no load at this overlap; or no start is given and the force is
+        below f* = 1e-8.
     ConvergenceError : the tolerance is not reached; the message states the residual that is.
     """
     stencils = stencils or Stencils(deviations.shape)
@@ -404,49 +497,90 @@ def equilibrate(
     if free and start is None and load.force < THRESHOLD_FORCE and not equal:
         raise explain_too_small(load.force)
     if start is None and free and load.force < _DIRECT_FORCE and not equal:
-        start = equilibrate(deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3)
+        start = equilibrate(
+            deviations, load._replace(force=10.0 * load.force), stencils, tolerance=1e-3
+        )
     fresh = start is None or equal
-    if start is None or equal:  # begin at the overlap of Hertz's law, which is exact for equal balls
+    if start is None or equal:
+        # begin at the overlap of Hertz's law, which is exact for equal balls
         y = load.overlap if load.overlap is not None else hertz.overlap_of(load.force)
-        start = Equilibrium(deviations, float(y), np.zeros((stencils.n_fields, *stencils.shape)), lattice=stencils.lattice)
-    y, balls, steps, begun = start.overlap if free else float(load.overlap or 0.0), start.balls, 0, 0
+        start = Equilibrium(
+            deviations,
+            float(y),
+            np.zeros((stencils.n_fields, *stencils.shape)),
+            lattice=stencils.lattice,
+        )
+    y = start.overlap if free else float(load.overlap or 0.0)
+    balls = start.balls
+    steps = 0
+    begun = 0
     least = _LEAST_DIFFERENCE * float(np.std(means))
     inverses = Preconditioners(stencils)
-    near = _DIRECT_FORCE <= load.force <= _MOST_INTERIOR if free else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
+    near = (
+        _DIRECT_FORCE <= load.force <= _MOST_INTERIOR
+        if free
+        else np.mean(y + means > 0.0) < _CLOSED_ON_SITES
+    )
     # in space the interior-point method takes too many iterations without factors
     if near and not equal and (len(stencils.shape) < 3 or inverses.are_small):
-        found = approach(LatticeGeometry(stencils, deviations), y, balls, load.force if free else None, inverses, fresh)
+        found = approach(
+            LatticeGeometry(stencils, deviations),
+            y,
+            balls,
+            load.force if free else None,
+            inverses,
+            fresh,
+        )
         y, balls, begun, steps = found or (y, balls, begun, steps)
     elif fresh and not equal and y + float(np.min(means)) > 0.0:
-        # all contacts are closed on the sites: begin where springs that are alike would bring the balls. Where some are
-        # open, balls that nothing holds stay nearer to their sites if they begin there
+        # all contacts are closed on the sites: begin where springs that are alike would bring the
+        # balls. Where some are open, balls that nothing holds stay nearer to their sites if they
+        # begin there
         balls = stencils.green_preconditioner(means.dtype, 1.0)(stencils.forces(means))
     # linear equations need few digits, and single precision takes half of the time
-    single, before = not begun, 0.0
+    single = not begun
+    before = 0.0
     here = NewtonIterate(y, balls, means, stencils).measure(load, least)
     for newton in range(begun, _NEWTON_STEPS):
         if not free and here.force < THRESHOLD_FORCE and not np.all(here.root):
             raise InputError(
                 f"at an overlap of {here.overlap:.6g} widths this sample carries no load",
-                f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
+                f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold"
+                f" each other",
                 "Press it together more",
             )
         distance = here.distance
         if distance <= tolerance:
             state = Equilibrium(
-                deviations=deviations, overlap=here.overlap, balls=stencils.centre(here.balls),
-                residual=here.left / here.force, newton=newton, conjugate=steps, lattice=stencils.lattice,
-            )  # fmt: skip
+                deviations=deviations,
+                overlap=here.overlap,
+                balls=stencils.centre(here.balls),
+                residual=here.left / here.force,
+                newton=newton,
+                conjugate=steps,
+                lattice=stencils.lattice,
+            )
             return state.share(deviations, stencils)  # keeps the Green's function of the stencils
-        reduction = min(_LOOSEST, max(0.3 * tolerance / distance, (distance / before) ** _PROGRESS if before else _LOOSEST))
+        reduction = min(
+            _LOOSEST,
+            max(
+                0.3 * tolerance / distance, (distance / before) ** _PROGRESS if before else _LOOSEST
+            ),
+        )
         stiffness = here.root if single else here.root.astype(float)
         stiffness *= hertz.stiffness_of(1.0) / here.level
         stiffness += ADDED_STIFFNESS * min(1.0, distance)
         product = stencils.hessian(stiffness)
-        inverse = inverses.choose(stiffness, product=product) if begun else stencils.preconditioner(stiffness, product)
+        inverse = (
+            inverses.choose(stiffness, product=product)
+            if begun
+            else stencils.preconditioner(stiffness, product)
+        )
         # forces and stiffnesses near one: single precision has no numbers below 1e-38
         size = max(float(np.max(np.abs(here.rest.balls))), abs(here.rest.compression) / means.size)
-        rest = Motion((here.rest.balls / size).astype(stiffness.dtype), here.rest.compression / size)
+        rest = Motion(
+            (here.rest.balls / size).astype(stiffness.dtype), here.rest.compression / size
+        )
         mean = float(np.mean(stiffness)) if free else None
         step, taken, _ = solve_for_motion(product, rest, inverse, reduction, mean)
         scale = size / here.level
@@ -455,11 +589,13 @@ def equilibrate(
         there, length = here.search(step, means, load)
         here = there.measure(load, least)
         # where balls that nothing holds move far, single precision may spoil a step
-        steps, before, single = steps + taken, distance, single and length > _SPOILT_LENGTH
+        steps = steps + taken
+        before = distance
+        single = single and length > _SPOILT_LENGTH
     raise ConvergenceError(
         f"the sample has not come to rest after {_NEWTON_STEPS} steps",
-        f"At an overlap of {here.overlap:.6g} widths a force of {here.left / here.force:.2g} of the mean contact force "
-        "is left on a ball",
+        f"At an overlap of {here.overlap:.6g} widths a force of {here.left / here.force:.2g}"
+        f" of the mean contact force is left on a ball",
         "Raise the load, or take fewer balls",
     )
 

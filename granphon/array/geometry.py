@@ -1,12 +1,15 @@
-"""Where the contacts of an array are: in the geometry of the lattice, the limit of small spread, and in the true one.
+"""Where the contacts of an array are: in the geometry of the lattice, the limit of small spread,
+and in the true one.
 
-Units are those of :mod:`granphon.array.equilibrium`: displacements u in W; rotations phi in W/d; the lattice's lengths in d.
-In the limit contacts keep the directions e of the lattice, and all is linear: h = y + (x_i + x_j)/2 - e.(u_j - u_i), and
-slips are those of :class:`~granphon.array.stencils.Stencils`.
+Units are those of :mod:`granphon.array.equilibrium`: displacements u in W; rotations phi in W/d;
+the lattice's lengths in d. In the limit contacts keep the directions e of the lattice, and all is
+linear: h = y + (x_i + x_j)/2 - e.(u_j - u_i), and slips are those of
+:class:`~granphon.array.stencils.Stencils`.
 
-In the true geometry directions, arms, overlaps and slips follow from the positions of balls. A load compresses the cell
-evenly, by the factor 1 - eps y with eps = W/d and y = (d - a)/W, where a is the spacing of the lattice in the compressed
-cell. A contact whose direction on the lattice is e then has the vector from centre to centre
+In the true geometry directions, arms, overlaps and slips follow from the positions of balls. A load
+compresses the cell evenly, by the factor 1 - eps y with eps = W/d and y = (d - a)/W, where a is the
+spacing of the lattice in the compressed cell. A contact whose direction on the lattice is e then
+has the vector from centre to centre
 
     w = e + eps v,    v = u_j - u_i - y e
 
@@ -14,21 +17,22 @@ and the overlap
 
     h = (x_i + x_j)/2 - q,    q = (|w| - 1)/eps = (2 e.v + eps v.v)/(1 + |w|),
 
-in which no two numbers that are nearly equal are subtracted. It touches at the distances |w|/2 -+ eps (x_j - x_i)/4 from the
-centres, which are the radii less half of the overlap each; they add up to |w|, so that forces exert no torque on a pair. It
-slips by
+in which no two numbers that are nearly equal are subtracted. It touches at the distances |w|/2 -+
+eps (x_j - x_i)/4 from the centres, which are the radii less half of the overlap each; they add up
+to |w|, so that forces exert no torque on a pair. It slips by
 
     ds = (1 - nn) du - (arm_i dphi_i + arm_j dphi_j) x n,    n = w/|w|
 
-where du is the change of u_j - u_i - y e. From one configuration to the next the slip is found with the angle by which n
-turns, exact, and the means of arms and tangents at both ends. It is of second order in the step; in a plane it depends on
-the way by nothing but the change of arms. The tangents turn with n along the shortest way from e, and about n with both
-balls.
+where du is the change of u_j - u_i - y e. From one configuration to the next the slip is found with
+the angle by which n turns, exact, and the means of arms and tangents at both ends. It is of second
+order in the step; in a plane it depends on the way by nothing but the change of arms. The tangents
+turn with n along the shortest way from e, and about n with both balls.
 
-For eps = 0 all this is the linear map of the lattice. The coefficient of Hertz's law is that of the mean ball in both: its
-own radii change that of a contact by a part of order eps.
+For eps = 0 all this is the linear map of the lattice. The coefficient of Hertz's law is that of the
+mean ball in both: its own radii change that of a contact by a part of order eps.
 
-A geometry makes places: configurations of an array, that is, the motion of its balls and where that leaves the contacts.
+A geometry makes places: configurations of an array, that is, the motion of its balls and where that
+leaves the contacts.
 """
 
 from __future__ import annotations
@@ -52,31 +56,35 @@ from granphon.dynamics.rows import Row
 Law = Callable[[Array, Any], tuple[Array, Any]]
 #: tangential forces T of contacts (n_s, n_c, L1, ..., Lp), none without friction
 Shears = Array | tuple[()]
-#: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a change of y; without one, y
-#: is held and the sum is not asked for
+#: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a
+#: change of y; without one, y is held and the sum is not asked for
 Product = Callable[[Single, float | None], tuple[Single, float]]
 #: approximate inverse of C^T K C
 Inverse = Callable[[Array], Array]
 
 
-#: components along a contact's direction on the lattice and the two tangents there, arrays (n_c, L1, ..., Lp); those that
-#: balls on a line or in a plane do not have are the number 0.0
+#: components along a contact's direction on the lattice and the two tangents there, arrays (n_c,
+#: L1, ..., Lp); those that balls on a line or in a plane do not have are the number 0.0
 _Vector = tuple[Any, Any, Any]
 _ZERO: _Vector = (0.0, 0.0, 0.0)
-#: largest width over diameter: of balls that differ more, some leave their neighbours, and touch others
+#: largest width over diameter: of balls that differ more, some leave their neighbours, and touch
+#: others
 LARGEST_RATIO = 0.2
-#: stiffness added to each contact in a step of Newton's method, as a fraction of the mean stiffness times the distance from
-#: equilibrium: where many contacts are open the others do not make a solid, and without it the step would be unbounded
+#: stiffness added to each contact in a step of Newton's method, as a fraction of the mean stiffness
+#: times the distance from equilibrium: where many contacts are open the others do not make a solid,
+#: and without it the step would be unbounded
 ADDED_STIFFNESS = 1e-2
-#: fraction by which Newton's method may miss a given mean force, with friction or in the true geometry
+#: fraction by which Newton's method may miss a given mean force, with friction or in the true
+#: geometry
 LOAD_TOLERANCE = 1e-12
 
 
 class ReducedLoad(NamedTuple):
-    """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact ``force`` f*.
+    """Prescribed load: the reduced ``overlap`` y or, if that is None, the reduced mean contact
+    ``force`` f*.
 
-    If ``on_boundary`` is true, the load is a pressure: ``force`` is the f* under it where the cell keeps its size. In the
-    true geometry the boundary shrinks with the cell.
+    If ``on_boundary`` is true, the load is a pressure: ``force`` is the f* under it where the cell
+    keeps its size. In the true geometry the boundary shrinks with the cell.
     """
 
     overlap: float | None = None
@@ -90,8 +98,8 @@ class ActingForces(NamedTuple):
     Attributes
     ----------
     law : changes of forces (-df, dT) that follow from a loss of overlap and a slip.
-    forces : (n_c, L1, ..., Lp) normal forces that act, and turn with their contacts; with the sign below zero where they are
-        to hold balls against going aside, and not to push them there.
+    forces : (n_c, L1, ..., Lp) normal forces that act, and turn with their contacts; with the sign
+        below zero where they are to hold balls against going aside, and not to push them there.
     shears : (n_s, n_c, L1, ..., Lp) tangential forces that act; none where nothing resists slip.
     rolling : stiffnesses of contacts against twist and rolls.
     """
@@ -103,7 +111,8 @@ class ActingForces(NamedTuple):
 
 
 class LatticeGeometry:
-    """Geometry of contacts that keep the directions of the lattice: the limit of spread and overlap small against d.
+    """Geometry of contacts that keep the directions of the lattice: the limit of spread and overlap
+    small against d.
 
     ``ratio`` is eps = W/d, zero in this limit.
     """
@@ -111,32 +120,46 @@ class LatticeGeometry:
     ratio = 0.0
 
     def __init__(self, stencils: Stencils, deviations: Array) -> None:
-        self.stencils, self.means = stencils, stencils.average_pairs(deviations)
+        self.stencils = stencils
+        self.means = stencils.average_pairs(deviations)
 
     def place(self, balls: Array, overlap: float) -> LatticePlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
         return LatticePlace(self, balls, overlap)
 
     def weigh(self, stiffness: Array, forces: Array) -> Array:
-        """Return (rows, L1, ..., Lp) stiffnesses for a preconditioner, from those of contacts and the forces that act."""
+        """Return (rows, L1, ..., Lp) stiffnesses for a preconditioner, from those of contacts and
+        the forces that act.
+        """
         return stiffness
 
     def begin(self, balls: Array, overlap: float) -> tuple[Array, Array]:
-        """Return the overlaps of contacts and their slips from the sites, with which a history begins."""
+        """Return the overlaps of contacts and their slips from the sites, with which a history
+        begins.
+        """
         place = self.place(balls, overlap)
         return place.overlaps, place.slips(place, place.overlaps)
 
     def solve(
-        self, place: Any, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
+        self,
+        place: Any,
+        stiffness: Array,
+        forces: Array,
+        right: Motion,
+        inverse: Inverse,
+        reduction: float,
         free: bool,
-    ) -> tuple[Motion, int]:  # fmt: skip
-        """Solve for a small motion that takes forces on balls away, without friction: C^T K C u = ``right``.
+    ) -> tuple[Motion, int]:
+        """Solve for a small motion that takes forces on balls away, without friction: C^T K C u =
+        ``right``.
 
-        The error falls by ``reduction``. If ``free`` is true, the compression is an unknown too. Returns the motion and the
-        number of iterations.
+        The error falls by ``reduction``. If ``free`` is true, the compression is an unknown too.
+        Returns the motion and the number of iterations.
         """
         mean = float(np.mean(stiffness)) if free else None
-        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)[:2]
+        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)[
+            :2
+        ]
 
 
 class LatticePlace:
@@ -153,14 +176,19 @@ class LatticePlace:
     boundary = 1.0
 
     def __init__(self, geometry: LatticeGeometry, balls: Array, overlap: float) -> None:
-        self._stencils, self.balls, self.overlap = geometry.stencils, balls, overlap
-        stencils, n = self._stencils, self._stencils.n_contacts
+        self._stencils = geometry.stencils
+        self.balls = balls
+        self.overlap = overlap
+        stencils = self._stencils
+        n = self._stencils.n_contacts
         rows = stencils.operator.deform(balls)
         self.overlaps = overlap + geometry.means - rows[:n]
         self._slips = rows[n:].reshape(-1, *self.overlaps.shape)
 
     def slips(self, before: Place, slips: Array) -> Array:
-        """Return (n_s, n_c, L1, ..., Lp) slips from the sites: ``slips`` in the configuration ``before`` do not matter."""
+        """Return (n_s, n_c, L1, ..., Lp) slips from the sites: ``slips`` in the configuration
+        ``before`` do not matter.
+        """
         return self._slips
 
     def losses(self, motion: Motion) -> Array:
@@ -168,7 +196,9 @@ class LatticePlace:
         return self._stencils.deformations(motion)[: self._stencils.n_contacts]
 
     def pull(self, forces: Array, shears: Shears = ()) -> Array:
-        """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and tangential ones T."""
+        """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and
+        tangential ones T.
+        """
         return self._stencils.forces(forces, *(-one for one in shears))
 
     def press(self, forces: Array, shears: Shears = ()) -> float:
@@ -176,7 +206,8 @@ class LatticePlace:
         return float(np.mean(forces))
 
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
-        """Return the changes of :meth:`pull` and of the sum of forces by small motions in single precision, both times -1.
+        """Return the changes of :meth:`pull` and of the sum of forces by small motions in single
+        precision, both times -1.
 
         They follow from the ``tangent`` of the law of friction; no force turns.
         """
@@ -184,42 +215,65 @@ class LatticePlace:
 
 
 def require_small(ratio: float) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` unless the ratio W/d is from zero to :data:`LARGEST_RATIO`."""
+    """Raise :class:`~granphon.base.errors.InputError` unless the ratio W/d is from zero to
+    :data:`LARGEST_RATIO`.
+    """
     if not 0.0 <= ratio <= LARGEST_RATIO:
         what = f"the exact geometry is not simulated of a width of {ratio:.3g} diameters"
-        why = "Contacts are those of neighbours on the lattice: of balls that differ much, others touch"
+        why = (
+            "Contacts are those of neighbours on the lattice: of balls that differ much, others"
+            " touch"
+        )
         raise InputError(what, why, f"Give a width from zero to {LARGEST_RATIO:g} diameters")
 
 
 class ExactGeometry:
-    """True geometry of an array whose balls are of the mean diameter d: directions, arms and overlaps from positions.
+    """True geometry of an array whose balls are of the mean diameter d: directions, arms and
+    overlaps from positions.
 
-    ``ratio`` is eps = W/d. The ``stencils`` say how balls move, with rotations or without; their lattice has as many periods
-    as dimensions. Raises :class:`~granphon.base.errors.InputError` if the ratio is not from zero to :data:`LARGEST_RATIO`.
+    ``ratio`` is eps = W/d. The ``stencils`` say how balls move, with rotations or without; their
+    lattice has as many periods as dimensions. Raises :class:`~granphon.base.errors.InputError` if
+    the ratio is not from zero to :data:`LARGEST_RATIO`.
     """
 
     def __init__(self, stencils: Stencils, deviations: Array, ratio: float) -> None:
         require_small(ratio)
-        self.stencils, self.ratio, self.means = stencils, ratio, stencils.average_pairs(deviations)
+        self.stencils = stencils
+        self.ratio = ratio
+        self.means = stencils.average_pairs(deviations)
         first = stencils.by_ball(deviations)
         ends = np.stack([first[i] for i, _ in stencils.ends])
         #: (n_c, L1, ..., Lp) half of the difference of the radii of ball j and ball i, in d
         self.uneven = 0.5 * ratio * (self.means - ends)
-        self.dimension, self._turns = stencils.lattice.dimension, len(stencils.motions.rotations)
-        # rows for the relative displacement of two balls, then for the sum and the difference of their rotations: components
-        # along the contact's direction on the lattice and its tangents there
-        motions, p = stencils.motions, self.dimension
+        self.dimension = stencils.lattice.dimension
+        self._turns = len(stencils.motions.rotations)
+        # rows for the relative displacement of two balls, then for the sum and the difference of
+        # their rotations: components along the contact's direction on the lattice and its tangents
+        # there
+        motions = stencils.motions
+        p = self.dimension
         frame = [np.array(axis) for axis in contact_frames(stencils.lattice.contacts.normal[:, :p])]
-        still, fixed = (np.zeros((len(axes), stencils.n_contacts)) for axes in (motions.rotations, motions.translations))
+        still, fixed = (
+            np.zeros((len(axes), stencils.n_contacts))
+            for axes in (motions.rotations, motions.translations)
+        )
         moves = [np.concatenate([axis[list(motions.translations)], still]).T for axis in frame[:p]]
-        turns = [np.concatenate([fixed, axis[list(motions.rotations)]]).T for axis in frame[3 - self._turns :]]
+        turns = [
+            np.concatenate([fixed, axis[list(motions.rotations)]]).T
+            for axis in frame[3 - self._turns :]
+        ]
         pushes = [Row("push", 1.0, move, move) for move in moves]
         #: stencils with the vectors of :meth:`split`
         self.frame = stencils.observe(
-            [*pushes, *(Row("turn", 1.0, turn, sign * turn) for sign in (-1.0, 1.0) for turn in turns)]
+            [
+                *pushes,
+                *(Row("turn", 1.0, turn, sign * turn) for sign in (-1.0, 1.0) for turn in turns),
+            ]
         )
         #: stencils with elongations, and with displacements across contacts, for preconditioners
-        self.held = stencils.observe([pushes[0], *(row._replace(stiffness=ratio) for row in pushes[1:])])
+        self.held = stencils.observe(
+            [pushes[0], *(row._replace(stiffness=ratio) for row in pushes[1:])]
+        )
 
     def place(self, balls: Array, overlap: float) -> ExactPlace:
         """Return the configuration with these motions ``balls`` and the overlap y."""
@@ -231,27 +285,43 @@ class ExactGeometry:
         return overlaps, np.zeros((self.dimension - 1, *overlaps.shape))
 
     def solve(
-        self, place: Any, stiffness: Array, forces: Array, right: Motion, inverse: Inverse, reduction: float,
-        free: bool, truly: bool = False, most: int | None = None,
-    ) -> tuple[Motion, int]:  # fmt: skip
+        self,
+        place: Any,
+        stiffness: Array,
+        forces: Array,
+        right: Motion,
+        inverse: Inverse,
+        reduction: float,
+        free: bool,
+        truly: bool = False,
+        most: int | None = None,
+    ) -> tuple[Motion, int]:
         """Solve for a small motion without friction; see :meth:`LatticeGeometry.solve`.
 
-        ``forces`` act here, and turn with their contacts: they push balls aside with the stiffness -f eps/|w|. It is taken
-        with the other sign, with which there is always a solution; balls that are pushed aside then go the same way. If
-        ``truly`` is true, its own sign is tried before. ``most`` is the largest number of iterations.
+        ``forces`` act here, and turn with their contacts: they push balls aside with the stiffness
+        -f eps/|w|. It is taken with the other sign, with which there is always a solution; balls
+        that are pushed aside then go the same way. If ``truly`` is true, its own sign is tried
+        before. ``most`` is the largest number of iterations.
         """
-        count, limit, mean = 0, most or MOST_ITERATIONS, float(np.mean(stiffness)) if free else None
+        count = 0
+        limit = most or MOST_ITERATIONS
+        mean = float(np.mean(stiffness)) if free else None
         for sign in (1.0, -1.0) if truly else (-1.0,):
             product = place.multiply(stiffness, sign * forces)
-            found, taken, stable = solve_for_motion(product, right, inverse, reduction, mean, limit, of_residual=False)
+            found, taken, stable = solve_for_motion(
+                product, right, inverse, reduction, mean, limit, of_residual=False
+            )
             count += taken
-            # with the true sign a system that is hardly stable has no end; a limit that is given is one of patience
+            # with the true sign a system that is hardly stable has no end; a limit that is given is
+            # one of patience
             if stable and (most is not None or taken < limit):
                 break
         return found, count
 
     def weigh(self, stiffness: Array, forces: Array) -> Array:
-        """Return (rows, L1, ..., Lp) stiffnesses of contacts, and of displacements across them by forces, without a sign."""
+        """Return (rows, L1, ..., Lp) stiffnesses of contacts, and of displacements across them by
+        forces, without a sign.
+        """
         return np.concatenate([stiffness, *[self.ratio * forces] * (self.dimension - 1)])
 
     def deform(self, motion: Motion) -> Array:
@@ -259,12 +329,17 @@ class ExactGeometry:
         return self.frame.deformations(motion).reshape(-1, *self.means.shape)
 
     def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
-        """Return v, and the sum and the difference of the rotations of balls j and i, in the frames of the lattice."""
+        """Return v, and the sum and the difference of the rotations of balls j and i, in the frames
+        of the lattice.
+        """
         return self.sort(self.deform(motion))
 
     def sort(self, rows: Array) -> tuple[_Vector, _Vector, _Vector]:
-        """Return the three vectors from the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
-        p, r = self.dimension, self._turns
+        """Return the three vectors from the deformations (rows, n_c, L1, ..., Lp) of
+        :attr:`frame`.
+        """
+        p = self.dimension
+        r = self._turns
         moved = (*rows[:p], *_ZERO[p:])
         if not r:
             return moved, _ZERO, _ZERO
@@ -272,18 +347,26 @@ class ExactGeometry:
         return moved, (*still, *rows[p : p + r]), (*still, *rows[p + r :])
 
     def join(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
-        """Return the forces on balls whose work is that of forces on the three vectors of :meth:`split`."""
+        """Return the forces on balls whose work is that of forces on the three vectors of
+        :meth:`split`.
+        """
         return self.frame.forces(*self.stack(push, turning, rolling))
 
     def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
-        """Return the forces on the three vectors as those on the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
+        """Return the forces on the three vectors as those on the deformations (rows, n_c, L1, ...,
+        Lp) of :attr:`frame`.
+        """
         parts = [*push[: self.dimension], *turning[3 - self._turns :], *rolling[3 - self._turns :]]
         return np.array([np.broadcast_to(part, self.means.shape) for part in parts])
 
     def axes(self) -> Array:
-        """Return (n_c, p, p) directions of each kind of contact and its tangents on the lattice, as rows."""
+        """Return (n_c, p, p) directions of each kind of contact and its tangents on the lattice, as
+        rows.
+        """
         p = self.dimension
-        return np.array(contact_frames(self.stencils.lattice.contacts.normal[:, :p]))[:p, :p].transpose(2, 0, 1)
+        return np.array(contact_frames(self.stencils.lattice.contacts.normal[:, :p]))[
+            :p, :p
+        ].transpose(2, 0, 1)
 
 
 class ExactPlace:
@@ -298,10 +381,16 @@ class ExactPlace:
     """
 
     def __init__(self, geometry: ExactGeometry, balls: Array, overlap: float) -> None:
-        self.geometry, self.balls, self.overlap = geometry, balls, overlap
+        self.geometry = geometry
+        self.balls = balls
+        self.overlap = overlap
         eps = geometry.ratio
         self._moved, self._sum, self._difference = geometry.split(Motion(balls, overlap))
-        self.vector = (1.0 + eps * self._moved[0], _scale(eps, self._moved[1]), _scale(eps, self._moved[2]))
+        self.vector = (
+            1.0 + eps * self._moved[0],
+            _scale(eps, self._moved[1]),
+            _scale(eps, self._moved[2]),
+        )
         self.size = np.sqrt(_dot(self.vector, self.vector))
         self.normal = _times(1.0 / self.size, self.vector)
         self._square = _dot(self._moved, self._moved)
@@ -310,8 +399,11 @@ class ExactPlace:
 
     @cached_property
     def differences(self) -> Array:
-        """(n_c, L1, ..., Lp) differences h - y, found without the loss of digits of a subtraction."""
-        eps, first = self.geometry.ratio, self._moved[0]
+        """(n_c, L1, ..., Lp) differences h - y, found without the loss of digits of a
+        subtraction.
+        """
+        eps = self.geometry.ratio
+        first = self._moved[0]
         straight = self.geometry.split(Motion(self.balls, 0.0))[0][0]
         curved = eps * (self._square - first * self._change) / (1.0 + self.size)
         return np.asarray(self.geometry.means - straight - curved)
@@ -322,28 +414,38 @@ class ExactPlace:
         n0, n1, n2 = self.normal
         if not isinstance(n2, np.ndarray):
             return (-n1, n0, 0.0), (0.0, 0.0, 1.0)
-        one = 1.0 / np.maximum(1.0 + n0, np.finfo(float).tiny)  # a step that is too long may turn a contact round
+        # a step that is too long may turn a contact round
+        one = 1.0 / np.maximum(1.0 + n0, np.finfo(float).tiny)
         mixed = -n1 * n2 * one
-        t, b = (-n1, 1.0 - n1 * n1 * one, mixed), (-n2, mixed, 1.0 - n2 * n2 * one)
+        t = (-n1, 1.0 - n1 * n1 * one, mixed)
+        b = (-n2, mixed, 1.0 - n2 * n2 * one)
         spin = 0.5 * self.geometry.ratio * self._sum[0]
-        cosine, sine = np.cos(spin), np.sin(spin)
+        cosine = np.cos(spin)
+        sine = np.sin(spin)
         return _add(_times(cosine, t), _times(sine, b)), _add(_times(cosine, b), _times(-sine, t))
 
-    # -- slips ------------------------------------------------------------------------------------------------------
+    # -- slips -------------------------------------------------------------------------------------
 
     def slips(self, before: Place, slips: Array) -> Array:
-        """Return (n_s, n_c, L1, ..., Lp) slips s here, if they are ``slips`` in the configuration ``before``."""
+        """Return (n_s, n_c, L1, ..., Lp) slips s here, if they are ``slips`` in the configuration
+        ``before``.
+        """
         assert isinstance(before, ExactPlace)
         if before is self:
             return slips
-        eps, size = self.geometry.ratio, 0.5 * (before.size + self.size)
+        eps = self.geometry.ratio
+        size = 0.5 * (before.size + self.size)
         # the vector of the rotation that turns one direction into the other, over eps
         turn = _cross(before.vector, _subtract(self._moved, before._moved))
         if eps:
             sine = np.sqrt(_dot(turn, turn))
             angle = np.arctan2(eps * sine, _dot(before.vector, self.vector))
-            turn = _times(np.divide(angle, eps * sine, out=np.ones_like(sine), where=sine > 0.0), turn)
-        rolled = self._roll(_subtract(self._sum, before._sum), _subtract(self._difference, before._difference), size)
+            turn = _times(
+                np.divide(angle, eps * sine, out=np.ones_like(sine), where=sine > 0.0), turn
+            )
+        rolled = self._roll(
+            _subtract(self._sum, before._sum), _subtract(self._difference, before._difference), size
+        )
         gone = _subtract(_times(size, turn), rolled)
         (t0, b0), (t1, b1) = before.tangents, self.tangents
         found = _dot(gone, _add(b0, b1)), _scale(-1.0, _dot(gone, _add(t0, t1)))
@@ -362,31 +464,41 @@ class ExactPlace:
         return np.asarray(_dot(self.normal, moved))
 
     def curve(self, moved: Any, forces: Array, stiffness: Array, slope: Array) -> tuple[Array, Any]:
-        """Return the second derivatives along a straight line of the overlaps, and of the forces f n.
+        """Return the second derivatives along a straight line of the overlaps, and of the forces f
+        n.
 
         ``moved`` are the relative displacements, ``stiffness`` df/dh and ``slope`` d^2f/dh^2.
         """
-        eps, n, loss = self.geometry.ratio, self.normal, self.lose(moved)
+        eps = self.geometry.ratio
+        n = self.normal
+        loss = self.lose(moved)
         across = _subtract(moved, _times(loss, n))
-        tilt, square = _times(eps / self.size, across), _dot(across, across)
+        tilt = _times(eps / self.size, across)
+        square = _dot(across, across)
         bend = -eps * square / self.size
         along = slope * loss**2 + stiffness * bend - forces * eps * eps * square / self.size**2
         aside = -2.0 * stiffness * loss - 2.0 * forces * eps * loss / self.size
         return bend, _add(_times(along, n), _times(aside, tilt))
 
-    # -- forces -----------------------------------------------------------------------------------------------------
+    # -- forces ------------------------------------------------------------------------------------
 
     def pull(self, forces: Array, shears: Shears = ()) -> Array:
-        """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and tangential ones T."""
+        """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and
+        tangential ones T.
+        """
         along, across = self._carry(shears)
         push = _subtract(_times(forces, self.normal), along)
-        return self.geometry.join(push, _times(0.5 * self.size, across), _times(self.geometry.uneven, across))
+        return self.geometry.join(
+            push, _times(0.5 * self.size, across), _times(self.geometry.uneven, across)
+        )
 
     def _carry(self, shears: Shears) -> tuple[_Vector, _Vector]:
         """Return the vectors T and n x T of the tangential forces."""
         parts = (*shears, *_ZERO[len(shears) : 2])
         t, b = self.tangents
-        return _add(_times(parts[0], t), _times(parts[1], b)), _subtract(_times(parts[0], b), _times(parts[1], t))
+        return _add(_times(parts[0], t), _times(parts[1], b)), _subtract(
+            _times(parts[0], b), _times(parts[1], t)
+        )
 
     @property
     def boundary(self) -> float:
@@ -394,48 +506,64 @@ class ExactPlace:
         return (1.0 - self.geometry.ratio * self.overlap) ** (len(self.geometry.stencils.shape) - 1)
 
     def press(self, forces: Array, shears: Shears = ()) -> float:
-        """Return the force whose work on dy is that of the load: the mean of (f n - T).e over contacts."""
+        """Return the force whose work on dy is that of the load: the mean of (f n - T).e over
+        contacts.
+        """
         push = forces * self.normal[0]
         if len(shears):
             push = push - self._carry(shears)[0][0]
         return float(np.mean(push))
 
     def stress(self, forces: Array, shears: Shears = ()) -> Array:
-        """Return the (p, p) sum over contacts of the force on ball i times w, below zero where balls are pressed together.
+        """Return the (p, p) sum over contacts of the force on ball i times w, below zero where
+        balls are pressed together.
 
         It is in units of stiffness times d^2.
         """
         along, _ = self._carry(shears)
         push, axes = _subtract(along, _times(forces, self.normal)), self.geometry.axes()
-        out, p = np.zeros(axes.shape[1:]), axes.shape[1]
+        out = np.zeros(axes.shape[1:])
+        p = axes.shape[1]
         for a in range(p):
             for b in range(p):
-                sums = np.sum(np.broadcast_to(push[a] * self.vector[b], forces.shape).reshape(len(axes), -1), axis=1)
+                sums = np.sum(
+                    np.broadcast_to(push[a] * self.vector[b], forces.shape).reshape(len(axes), -1),
+                    axis=1,
+                )
                 out += np.einsum("c,ci,cj->ij", sums, axes[:, a], axes[:, b])
         return np.asarray(self.geometry.ratio * out)
 
     def respond(self, motion: Motion, acting: ActingForces) -> tuple[Array, float]:
-        """Return the changes of :meth:`pull` and of the sum of forces by a small motion, both times -1."""
+        """Return the changes of :meth:`pull` and of the sum of forces by a small motion, both times
+        -1.
+        """
         tensions, normal = self.resist(self.geometry.deform(motion), acting)
         return self.geometry.frame.forces(*tensions), -float(np.sum(normal))
 
     def multiply(self, stiffness: Array, forces: Array) -> ContactHessian:
-        """Return the product of :meth:`respond` with motions of balls without rotations, by the ``stiffness`` of contacts.
+        """Return the product of :meth:`respond` with motions of balls without rotations, by the
+        ``stiffness`` of contacts.
 
-        It gives the sum of forces along the directions on the lattice, which differs by a part of order eps.
+        It gives the sum of forces along the directions on the lattice, which differs by a part of
+        order eps.
         """
         return self.geometry.frame.couple(self.tabulate_stiffness(stiffness, forces))
 
     def tabulate_stiffness(self, stiffness: Array, forces: Array) -> Array:
-        """Return what :meth:`tabulate` yields without tangential forces and rotations: (p, p, n_c, L1, ..., Lp)."""
-        n, aside = np.array(self.normal[: self.geometry.dimension]), self.geometry.ratio * forces / self.size
+        """Return what :meth:`tabulate` yields without tangential forces and rotations: (p, p, n_c,
+        L1, ..., Lp).
+        """
+        n = np.array(self.normal[: self.geometry.dimension])
+        aside = self.geometry.ratio * forces / self.size
         table = (stiffness + aside) * n[:, None] * n
         for a in range(len(n)):
             table[a, a] -= aside
         return np.asarray(table)
 
     def tabulate(self, acting: ActingForces) -> Iterator[Array]:
-        """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m, n_c, L1, ..., Lp)."""
+        """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m,
+        n_c, L1, ..., Lp).
+        """
         m = self.geometry.frame.n_rows // len(self.size)
         for at in range(m):
             rows = np.zeros((m, *self.size.shape))
@@ -443,7 +571,9 @@ class ExactPlace:
             yield self.resist(rows, acting)[0]
 
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
-        """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single precision."""
+        """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single
+        precision.
+        """
 
         acting = ActingForces(tangent.apply, forces, shears)
 
@@ -454,13 +584,16 @@ class ExactPlace:
         return product
 
     def resist(self, rows: Array, acting: ActingForces) -> tuple[Array, Array]:
-        """Return what :meth:`respond` does, contact by contact: forces against the small deformations of frames, and -df.
+        """Return what :meth:`respond` does, contact by contact: forces against the small
+        deformations of frames, and -df.
 
         Deformations and forces are (rows, n_c, L1, ..., Lp).
         """
         law, forces, shears, (twist, roll) = acting
         moved, total, difference = self.geometry.sort(rows)
-        eps, n, half = self.geometry.ratio, self.normal, 0.5 * self.size
+        eps = self.geometry.ratio
+        n = self.normal
+        half = 0.5 * self.size
         loss = _dot(n, moved)
         shear: Any = ()
         if len(shears):
@@ -482,9 +615,13 @@ class ExactPlace:
             turning = _add(_times(half, across), _times(0.5 * eps * loss, arms))
         else:
             turning = _times(half, across)
-        turning, back = _times(-1.0, turning), _times(-self.geometry.uneven, across)
+        turning = _times(-1.0, turning)
+        back = _times(-self.geometry.uneven, across)
         if np.any(twist) or np.any(roll):
-            back = _add(back, _add(_times(roll, difference), _times((twist - roll) * _dot(difference, n), n)))
+            back = _add(
+                back,
+                _add(_times(roll, difference), _times((twist - roll) * _dot(difference, n), n)),
+            )
         return self.geometry.stack(push, turning, back), normal
 
 
@@ -494,7 +631,9 @@ Place = LatticePlace | ExactPlace
 
 
 def find_boundary_force(place: Place, forces: Array, shears: Shears = ()) -> float:
-    """Return the mean contact force f* at which the pressure is the same where the cell keeps its size."""
+    """Return the mean contact force f* at which the pressure is the same where the cell keeps its
+    size.
+    """
     return place.press(forces, shears) / place.boundary
 
 
@@ -508,14 +647,16 @@ def find_lack(load: ReducedLoad, place: Place, forces: Array, shears: Shears = (
 
 
 def multiply(stencils: Stencils, tangent: Tangent) -> Product:
-    """Return the product of C^T D C, D being the ``tangent`` of the law of friction, with motions in single precision."""
+    """Return the product of C^T D C, D being the ``tangent`` of the law of friction, with motions
+    in single precision.
+    """
     coupling = {(1 + slip, 0): -one for slip, one in enumerate(tangent.coupling)}
     for one in -tangent.cross:
         coupling |= {(1, 2): one, (2, 1): one}
     return ContactHessian(stencils.operator, [tangent.stiffness, *tangent.springs], coupling)
 
 
-# -- vectors ----------------------------------------------------------------------------------------------------------
+# -- vectors ---------------------------------------------------------------------------------------
 
 
 def _scale(a: Any, b: Any) -> Any:

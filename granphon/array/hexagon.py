@@ -1,9 +1,10 @@
 """A hexagon of balls between six rigid walls: the frame of the experiments, ball by ball.
 
-The balls lie on the triangular lattice, n on each side of the hexagon, and each ball on a side touches a wall. A wall moves
-along its normal alone and is pushed with the side force F. Contacts between balls, and between balls and walls, follow
-Hertz's law, without friction, and keep the directions of the lattice (:mod:`granphon.array.equilibrium`). Equilibrium is the
-minimum of a convex energy; Newton's method with sparse LU factorisation finds it.
+The balls lie on the triangular lattice, n on each side of the hexagon, and each ball on a side
+touches a wall. A wall moves along its normal alone and is pushed with the side force F. Contacts
+between balls, and between balls and walls, follow Hertz's law, without friction, and keep the
+directions of the lattice (:mod:`granphon.array.equilibrium`). Equilibrium is the minimum of a
+convex energy; Newton's method with sparse LU factorisation finds it.
 """
 
 from __future__ import annotations
@@ -35,12 +36,15 @@ from granphon.networks.network import ContactNetwork
 #: memory of a ball with its contacts, bytes
 _BALL_BYTES = 700.0
 #: outward normals of the six walls
-_NORMALS = np.array([[math.cos(math.radians(angle)), math.sin(math.radians(angle))] for angle in range(30, 390, 60)])
+_NORMALS = np.array(
+    [[math.cos(math.radians(angle)), math.sin(math.radians(angle))] for angle in range(30, 390, 60)]
+)
 #: largest force left on a ball or a wall, over the mean contact force
 _REST = 1e-11
 #: largest number of steps of Newton's method at one load
 _STEPS = 200
-#: stiffness added to each contact, as a fraction of the largest one times the distance from equilibrium
+#: stiffness added to each contact, as a fraction of the largest one times the distance from
+#: equilibrium
 _ADDED = 1e-3
 #: factor between loads on the way from one that closes all contacts to a low one
 _FACTOR = 0.1
@@ -58,8 +62,8 @@ class PressedHexagon(Result):
     sites : (n_balls, 2) lattice sites, m; the hexagon is centred at the origin.
     deviations : (n_balls,) diameter of each ball less the mean diameter, m.
     displacements : (n_balls, 2) from the sites, m.
-    retreats : (6,) displacements of the walls along their outward normals (at 30, 90, ... degrees), m, from where they would
-        touch balls of the mean diameter on the sites.
+    retreats : (6,) displacements of the walls along their outward normals (at 30, 90, ... degrees),
+        m, from where they would touch balls of the mean diameter on the sites.
     i, j : (n_c,) balls of the contacts between balls.
     normal : (n_c, 2) unit vectors from ball i to ball j.
     ball, wall : (n_w,) ball and wall of the contacts with walls.
@@ -99,7 +103,8 @@ class PressedHexagon(Result):
     def nominal_force(self) -> float:
         """Contact force F / (n 3^1/2), N, of a hexagon whose side is as long as n balls.
 
-        The mean force in the hexagon itself is exactly F / ((n - 2/3) 3^1/2), as the work of the walls shows.
+        The mean force in the hexagon itself is exactly F / ((n - 2/3) 3^1/2), as the work of the
+        walls shows.
         """
         return float(force_of_frame(self.side_force, self.balls_per_side))
 
@@ -110,10 +115,14 @@ class PressedHexagon(Result):
 
     @property
     def contact_radius(self) -> float:
-        """Ratio of the radius of the largest contact, of two balls or of a ball and a wall, to the radius of a ball."""
-        d, law = self.packing.diameter, self.packing.law
+        """Ratio of the radius of the largest contact, of two balls or of a ball and a wall, to the
+        radius of a ball.
+        """
+        d = self.packing.diameter
+        law = self.packing.law
         at_wall = HertzLaw(self.wall_coefficient).overlap(self.wall_forces)
-        overlaps = np.append(law.overlap(self.forces), 2.0 * at_wall)  # a wall has the curvature of half a ball
+        # a wall has the curvature of half a ball
+        overlaps = np.append(law.overlap(self.forces), 2.0 * at_wall)
         return float(contact_radius_ratio(np.max(overlaps), d))
 
     @property
@@ -123,35 +132,56 @@ class PressedHexagon(Result):
             return ()
         what = f"The radius of a contact is {100.0 * self.contact_radius:.4g} % of that of a ball"
         return (
-            f"{what}, more than {100.0 * MOST_CONTACT_RADIUS:g} %: Hertz's law assumes that the contact is a small spot.",
+            f"{what}, more than {100.0 * MOST_CONTACT_RADIUS:g} %: Hertz's law assumes that"
+            f" the contact is a small spot.",
         )
 
     @cached_property
     def network(self) -> ContactNetwork:
-        """The balls, the six walls (bodies of infinite mass, which come last), and the contacts that carry load.
+        """The balls, the six walls (bodies of infinite mass, which come last), and the contacts
+        that carry load.
 
         Contacts with walls resist slip as those between balls do if the packing has friction.
         """
-        packing, d, law = self.packing, self.packing.diameter, self.packing.law
-        count, live, leant = len(self.sites), self.forces > 0.0, self.wall_forces > 0.0
+        packing = self.packing
+        d = self.packing.diameter
+        law = self.packing.law
+        count = len(self.sites)
+        live = self.forces > 0.0
+        leant = self.wall_forces > 0.0
         distance = d * ((self.balls_per_side - 1) * math.sqrt(0.75) + 0.5) + self.retreats
         places = np.zeros((count + 6, 3))
         places[:count, :2], places[count:, :2] = self.positions, distance[:, None] * _NORMALS
         normal = np.zeros((int(np.sum(live) + np.sum(leant)), 3))
         normal[:, :2] = np.concatenate([self.normal[live], _NORMALS[self.wall[leant]]])
-        both = (law.coefficient, self.forces[live]), (self.wall_coefficient, self.wall_forces[leant])
+        both = (
+            (law.coefficient, self.forces[live]),
+            (self.wall_coefficient, self.wall_forces[leant]),
+        )
         stiffness = np.concatenate([hertz.stiffness_under(c**2 * force) for c, force in both])
         masses = np.append(np.full(count, packing.mass), np.full(6, math.inf))
         half = np.full(len(normal), 0.5 * d)
         return ContactNetwork(
-            cell=np.zeros((3, 3)), pbc=(False, False, False), positions=places,
-            radii=np.append(0.5 * (d + self.deviations), np.full(6, math.inf)), masses=masses,
-            inertias=masses * (GYRATION * d) ** 2, i=np.append(self.i[live], self.ball[leant]),
-            j=np.append(self.j[live], count + self.wall[leant]), shift=np.zeros((len(normal), 3), int), normal=normal,
-            normal_force=np.append(self.forces[live], self.wall_forces[leant]), normal_stiffness=stiffness,
-            shear_stiffness=packing.mindlin_ratio * stiffness, torsion_stiffness=0.0 * stiffness,
-            bending_stiffness=packing.bending * d * d * stiffness, arm_i=half, arm_j=half, motions="in_plane", dimension=2,
-        )  # fmt: skip
+            cell=np.zeros((3, 3)),
+            pbc=(False, False, False),
+            positions=places,
+            radii=np.append(0.5 * (d + self.deviations), np.full(6, math.inf)),
+            masses=masses,
+            inertias=masses * (GYRATION * d) ** 2,
+            i=np.append(self.i[live], self.ball[leant]),
+            j=np.append(self.j[live], count + self.wall[leant]),
+            shift=np.zeros((len(normal), 3), int),
+            normal=normal,
+            normal_force=np.append(self.forces[live], self.wall_forces[leant]),
+            normal_stiffness=stiffness,
+            shear_stiffness=packing.mindlin_ratio * stiffness,
+            torsion_stiffness=0.0 * stiffness,
+            bending_stiffness=packing.bending * d * d * stiffness,
+            arm_i=half,
+            arm_j=half,
+            motions="in_plane",
+            dimension=2,
+        )
 
 
 class Hexagon:
@@ -162,13 +192,14 @@ class Hexagon:
     packing : of the triangular lattice, with motions in the plane.
     balls_per_side : n, at least 2.
     seed : random seed of the diameters.
-    diameters : (3n(n - 1) + 1,) diameters, m, in place of random ones, in the order of :attr:`sites`.
+    diameters : (3n(n - 1) + 1,) diameters, m, in place of random ones, in the order of
+        :attr:`sites`.
     wall_material : material of the walls; None for rigid ones.
 
     Raises
     ------
-    InputError : no packing, or no material of the walls; another lattice or other motions; a number out of range; diameters
-        of another shape, or whose mean is not the packing's diameter.
+    InputError : no packing, or no material of the walls; another lattice or other motions; a number
+        out of range; diameters of another shape, or whose mean is not the packing's diameter.
     """
 
     def __init__(
@@ -180,43 +211,67 @@ class Hexagon:
         diameters: ArrayLike | None = None,
         wall_material: Material | None = None,
     ) -> None:
-        if given_packing(packing).structure.contacts.normal.shape != (3, 2) or packing.named_motions.name != "in_plane":
+        if (
+            given_packing(packing).structure.contacts.normal.shape != (3, 2)
+            or packing.named_motions.name != "in_plane"
+        ):
             raise InputError(
-                f"a hexagon of the {packing.structure.name} lattice with motions {packing.named_motions.name}",
+                f"a hexagon of the {packing.structure.name} lattice with motions"
+                f" {packing.named_motions.name}",
                 "The hexagon is made of the triangular lattice, in its plane",
                 "Leave lattice and motions out of the Packing",
             )
         if not isinstance(wall_material, Material | None):
-            raise InputError(f"wall_material is {brief(wall_material)}", mend="Give a gp.Material, or None")
+            raise InputError(
+                f"wall_material is {brief(wall_material)}", mend="Give a gp.Material, or None"
+            )
         self.packing = packing
         self.balls_per_side = n = int(require("balls_per_side", balls_on_side, balls_per_side))
         if n < 2:
-            raise InputError("a hexagon of one ball has no contacts", mend="Give balls_per_side of 2 or more")
+            raise InputError(
+                "a hexagon of one ball has no contacts", mend="Give balls_per_side of 2 or more"
+            )
         self.seed = None if diameters is not None else whole_number("seed", seed, 0)
         balls = 3 * n * (n - 1) + 1
-        require_memory(f"hexagons of {balls:,} balls", _BALL_BYTES * balls, "Give fewer balls_per_side")
-        q = np.stack(np.meshgrid(np.arange(1 - n, n), np.arange(1 - n, n), indexing="ij"), axis=-1).reshape(-1, 2)
+        require_memory(
+            f"hexagons of {balls:,} balls", _BALL_BYTES * balls, "Give fewer balls_per_side"
+        )
+        q = np.stack(
+            np.meshgrid(np.arange(1 - n, n), np.arange(1 - n, n), indexing="ij"), axis=-1
+        ).reshape(-1, 2)
         self._cells = q[np.abs(q[:, 0] - q[:, 1]) < n]
         #: (3n(n - 1) + 1, 2) lattice sites, m
         self.sites: Array = read_only(packing.diameter * self._cells @ TRIANGULAR.vectors)
-        count, d = len(self.sites), packing.diameter
+        count = len(self.sites)
+        d = packing.diameter
         if diameters is not None:
             drawn = finite_array("diameters", diameters, "m", "above zero")
             if drawn.shape != (count,):
-                raise InputError(f"diameters have the shape {drawn.shape}", mend=f"Give {count} numbers")
+                raise InputError(
+                    f"diameters have the shape {drawn.shape}", mend=f"Give {count} numbers"
+                )
             if abs(np.mean(drawn) - d) > 1e-9 * d:
-                what = f"the mean of the diameters is {np.mean(drawn):.9g} m, that of the packing {d:.9g} m"
+                what = (
+                    f"the mean of the diameters is {np.mean(drawn):.9g} m, that of the packing"
+                    f" {d:.9g} m"
+                )
                 raise InputError(what)
         else:
-            drawn = np.zeros(count) if packing.spread is None else packing.spread.sample(count, int(self.seed or 0))
+            drawn = (
+                np.zeros(count)
+                if packing.spread is None
+                else packing.spread.sample(count, int(self.seed or 0))
+            )
         #: (3n(n - 1) + 1,) deviations from the mean diameter, m
         self.deviations = read_only(drawn - np.mean(drawn))
-        own, other = packing.material, wall_material
+        own = packing.material
+        other = wall_material
         soft = 0.0 if other is None else own.contact_modulus / other.contact_modulus
-        #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2): twice the radius, and the modulus of both
+        #: coefficient of Hertz's law of a ball against a wall, N/m^(3/2): twice the radius, and the
+        #: modulus of both
         self.wall_coefficient = packing.law.coefficient * math.sqrt(2.0) * 2.0 / (1.0 + soft)
 
-    # -- contacts -----------------------------------------------------------------------------------------------------
+    # -- contacts ----------------------------------------------------------------------------------
 
     @cached_property
     def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
@@ -241,14 +296,19 @@ class Hexagon:
 
     @cached_property
     def _matrix(self) -> Any:
-        """(contacts, motions) loss of overlap by the displacements of balls (x, y of each), then those of the walls outward.
+        """(contacts, motions) loss of overlap by the displacements of balls (x, y of each), then
+        those of the walls outward.
 
-        Rows of walls are multiplied by their coefficient to the power 2/5, over that of two balls: then all contacts have
-        the same law.
+        Rows of walls are multiplied by their coefficient to the power 2/5, over that of two balls:
+        then all contacts have the same law.
         """
         (i, j, normal), (ball, wall) = self._pairs, self._leaning
-        count, pairs, leant = len(self.sites), np.arange(len(i)), len(i) + np.arange(len(ball))
-        parts = [(pairs, 2 * j + a, normal[:, a]) for a in (0, 1)] + [(pairs, 2 * i + a, -normal[:, a]) for a in (0, 1)]
+        count = len(self.sites)
+        pairs = np.arange(len(i))
+        leant = len(i) + np.arange(len(ball))
+        parts = [(pairs, 2 * j + a, normal[:, a]) for a in (0, 1)] + [
+            (pairs, 2 * i + a, -normal[:, a]) for a in (0, 1)
+        ]
         scale = self._wall_scale
         parts += [(leant, 2 * ball + a, -scale * _NORMALS[wall, a]) for a in (0, 1)]
         parts.append((leant, 2 * count + wall, np.full(len(ball), scale)))
@@ -256,20 +316,24 @@ class Hexagon:
 
     @property
     def _wall_scale(self) -> float:
-        return float((self.wall_coefficient / self.packing.law.coefficient) ** (1.0 / (hertz.EXPONENT + 1.0)))
+        return float(
+            (self.wall_coefficient / self.packing.law.coefficient) ** (1.0 / (hertz.EXPONENT + 1.0))
+        )
 
-    # -- at rest ------------------------------------------------------------------------------------------------------
+    # -- at rest -----------------------------------------------------------------------------------
 
     def at_side_force(self, side_force: float) -> PressedHexagon:
         """Press each wall with the ``side_force`` F, N, and return the balls at rest.
 
-        Raises :class:`~granphon.base.errors.InputError` for a force that is not above zero, or that presses balls together
-        by their diameter or into a wall by their radius, and :class:`~granphon.base.errors.ConvergenceError` if the balls
-        do not come to rest. What limits the result otherwise is in its ``warnings``.
+        Raises :class:`~granphon.base.errors.InputError` for a force that is not above zero, or that
+        presses balls together by their diameter or into a wall by their radius, and
+        :class:`~granphon.base.errors.ConvergenceError` if the balls do not come to rest. What
+        limits the result otherwise is in its ``warnings``.
         """
         wanted = positive("side_force", side_force, "N")
         self._require_shallow(wanted, force_of_frame(wanted, self.balls_per_side), 0.0)
-        # from a load that closes all contacts down to the wanted one, each equilibrium the start of the next
+        # from a load that closes all contacts down to the wanted one, each equilibrium the start of
+        # the next
         closing = float(self.packing.law.force(4.0 * np.max(np.abs(self.deviations), initial=0.0)))
         least = closing * math.sqrt(3.0) * self.balls_per_side
         loads = [wanted]
@@ -278,34 +342,62 @@ class Hexagon:
         motion, residual = self._press(loads.pop(), None)
         for load in reversed(loads):
             motion, residual = self._press(load, motion)
-        law, count, x = self.packing.law, len(self.sites), self.deviations
+        law = self.packing.law
+        count = len(self.sites)
+        x = self.deviations
         (i, j, normal), (ball, wall) = self._pairs, self._leaning
         gap = np.append(0.5 * (x[i] + x[j]), 0.5 * self._wall_scale * x[ball])
         forces = law.force(gap - self._matrix @ motion)
         at_walls = self._wall_scale * forces[len(i) :]
         self._require_shallow(wanted, float(np.max(forces[: len(i)])), float(np.max(at_walls)))
         return PressedHexagon(
-            self.packing, self.balls_per_side, wanted, self.sites, x, motion[: 2 * count].reshape(-1, 2),
-            motion[2 * count :], i, j, normal, ball, wall, forces[: len(i)], at_walls,
-            self.wall_coefficient, residual,
-        )  # fmt: skip
+            self.packing,
+            self.balls_per_side,
+            wanted,
+            self.sites,
+            x,
+            motion[: 2 * count].reshape(-1, 2),
+            motion[2 * count :],
+            i,
+            j,
+            normal,
+            ball,
+            wall,
+            forces[: len(i)],
+            at_walls,
+            self.wall_coefficient,
+            residual,
+        )
 
     def _require_shallow(self, side_force: float, between: float, at_wall: float) -> None:
-        """Raise :class:`InputError` if a force between balls, or at a wall, N, is beyond what their size allows."""
-        packing, load = self.packing, f"side_force = {side_force:g} N"
-        require_shallow(packing.material.young_modulus, float(packing.law.overlap(between)) / packing.diameter, load)
+        """Raise :class:`InputError` if a force between balls, or at a wall, N, is beyond what their
+        size allows.
+        """
+        packing = self.packing
+        load = f"side_force = {side_force:g} N"
+        require_shallow(
+            packing.material.young_modulus,
+            float(packing.law.overlap(between)) / packing.diameter,
+            load,
+        )
         depth = 2.0 * float(HertzLaw(self.wall_coefficient).overlap(at_wall)) / packing.diameter
         if not depth < 1.0:
             what = f"{load} presses a ball into its wall by {depth:.4g} times its radius"
             raise InputError(what, "Its centre would be beyond the wall", "Lower the load")
 
     def at_force(self, force: float) -> PressedHexagon:
-        """Press the walls with F = n 3^1/2 f, where f is the contact ``force``, N; see :meth:`at_side_force`."""
-        return self.at_side_force(positive("force", force, "N") * math.sqrt(3.0) * self.balls_per_side)
+        """Press the walls with F = n 3^1/2 f, where f is the contact ``force``, N; see
+        :meth:`at_side_force`.
+        """
+        return self.at_side_force(
+            positive("force", force, "N") * math.sqrt(3.0) * self.balls_per_side
+        )
 
     def _press(self, side_force: float, start: Array | None) -> tuple[Array, float]:
         """Return the motion (2 n_balls + 6,), m, at rest, and the residual over the mean force."""
-        law, count, matrix = self.packing.law, len(self.sites), self._matrix
+        law = self.packing.law
+        count = len(self.sites)
+        matrix = self._matrix
         # units of the overlap of equal balls under this load, and of its force
         unit = float(law.overlap(force_of_frame(side_force, self.balls_per_side)))
         (i, j, _), (ball, _) = self._pairs, self._leaning
@@ -313,7 +405,9 @@ class Hexagon:
         gap = np.append(0.5 * (x[i] + x[j]), 0.5 * self._wall_scale * x[ball])
         push = np.zeros(2 * count + 6)
         push[2 * count :] = math.sqrt(3.0) * self.balls_per_side
-        if start is None:  # equal balls with an overlap of one, and walls with the force of the balls that lean on them
+        if start is None:
+            # equal balls with an overlap of one, and walls with the force of the balls that lean
+            # on them
             lean = float(hertz.overlap_of(math.sqrt(3.0) * law.coefficient / self.wall_coefficient))
             depth = (self.balls_per_side - 1) * math.sqrt(0.75) + lean
             z = np.append((-self.sites / self.packing.diameter).ravel(), np.full(6, -depth))
@@ -334,7 +428,9 @@ class Hexagon:
             stiffness += _ADDED * min(1.0, left) * max(1.0, float(np.max(stiffness)))
             step, strain = find_step(matrix, transposed, stiffness, pull, free)
             length = find_step_length(h, strain, -float(push @ step)) if left > _FACTOR**3 else 1.0
-            z, h = z + length * step, h - length * strain
+            z = z + length * step
+            h = h - length * strain
         raise ConvergenceError(
-            f"the hexagon has not come to rest: a force of {left:.2g} of the mean contact force is left on a ball"
+            f"the hexagon has not come to rest: a force of {left:.2g} of the mean contact"
+            f" force is left on a ball"
         )

@@ -1,16 +1,18 @@
-"""Quasi-static loading of an array of balls with friction: a path of loads, each equilibrium found from the one before.
+"""Quasi-static loading of an array of balls with friction: a path of loads, each equilibrium found
+from the one before.
 
-Directions of contacts are those of the lattice, or the true ones (:mod:`granphon.array.geometry`). Units are
-those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). Contacts follow :mod:`granphon.array.friction`. With friction
-the forces depend on the way to the load, which is taken in steps. At the end of each step the forces and torques on every
-ball are in balance,
+Directions of contacts are those of the lattice, or the true ones (:mod:`granphon.array.geometry`).
+Units are those of :mod:`granphon.array.equilibrium`, W and c W^(3/2). Contacts follow
+:mod:`granphon.array.friction`. With friction the forces depend on the way to the load, which is
+taken in steps. At the end of each step the forces and torques on every ball are in balance,
 
     C_n^T f = C_s^T T
 
-where C_n and C_s are the rows of C for elongations and slips. Newton's method solves this (:mod:`granphon.array.stepper`).
-Where it fails, dashpots slow the balls down (:mod:`granphon.array.stepper`); where they too find no balance, the step is
-taken in two halves. Steps are halved also until this changes f* and what is lost by little. The work of the load is then the
-integral of f* dy for each contact.
+where C_n and C_s are the rows of C for elongations and slips. Newton's method solves this
+(:mod:`granphon.array.stepper`). Where it fails, dashpots slow the balls down
+(:mod:`granphon.array.stepper`); where they too find no balance, the step is taken in two halves.
+Steps are halved also until this changes f* and what is lost by little. The work of the load is then
+the integral of f* dy for each contact.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ from granphon.base.errors import ConvergenceError, InputError
 START_SPACING = 0.5
 #: tolerance of f* for the refinement of steps
 REFINEMENT_TOLERANCE = 1e-4
-#: relative change of f*, over the tolerance of balance, that short steps may show from what is left of balance alone
+#: relative change of f*, over the tolerance of balance, that short steps may show from what is left
+#: of balance alone
 _NOISE = 10.0
 #: least part of the tolerance that a part of a step is allowed
 _LEAST_SHARE = 1.0 / 16.0
@@ -45,7 +48,8 @@ _CAUTION = 2.0
 _SAME_LOAD = 1e-12
 #: error of the energy lost in a step, as a fraction of it, over the tolerance of f*
 _OF_LOSS = 100.0
-#: error of the energy lost in a step that is allowed besides, as a fraction of the work, over the tolerance of f*
+#: error of the energy lost in a step that is allowed besides, as a fraction of the work, over the
+#: tolerance of f*
 _OF_WORK = 0.1
 #: number of halvings after which they no longer are a reason to halve a step
 _LOSS_HALVINGS = 6
@@ -59,15 +63,17 @@ class LoadingHistory:
 
     Parameters
     ----------
-    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the cell.
+    deviations : x = Delta/W, of mean zero; (L1, ..., Lp), or (n, L1, ..., Lp) of n > 1 balls in the
+        cell.
     stencils : of the array, with the shear stiffness ratio eta above zero.
     friction_coefficient : mu of the contacts, from zero to infinity.
-    tolerance : steps are halved until this changes f* along the path by less than this fraction; if it is infinite, each
-        load is reached in one step.
-    start : where the history begins, with rotations and tangential forces zero: a state at rest without friction, or the
-        overlap or force of one; by default that of a* = 1/2. In the true geometry the balls come to rest there anew, unless
-        it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand,
-        see :mod:`granphon.array.stepper`: a beginning for lattices that friction alone holds.
+    tolerance : steps are halved until this changes f* along the path by less than this fraction; if
+        it is infinite, each load is reached in one step.
+    start : where the history begins, with rotations and tangential forces zero: a state at rest
+        without friction, or the overlap or force of one; by default that of a* = 1/2. In the true
+        geometry the balls come to rest there anew, unless it is a state in it. Or "gas": the balls
+        lie apart on their sites, and are pressed with friction until they stand, see
+        :mod:`granphon.array.stepper`: a beginning for lattices that friction alone holds.
     geometry : of the contacts; by default that of the lattice, the limit of small spread.
     """
 
@@ -88,17 +94,22 @@ class LoadingHistory:
         """W/d; zero where contacts keep the directions of the lattice."""
         return self.stepper.geometry.ratio
 
-    # -- the path ---------------------------------------------------------------------------------------------------
+    # -- the path ----------------------------------------------------------------------------------
 
     def begin(self) -> PressedArray:
         """Return the state at the start; see ``start``.
 
-        Raises :class:`~granphon.base.errors.InputError` if the start is below the threshold, where no load is carried.
+        Raises :class:`~granphon.base.errors.InputError` if the start is below the threshold, where
+        no load is carried.
         """
         if self.start == GAS:
             # from where the first two balls touch
-            return self.stepper.press_gas(-float(np.max(self.stencils.average_pairs(self.deviations))))
-        smooth = Stencils(self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice)
+            return self.stepper.press_gas(
+                -float(np.max(self.stencils.average_pairs(self.deviations)))
+            )
+        smooth = Stencils(
+            self.stencils.shape, workers=self.stencils.workers, lattice=self.stencils.lattice
+        )
         load = ReducedLoad(overlap=START_SPACING - 0.5) if self.start is None else self.start
         state = load
         if isinstance(load, ReducedLoad):
@@ -107,7 +118,9 @@ class LoadingHistory:
             except InputError as error:
                 what = f"the history starts below the threshold, at {self.stepper.name_load(load)}"
                 mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
-                raise InputError(what, "Without friction the balls carry no load there", mend) from error
+                raise InputError(
+                    what, "Without friction the balls carry no load there", mend
+                ) from error
         assert isinstance(state, Equilibrium)
         ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):
@@ -115,16 +128,21 @@ class LoadingHistory:
             state = equilibrate_exactly(self.deviations, same, ratio, smooth, state)
         return self.stepper.place(state.balls, state.overlap, state.residual)
 
-    def path(self, loads: Iterable[ReducedLoad], first: PressedArray | None = None) -> Iterator[PressedArray]:
-        """Yield the state at each of the ordered ``loads``, which may go up and down, from the ``first`` state or the start.
+    def path(
+        self, loads: Iterable[ReducedLoad], first: PressedArray | None = None
+    ) -> Iterator[PressedArray]:
+        """Yield the state at each of the ordered ``loads``, which may go up and down, from the
+        ``first`` state or the start.
 
-        Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the message states the load,
-        and ``reached`` of the error is the last state before it.
+        Raises :class:`~granphon.base.errors.ConvergenceError` where no equilibrium is found; the
+        message states the load, and ``reached`` of the error is the last state before it.
         """
         trail = [self.begin() if first is None else first]
         for load in loads:
-            here, aim = self.stepper.measure(trail[-1], load), find_aim(load)
-            if abs(aim - here) <= _SAME_LOAD * (here if load.overlap is None else 1.0):  # the array stands there
+            here = self.stepper.measure(trail[-1], load)
+            aim = find_aim(load)
+            if abs(aim - here) <= _SAME_LOAD * (here if load.overlap is None else 1.0):
+                # the array stands there
                 yield trail[-1]
                 continue
             try:
@@ -140,32 +158,52 @@ class LoadingHistory:
         if self.tolerance == math.inf:
             yield self.stepper.step(trail, load)
             return
-        ahead, taken, kept = [(load, self.tolerance, 0)], 0, 0.0
+        ahead = [(load, self.tolerance, 0)]
+        taken = 0
+        kept = 0.0
         while ahead:
             load, allowed, halvings = ahead.pop()
-            middle, found = self.stepper.halve(trail[-1], load), []
-            if not goes_on([*(self.stepper.measure(one, load) for one in trail[-2:]), find_aim(load)]):
+            middle = self.stepper.halve(trail[-1], load)
+            found = []
+            if not goes_on(
+                [*(self.stepper.measure(one, load) for one in trail[-2:]), find_aim(load)]
+            ):
                 # nothing tells yet how the path bends: two halves do
                 found = [self.stepper.step(trail, middle)]
             found.append(self.stepper.step([*trail, *found], load))
             change, bent = self._compare([*trail, *found], len(found), load)
             change /= found[-1].force
-            before, after = trail[-1], found[-1]
+            before = trail[-1]
+            after = found[-1]
             # halving changes what is lost by little
-            lost, work = after.slid + after.loosened - before.slid - before.loosened, abs(after.work - before.work)
-            kept_loss = sum(abs(sum(more)) for more in bent) <= self.tolerance * (_OF_LOSS * lost + _OF_WORK * work)
+            lost = after.slid + after.loosened - before.slid - before.loosened
+            work = abs(after.work - before.work)
+            kept_loss = sum(abs(sum(more)) for more in bent) <= self.tolerance * (
+                _OF_LOSS * lost + _OF_WORK * work
+            )
             # where a ball falls, the shortest step keeps a change that is none of the step's
             falls = halvings == MOST_HALVINGS and kept + change <= self.tolerance
             # balance to a finite residual leaves f* uncertain
-            if falls or (change <= max(allowed, _NOISE * BALANCE_TOLERANCE) and (halvings >= _LOSS_HALVINGS or kept_loss)):
+            if falls or (
+                change <= max(allowed, _NOISE * BALANCE_TOLERANCE)
+                and (halvings >= _LOSS_HALVINGS or kept_loss)
+            ):
                 more = np.cumsum(bent, axis=0).tolist()  # what is lost more, from each state on
                 for at, (one, (slid, loosened)) in enumerate(zip(found, more, strict=True)):
                     work = one.work + (slid + loosened)
-                    found[at] = replace(one, slid=one.slid + slid, loosened=one.loosened + loosened, work=work)
+                    found[at] = replace(
+                        one, slid=one.slid + slid, loosened=one.loosened + loosened, work=work
+                    )
                 yield from found
-                trail, taken, kept = [*trail, *found][-3:], taken + len(found), kept + change * falls
+                trail, taken, kept = (
+                    [*trail, *found][-3:],
+                    taken + len(found),
+                    kept + change * falls,
+                )
             elif halvings == MOST_HALVINGS:
-                raise self.stepper.explain(load, f"halving the step still changes f* by {change:.2g}")
+                raise self.stepper.explain(
+                    load, f"halving the step still changes f* by {change:.2g}"
+                )
             elif taken + len(ahead) > _MOST_STEPS:
                 raise self.stepper.explain(load, f"it takes more than {_MOST_STEPS} steps")
             else:
@@ -173,28 +211,45 @@ class LoadingHistory:
                 allowed = max(0.5 * allowed, _LEAST_SHARE * self.tolerance)
                 ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
 
-    def _compare(self, trail: Sequence[PressedArray], steps: int, load: ReducedLoad) -> tuple[float, list[Array]]:
-        """Return by how much f*, and the two losses of each step, would change if the last ``steps`` were halved; estimates.
+    def _compare(
+        self, trail: Sequence[PressedArray], steps: int, load: ReducedLoad
+    ) -> tuple[float, list[Array]]:
+        """Return by how much f*, and the two losses of each step, would change if the last
+        ``steps`` were halved; estimates.
 
-        The middle of a step is interpolated, and the law of the contacts followed through it. By the theorem of reciprocity
-        tangential forces that differ by dT raise f* by the mean of dT over the contacts' slips under dy.
+        The middle of a step is interpolated, and the law of the contacts followed through it. By
+        the theorem of reciprocity tangential forces that differ by dT raise f* by the mean of dT
+        over the contacts' slips under dy.
         """
         three = trail[-3:]
-        loads, change, bent = [self.stepper.measure(one, load) for one in three], 0.0, []
+        loads = [self.stepper.measure(one, load) for one in three]
+        change = 0.0
+        bent = []
         for last in range(-steps, 0):
-            before, after = three[last - 1].contacts, three[last].contacts
+            before = three[last - 1].contacts
+            after = three[last].contacts
             weights = weigh_states(loads, 0.5 * (loads[last] + loads[last - 1]))
             overlaps, slips = (
                 np.sum([w * value for w, value in zip(weights, values, strict=True)], axis=0)
-                for values in zip(*((one.contacts.overlaps, one.contacts.slips) for one in three), strict=True)
+                for values in zip(
+                    *((one.contacts.overlaps, one.contacts.slips) for one in three), strict=True
+                )
             )
             half, _ = self._law.advance(before, overlaps, slips)
             again, _ = self._law.advance(half, after.overlaps, after.slips)
             rise = (after.slips - before.slips) * (again.shears - after.shears)
-            # single contacts that begin to slide or open are not foreseen well: their number is uncertain by its root
+            # single contacts that begin to slide or open are not foreseen well: their number is
+            # uncertain by its root
             share = abs(float(np.sum(rise))) + math.sqrt(dot(rise, rise))
-            change += _CAUTION * share / after.overlaps.size / abs(three[last].overlap - three[last - 1].overlap)
+            change += (
+                _CAUTION
+                * share
+                / after.overlaps.size
+                / abs(three[last].overlap - three[last - 1].overlap)
+            )
             lost = np.add(self._law.lost(before, half), self._law.lost(half, again))
-            whole = np.diff([(one.slid, one.loosened) for one in (three[last - 1], three[last])], axis=0)
+            whole = np.diff(
+                [(one.slid, one.loosened) for one in (three[last - 1], three[last])], axis=0
+            )
             bent.append(lost - whole[0])
         return change, bent

@@ -1,18 +1,20 @@
-"""An interior-point method for arrays near their rigidity threshold, where half of the contacts or more are open.
+"""An interior-point method for arrays near their rigidity threshold, where half of the contacts or
+more are open.
 
-Newton's method on the energy is slow there: it learns only bit by bit which contacts open and close. Here force f and gap s
-of every contact are unknowns of their own, both above zero,
+Newton's method on the energy is slow there: it learns only bit by bit which contacts open and
+close. Here force f and gap s of every contact are unknowns of their own, both above zero,
 
     h = f^(2/3) - s,    f s = mu,    C^T f = 0
 
-with the overlap h of :mod:`granphon.array.equilibrium`. For mu = 0 this is the equilibrium: f = h_+^(3/2), and s is the
-distance of balls that are apart. A step is one of Newton's method for the three equations together (S. J. Wright,
-Primal-Dual Interior-Point Methods, SIAM 1997): without f and s it is a linear system C^T K C with the stiffness
+with the overlap h of :mod:`granphon.array.equilibrium`. For mu = 0 this is the equilibrium: f =
+h_+^(3/2), and s is the distance of balls that are apart. A step is one of Newton's method for the
+three equations together (S. J. Wright, Primal-Dual Interior-Point Methods, SIAM 1997): without f
+and s it is a linear system C^T K C with the stiffness
 
     K = 1 / ((2/3) f^(-1/3) + s/f)
 
-in the place of (3/2) h_+^(1/2). From step to step mu is lowered. Balls that nothing holds come to rest in the middle of
-their cages, where they touch no other.
+in the place of (3/2) h_+^(1/2). From step to step mu is lowered. Balls that nothing holds come to
+rest in the middle of their cages, where they touch no other.
 """
 
 from __future__ import annotations
@@ -29,28 +31,31 @@ from granphon.base.arrays import Array
 
 #: Newton steps on the lattice, at most
 _STEPS = 100
-#: Newton steps in the true geometry, at most: loose balls roll along others there, and the longer the smaller W/d is
+#: Newton steps in the true geometry, at most: loose balls roll along others there, and the longer
+#: the smaller W/d is
 _STEPS_IN_TRUTH = 800
-#: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes on from there
+#: mean of f s, over the mean force to the power 5/3, at which the method ends: Newton's method goes
+#: on from there
 CLOSE = 1e-9
 #: largest force left on a ball, over the mean force, with which it then ends well
 _BALANCED = 0.1
 #: mean force at which the array counts as carrying no load
 _LEAST_FORCE = 1e-10
-#: mu of a step is the mean of f s, times the factor by which it fell in the step before, to this power: it falls the faster
-#: the better it goes
+#: mu of a step is the mean of f s, times the factor by which it fell in the step before, to this
+#: power: it falls the faster the better it goes
 _SPEED = 1.5
 #: least factor by which mu is lowered in a step
 _LEAST_FACTOR = 1e-2
 #: largest factor by which mu is lowered in a step
 _LARGEST_FACTOR = 0.2
-#: mu is not lowered while the largest force left on a ball, over the mean force, is more than this many times the root of mu
-#: over the mean force to the power 5/3. In the true geometry it is this itself instead of the root: forces there push balls
-#: aside, whose way to others has to be followed
+#: mu is not lowered while the largest force left on a ball, over the mean force, is more than this
+#: many times the root of mu over the mean force to the power 5/3. In the true geometry it is this
+#: itself instead of the root: forces there push balls aside, whose way to others has to be followed
 _TOO_FAR = 10.0
 #: least fraction of its value that a step leaves of an f or s
 _LEFT = 0.01
-#: product f s of a contact after a step, over mu, at least: the smaller of f^(2/3) and s is moved until it is
+#: product f s of a contact after a step, over mu, at least: the smaller of f^(2/3) and s is moved
+#: until it is
 _LEAST_PRODUCT = 0.1
 #: product f s of a contact after a step, over mu, at most
 _LARGEST_PRODUCT = 100.0
@@ -60,7 +65,8 @@ _ACCURACY = 0.5
 _LARGEST_ERROR = 0.1
 #: tolerance of a linear system, over its right side, at least; it is that where mu is held
 _LEAST_ERROR = 0.03
-#: f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where the start is the sites of the lattice
+#: f^(2/3) and s of a contact with h = 0, over the standard deviation of h, where the start is the
+#: sites of the lattice
 _WIDTH = 1.0
 #: the same where the start is an equilibrium
 _WIDTH_NEAR = 0.03
@@ -75,10 +81,11 @@ def approach(
     fresh: bool,
     close: float = CLOSE,
 ) -> tuple[float, Array, int, int] | None:
-    """Return an overlap y and displacements (fields, L1, ..., Lp) near equilibrium, and the numbers of steps and iterations.
+    """Return an overlap y and displacements (fields, L1, ..., Lp) near equilibrium, and the numbers
+    of steps and iterations.
 
-    The result is None if no equilibrium is near after 100 steps (in the true geometry 800): it may be at the threshold
-    itself, or there may be none.
+    The result is None if no equilibrium is near after 100 steps (in the true geometry 800): it may
+    be at the threshold itself, or there may be none.
 
     Parameters
     ----------
@@ -86,46 +93,73 @@ def approach(
     overlap, balls : y and the displacements at which to begin.
     force : mean contact force f* to be reached by a change of y; y is kept if it is None.
     inverses : of the array.
-    fresh : whether the balls begin on their sites, rather than at an equilibrium under another load.
+    fresh : whether the balls begin on their sites, rather than at an equilibrium under another
+        load.
     close : mean of f s, over the mean force to the power 5/3, at which the method ends.
     """
-    y, taken, before, stencils = overlap, 0, math.inf, geometry.stencils
+    y = overlap
+    taken = 0
+    before = math.inf
+    stencils = geometry.stencils
     place = geometry.place(balls, y)
     h = place.overlaps
     f, s = split(h, (_WIDTH if fresh else _WIDTH_NEAR) * float(np.std(h)))
     for step in range(_STEPS_IN_TRUTH if geometry.ratio else _STEPS):
-        product, mean = float(np.mean(f * s)), float(np.mean(f))
+        product = float(np.mean(f * s))
+        mean = float(np.mean(f))
         if mean < _LEAST_FORCE:  # too few balls touch to hold each other
             return None
         relative = product / (mean * float(hertz.overlap_of(mean)))
-        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(place.pull(f)) ** 2, axis=0)))) / mean
+        left = (
+            math.sqrt(float(np.max(np.sum(stencils.cartesian(place.pull(f)) ** 2, axis=0)))) / mean
+        )
         if relative <= close:
             return (y, balls, step, taken) if left <= _BALANCED else None
-        factor = min(_LARGEST_FACTOR, max(_LEAST_FACTOR, (product / before) ** _SPEED)) if step else _LARGEST_FACTOR
+        factor = (
+            min(_LARGEST_FACTOR, max(_LEAST_FACTOR, (product / before) ** _SPEED))
+            if step
+            else _LARGEST_FACTOR
+        )
         if step and left > _TOO_FAR * (relative if geometry.ratio else math.sqrt(relative)):
             factor = 1.0
-        mu, before = factor * product, product
+        mu = factor * product
+        before = product
         closed = hertz.overlap_of(f)
         stiffness = f / (closed / hertz.EXPONENT + s)
         change = h - closed + mu / f
         tension = f + stiffness * change
-        push = 0.0 if force is None else f.size * max(force, _LARGEST_FACTOR * mean) - float(np.sum(tension))
+        push = (
+            0.0
+            if force is None
+            else f.size * max(force, _LARGEST_FACTOR * mean) - float(np.sum(tension))
+        )
         motion, count = geometry.solve(
-            place, stiffness, f, Motion(place.pull(tension), push), inverses.choose(geometry.weigh(stiffness, f)),
-            max(_LEAST_ERROR, min(_ACCURACY * factor, _LARGEST_ERROR)) if factor < 1.0 else _LEAST_ERROR, force is not None,
-        )  # fmt: skip
+            place,
+            stiffness,
+            f,
+            Motion(place.pull(tension), push),
+            inverses.choose(geometry.weigh(stiffness, f)),
+            max(_LEAST_ERROR, min(_ACCURACY * factor, _LARGEST_ERROR))
+            if factor < 1.0
+            else _LEAST_ERROR,
+            force is not None,
+        )
         inverses.count(count)
         change -= place.losses(motion)
         change *= stiffness
         widening = (mu - s * change) / f - s
         # a whole step, but for those f and s that it would make too small
-        f, s = np.maximum(f + change, _LEFT * f), np.maximum(s + widening, _LEFT * s)
-        # the smaller of f^(2/3) and s is moved where their product is too far from mu: a step that leaves the products of
-        # some contacts far from the others' makes the next steps short or wrong
+        f = np.maximum(f + change, _LEFT * f)
+        s = np.maximum(s + widening, _LEFT * s)
+        # the smaller of f^(2/3) and s is moved where their product is too far from mu: a step that
+        # leaves the products of some contacts far from the others' makes the next steps short or
+        # wrong
         wanted = np.clip(f * s, _LEAST_PRODUCT * mu, _LARGEST_PRODUCT * mu)
         is_open = hertz.overlap_of(f) < s
         f, s = np.where(is_open, wanted / s, f), np.where(is_open, s, wanted / f)
-        y, balls, taken = y + motion.compression, balls + motion.balls, taken + count
+        y = y + motion.compression
+        balls = balls + motion.balls
+        taken = taken + count
         place = geometry.place(balls, y)
         h = place.overlaps
     return None
@@ -133,7 +167,10 @@ def approach(
 
 def split(h: Array, width: float) -> tuple[Array, Array]:
     """Return f and s above zero, with h = f^(2/3) - s; where h is zero both roots are ``width``."""
-    root, half = np.hypot(0.5 * h, width), 0.5 * np.abs(h)
-    larger, less = root + half, width**2 / (root + half)
-    closed, s = np.where(h > 0.0, larger, less), np.where(h > 0.0, less, larger)
+    root = np.hypot(0.5 * h, width)
+    half = 0.5 * np.abs(h)
+    larger = root + half
+    less = width**2 / (root + half)
+    closed = np.where(h > 0.0, larger, less)
+    s = np.where(h > 0.0, less, larger)
     return hertz.press(closed)[0], s

@@ -1,8 +1,10 @@
-"""Krylov methods for the linear equations of an array of balls, C^T K C u = f: conjugate gradients, and GMRES.
+"""Krylov methods for the linear equations of an array of balls, C^T K C u = f: conjugate gradients,
+and GMRES.
 
-Conjugate gradients solve symmetric systems. GMRES, the method of minimal residuals (Y. Saad and M. H. Schultz, SIAM J. Sci.
-Stat. Comput. 7, 856 (1986)), solves those that are not, preconditioned from the right. Steps of Newton's method need few
-digits and few iterations: vectors of GMRES are in single precision, and an iteration costs little beside its product.
+Conjugate gradients solve symmetric systems. GMRES, the method of minimal residuals (Y. Saad and M.
+H. Schultz, SIAM J. Sci. Stat. Comput. 7, 856 (1986)), solves those that are not, preconditioned
+from the right. Steps of Newton's method need few digits and few iterations: vectors of GMRES are in
+single precision, and an iteration costs little beside its product.
 """
 
 from __future__ import annotations
@@ -23,16 +25,18 @@ Single = NDArray[Any]
 Map = Callable[[Values], Values]
 #: largest number of iterations in one step of Newton's method
 MOST_ITERATIONS = 3000
-#: number of elements of vectors that are worked on at a time, so that they stay in the processor's cache
+#: number of elements of vectors that are worked on at a time, so that they stay in the processor's
+#: cache
 _CACHED = 2**15
 #: vectors that GMRES keeps, after which it starts again
 KEPT = 60
-#: elements of a matrix below which OpenBLAS multiplies it by a vector in one thread: threads wait for each other, and their
-#: number changes the last digit
+#: elements of a matrix below which OpenBLAS multiplies it by a vector in one thread: threads wait
+#: for each other, and their number changes the last digit
 _ONE_THREAD = 9216
 #: length of the parts of vectors in such products, at most
 _LONGEST = 1024
-#: part of a vector's length that is left by the projection on those before it, below which it is projected once more
+#: part of a vector's length that is left by the projection on those before it, below which it is
+#: projected once more
 _CANCELLED = 0.1
 #: part of it that is nothing but rounding: the vector then lies among those before it
 _ROUNDING = float(np.finfo(np.float32).eps)
@@ -47,21 +51,26 @@ def conjugate_gradients(
     floor: float = 0.0,
     of_residual: bool = False,
 ) -> tuple[Values, int, bool]:
-    """Solve a symmetric system by conjugate gradients until the error in its norm has fallen by ``reduction``.
+    """Solve a symmetric system by conjugate gradients until the error in its norm has fallen by
+    ``reduction``.
 
-    If ``of_residual`` is true, it is the norm of the residual that has to fall, which saves the last use of the
-    preconditioner. Vectors have the precision of ``right``. Returns the solution, the number of iterations, and whether all
-    curvatures met were above zero: if not, the solution is that before the first that was not. ``floor`` is the square of
-    the norm below which the rest is rounding.
+    If ``of_residual`` is true, it is the norm of the residual that has to fall, which saves the
+    last use of the preconditioner. Vectors have the precision of ``right``. Returns the solution,
+    the number of iterations, and whether all curvatures met were above zero: if not, the solution
+    is that before the first that was not. ``floor`` is the square of the norm below which the rest
+    is rounding.
     """
-    found, left = np.zeros_like(right), right.copy()
-    aim, product = reduction**2 * dot(right, right) if of_residual else math.inf, 0.0
+    found = np.zeros_like(right)
+    left = right.copy()
+    aim = reduction**2 * dot(right, right) if of_residual else math.inf
+    product = 0.0
     way = np.zeros_like(right)
     for count in range(most + 1):
         if of_residual and dot(left, left) <= max(aim, floor):
             return found, count, True
         better = precondition(left)
-        last, product = product, dot(left, better)
+        last = product
+        product = dot(left, better)
         if not of_residual:
             aim = reduction**2 * product if aim == math.inf else aim
             if product <= max(aim, floor):
@@ -80,22 +89,35 @@ def conjugate_gradients(
 
 
 def solve_for_motion(
-    product: ContactHessian, force: Motion, precondition: Map, reduction: float, stiffness: float | None,
-    most: int = MOST_ITERATIONS, of_residual: bool = True,
-) -> tuple[Motion, int, bool]:  # fmt: skip
-    """Solve C^T K C u = ``force``; see :func:`conjugate_gradients` for the numbers, and for what is returned.
+    product: ContactHessian,
+    force: Motion,
+    precondition: Map,
+    reduction: float,
+    stiffness: float | None,
+    most: int = MOST_ITERATIONS,
+    of_residual: bool = True,
+) -> tuple[Motion, int, bool]:
+    """Solve C^T K C u = ``force``; see :func:`conjugate_gradients` for the numbers, and for what is
+    returned.
 
-    Where the iteration ends at ``most``, its largest number, Newton's method goes on from there. With a ``stiffness``, the
-    mean of those of all contacts, the compression is an unknown too.
+    Where the iteration ends at ``most``, its largest number, Newton's method goes on from there.
+    With a ``stiffness``, the mean of those of all contacts, the compression is an unknown too.
     """
-    shape, size = force.balls.shape, force.balls.size
+    shape = force.balls.shape
+    size = force.balls.size
     if stiffness is None:
         balls, count, stable = conjugate_gradients(
-            lambda balls: product(balls)[0], precondition, force.balls, reduction, most, of_residual=of_residual
+            lambda balls: product(balls)[0],
+            precondition,
+            force.balls,
+            reduction,
+            most,
+            of_residual=of_residual,
         )
         return Motion(balls, 0.0), count, stable
 
-    root = math.sqrt(product.n_contacts)  # over which what the contacts lack in sum is as large as forces on balls
+    # over which what the contacts lack in sum is as large as forces on balls
+    root = math.sqrt(product.n_contacts)
 
     def join(balls: Values, press: float) -> Values:
         out = np.empty(size + 1, balls.dtype)
@@ -110,15 +132,19 @@ def solve_for_motion(
         return join(precondition(vector[:size].reshape(shape)), float(vector[size]) / stiffness)
 
     right = join(force.balls, force.compression / root)
-    found, count, stable = conjugate_gradients(apply, invert, right, reduction, most, of_residual=of_residual)
+    found, count, stable = conjugate_gradients(
+        apply, invert, right, reduction, most, of_residual=of_residual
+    )
     return Motion(found[:size].reshape(shape), float(found[size]) / root), count, stable
 
 
 def _add(vector: Values, factor: float, other: Values, own: float = 1.0) -> None:
     """Multiply a vector by its ``own`` factor, and add another times a ``factor`` to it."""
-    one, two = vector.reshape(-1), other.reshape(-1)
+    one = vector.reshape(-1)
+    two = other.reshape(-1)
     for low in range(0, one.size, _CACHED):
-        part, more = one[low : low + _CACHED], two[low : low + _CACHED]
+        part = one[low : low + _CACHED]
+        more = two[low : low + _CACHED]
         if own != 1.0:
             np.multiply(part, own, out=part)
         np.add(part, more if factor == 1.0 else factor * more, out=part)
@@ -127,16 +153,19 @@ def _add(vector: Values, factor: float, other: Values, own: float = 1.0) -> None
 def solve_by_minimal_residuals(
     apply: Map, precondition: Map, right: Array, reduction: float, most: int
 ) -> tuple[Array, int]:
-    """Return x with |A x - right| <= ``reduction`` |right|, and the number of iterations, ``most`` of them at most.
+    """Return x with |A x - right| <= ``reduction`` |right|, and the number of iterations, ``most``
+    of them at most.
 
-    A and the preconditioner take and return flat arrays in single precision. Of a part of ``right`` that A cannot reach
-    nothing is found.
+    A and the preconditioner take and return flat arrays in single precision. Of a part of ``right``
+    that A cannot reach nothing is found.
     """
-    size, taken = math.sqrt(dot(right, right)), 0
+    size = math.sqrt(dot(right, right))
+    taken = 0
     found = np.zeros_like(right)
     if not size:
         return found, 0
-    rest, left = (right / size).astype(np.float32), 1.0
+    rest = (right / size).astype(np.float32)
+    left = 1.0
     while left > reduction and taken < most:
         count, left, change = _cycle(apply, precondition, rest, reduction, min(KEPT, most - taken))
         if not count:  # what is left is out of reach of A
@@ -148,31 +177,45 @@ def solve_by_minimal_residuals(
     return size * found, taken
 
 
-def _cycle(apply: Map, precondition: Map, rest: Single, reduction: float, kept: int) -> tuple[int, float, Single]:
-    """Return the number of iterations of one cycle, the norm of the residual and the change of the solution."""
-    first, size = math.sqrt(dot(rest, rest)), rest.size
+def _cycle(
+    apply: Map, precondition: Map, rest: Single, reduction: float, kept: int
+) -> tuple[int, float, Single]:
+    """Return the number of iterations of one cycle, the norm of the residual and the change of the
+    solution.
+    """
+    first = math.sqrt(dot(rest, rest))
+    size = rest.size
     basis, ways = np.empty((2, kept + 1, -(-size // _LONGEST) * _LONGEST), np.float32)
-    basis[0, :size], basis[0, size:], ways[:, size:] = rest / np.float32(first), 0.0, 0.0
+    basis[0, :size] = rest / np.float32(first)
+    basis[0, size:] = 0.0
+    ways[:, size:] = 0.0
     triangle: list[list[float]] = []
     turns: list[tuple[float, float]] = []
     turned = [first]
     for column in range(kept):
         ways[column, :size] = precondition(basis[column, :size])
-        new, old = basis[column + 1], basis[: column + 1]
-        new[:size], new[size:] = apply(ways[column, :size]), 0.0
+        new = basis[column + 1]
+        old = basis[: column + 1]
+        new[:size] = apply(ways[column, :size])
+        new[size:] = 0.0
         line, height = _project(old, new)
         whole = before = math.hypot(*line, height)
-        while _ROUNDING * whole < height < _CANCELLED * before:  # once more, for what rounding has left, where much has gone
+        while _ROUNDING * whole < height < _CANCELLED * before:
+            # once more, for what rounding has left, where much has gone
             before = height
             parts, height = _project(old, new)
             line = [one + part for one, part in zip(line, parts, strict=True)]
         height = height if height > _ROUNDING * whole else 0.0
         for row, (c, s) in enumerate(turns):
-            line[row], line[row + 1] = c * line[row] + s * line[row + 1], c * line[row + 1] - s * line[row]
+            line[row], line[row + 1] = (
+                c * line[row] + s * line[row + 1],
+                c * line[row + 1] - s * line[row],
+            )
         length = math.hypot(line[column], height)
         if not 0.0 < length < math.inf:
             break
-        c, s = line[column] / length, height / length
+        c = line[column] / length
+        s = height / length
         line[column] = length
         triangle.append(line)
         turns.append((c, s))
@@ -189,7 +232,9 @@ def _cycle(apply: Map, precondition: Map, rest: Single, reduction: float, kept: 
 
 
 def _project(old: Single, new: Single) -> tuple[list[float], float]:
-    """Take its parts along ``old`` (n, size) off a vector; return these n numbers, and the length of what is left."""
+    """Take its parts along ``old`` (n, size) off a vector; return these n numbers, and the length
+    of what is left.
+    """
     blocks = _divide(old)
     parts = np.sum(blocks @ new.reshape(len(blocks), -1, 1), axis=0)[:, 0]
     new -= _combine(parts, old)
@@ -204,7 +249,9 @@ def _combine(weights: Single, vectors: Single) -> Single:
 
 
 def _divide(vectors: Single) -> Single:
-    """Return a view (parts, n, length) of vectors (n, size), in which each part is small enough for one thread."""
+    """Return a view (parts, n, length) of vectors (n, size), in which each part is small enough for
+    one thread.
+    """
     length = _LONGEST
     while len(vectors) * length >= _ONE_THREAD:
         length //= 2

@@ -1,14 +1,16 @@
-"""One step of a loading history: Newton's method for the balance of forces and torques under the law of the contacts.
+"""One step of a loading history: Newton's method for the balance of forces and torques under the
+law of the contacts.
 
-The linear equations of a step of Newton's method are solved no more accurately than it needs. The tangent C^T D C is not
-symmetric where contacts slide, or where the shear stiffness changes with the overlap: GMRES solves for it, in single
-precision. The preconditioner moves each ball as if its neighbours were held, and then all by Green's function of the lattice
-under what that leaves. Balls that hold each other while nothing else holds them are found by what GMRES leaves on them, and
-are then moved together (:class:`~granphon.array.preconditioners.Patches`).
+The linear equations of a step of Newton's method are solved no more accurately than it needs. The
+tangent C^T D C is not symmetric where contacts slide, or where the shear stiffness changes with the
+overlap: GMRES solves for it, in single precision. The preconditioner moves each ball as if its
+neighbours were held, and then all by Green's function of the lattice under what that leaves. Balls
+that hold each other while nothing else holds them are found by what GMRES leaves on them, and are
+then moved together (:class:`~granphon.array.preconditioners.Patches`).
 
-A ball whose contacts all slide can be turned without resistance, and a step of Newton's method would turn it without limit.
-Such balls are turned by themselves after the step, to where their torques vanish while all others are held: the torque is a
-piecewise linear function of the angle.
+A ball whose contacts all slide can be turned without resistance, and a step of Newton's method
+would turn it without limit. Such balls are turned by themselves after the step, to where their
+torques vanish while all others are held: the torque is a piecewise linear function of the angle.
 """
 
 from __future__ import annotations
@@ -47,7 +49,8 @@ _NEWTON_STEPS = 120
 _PATIENCE = 15
 #: the same where the limits of sliding have just been found anew
 _SHORT_PATIENCE = 5
-#: friction coefficient below which Newton's method is continued in the shear stiffness of contacts, from soft ones on
+#: friction coefficient below which Newton's method is continued in the shear stiffness of contacts,
+#: from soft ones on
 SMALL_FRICTION = 0.02
 #: factor of the shear stiffness between two stages of this continuation
 _STIFFER = 10.0
@@ -61,30 +64,34 @@ _MOST_STAGES = 300
 _LOOSEST = 0.1
 #: tolerance of the linear equations of a step, over the root of the distance from balance
 _FORCING = 0.3
-#: residual under the law as it is, over that from which Newton's method was tried last, below which it is tried again
+#: residual under the law as it is, over that from which Newton's method was tried last, below which
+#: it is tried again
 _NEARER = 0.5
 #: part of the residual that a whole step leaves, from which a longer one is tried
 _LEFT_BY_LOOSE = 0.12
-#: length of that longer step: Newton's method comes to the zero of h^(3/2), where a ball that nothing else holds leaves its
-#: last contact, by two thirds of the way at a time
+#: length of that longer step: Newton's method comes to the zero of h^(3/2), where a ball that
+#: nothing else holds leaves its last contact, by two thirds of the way at a time
 _LONGER = 1.5
 #: number of times that a step of Newton's method is halved
 _LENGTHS = 6
-#: factor by which the added stiffness is raised after a step that had to be made short, where a ball has lost what held it,
-#: and lowered after a whole one
+#: factor by which the added stiffness is raised after a step that had to be made short, where a
+#: ball has lost what held it, and lowered after a whole one
 _EASE = 10.0
 #: raised added stiffness, over the usual one, from which the iteration is given up
 _MOST_HOLD = 1e6
-#: share of their secant stiffness that sliding contacts have in a step of Newton's method, over the distance from balance,
-#: in space: without it nothing would hold balls whose contacts all slide
+#: share of their secant stiffness that sliding contacts have in a step of Newton's method, over the
+#: distance from balance, in space: without it nothing would hold balls whose contacts all slide
 _SECANT_SHARE_IN_SPACE = 30.0
-#: the same in a plane, where such balls are turned by themselves, over the distance in units of the friction coefficient
+#: the same in a plane, where such balls are turned by themselves, over the distance in units of the
+#: friction coefficient
 _SECANT_SHARE = 0.3
 #: mean force, over that before the step, below which the array has fallen apart
 _FALLEN = 1e-6
-#: largest motion of a ball in a step of Newton's method, half of its rotation included, over the rms overlap
+#: largest motion of a ball in a step of Newton's method, half of its rotation included, over the
+#: rms overlap
 _FARTHEST = 0.2
-#: stiffness of a ball against turning, over that without sliding, below which it is turned by itself
+#: stiffness of a ball against turning, over that without sliding, below which it is turned by
+#: itself
 _LOOSE = 1e-2
 #: GMRES iterations, at most
 _MOST_ITERATIONS = 300
@@ -100,8 +107,8 @@ class FixedLimitSettings(NamedTuple):
     most : largest number of times.
     steps : number of steps of Newton's method after which they no longer are.
     left : part of the residual that is left with given limits before they are found anew.
-    often : number of times after which Newton's method is tried with the law as it is, even where the residual under it is
-        more than half of that from which it was tried last.
+    often : number of times after which Newton's method is tried with the law as it is, even where
+        the residual under it is more than half of that from which it was tried last.
     """
 
     most: int
@@ -110,14 +117,16 @@ class FixedLimitSettings(NamedTuple):
     often: int
 
 
-#: without patience, and with it: a ball that is squeezed out from between others has a long way to go, on which the limits
-#: change little at a time
-FAST_LIMITS, SLOW_LIMITS = FixedLimitSettings(30, 600, 1e-2, 1), FixedLimitSettings(80, 900, 1e-4, 8)
+#: without patience, and with it: a ball that is squeezed out from between others has a long way to
+#: go, on which the limits change little at a time
+FAST_LIMITS = FixedLimitSettings(30, 600, 1e-2, 1)
+SLOW_LIMITS = FixedLimitSettings(80, 900, 1e-4, 8)
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and their norms.
+    """Motion tried in a step, and what it leaves: the ``pull`` on balls, ``push`` of the load, and
+    their norms.
 
     ``linearise`` finds the tangent of the law, which few trials need.
     """
@@ -151,7 +160,8 @@ class Trial:
 
 
 class LoadStep:
-    """A step of the load, from the state ``here``, at its ``place``, to the balance of forces and torques under ``load``.
+    """A step of the load, from the state ``here``, at its ``place``, to the balance of forces and
+    torques under ``load``.
 
     ``drag`` is the stiffness of dashpots between neighbours, see :mod:`granphon.array.stepper`.
     """
@@ -166,25 +176,34 @@ class LoadStep:
         patches: Patches,
         drag: float = 0.0,
     ) -> None:
-        self._geometry, self._stencils, self._law = geometry, geometry.stencils, law
-        self._here, self._place, self._load, self._drag = here, place, load, drag
-        self._patches, self._linear = patches, LinearSteps(patches, bool(drag))
+        self._geometry = geometry
+        self._stencils = geometry.stencils
+        self._law = law
+        self._here = here
+        self._place = place
+        self._load = load
+        self._drag = drag
+        self._patches = patches
+        self._linear = LinearSteps(patches, bool(drag))
         self._slides = 0.0 < law.friction_coefficient < math.inf
         # dashpots hold balls whose contacts all slide
         self._spins = self._slides and len(self._stencils.motions.rotations) == 1 and not drag
 
     def solve(self, balls: Array, overlap: float, lags: FixedLimitSettings | None) -> Trial:
-        """Return the state to which Newton's method leads from these motions and overlap, in balance or not.
+        """Return the state to which Newton's method leads from these motions and overlap, in
+        balance or not.
 
-        Newton's method is tried at first with the law as it is. Where many contacts begin or cease to slide, steps then go
-        to and fro between the two sides of Coulomb's limit. So in a second attempt, if ``lags`` are given, the limit is that
-        of given overlaps, at which there is always an equilibrium; the overlaps found give a new limit, and from there
-        Newton's method is tried.
+        Newton's method is tried at first with the law as it is. Where many contacts begin or cease
+        to slide, steps then go to and fro between the two sides of Coulomb's limit. So in a second
+        attempt, if ``lags`` are given, the limit is that of given overlaps, at which there is
+        always an equilibrium; the overlaps found give a new limit, and from there Newton's method
+        is tried.
         """
         near = self._stiffen(self._try(balls, overlap))
         trial = self._iterate(near, _NEWTON_STEPS, _PATIENCE)
         if lags is not None and not trial.is_balanced and self._slides:
-            lagged, tried = trial.follow(near), math.inf
+            lagged = trial.follow(near)
+            tried = math.inf
             for lag in range(1, lags.most + 1):
                 if lagged.left == math.inf or lagged.newton > near.newton + lags.steps:
                     break
@@ -204,18 +223,23 @@ class LoadStep:
     def _stiffen(self, trial: Trial) -> Trial:
         """Return a state near balance if friction is small; otherwise the state as it is.
 
-        With small friction all contacts slide but for as few as hold the balls from turning, and Newton's method does not
-        find out which. If contacts are soft against slip, fewer slide. They become stiffer and stiffer, and each equilibrium
-        is near the one before. The limits of sliding are those of the overlaps before, which friction hardly changes.
+        With small friction all contacts slide but for as few as hold the balls from turning, and
+        Newton's method does not find out which. If contacts are soft against slip, fewer slide.
+        They become stiffer and stiffer, and each equilibrium is near the one before. The limits of
+        sliding are those of the overlaps before, which friction hardly changes.
         """
-        mu, guess, first = self._law.friction_coefficient, None, trial
+        mu = self._law.friction_coefficient
+        guess = None
+        first = trial
         if not self._slides or self._drag or mu >= SMALL_FRICTION:
             return trial
         # a difference of logarithms: the ratio of the smallest numbers overflows
         stages = math.ceil((math.log(SMALL_FRICTION) - math.log(mu)) / math.log(_STIFFER))
         for stage in range(min(stages, _MOST_STAGES), -1, -1):
             law = replace(self._law, mindlin_ratio=self._law.mindlin_ratio * _STIFFER**-stage)
-            step = LoadStep(self._geometry, law, self._here, self._place, self._load, self._patches, self._drag)
+            step = LoadStep(
+                self._geometry, law, self._here, self._place, self._load, self._patches, self._drag
+            )
             trial = trial.follow(step._try(trial.balls, trial.overlap, guess))
             trial = step._iterate(trial, _SOFT_STEPS, _PATIENCE, guess, _NEARLY * mu)
             if trial.left == math.inf:
@@ -224,15 +248,26 @@ class LoadStep:
         return trial.follow(self._try(trial.balls, trial.overlap))
 
     def _iterate(
-        self, trial: Trial, most: int, patience: int, guess: Array | None = None, enough: float = 0.0, part: float = 0.0
+        self,
+        trial: Trial,
+        most: int,
+        patience: int,
+        guess: Array | None = None,
+        enough: float = 0.0,
+        part: float = 0.0,
     ) -> Trial:
-        """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have to halve the residual.
+        """Return the state after Newton's method: ``most`` steps, of which each ``patience`` have
+        to halve the residual.
 
         It ends where no more than ``enough`` is left of balance, or a ``part`` of what was left.
         """
-        before, hold, slow, aim = math.inf, 1.0, False, part * trial.size
+        before = math.inf
+        hold = 1.0
+        slow = False
+        aim = part * trial.size
         for count in range(most):
-            if trial.is_balanced or trial.size < aim or trial.left == math.inf:  # nothing is in contact
+            if trial.is_balanced or trial.size < aim or trial.left == math.inf:
+                # nothing is in contact
                 break
             if max(trial.left, trial.missed) <= enough:
                 break
@@ -244,22 +279,31 @@ class LoadStep:
             new, length = self._search(trial, way, guess, slow)
             slow = length == 1.0 and new.size > _LEFT_BY_LOOSE * trial.size
             turned = self._turn_loose(new, guess)
-            # where contacts of turned balls change, this may undo the step, and again after the next one
+            # where contacts of turned balls change, this may undo the step, and again after the
+            # next one
             new = turned if turned.size <= trial.size else new
             trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + taken)
             if not math.isfinite(trial.size) or hold > _MOST_HOLD:
                 break
-            hold = max(1.0, hold / _EASE) if length == 1.0 else hold * _EASE if length < 0.5 else hold
+            hold = (
+                max(1.0, hold / _EASE) if length == 1.0 else hold * _EASE if length < 0.5 else hold
+            )
         return trial
 
-    def _search(self, trial: Trial, way: Motion, guess: Array | None, slow: bool) -> tuple[Trial, float]:
-        """Return the state after a step of Newton's method, and the length of the step: halved until less is left.
+    def _search(
+        self, trial: Trial, way: Motion, guess: Array | None, slow: bool
+    ) -> tuple[Trial, float]:
+        """Return the state after a step of Newton's method, and the length of the step: halved
+        until less is left.
 
-        With a ``guess`` the slope of the energy decides. If the step before was ``slow``, a longer one is tried too.
+        With a ``guess`` the slope of the energy decides. If the step before was ``slow``, a longer
+        one is tried too.
         """
 
         def go(length: float) -> Trial:
-            return self._try(trial.balls + length * way.balls, trial.overlap + length * way.compression, guess)
+            return self._try(
+                trial.balls + length * way.balls, trial.overlap + length * way.compression, guess
+            )
 
         def slope(state: Trial) -> float:
             return dot(state.pull, way.balls) + state.push * way.compression
@@ -267,7 +311,9 @@ class LoadStep:
         first, length, best = slope(trial), 1.0, (go(1.0), 1.0)
         new = best[0]
         for _ in range(_LENGTHS - 1):
-            if new.size < (1.0 - 0.1 * length) * trial.size or (guess is not None and slope(new) > -0.5 * first):
+            if new.size < (1.0 - 0.1 * length) * trial.size or (
+                guess is not None and slope(new) > -0.5 * first
+            ):
                 best = (new, length) if guess is not None else best
                 break
             length *= 0.5
@@ -284,9 +330,12 @@ class LoadStep:
         before = self._here.contacts
         slips = place.slips(self._place, before.slips)
         contacts, linearise = self._law.advance(before, place.overlaps, slips, guess)
-        forces, load, stencils = contacts.forces, self._load, self._stencils
+        forces = contacts.forces
+        load = self._load
+        stencils = self._stencils
         force = float(np.mean(forces))
-        normal, shears = forces, contacts.shears
+        normal = forces
+        shears = contacts.shears
         if self._drag:  # dashpots resist what neighbours have moved against each other
             loss = contacts.overlaps - before.overlaps - (overlap - self._here.overlap)
             normal = forces + self._drag * loss
@@ -295,7 +344,9 @@ class LoadStep:
         push = forces.size * find_lack(load, place, forces, contacts.shears)
         fields = pull.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
         parts = stencils.cartesian(pull), fields[:, stencils.motions.turning].swapaxes(0, 1)
-        square = max(float(np.max(np.einsum("a...,a...->...", one, one), initial=0.0)) for one in parts)
+        square = max(
+            float(np.max(np.einsum("a...,a...->...", one, one), initial=0.0)) for one in parts
+        )
         scale = max(force, self._drag)
         scale = scale if scale > _FALLEN * self._here.force else math.inf
         size = math.sqrt(dot(pull, pull) + push * push / forces.size)
@@ -305,98 +356,147 @@ class LoadStep:
 
     def _direct(self, trial: Trial, hold: float) -> tuple[Motion, int]:
         """Return the step of Newton's method, and the number of iterations that it took."""
-        stencils, distance, free = self._stencils, max(trial.left, trial.missed), self._load.overlap is None
-        mean, eta = float(np.mean(trial.tangent.stiffness)) + self._drag, stencils.mindlin_ratio
+        stencils = self._stencils
+        distance = max(trial.left, trial.missed)
+        free = self._load.overlap is None
+        mean = float(np.mean(trial.tangent.stiffness)) + self._drag
+        eta = stencils.mindlin_ratio
         added = ADDED_STIFFNESS * min(1.0, distance * hold) * mean
-        secant = _SECANT_SHARE / self._law.friction_coefficient if self._spins else _SECANT_SHARE_IN_SPACE
+        secant = (
+            _SECANT_SHARE / self._law.friction_coefficient
+            if self._spins
+            else _SECANT_SHARE_IN_SPACE
+        )
         share = min(1.0, secant * distance * hold)
         tangent = trial.tangent.regularise(added, eta, share, self._drag, mean)
-        product = trial.place.linearise(tangent, trial.contacts.forces / mean, trial.contacts.shears / mean)
-        reduction = min(_LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance))
+        product = trial.place.linearise(
+            tangent, trial.contacts.forces / mean, trial.contacts.shears / mean
+        )
+        reduction = min(
+            _LOOSEST, max(_FORCING * math.sqrt(distance), 0.1 * BALANCE_TOLERANCE / distance)
+        )
         push = trial.push / mean if free else None
         way, taken = self._linear.solve(product, tangent, trial.pull / mean, push, reduction)
         # the motions of balls that are about to lose their hold and fall are made shorter
         fields = way.balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)
         limit = _FARTHEST * math.sqrt(float(np.mean(trial.contacts.overlaps**2)))
         sizes = np.max(np.abs(fields[:, stencils.motions.translating]), axis=1, initial=0.0)
-        np.maximum(sizes, 0.5 * np.max(np.abs(fields[:, stencils.motions.turning]), axis=1, initial=0.0), out=sizes)
+        np.maximum(
+            sizes,
+            0.5 * np.max(np.abs(fields[:, stencils.motions.turning]), axis=1, initial=0.0),
+            out=sizes,
+        )
         if float(np.max(sizes)) > limit:
             fields = fields * np.minimum(1.0, limit / np.maximum(sizes, limit))[:, None]
         return Motion(fields.reshape(trial.balls.shape), way.compression), taken
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
-        """Return the state with balls whose contacts all slide turned by themselves until their torques vanish."""
+        """Return the state with balls whose contacts all slide turned by themselves until their
+        torques vanish.
+        """
         if not self._spins or trial.left == math.inf or trial.is_balanced:
             return trial
-        stencils, tangent, least = self._stencils, trial.tangent, _LOOSE * self._law.mindlin_ratio
-        loose: NDArray[np.bool_] = stencils.around(tangent.springs[0] - least * tangent.stiffness) < 0.0
+        stencils = self._stencils
+        tangent = trial.tangent
+        least = _LOOSE * self._law.mindlin_ratio
+        loose: NDArray[np.bool_] = (
+            stencils.around(tangent.springs[0] - least * tangent.stiffness) < 0.0
+        )
         if not np.any(loose):
             return trial
         # contacts around these balls, (contacts, balls) of each, and their slips as the balls turn
-        count, (turning,) = stencils.motions.count, range(stencils.motions.count)[stencils.motions.turning]
+        count = stencils.motions.count
+        (turning,) = range(stencils.motions.count)[stencils.motions.turning]
         ball, *cell = np.nonzero(stencils.by_ball(loose))
         places: list[Any] = []
         reach: list[Array] = []
         slips = stencils.coefficients[:, stencils.n_contacts :].swapaxes(0, 1)
-        for kind, ((head, tail), shift, (i, j)) in enumerate(zip(slips, stencils.shifts, stencils.ends, strict=True)):
+        for kind, ((head, tail), shift, (i, j)) in enumerate(
+            zip(slips, stencils.shifts, stencils.ends, strict=True)
+        ):
             for one, steps, ends in ((j, shift, head), (i, (0,) * len(shift), -tail)):
-                begun = [(at - step) % size for at, step, size in zip(cell, steps, stencils.shape, strict=True)]
+                begun = [
+                    (at - step) % size
+                    for at, step, size in zip(cell, steps, stencils.shape, strict=True)
+                ]
                 places.append([np.full_like(ball, kind), *begun])
                 reach.append(np.where(ball == one, ends[count * one + turning], 0.0))
-        at, arms = tuple(np.moveaxis(np.array(places), 1, 0)), np.array(reach)
-        before, after = self._here.contacts, trial.contacts
-        ends_before = Contacts(before.overlaps[at], before.slips[0][at][None], before.shears[0][at][None])
+        at = tuple(np.moveaxis(np.array(places), 1, 0))
+        arms = np.array(reach)
+        before = self._here.contacts
+        after = trial.contacts
+        ends_before = Contacts(
+            before.overlaps[at], before.slips[0][at][None], before.shears[0][at][None]
+        )
         held = after.overlaps if guess is None else guess
         bent, springs, limits = self._law.bend(ends_before, held[at], after.slips[0][at][None])
-        # the angles at which the torques, which rise with the angle, vanish: between two of those where contacts slide
+        # the angles at which the torques, which rise with the angle, vanish: between two of those
+        # where contacts slide
         pull = springs * arms
         safe = np.where(pull == 0.0, 1.0, pull)
-        corners = [np.where(pull == 0.0, 0.0, (side * limits - bent[0]) / safe) for side in (-1.0, 1.0)]
+        corners = [
+            np.where(pull == 0.0, 0.0, (side * limits - bent[0]) / safe) for side in (-1.0, 1.0)
+        ]
         angles = np.sort(np.concatenate(corners), axis=0)
         sums = np.sum(arms * np.clip(bent[0] + pull * angles[:, None], -limits, limits), axis=1)
         last = np.clip(np.sum(sums <= 0.0, axis=0), 1, len(angles) - 1)
-        (low, high), (less, more) = (np.take_along_axis(one, np.stack([last - 1, last]), 0) for one in (angles, sums))
+        (low, high), (less, more) = (
+            np.take_along_axis(one, np.stack([last - 1, last]), 0) for one in (angles, sums)
+        )
         crosses = (less <= 0.0) & (more >= 0.0) & (more > less)
         part = np.divide(-less, more - less, out=np.zeros_like(less), where=crosses)
         turn = np.where(crosses, low + part * (high - low), 0.0)
-        # balls that touch would each undo what the other's turn has brought: of those the one with the greatest torque turns
+        # balls that touch would each undo what the other's turn has brought: of those the one with
+        # the greatest torque turns
         torques = np.abs(np.sum(arms * np.clip(bent[0], -limits, limits), axis=0))
         numbers = np.ravel_multi_index(at, (stencils.n_contacts, *stencils.shape))
-        greatest, felt = np.zeros(after.overlaps.size), np.where(arms != 0.0, torques, 0.0)
+        greatest = np.zeros(after.overlaps.size)
+        felt = np.where(arms != 0.0, torques, 0.0)
         np.maximum.at(greatest, numbers, felt)
-        turn = np.where(np.all(felt >= np.where(arms != 0.0, greatest[numbers], 0.0), axis=0), turn, 0.0)
+        turn = np.where(
+            np.all(felt >= np.where(arms != 0.0, greatest[numbers], 0.0), axis=0), turn, 0.0
+        )
         balls = trial.balls.copy()
-        fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[:, stencils.motions.turning]
+        fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[
+            :, stencils.motions.turning
+        ]
         fields[:, 0][stencils.by_ball(loose)] += turn
         return self._try(balls, trial.overlap, guess)
 
 
 class LinearSteps:
-    """Solver of the equations of steps that follow each other; it keeps the patch of weakly held balls.
+    """Solver of the equations of steps that follow each other; it keeps the patch of weakly held
+    balls.
 
     ``damped`` arrays have dashpots: few of their balls touch.
     """
 
     def __init__(self, patches: Patches, damped: bool) -> None:
-        self._stencils, self._patches, self._damped = patches.stencils, patches, damped
+        self._stencils = patches.stencils
+        self._patches = patches
+        self._damped = damped
         self._weak: Index = np.empty(0, np.intp)
         self._put: Put | None = None
 
     def solve(
         self, product: Product, tangent: Tangent, pull: Array, push: float | None, reduction: float
     ) -> tuple[Motion, int]:
-        """Return the motion that takes all but the part ``reduction`` of a ``pull`` away, and the number of iterations.
+        """Return the motion that takes all but the part ``reduction`` of a ``pull`` away, and the
+        number of iterations.
 
-        The mean stiffness of the ``tangent`` is one; its ``product`` is that of the geometry. Without a ``push``, the force
-        that the contacts lack in sum, the overlap stays as it is.
+        The mean stiffness of the ``tangent`` is one; its ``product`` is that of the geometry.
+        Without a ``push``, the force that the contacts lack in sum, the overlap stays as it is.
         """
-        # the product of the lattice serves as it is in the true geometry too, where its own takes longer
+        # the product of the lattice serves as it is in the true geometry too, where its own takes
+        # longer
         near = product if isinstance(product, ContactHessian) else multiply(self._stencils, tangent)
         size, inverse = pull.size, self.invert(tangent, near)
         held = np.float32(1.0 / tangent.stiffness.size)
 
         def apply(vector: Single) -> Single:
-            change, force = product(vector[:size].reshape(pull.shape), None if push is None else float(vector[size]))
+            change, force = product(
+                vector[:size].reshape(pull.shape), None if push is None else float(vector[size])
+            )
             return np.ravel(change) if push is None else np.append(change, np.float32(force))
 
         def precondition(vector: Single) -> Single:
@@ -404,7 +504,11 @@ class LinearSteps:
             return np.ravel(balls) if push is None else np.append(balls, held * vector[size])
 
         right = np.ravel(pull) if push is None else np.append(pull, push)
-        found, rest, taken, most, renewed = np.zeros_like(right), right, 0, _FEW, False
+        found = np.zeros_like(right)
+        rest = right
+        taken = 0
+        most = _FEW
+        renewed = False
         goal = left = reduction * math.sqrt(dot(right, right))
         while taken < _MOST_ITERATIONS and (left := math.sqrt(dot(rest, rest))) > goal:
             change, count = solve_by_minimal_residuals(apply, precondition, rest, goal / left, most)
@@ -413,30 +517,41 @@ class LinearSteps:
             if count < most:
                 break
             rest = right - apply(found.astype(np.float32))
-            weak = self._patches.join(self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape)))
-            if weak.size == self._weak.size and (renewed or not weak.size):  # the patch has no more to give
+            weak = self._patches.join(
+                self._weak, self._patches.find_worst(rest[:size].reshape(pull.shape))
+            )
+            if weak.size == self._weak.size and (renewed or not weak.size):
+                # the patch has no more to give
                 most = _MOST_ITERATIONS - taken
             else:
                 self._weak, self._put, renewed = weak, self._patches.invert(weak, tangent), True
-        return Motion(found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])), taken
+        return Motion(
+            found[:size].reshape(pull.shape), 0.0 if push is None else float(found[size])
+        ), taken
 
     def invert(self, tangent: Tangent, product: Product) -> Inverse:
         """Return an approximate inverse of C^T D C, of which ``product`` is the product.
 
-        The patch may be that of a tangent before: it is made anew only when it does not serve any more.
+        The patch may be that of a tangent before: it is made anew only when it does not serve any
+        more.
         """
         stencils = self._stencils
-        stiffnesses = np.concatenate([tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)])
+        stiffnesses = np.concatenate(
+            [tangent.stiffness, tangent.springs.reshape(-1, *stencils.shape)]
+        )
         springs: Single = stiffnesses.astype(np.float32)
         smooth = stencils.block_jacobi(springs)
-        green = stencils.green_preconditioner(springs.dtype, float(np.mean(springs[: stencils.n_contacts])))
+        green = stencils.green_preconditioner(
+            springs.dtype, float(np.mean(springs[: stencils.n_contacts]))
+        )
 
         def apply(force: Single) -> Single:
             motion = np.zeros_like(force)
             smooth(force, motion)
             if self._put is not None:
                 self._put(force, motion)
-            # where few balls touch, Green's function would pass on what each ball's own motion leaves too far
+            # where few balls touch, Green's function would pass on what each ball's own motion
+            # leaves too far
             moved = green(force if self._damped else force - product(motion, None)[0])
             moved += motion
             return moved

@@ -1,15 +1,19 @@
-"""Approximate inverses of C^T K C for conjugate gradients, chosen by the state and the size of the array.
+"""Approximate inverses of C^T K C for conjugate gradients, chosen by the state and the size of the
+array.
 
-Where most contacts are closed, the lattice's Green's function serves: an iteration costs two Fourier transforms, and few are
-needed. Near the rigidity threshold half of the contacts are open, without order, and Green's function knows nothing of them.
-There the matrix of the closed contacts is factorised (sparse LU, in single precision, which is enough for an approximation).
-It has few entries; in a plane its factors have few too. They serve for all systems whose stiffnesses are not very different.
+Where most contacts are closed, the lattice's Green's function serves: an iteration costs two
+Fourier transforms, and few are needed. Near the rigidity threshold half of the contacts are open,
+without order, and Green's function knows nothing of them. There the matrix of the closed contacts
+is factorised (sparse LU, in single precision, which is enough for an approximation). It has few
+entries; in a plane its factors have few too. They serve for all systems whose stiffnesses are not
+very different.
 
-With friction there are patches: few balls that move while all others are held. Newton's method takes long where few balls
-hold each other but nothing else holds them. The lattice's Green's function does not know of them, and the inverse of a
-single ball takes its neighbours to be fixed. What GMRES leaves after some iterations sits on such balls and tells where they
-are. An inverse of their own matrix, neighbours included, then takes the place of those of single balls. Patches that do not
-touch are inverted together: one is a block of the matrix.
+With friction there are patches: few balls that move while all others are held. Newton's method
+takes long where few balls hold each other but nothing else holds them. The lattice's Green's
+function does not know of them, and the inverse of a single ball takes its neighbours to be fixed.
+What GMRES leaves after some iterations sits on such balls and tells where they are. An inverse of
+their own matrix, neighbours included, then takes the place of those of single balls. Patches that
+do not touch are inverted together: one is a block of the matrix.
 """
 
 from __future__ import annotations
@@ -27,16 +31,20 @@ from granphon.array.stencils import Stencils, number_cells
 from granphon.base.arrays import Array, Index
 
 Inverse = Callable[[Array], Array]
-#: largest number of balls whose matrix is factorised, for lattices with 1, 2, 3 periods: the memory that factors take grows
-#: faster than it, in three dimensions much faster
+#: largest number of balls whose matrix is factorised, for lattices with 1, 2, 3 periods: the memory
+#: that factors take grows faster than it, in three dimensions much faster
 MOST_BALLS = (2**20, 2**18, 2**12)
-#: fraction of contacts that are stiff, above which Green's function is kept, for lattices with 1, 2, 3 periods
+#: fraction of contacts that are stiff, above which Green's function is kept, for lattices with 1,
+#: 2, 3 periods
 _MOST_STIFF = (0.65, 0.65, 0.42)
-#: iterations with Green's function that cost as much as a factorisation, measured in planes of 64 x 64 to 128 x 128 balls
+#: iterations with Green's function that cost as much as a factorisation, measured in planes of 64 x
+#: 64 to 128 x 128 balls
 _PATIENCE = 150
-#: cost of an iteration with factors, in iterations with Green's function, measured in the same planes
+#: cost of an iteration with factors, in iterations with Green's function, measured in the same
+#: planes
 _SOLUTION = 3
-#: iterations of a system, beyond those of the first with the same factors, from which these are made anew for the next
+#: iterations of a system, beyond those of the first with the same factors, from which these are
+#: made anew for the next
 _STALE = 30
 #: puts the motions of some balls under a force into an array of motions
 Put = Callable[[Array, Array], None]
@@ -48,38 +56,51 @@ _MOST_PART = 1.0 / 32.0
 _MOST = 48
 #: part of the array from which a patch is the whole array, if that is not too large
 _WHOLE = 0.4
-#: largest number of contacts between the balls of a patch, for lattices with 1, 2, 3 periods: factors of more cost more than
-#: the iterations that they save
+#: largest number of contacts between the balls of a patch, for lattices with 1, 2, 3 periods:
+#: factors of more cost more than the iterations that they save
 _LARGEST = (2**16, 12_288, 768)
 #: stiffness that holds balls which nothing holds, over the mean stiffness
 _HOLDING = 1e-5
 
 
 class Preconditioners:
-    """Preconditioners for the systems that an equilibrium or a response of one array poses one after the other.
+    """Preconditioners for the systems that an equilibrium or a response of one array poses one
+    after the other.
 
-    They count iterations: the matrix is factorised, or factorised anew, when those since the last factorisation cost more
-    than it would. Numbers of iterations alone decide, never times, so that results are the same on any machine. It is not
-    factorised where more than the part ``most_stiff`` of the contacts is stiff.
+    They count iterations: the matrix is factorised, or factorised anew, when those since the last
+    factorisation cost more than it would. Numbers of iterations alone decide, never times, so that
+    results are the same on any machine. It is not factorised where more than the part
+    ``most_stiff`` of the contacts is stiff.
     """
 
     def __init__(self, stencils: Stencils, most_stiff: float | None = None) -> None:
         self._stencils = stencils
-        self._most_stiff = _MOST_STIFF[len(stencils.shape) - 1] if most_stiff is None else most_stiff
+        self._most_stiff = (
+            _MOST_STIFF[len(stencils.shape) - 1] if most_stiff is None else most_stiff
+        )
         self._factors: Inverse | None = None
         self._spent = 0
         self._first: int | None = None  # iterations of the first system with the factors
         self._fresh = False  # whether the factors are those of the system chosen last
-        self._changing = False  # whether stiffnesses change so much that factors pay for each system anew
+        self._changing = (
+            False  # whether stiffnesses change so much that factors pay for each system anew
+        )
 
-    def choose(self, stiffness: Array, hard: bool = False, product: ContactHessian | None = None) -> Inverse:
-        """Return a preconditioner for ``stiffness`` (rows, L1, ..., Lp); ``hard`` if many iterations are sure to follow.
+    def choose(
+        self, stiffness: Array, hard: bool = False, product: ContactHessian | None = None
+    ) -> Inverse:
+        """Return a preconditioner for ``stiffness`` (rows, L1, ..., Lp); ``hard`` if many
+        iterations are sure to follow.
 
         ``product`` is that with C^T K C, if it is at hand.
         """
-        self._fresh = (hard or self._changing or self._spent >= _PATIENCE) and self._may_factorise(stiffness)
+        self._fresh = (hard or self._changing or self._spent >= _PATIENCE) and self._may_factorise(
+            stiffness
+        )
         if self._fresh:
-            self._factors, self._spent, self._first = None, 0, None  # old factors are freed before new ones are made
+            self._factors = None
+            self._spent = 0
+            self._first = None  # old factors are freed before new ones are made
             self._factors = factorise_contacts(self._stencils, stiffness)
         return self._factors or self._stencils.preconditioner(stiffness, product)
 
@@ -104,11 +125,16 @@ class Preconditioners:
     @property
     def are_small(self) -> bool:
         """Whether the array is small enough for factors."""
-        return math.prod(self._stencils.shape) * self._stencils.n_balls <= MOST_BALLS[len(self._stencils.shape) - 1]
+        return (
+            math.prod(self._stencils.shape) * self._stencils.n_balls
+            <= MOST_BALLS[len(self._stencils.shape) - 1]
+        )
 
     def _may_factorise(self, stiffness: Array) -> bool:
         normal = stiffness[: self._stencils.n_contacts]
-        return self.are_small and float(np.mean(normal > STIFF * np.mean(normal))) <= self._most_stiff
+        return (
+            self.are_small and float(np.mean(normal > STIFF * np.mean(normal))) <= self._most_stiff
+        )
 
 
 class Patches:
@@ -116,7 +142,8 @@ class Patches:
 
     def __init__(self, stencils: Stencils) -> None:
         self.stencils = stencils
-        self._fields, self._cells = stencils.motions.count, math.prod(stencils.shape)
+        self._fields = stencils.motions.count
+        self._cells = math.prod(stencils.shape)
         self._balls = stencils.n_balls * self._cells
         self._largest = _LARGEST[len(stencils.shape) - 1] * stencils.n_balls // stencils.n_contacts
 
@@ -131,29 +158,43 @@ class Patches:
     def _by_ball(self) -> tuple[Index, Index]:
         """Contacts of one ball after the other, and the places where those of each begin."""
         order = np.argsort(self._ends, axis=None, kind="stable")
-        return order % self._ends.shape[1], np.searchsorted(self._ends.ravel()[order], np.arange(self._balls + 1))
+        return order % self._ends.shape[1], np.searchsorted(
+            self._ends.ravel()[order], np.arange(self._balls + 1)
+        )
 
     @cached_property
     def _rows(self) -> Array:
-        """(2, kinds, rows, fields) coefficients of the motions of balls j, and less those of balls i."""
-        kinds, (head, tail) = self.stencils.n_contacts, self.stencils.coefficients
+        """(2, kinds, rows, fields) coefficients of the motions of balls j, and less those of balls
+        i.
+        """
+        kinds = self.stencils.n_contacts
+        (head, tail) = self.stencils.coefficients
         both = np.array([head, -tail]).reshape(2, -1, kinds, self.stencils.n_balls, self._fields)
-        kind, (i, j) = np.arange(kinds), np.transpose(self.stencils.ends)
+        kind = np.arange(kinds)
+        (i, j) = np.transpose(self.stencils.ends)
         return np.array([both[0][:, kind, j], both[1][:, kind, i]]).swapaxes(1, 2)
 
     def find_worst(self, forces: Array) -> Index:
-        """Return the balls, with their neighbours, on which most of the ``forces`` (fields, L1, ..., Lp) are left."""
+        """Return the balls, with their neighbours, on which most of the ``forces`` (fields, L1,
+        ..., Lp) are left.
+        """
         by_ball = forces.reshape(self.stencils.n_balls, self._fields, self._cells)
         squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()
         near = 1 + self._ends.size // self._balls  # a ball and its neighbours
-        most = min(max(_MOST, int(_MOST_PART * self._balls)), max(1, self._largest // near), self._balls)
+        most = min(
+            max(_MOST, int(_MOST_PART * self._balls)), max(1, self._largest // near), self._balls
+        )
         worst = np.argsort(-squares, kind="stable")[:most]
         sums = np.cumsum(squares[worst])
-        worst = worst[: int(np.searchsorted(sums, min(_HELD * float(np.sum(squares)), sums[-1]))) + 1]
+        worst = worst[
+            : int(np.searchsorted(sums, min(_HELD * float(np.sum(squares)), sums[-1]))) + 1
+        ]
         return np.unique(self._ends[:, self._find_contacts(worst)])
 
     def join(self, balls: Index, more: Index) -> Index:
-        """Return the balls of a patch and more, or all balls if those are many; ``balls`` alone if it would be too large."""
+        """Return the balls of a patch and more, or all balls if those are many; ``balls`` alone if
+        it would be too large.
+        """
         joined = np.union1d(balls, more)
         if joined.size > _WHOLE * self._balls and self._balls <= self._largest:
             return np.arange(self._balls)
@@ -166,17 +207,20 @@ class Patches:
         return np.unique(contacts[starts + np.arange(starts.size)])
 
     def invert(self, balls: Index, tangent: Tangent) -> Put | None:
-        """Return what puts the motions of balls under a force into an array of motions; None if there is no inverse.
+        """Return what puts the motions of balls under a force into an array of motions; None if
+        there is no inverse.
 
         The ``tangent`` has a mean stiffness of one. Forces and motions are (fields, L1, ..., Lp).
         """
         from scipy.sparse import eye_array  # imported here: most simulations do not need it
 
         contacts = self._find_contacts(balls)
-        place, n = np.full(self._balls, -1), contacts.size
+        place = np.full(self._balls, -1)
+        n = contacts.size
         place[balls] = np.arange(balls.size)
         # C of these contacts and of the balls of the patch, field after field of each
-        parts, rows = [], np.arange(self._rows.shape[2])
+        parts = []
+        rows = np.arange(self._rows.shape[2])
         for ends, coefficients in zip(place[self._ends[:, contacts]], self._rows, strict=True):
             inside = np.flatnonzero(ends >= 0)
             row = (inside[:, None] + n * rows)[..., None]

@@ -1,12 +1,15 @@
 """A sample of the disordered array that has been loaded with friction, in SI units.
 
-The forces of the contacts follow from a history (:mod:`granphon.array.history`). Under sound, a contact that carries load
-resists compression with its normal stiffness k, and slip with a tangential stiffness for which there are three choices:
+The forces of the contacts follow from a history (:mod:`granphon.array.history`). Under sound, a
+contact that carries load resists compression with its normal stiffness k, and slip with a
+tangential stiffness for which there are three choices:
 
 ``slide``         eta k; none where the contact slides, that is, bears |T| = mu f
-``stick``         eta k, where the contact slides too: sound of small amplitude may not take it to the limit again
-``partial_slip``  eta k (1 - |T|/mu f)^(1/3), that of a contact whose T grows under constant f: an annulus of it slips
-                  (C. Cattaneo, 1938; R. D. Mindlin, J. Appl. Mech. 16, 259, 1949)
+``stick``         eta k, where the contact slides too: sound of small amplitude may not take it to
+                  the limit again
+``partial_slip``  eta k (1 - |T|/mu f)^(1/3), that of a contact whose T grows under constant f: an
+                  annulus of it slips (C. Cattaneo, 1938; R. D. Mindlin, J. Appl. Mech. 16, 259,
+                  1949)
 
 In space the stiffness is the same for slip in all directions.
 """
@@ -44,16 +47,18 @@ SHEAR_RESPONSES = ("stick", "slide", "partial_slip")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PressedEquilibrium(Equilibrium):
-    """Sample at rest with the forces that loading with friction has left, in units of W and c W^(3/2).
+    """Sample at rest with the forces that loading with friction has left, in units of W and c
+    W^(3/2).
 
     Attributes
     ----------
     rotations : (n r, L1, ..., Lp) rotations about each of r axes, W over the diameter.
-    shears : (n_s, n_c, L1, ..., Lp) tangential forces along the slips of each contact, of which a plane has one.
+    shears : (n_s, n_c, L1, ..., Lp) tangential forces along the slips of each contact, of which a
+        plane has one.
     mindlin_ratio, friction_coefficient : eta and mu.
     work : work of the load since the start, a mean over contacts, in units of c W^(5/2).
-    slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential force, and to dashpots,
-        between the gas and rest and where balls fall; as ``work``.
+    slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential
+        force, and to dashpots, between the gas and rest and where balls fall; as ``work``.
     steps : number of steps of the load since the start.
     """
 
@@ -72,28 +77,55 @@ class PressedEquilibrium(Equilibrium):
         """Take the state of a history, whose ``stencils`` have slips."""
         motions = stencils.motions
         fields = pressed.balls.reshape(stencils.n_balls, motions.count, *stencils.shape)
-        moved, turned = (fields[:, part].reshape(-1, *stencils.shape) for part in (motions.translating, motions.turning))
+        moved, turned = (
+            fields[:, part].reshape(-1, *stencils.shape)
+            for part in (motions.translating, motions.turning)
+        )
         return cls(
-            deviations=deviations, overlap=pressed.overlap, balls=moved, residual=pressed.residual, newton=pressed.newton,
-            conjugate=pressed.krylov, lattice=stencils.lattice, rotations=turned, shears=pressed.contacts.shears,
-            mindlin_ratio=stencils.mindlin_ratio, friction_coefficient=pressed.law.friction_coefficient, work=pressed.work,
-            slid=pressed.slid, loosened=pressed.loosened, damped=pressed.damped, steps=pressed.steps, ratio=ratio,
-        )  # fmt: skip
+            deviations=deviations,
+            overlap=pressed.overlap,
+            balls=moved,
+            residual=pressed.residual,
+            newton=pressed.newton,
+            conjugate=pressed.krylov,
+            lattice=stencils.lattice,
+            rotations=turned,
+            shears=pressed.contacts.shears,
+            mindlin_ratio=stencils.mindlin_ratio,
+            friction_coefficient=pressed.law.friction_coefficient,
+            work=pressed.work,
+            slid=pressed.slid,
+            loosened=pressed.loosened,
+            damped=pressed.damped,
+            steps=pressed.steps,
+            ratio=ratio,
+        )
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on the lattice."""
+        """Raise :class:`~granphon.base.errors.InputError` if the arrays do not belong to balls on
+        the lattice.
+        """
         super()._check()
         stencils = self.sheared
         turns = stencils.n_fields - len(self.balls)
-        wanted = (turns, *stencils.shape), (self.lattice.periods - 1, stencils.n_contacts, *stencils.shape)
+        wanted = (
+            (turns, *stencils.shape),
+            (self.lattice.periods - 1, stencils.n_contacts, *stencils.shape),
+        )
         if (self.rotations.shape, self.shears.shape) != wanted:
-            found = f"rotations of the shape {self.rotations.shape} and shears of {self.shears.shape}"
-            raise InputError(f"the PressedEquilibrium has {found}, which do not belong to its balls")
+            found = (
+                f"rotations of the shape {self.rotations.shape} and shears of {self.shears.shape}"
+            )
+            raise InputError(
+                f"the PressedEquilibrium has {found}, which do not belong to its balls"
+            )
 
     @cached_property
     def sheared(self) -> Stencils:
         """Compatibility matrix C of the array, with slips."""
-        return Stencils(self.stencils.shape, self.mindlin_ratio, self.stencils.workers, self.lattice)
+        return Stencils(
+            self.stencils.shape, self.mindlin_ratio, self.stencils.workers, self.lattice
+        )
 
     @cached_property
     def place(self) -> ExactPlace:
@@ -103,8 +135,12 @@ class PressedEquilibrium(Equilibrium):
 
     @property
     def boundary_force(self) -> float:
-        """Force f*, a reduced number, at which the pressure is the same where the cell keeps its size."""
-        return find_boundary_force(self.place, self.forces, self.shears) if self.ratio else self.force
+        """Force f*, a reduced number, at which the pressure is the same where the cell keeps its
+        size.
+        """
+        return (
+            find_boundary_force(self.place, self.forces, self.shears) if self.ratio else self.force
+        )
 
     @cached_property
     def law(self) -> FrictionLaw:
@@ -113,17 +149,31 @@ class PressedEquilibrium(Equilibrium):
 
     @property
     def contacts(self) -> Contacts:
-        """State of the contacts, with the slips of a motion on the lattice: only changes of slips count."""
+        """State of the contacts, with the slips of a motion on the lattice: only changes of slips
+        count.
+        """
         stencils = self.sheared
-        slips = stencils.operator.deform(stencils.spread(self.balls, self.rotations))[stencils.n_contacts :]
+        slips = stencils.operator.deform(stencils.spread(self.balls, self.rotations))[
+            stencils.n_contacts :
+        ]
         return Contacts(self.overlaps, slips.reshape(self.shears.shape), self.shears)
 
     def resume(self) -> PressedArray:
         """Return the state as a history takes it up again."""
         return PressedArray(
-            self.overlap, self.sheared.spread(self.balls, self.rotations), self.contacts, self.law, self.residual,
-            self.work, self.slid, self.loosened, self.damped, self.steps, self.newton, self.conjugate,
-        )  # fmt: skip
+            self.overlap,
+            self.sheared.spread(self.balls, self.rotations),
+            self.contacts,
+            self.law,
+            self.residual,
+            self.work,
+            self.slid,
+            self.loosened,
+            self.damped,
+            self.steps,
+            self.newton,
+            self.conjugate,
+        )
 
     @property
     def energy(self) -> float:
@@ -131,10 +181,11 @@ class PressedEquilibrium(Equilibrium):
         return self.law.stored(self.contacts)
 
     def shear_ratios(self, response: str) -> Array:
-        """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for one of :data:`SHEAR_RESPONSES`.
+        """Return (n_c, L1, ..., Lp) tangential over normal stiffness under sound, for one of
+        :data:`SHEAR_RESPONSES`.
 
-        "partial_slip" is the stiffness of each contact as if its tangential force were about to grow, also where it has just
-        become less.
+        "partial_slip" is the stiffness of each contact as if its tangential force were about to
+        grow, also where it has just become less.
         """
         mobilised = self.law.mobilise(self.contacts)
         if response == "stick":
@@ -142,29 +193,36 @@ class PressedEquilibrium(Equilibrium):
         part = reduce_by_slip(mobilised) if response == "partial_slip" else 1.0
         return self.mindlin_ratio * np.where(mobilised >= SLIDES, 0.0, part)
 
-    def find_elasticity(self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
-        """Return the (n, n) elastic tensor, in Voigt order; ``shear`` are the ratios of :meth:`shear_ratios`.
+    def find_elasticity(
+        self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0
+    ) -> Array:
+        """Return the (n, n) elastic tensor, in Voigt order; ``shear`` are the ratios of
+        :meth:`shear_ratios`.
 
-        Other arguments, units and errors are those of :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. In
-        the true geometry it is that of :func:`~granphon.array.linear_response.find_elastic_tensor`, under the forces that
+        Other arguments, units and errors are those of
+        :meth:`~granphon.array.equilibrium.Equilibrium.find_elasticity`. In the true geometry it is
+        that of :func:`~granphon.array.linear_response.find_elastic_tensor`, under the forces that
         act.
         """
         if not self.ratio:
             return super().find_elasticity(shear, torsion, bending)
-        own, parts = np.asarray(shear, float), (self.shears, self.rotations)
+        own = np.asarray(shear, float)
+        parts = (self.shears, self.rotations)
         return find_exact_elasticity(self, self.mindlin_ratio, own, torsion, bending, *parts)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PressedSample(Sample):
-    """One array of balls at rest under one load, which it has reached by a path of loads with friction.
+    """One array of balls at rest under one load, which it has reached by a path of loads with
+    friction.
 
     Attributes
     ----------
     packing, seed : as those of :class:`Sample`.
     equilibrium : the solution, in units of W and c W^(3/2).
-    shear_response : tangential stiffness of contacts under sound: "slide" (eta k, none where a contact slides), "stick" (eta
-        k everywhere), or "partial_slip" (``eta k (1 - |T|/mu f)^(1/3)``).
+    shear_response : tangential stiffness of contacts under sound: "slide" (eta k, none where a
+        contact slides), "stick" (eta k everywhere), or "partial_slip" (``eta k (1 - |T|/mu
+        f)^(1/3)``).
     """
 
     equilibrium: PressedEquilibrium
@@ -172,8 +230,11 @@ class PressedSample(Sample):
 
     @property
     def rotations(self) -> Array:
-        """(L1, ..., Lp) angles of the balls in a plane, rad; (L1, ..., Lp, 3) rotation vectors in space."""
-        cells, shape = self.packing.structure.n_balls, self.shape
+        """(L1, ..., Lp) angles of the balls in a plane, rad; (L1, ..., Lp, 3) rotation vectors in
+        space.
+        """
+        cells = self.packing.structure.n_balls
+        shape = self.shape
         by_ball = self.equilibrium.rotations.reshape(cells, -1, *shape).swapaxes(0, 1)
         turns = self._order(by_ball if cells > 1 else by_ball[:, 0])
         found = self._units.width / self.packing.diameter * np.moveaxis(turns, 0, -1)
@@ -181,7 +242,9 @@ class PressedSample(Sample):
 
     @property
     def tangential_forces(self) -> Array:
-        """(L1, ..., Lp, n_c, p) tangential forces with which ball i acts on ball j, N; zero where balls are apart."""
+        """(L1, ..., Lp, n_c, p) tangential forces with which ball i acts on ball j, N; zero where
+        balls are apart.
+        """
         here = self.equilibrium
         t, b = here.place.tangents if here.ratio else ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         one, other = (*here.shears, 0.0)[:2]
@@ -191,7 +254,8 @@ class PressedSample(Sample):
 
     @cached_property
     def network(self) -> ContactNetwork:
-        """The balls, and the contacts that carry load, as a network with the springs of the linear response.
+        """The balls, and the contacts that carry load, as a network with the springs of the linear
+        response.
 
         See :attr:`Sample.network`; it has the tangential forces too.
         """
@@ -205,36 +269,48 @@ class PressedSample(Sample):
 
     @property
     def sliding_fraction(self) -> float:
-        """Part of the contacts that carry load whose tangential force is at Coulomb's limit, mu f."""
+        """Part of the contacts that carry load whose tangential force is at Coulomb's limit, mu
+        f.
+        """
         return self.equilibrium.law.sliding_fraction(self.equilibrium.contacts)
 
-    def tangential_ratio_distribution(self, bins: int = 50, largest: float | None = None) -> tuple[Array, Array]:
-        """Return (bins + 1,) edges, and the (bins,) probability density of ``|T|/f`` over the contacts that carry load.
+    def tangential_ratio_distribution(
+        self, bins: int = 50, largest: float | None = None
+    ) -> tuple[Array, Array]:
+        """Return (bins + 1,) edges, and the (bins,) probability density of ``|T|/f`` over the
+        contacts that carry load.
 
-        The bins reach from 0 to ``largest``, by default mu, or 1 if mu is zero or above 1. Contacts that slide have the
-        ratio mu. Over all ratios the density integrates to one. Raises :class:`~granphon.base.errors.InputError` if ``bins``
-        is no whole number above zero, or ``largest`` not above zero.
+        The bins reach from 0 to ``largest``, by default mu, or 1 if mu is zero or above 1. Contacts
+        that slide have the ratio mu. Over all ratios the density integrates to one. Raises
+        :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number above zero, or
+        ``largest`` not above zero.
         """
-        here, mu = self.equilibrium.contacts, self.equilibrium.friction_coefficient
+        here = self.equilibrium.contacts
+        mu = self.equilibrium.friction_coefficient
         ratios = self.equilibrium.law.ratios(here)[here.carried]
         end = (mu if 0.0 < mu <= 1.0 else 1.0) if largest is None else largest
         return find_density(ratios, bins, 0.0, end)
 
     def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array]:
-        """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of ``|T|/(mu f)``.
+        """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of ``|T|/(mu
+        f)``.
 
         It is over the contacts that carry load; sliding contacts are in the last bin. Raises
-        :class:`~granphon.base.errors.InputError` if mu is zero or infinite, or ``bins`` no whole number above zero.
+        :class:`~granphon.base.errors.InputError` if mu is zero or infinite, or ``bins`` no whole
+        number above zero.
         """
-        here, mu = self.equilibrium.contacts, self.equilibrium.friction_coefficient
+        here = self.equilibrium.contacts
+        mu = self.equilibrium.friction_coefficient
         if not 0.0 < mu < math.inf:
-            what, why = f"there is no |T|/(mu f) where mu is {mu:g}", "Coulomb's limit mu f is zero, or infinite"
+            what = f"there is no |T|/(mu f) where mu is {mu:g}"
+            why = "Coulomb's limit mu f is zero, or infinite"
             raise InputError(what, why, "Use tangential_ratio_distribution, of |T|/f")
         return find_density(self.equilibrium.law.mobilise(here)[here.carried], bins, 0.0, 1.0)
 
     @property
     def work(self) -> float:
-        """Work of the load since the start, a mean over contacts, J: what the contacts store and lose, and dashpots take.
+        """Work of the load since the start, a mean over contacts, J: what the contacts store and
+        lose, and dashpots take.
 
         In the limit of short steps it is the integral of f over the overlap.
         """
@@ -242,36 +318,51 @@ class PressedSample(Sample):
 
     @property
     def dissipated_energy(self) -> float:
-        """Energy lost since the start, a mean over contacts, J: by sliding, by Mindlin's law, and to dashpots."""
-        return self._units.energy * (self.equilibrium.slid + self.equilibrium.loosened + self.equilibrium.damped)
+        """Energy lost since the start, a mean over contacts, J: by sliding, by Mindlin's law, and
+        to dashpots.
+        """
+        return self._units.energy * (
+            self.equilibrium.slid + self.equilibrium.loosened + self.equilibrium.damped
+        )
 
     @property
     def normal_stiffness(self) -> float:
         """Normal stiffness df/d(delta) of the linear response, with its springs against slip, N/m.
 
-        It is the derivative of f on a way up where no contact slides and none that bears T opens, just after a turn too.
-        It is not the slope of the path. Where the normal force of a contact falls, T falls in proportion to k, which is not
-        a linear response: on a way down the slope is larger by some thousandths. On a way up, if contacts slide, it is
-        larger by about a hundredth.
+        It is the derivative of f on a way up where no contact slides and none that bears T opens,
+        just after a turn too. It is not the slope of the path. Where the normal force of a contact
+        falls, T falls in proportion to k, which is not a linear response: on a way down the slope
+        is larger by some thousandths. On a way up, if contacts slide, it is larger by about a
+        hundredth.
         """
         return self._average_stiffness(self.elastic_tensor, self.force, self.overlap)
 
     @property
     def stiffness_slope(self) -> float:
         """Slope of :attr:`normal_stiffness` against the overlap as loading goes on, N/m^2."""
-        f, k, found = self.force, self.normal_stiffness, []
+        f = self.force
+        k = self.normal_stiffness
+        found = []
         for tensor, times in zip(self.elastic_tensors_beside, (1.0, 3.0), strict=True):
             more = f * math.expm1(times * STEP)
             found.append(self._average_stiffness(tensor, f + more, self.overlap + more / k))
         return (found[1] - found[0]) / (2.0 * STEP) * k / f
 
     def _average_stiffness(self, tensor: Array, force: float, overlap: float) -> float:
-        """Return df/d(delta), N/m, of an elastic tensor: under an even strain only normal forces do work on the whole.
+        """Return df/d(delta), N/m, of an elastic tensor: under an even strain only normal forces do
+        work on the whole.
 
-        In the true geometry the tensor is that of the stress: the boundary on which the forces act shrinks.
+        In the true geometry the tensor is that of the stress: the boundary on which the forces act
+        shrinks.
         """
-        structure, p = self.packing.structure, self.packing.structure.periods
-        even = float(np.sum(tensor[:p, :p])) * self.packing.diameter * structure.measure / len(structure.contacts)
+        structure = self.packing.structure
+        p = self.packing.structure.periods
+        even = (
+            float(np.sum(tensor[:p, :p]))
+            * self.packing.diameter
+            * structure.measure
+            / len(structure.contacts)
+        )
         if not self.is_exact:
             return even
         spacing = self.packing.diameter - overlap
@@ -279,41 +370,63 @@ class PressedSample(Sample):
 
     @cached_property
     def elastic_tensors_beside(self) -> Array:
-        """(2, n, n) elastic tensors at exp(:data:`STEP`) and exp(3 STEP) times the mean force, as loading goes on from here.
+        """(2, n, n) elastic tensors at exp(:data:`STEP`) and exp(3 STEP) times the mean force, as
+        loading goes on from here.
 
-        Going back would be unloading, which is another state. The three steps of loading are equally long, because the
-        number of contacts that slide at the end of a step depends a little on its length.
+        Going back would be unloading, which is another state. The three steps of loading are
+        equally long, because the number of contacts that slide at the end of a step depends a
+        little on its length.
         """
         here = self.equilibrium
-        stencils, loads = here.sheared, [ReducedLoad(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)]
+        stencils = here.sheared
+        loads = [
+            ReducedLoad(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)
+        ]
         geometry = ExactGeometry(stencils, here.deviations, here.ratio) if here.ratio else None
-        history = LoadingHistory(here.deviations, stencils, here.friction_coefficient, math.inf, geometry=geometry)
+        history = LoadingHistory(
+            here.deviations, stencils, here.friction_coefficient, math.inf, geometry=geometry
+        )
         states = list(history.path(loads, here.resume()))
-        beside = (PressedEquilibrium.of(state, here.deviations, stencils, here.ratio) for state in states[::2])
-        tensors = [self._compute_elastic_tensor(one.share(here.deviations, here.stencils)) for one in beside]
+        beside = (
+            PressedEquilibrium.of(state, here.deviations, stencils, here.ratio)
+            for state in states[::2]
+        )
+        tensors = [
+            self._compute_elastic_tensor(one.share(here.deviations, here.stencils))
+            for one in beside
+        ]
         stencils.forget()
         return read_only(tensors)
 
     def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
         assert isinstance(equilibrium, PressedEquilibrium)
-        return equilibrium.find_elasticity(equilibrium.shear_ratios(self.shear_response), torsion, self.packing.bending)
+        return equilibrium.find_elasticity(
+            equilibrium.shear_ratios(self.shear_response), torsion, self.packing.bending
+        )
 
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``; see :meth:`Sample.atoms`.
 
-        ``rotations`` are the rotations of the balls since the start, rad. There are two more arrays: ``tangential_force``,
-        the mean size of the tangential forces on a ball over the mean normal force of all contacts, and
-        ``sliding_contacts``, the number of its contacts that carry load and slide. The forces of single contacts are in
-        :attr:`network`, and in its tables.
+        ``rotations`` are the rotations of the balls since the start, rad. There are two more
+        arrays: ``tangential_force``, the mean size of the tangential forces on a ball over the mean
+        normal force of all contacts, and ``sliding_contacts``, the number of its contacts that
+        carry load and slide. The forces of single contacts are in :attr:`network`, and in its
+        tables.
         """
-        balls, here = super().atoms(), self.equilibrium
-        contacts, stencils = here.contacts, self.equilibrium.stencils
+        balls = super().atoms()
+        here = self.equilibrium
+        contacts = here.contacts
+        stencils = self.equilibrium.stencils
         slides = contacts.carried & (here.law.mobilise(contacts) >= SLIDES)
         turns = self.rotations
-        balls.set_array("rotations", turns.reshape(len(balls), *balls.arrays["rotations"].shape[1:]))
+        balls.set_array(
+            "rotations", turns.reshape(len(balls), *balls.arrays["rotations"].shape[1:])
+        )
         tangential = self._order(stencils.average_around(contacts.tangential / here.force))
         balls.set_array("tangential_force", tangential.ravel())
-        balls.set_array("sliding_contacts", self._order(stencils.around(slides.astype(int))).ravel())
+        balls.set_array(
+            "sliding_contacts", self._order(stencils.around(slides.astype(int))).ravel()
+        )
         balls.info["friction_coefficient"] = here.friction_coefficient
         return balls
 

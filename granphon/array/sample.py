@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from ase import Atoms
 
 
-#: step in log f, to either side, for finite differences of moduli. The bias of an exponent is proportional to its square: it
-#: is 2e-3 STEP^2 = 5e-6 at f* = 1, where the statistical error is least, and that is the standard error of a million balls.
-#: The variance grows only as -log STEP
+#: step in log f, to either side, for finite differences of moduli. The bias of an exponent is
+#: proportional to its square: it is 2e-3 STEP^2 = 5e-6 at f* = 1, where the statistical error is
+#: least, and that is the standard error of a million balls. The variance grows only as -log STEP
 STEP = 0.05
 
 
@@ -48,15 +48,16 @@ class Sample(Result):
     seed : random seed of the diameters; None if the diameters were given.
     equilibrium : the solution, in units of W and c W^(3/2).
 
-    Arrays are indexed by the cell (p, q, ...): on the triangular lattice the site of the ball is p a1 + q a2. Where a cell
-    has several balls, arrays of balls have one more axis, (L1, ..., Lp, n). The last axis of contact arrays is the kind of
-    contact, as in the contact table of the lattice: on the triangular one from ball (p, q) to (p, q + 1), (p + 1, q) and
-    (p + 1, q + 1).
+    Arrays are indexed by the cell (p, q, ...): on the triangular lattice the site of the ball is p
+    a1 + q a2. Where a cell has several balls, arrays of balls have one more axis, (L1, ..., Lp, n).
+    The last axis of contact arrays is the kind of contact, as in the contact table of the lattice:
+    on the triangular one from ball (p, q) to (p, q + 1), (p + 1, q) and (p + 1, q + 1).
     """
 
     packing: Packing
     seed: int | None
-    equilibrium: Equilibrium | TrueEquilibrium  # both are named so that plain data are made into them again
+    # both are named so that plain data are made into them again
+    equilibrium: Equilibrium | TrueEquilibrium
 
     @property
     def _units(self) -> WidthUnits:
@@ -68,14 +69,18 @@ class Sample(Result):
         return self.equilibrium.stencils.shape
 
     def _order(self, values: Array) -> Array:
-        """Return values of balls, (..., n, L1, ..., Lp) or (..., L1, ..., Lp) of one ball in the cell, with n last."""
+        """Return values of balls, (..., n, L1, ..., Lp) or (..., L1, ..., Lp) of one ball in the
+        cell, with n last.
+        """
         several = self.packing.structure.n_balls > 1
         return np.moveaxis(values, -1 - len(self.shape), -1) if several else values
 
     @property
     def diameters(self) -> Array:
         """(L1, ..., Lp) diameters, m; their mean is the packing's diameter."""
-        return np.asarray(self.packing.diameter + self._units.width * self._order(self.equilibrium.deviations))
+        return np.asarray(
+            self.packing.diameter + self._units.width * self._order(self.equilibrium.deviations)
+        )
 
     @property
     def sites(self) -> Array:
@@ -87,7 +92,9 @@ class Sample(Result):
 
     @property
     def displacements(self) -> Array:
-        """(L1, ..., Lp, p) displacements from the sites, m; balls that nothing holds are where the iteration left them."""
+        """(L1, ..., Lp, p) displacements from the sites, m; balls that nothing holds are where the
+        iteration left them.
+        """
         reduced = self.equilibrium.stencils.displacements(self.equilibrium.balls)
         return self._units.width * np.moveaxis(self._order(reduced), 0, -1)
 
@@ -113,14 +120,18 @@ class Sample(Result):
 
     @property
     def boundary_force(self) -> float:
-        """Force, N, that the stress on the cell stands for: in the exact geometry other than the mean ``force``."""
+        """Force, N, that the stress on the cell stands for: in the exact geometry other than the
+        mean ``force``.
+        """
         return self._units.force * self.equilibrium.boundary_force
 
     @property
     def pressure(self) -> float:
-        """Pressure, N/m in the plane, Pa in space, N on a line: the work of the load over the change of the cell's size.
+        """Pressure, N/m in the plane, Pa in space, N on a line: the work of the load over the
+        change of the cell's size.
 
-        Raises :class:`~granphon.base.errors.InputError` if the stress of the lattice is not a pressure.
+        Raises :class:`~granphon.base.errors.InputError` if the stress of the lattice is not a
+        pressure.
         """
         return self.packing.pressure_per_force * self.boundary_force
 
@@ -146,25 +157,35 @@ class Sample(Result):
 
     @property
     def force_fluctuation(self) -> float:
-        """Delta f / f: rms deviation, over balls, of the mean force of a ball's own contacts, divided by the mean force."""
+        """Delta f / f: rms deviation, over balls, of the mean force of a ball's own contacts,
+        divided by the mean force.
+        """
         state = self.equilibrium
         return float(np.std(state.stencils.average_around(state.excess))) / state.force
 
     @property
     def contact_force_fluctuation(self) -> float:
-        """Rms deviation of the forces of single contacts from the mean force, divided by the mean force."""
+        """Rms deviation of the forces of single contacts from the mean force, divided by the mean
+        force.
+        """
         return float(np.std(self.equilibrium.excess)) / self.equilibrium.force
 
     def contact_fraction(self, threshold: float = COUNTED_FORCE) -> float:
-        """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the mean force (1e-6)."""
+        """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the
+        mean force (1e-6).
+        """
         least = not_negative("threshold", threshold)
         return float(np.mean(self.equilibrium.forces > least * self.equilibrium.force))
 
-    def force_distribution(self, bins: int = 60, largest: float = 6.0, least: float = 0.0) -> tuple[Array, Array]:
-        """Return (bins + 1,) edges in f/<f> and the (bins,) probability density of the forces of contacts that carry load.
+    def force_distribution(
+        self, bins: int = 60, largest: float = 6.0, least: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return (bins + 1,) edges in f/<f> and the (bins,) probability density of the forces of
+        contacts that carry load.
 
-        The bins reach from ``least`` to ``largest`` times the mean force; over all forces the density integrates to one.
-        Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number above zero, or the range is empty.
+        The bins reach from ``least`` to ``largest`` times the mean force; over all forces the
+        density integrates to one. Raises :class:`~granphon.base.errors.InputError` if ``bins`` is
+        no whole number above zero, or the range is empty.
         """
         forces = self.equilibrium.forces
         forces = forces[forces > COUNTED_FORCE * self.equilibrium.force] / self.equilibrium.force
@@ -172,51 +193,76 @@ class Sample(Result):
 
     @cached_property
     def elastic_tensor(self) -> Array:
-        """Elastic tensor in Voigt order: (3, 3), Pa, of a layer one diameter thick; (6, 6), Pa; (1, 1), N, of a chain."""
+        """Elastic tensor in Voigt order: (3, 3), Pa, of a layer one diameter thick; (6, 6), Pa; (1,
+        1), N, of a chain.
+        """
         return self._compute_elastic_tensor(self.equilibrium)
 
     @cached_property
     def elastic_tensors_beside(self) -> Array:
-        """(2, n, n) elastic tensors of the same balls under exp(-:data:`STEP`) and exp(STEP) times the mean force.
+        """(2, n, n) elastic tensors of the same balls under exp(-:data:`STEP`) and exp(STEP) times
+        the mean force.
 
         This takes two more equilibria, each started from this one, and their linear responses.
         """
         here = self.equilibrium
-        solve: Callable[..., Equilibrium] = partial(equilibrate_exactly, ratio=here.ratio) if here.ratio else equilibrate
+        solve: Callable[..., Equilibrium] = (
+            partial(equilibrate_exactly, ratio=here.ratio) if here.ratio else equilibrate
+        )
         loads = [ReducedLoad(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
         found = [solve(here.deviations, load, stencils=here.stencils, start=here) for load in loads]
         return read_only([self._compute_elastic_tensor(one) for one in found])
 
     @cached_property
     def network(self) -> ContactNetwork:
-        """The balls, and the contacts that carry load, as a network; contacts have the directions of the lattice.
+        """The balls, and the contacts that carry load, as a network; contacts have the directions
+        of the lattice.
 
-        All balls have the mass, inertia and arms of the mean ball, as in the paper's limit. In the true geometry directions
-        and arms are the contacts' own, and static forces act on displacements (prestress).
+        All balls have the mass, inertia and arms of the mean ball, as in the paper's limit. In the
+        true geometry directions and arms are the contacts' own, and static forces act on
+        displacements (prestress).
         """
         return self._make_network()
 
-    def _make_network(self, shear: ArrayLike | None = None, tangential: Array | None = None) -> ContactNetwork:
-        """Return the network; ``shear`` are ratios of tangential to normal stiffness, those of the packing if None.
+    def _make_network(
+        self, shear: ArrayLike | None = None, tangential: Array | None = None
+    ) -> ContactNetwork:
+        """Return the network; ``shear`` are ratios of tangential to normal stiffness, those of the
+        packing if None.
 
-        ``tangential`` (L1, ..., Lp, n_c, p) are tangential forces of ball i on ball j, N; None if contacts have none, which
-        are zeros under prestress.
+        ``tangential`` (L1, ..., Lp, n_c, p) are tangential forces of ball i on ball j, N; None if
+        contacts have none, which are zeros under prestress.
         """
-        packing, here = self.packing, self.equilibrium
+        packing = self.packing
+        here = self.equilibrium
         exact = here.place if self.is_exact else None
-        diameters, force = self.diameters, self.contact_forces
+        diameters = self.diameters
+        force = self.contact_forces
         stiffness = self._units.stiffness * np.moveaxis(here.stiffnesses, 0, -1)
         positions = packing.diameter * self._shrinkage * self.sites + self.displacements
-        structure, table, d = packing.structure, packing.structure.contacts, packing.diameter
-        n, p, shape = structure.n_balls, structure.periods, force.shape[:-1]
-        cells = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 1, p)
+        structure = packing.structure
+        table = packing.structure.contacts
+        d = packing.diameter
+        n = structure.n_balls
+        p = structure.periods
+        shape = force.shape[:-1]
+        cells = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(
+            -1, 1, p
+        )
         steps = cells + table.shift  # (cells, n_c, p) cell of ball j
         number = np.ravel_multi_index(tuple(np.moveaxis(np.mod(steps, shape), -1, 0)), shape)
         live = stiffness.reshape(number.shape) > 0.0
         shift, normal = np.zeros((*number.shape, 3), int), np.zeros((*number.shape, 3))
-        shift[..., :p], normal[..., : structure.dimension] = np.floor_divide(steps, shape), table.normal
-        places, cell = np.zeros((diameters.size, 3)), np.zeros((3, 3))
-        places[:, :p], cell[:p, :p] = positions.reshape(-1, p), d * structure.vectors[:, :p] * np.array(shape)[:, None]
+        shift[..., :p], normal[..., : structure.dimension] = (
+            np.floor_divide(steps, shape),
+            table.normal,
+        )
+        places = np.zeros((diameters.size, 3))
+        cell = np.zeros((3, 3))
+        places[:, :p], cell[:p, :p] = (
+            positions.reshape(-1, p),
+            d * structure.vectors[:, :p] * np.array(shape)[:, None],
+        )
         arms = [np.broadcast_to(d * arm, number.shape) for arm in (table.arm_i, table.arm_j)]
         if exact is not None:
             cell *= 1.0 - exact.geometry.ratio * exact.overlap
@@ -232,70 +278,116 @@ class Sample(Result):
             across = np.zeros((len(carried), 3))
         if tangential is not None and across is not None:
             across[:, :p] = tangential.reshape(*number.shape, p)[live]
-        mass, twist = np.full(len(places), packing.mass), packing.find_torsion(carried, spring)
+        mass = np.full(len(places), packing.mass)
+        twist = packing.find_torsion(carried, spring)
         return ContactNetwork(
-            cell=cell, pbc=(p > 0, p > 1, p > 2), positions=places, radii=0.5 * diameters.ravel(), masses=mass,
-            inertias=(GYRATION * d) ** 2 * mass, i=(n * np.arange(len(cells))[:, None] + table.i)[live],
-            j=(n * number + table.j)[live], shift=shift[live], normal=normal[live],
-            normal_force=carried, normal_stiffness=spring,
-            shear_stiffness=ratio * spring, torsion_stiffness=twist * d * d * spring,
-            bending_stiffness=packing.bending * d * d * spring, arm_i=arm_i, arm_j=arm_j,
-            motions=packing.named_motions.name, dimension=structure.dimension, prestress=exact is not None,
-            lattice=structure if exact is None else None, shape=shape if exact is None else None,
-            tangential_force=across, contact_model=ContactModel.of(packing),
-        )  # fmt: skip
+            cell=cell,
+            pbc=(p > 0, p > 1, p > 2),
+            positions=places,
+            radii=0.5 * diameters.ravel(),
+            masses=mass,
+            inertias=(GYRATION * d) ** 2 * mass,
+            i=(n * np.arange(len(cells))[:, None] + table.i)[live],
+            j=(n * number + table.j)[live],
+            shift=shift[live],
+            normal=normal[live],
+            normal_force=carried,
+            normal_stiffness=spring,
+            shear_stiffness=ratio * spring,
+            torsion_stiffness=twist * d * d * spring,
+            bending_stiffness=packing.bending * d * d * spring,
+            arm_i=arm_i,
+            arm_j=arm_j,
+            motions=packing.named_motions.name,
+            dimension=structure.dimension,
+            prestress=exact is not None,
+            lattice=structure if exact is None else None,
+            shape=shape if exact is None else None,
+            tangential_force=across,
+            contact_model=ContactModel.of(packing),
+        )
 
     @property
     def is_exact(self) -> bool:
-        """Whether directions, arms and overlaps of contacts follow from the positions of the balls, not from the lattice."""
+        """Whether directions, arms and overlaps of contacts follow from the positions of the balls,
+        not from the lattice.
+        """
         return bool(self.equilibrium.ratio)
 
     @property
     def _shrinkage(self) -> float:
-        """Spacing over diameter of the cell: 1 where contacts keep the directions of the lattice."""
+        """Spacing over diameter of the cell: 1 where contacts keep the directions of the
+        lattice.
+        """
         return 1.0 - self.equilibrium.ratio * self.equilibrium.overlap
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
-        packing, d = self.packing, self.packing.diameter
-        scale = self._units.stiffness * d if packing.structure.periods == 1 else self._units.stiffness / d
+        packing = self.packing
+        d = self.packing.diameter
+        scale = (
+            self._units.stiffness * d
+            if packing.structure.periods == 1
+            else self._units.stiffness / d
+        )
         torsion: Any = packing.torsion
         if torsion == MINDLIN:  # it differs from contact to contact
-            f, k = self._units.force * equilibrium.forces, self._units.stiffness * equilibrium.stiffnesses
+            f = self._units.force * equilibrium.forces
+            k = self._units.stiffness * equilibrium.stiffnesses
             torsion = packing.find_torsion(f, k)
         return read_only(scale * self._find_elasticity(equilibrium, torsion))
 
     def _find_elasticity(self, equilibrium: Equilibrium, torsion: Any) -> Array:
         """Return the elastic tensor in the units of the equilibrium."""
-        return equilibrium.find_elasticity(self.packing.mindlin_ratio, torsion, self.packing.bending)
+        return equilibrium.find_elasticity(
+            self.packing.mindlin_ratio, torsion, self.packing.bending
+        )
 
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``, in the reduced units of the calculator.
 
-        Balls are at their displaced positions, where contacts have no slip. The Atoms have the arrays of a file
-        ``sample.extxyz``, and two more for each ball: ``contact_force``, the mean force of its contacts over the mean of
-        all, and ``contacts``, the number of its contacts that carry load. To ``granphon.HertzMindlin`` of this sample's
-        state the balls are at rest.
+        Balls are at their displaced positions, where contacts have no slip. The Atoms have the
+        arrays of a file ``sample.extxyz``, and two more for each ball: ``contact_force``, the mean
+        force of its contacts over the mean of all, and ``contacts``, the number of its contacts
+        that carry load. To ``granphon.HertzMindlin`` of this sample's state the balls are at rest.
         """
         with needing("A sample of Atoms"):
             from ase import Atoms
 
-        packing, p = self.packing, self.packing.structure.periods
-        d, shape = packing.diameter, self.shape
+        packing = self.packing
+        p = self.packing.structure.periods
+        d = packing.diameter
+        shape = self.shape
         cell = np.eye(3)
         cell[:p, :p] = self._shrinkage * packing.structure.vectors * np.array(shape)[:, None]
         moved, sites = (np.zeros((self.equilibrium.deviations.size, 3)) for _ in range(2))
         moved[:, :p] = self.displacements.reshape(-1, p) / d
         sites[:, :p] = self._shrinkage * self.sites.reshape(-1, p)
-        balls = Atoms([BALL] * len(sites), positions=sites + moved, cell=cell, pbc=[axis < p for axis in range(3)])
+        balls = Atoms(
+            [BALL] * len(sites),
+            positions=sites + moved,
+            cell=cell,
+            pbc=[axis < p for axis in range(3)],
+        )
         own = {
-            "diameter_deviations": self._units.width / d * self._order(self.equilibrium.deviations).ravel(),
-            "displacements": moved, "slip_origin": moved.copy(),
-        }  # fmt: skip
-        take_arrays(balls, Units(d, self.normal_stiffness, packing.mass), SAMPLE, own, count_coordinates(packing))
+            "diameter_deviations": self._units.width
+            / d
+            * self._order(self.equilibrium.deviations).ravel(),
+            "displacements": moved,
+            "slip_origin": moved.copy(),
+        }
+        take_arrays(
+            balls,
+            Units(d, self.normal_stiffness, packing.mass),
+            SAMPLE,
+            own,
+            count_coordinates(packing),
+        )
         forces = self.equilibrium.forces / self.equilibrium.force
         stencils = self.equilibrium.stencils
         balls.set_array("contact_force", self._order(stencils.average_around(forces)).ravel())
-        balls.set_array("contacts", self._order(stencils.around((forces > COUNTED_FORCE).astype(int))).ravel())
+        balls.set_array(
+            "contacts", self._order(stencils.around((forces > COUNTED_FORCE).astype(int))).ravel()
+        )
         balls.info["relative_overlap"] = self.overlap / d
         return balls
 
@@ -303,8 +395,8 @@ class Sample(Result):
 def turn_frames(packing: Packing, vectors: tuple[Any, Any, Any], shape: tuple[int, ...]) -> Array:
     """Return vectors of contacts in space, (L1, ..., Lp, n_c, 3).
 
-    They are given by their components along each contact's direction on the lattice and its two tangents there, each a
-    number or (n_c, L1, ..., Lp).
+    They are given by their components along each contact's direction on the lattice and its two
+    tangents there, each a number or (n_c, L1, ..., Lp).
     """
     frames = np.array(contact_frames(packing.structure.contacts.normal))  # (3, 3, n_c)
     parts = np.array([np.broadcast_to(part, (frames.shape[2], *shape)) for part in vectors])
@@ -312,14 +404,20 @@ def turn_frames(packing: Packing, vectors: tuple[Any, Any, Any], shape: tuple[in
 
 
 def find_density(values: Array, bins: int, least: float, largest: float) -> tuple[Array, Array]:
-    """Return (bins + 1,) edges and the (bins,) probability density of ``values``, of all of them: it may leave some out.
+    """Return (bins + 1,) edges and the (bins,) probability density of ``values``, of all of them:
+    it may leave some out.
 
-    Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a million, or no number is
-    between ``least`` and ``largest``.
+    Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a
+    million, or no number is between ``least`` and ``largest``.
     """
-    number, low, high = whole_number("bins", bins, 1, 1_000_000), real_number(least), real_number(largest)
+    number = whole_number("bins", bins, 1, 1_000_000)
+    low = real_number(least)
+    high = real_number(largest)
     if not -math.inf < low < high < math.inf:
-        raise InputError(f"there are no bins between {brief(least)} and {brief(largest)}", mend="Give a larger upper end")
+        raise InputError(
+            f"there are no bins between {brief(least)} and {brief(largest)}",
+            mend="Give a larger upper end",
+        )
     counts, edges = np.histogram(values, number, (low, high))
     return edges, counts / values.size / np.diff(edges)
 
@@ -330,7 +428,8 @@ def standard_error(values: Array, axis: int) -> Array:
 
 
 def jackknife(of: Callable[[Array], Array], values: Array) -> Array:
-    """Return the standard error of a function of means (..., m) over two or more independent rows of ``values`` (..., n, m).
+    """Return the standard error of a function of means (..., m) over two or more independent rows
+    of ``values`` (..., n, m).
 
     It is estimated from the values of the function with each row left out in turn.
     """

@@ -1,8 +1,10 @@
-"""A disordered array by sparse matrices: the reference for the stencils and conjugate gradients of the simulation.
+"""A disordered array by sparse matrices: the reference for the stencils and conjugate gradients of
+the simulation.
 
-Balls, units and the measure of rest are those of :mod:`granphon.array.equilibrium`. The algorithm is another: C is a matrix
-made from the table of contacts, Newton's method factorises (LU) at each step, and one more factorisation gives the linear
-response with rotations. Stencils, Fourier transforms and conjugate gradients are not used.
+Balls, units and the measure of rest are those of :mod:`granphon.array.equilibrium`. The algorithm
+is another: C is a matrix made from the table of contacts, Newton's method factorises (LU) at each
+step, and one more factorisation gives the linear response with rotations. Stencils, Fourier
+transforms and conjugate gradients are not used.
 """
 
 from __future__ import annotations
@@ -31,9 +33,11 @@ _FACTORISATIONS = 200
 _FORCE_ROUNDING = 1e-14
 #: stiffness of the springs that hold motions which nothing else holds, over the largest stiffness
 _HOLDING_STIFFNESS = 1e-12
-#: number of solutions, each for the residual of the one before, that remove the effect of these springs
+#: number of solutions, each for the residual of the one before, that remove the effect of these
+#: springs
 _REFINEMENTS = 3
-#: force left on a ball, over the mean, below which the stiffness that holds it is not lowered any more
+#: force left on a ball, over the mean, below which the stiffness that holds it is not lowered any
+#: more
 _LEAST_ADDED = 1e-7
 
 
@@ -42,72 +46,103 @@ class SparseArray:
 
     Parameters
     ----------
-    deviations : (L1, ..., Lp) x = Delta/W, of mean zero; (n, L1, ..., Lp) of n > 1 balls in the cell.
+    deviations : (L1, ..., Lp) x = Delta/W, of mean zero; (n, L1, ..., Lp) of n > 1 balls in the
+        cell.
     lattice : the lattice, which stands without friction.
 
     C, which does not depend on the load, is made once.
     """
 
     def __init__(self, deviations: Array, lattice: Lattice = TRIANGULAR) -> None:
-        n, table, self.lattice = deviations.size, lattice.contacts, lattice
+        n = deviations.size
+        table = lattice.contacts
+        self.lattice = lattice
         d = self._d = lattice.periods
         self.shape: tuple[int, ...] = deviations.shape[-d:]
         site = np.arange(n).reshape(-1, *self.shape)
         axes = tuple(range(d))
         self._i = np.concatenate([site[ball].ravel() for ball in table.i.tolist()])
         self._j = np.concatenate(
-            [np.roll(site[ball], -step, axes).ravel() for ball, step in zip(table.j.tolist(), table.shift, strict=True)]
+            [
+                np.roll(site[ball], -step, axes).ravel()
+                for ball, step in zip(table.j.tolist(), table.shift, strict=True)
+            ]
         )
         self._means = 0.5 * (deviations.ravel()[self._i] + deviations.ravel()[self._j])
         self._c = self._make_compatibility(0.0)
-        self._transposed, self._free = self._c.T.tocsr(), np.arange(d, d * n)  # the first ball is pinned
+        self._transposed = self._c.T.tocsr()
+        self._free = np.arange(d, d * n)  # the first ball is pinned
 
     def _list_rows(self, mindlin_ratio: float) -> tuple[list[Row], Motions]:
         """Return the deformations of the contacts, and the motions of each ball."""
-        table, among = self.lattice.contacts, next(iter(allowed_motions(self._d).values()))
+        table = self.lattice.contacts
+        among = next(iter(allowed_motions(self._d).values()))
         motions = select_motions(mindlin_ratio, 0.0, 0.0, among)
-        return contact_rows(table.normal, table.arm_i, table.arm_j, motions, slip=mindlin_ratio), motions
+        return contact_rows(
+            table.normal, table.arm_i, table.arm_j, motions, slip=mindlin_ratio
+        ), motions
 
     def _make_compatibility(self, mindlin_ratio: float) -> Any:
-        """Return C. Rows: each deformation of all contacts, kind by kind. Columns: the motions of ball after ball."""
+        """Return C. Rows: each deformation of all contacts, kind by kind. Columns: the motions of
+        ball after ball.
+        """
         (rows, motions), parts = self._list_rows(mindlin_ratio), []
-        n, size, count = math.prod(self.shape), self._i.size, motions.count
+        n = math.prod(self.shape)
+        size = self._i.size
+        count = motions.count
         for place, row in enumerate(rows):
             for ends, coefficients in ((self._j, row.head), (self._i, -row.tail)):
                 lines = place * size + np.arange(size)[:, None]
-                parts.append((lines, count * ends[:, None] + np.arange(count), np.repeat(coefficients, n, axis=0)))
+                parts.append(
+                    (
+                        lines,
+                        count * ends[:, None] + np.arange(count),
+                        np.repeat(coefficients, n, axis=0),
+                    )
+                )
         return compose(parts, (len(rows) * size, count * self.lattice.n_balls * n))
 
-    # -- at rest ----------------------------------------------------------------------------------------------------
+    # -- at rest -----------------------------------------------------------------------------------
 
-    def forces(self, overlap: float, tolerance: float = REST_TOLERANCE, check: Callable[[], object] | None = None) -> Array:
-        """Return (n_c, L1, ..., Lp) contact forces at rest at the common overlap y, in units of c W^(3/2).
+    def forces(
+        self,
+        overlap: float,
+        tolerance: float = REST_TOLERANCE,
+        check: Callable[[], object] | None = None,
+    ) -> Array:
+        """Return (n_c, L1, ..., Lp) contact forces at rest at the common overlap y, in units of c
+        W^(3/2).
 
-        ``tolerance`` is the largest force left on a ball, over the mean contact force or the rms difference of contact
-        forces, whichever is less; it is no smaller than 1e-14 of the mean. ``check``, if given, is called before each step.
-        Raises :class:`~granphon.base.errors.ConvergenceError` if the tolerance is not reached, or too few balls touch to
-        carry a load.
+        ``tolerance`` is the largest force left on a ball, over the mean contact force or the rms
+        difference of contact forces, whichever is less; it is no smaller than 1e-14 of the mean.
+        ``check``, if given, is called before each step. Raises
+        :class:`~granphon.base.errors.ConvergenceError` if the tolerance is not reached, or too few
+        balls touch to carry a load.
         """
         h = overlap + self._means
         for _ in range(_FACTORISATIONS):
             if check is not None:
                 check()
             forces, root = hertz.press(h)
-            mean, pull = float(np.mean(forces)), self._transposed @ forces
-            residual, scale = self._find_largest(pull), min(mean, float(np.std(forces)))
+            mean = float(np.mean(forces))
+            pull = self._transposed @ forces
+            residual = self._find_largest(pull)
+            scale = min(mean, float(np.std(forces)))
             if mean < THRESHOLD_FORCE and not np.all(root):
                 break
             if residual <= max(tolerance * scale, _FORCE_ROUNDING * mean):
                 return np.asarray(forces.reshape(-1, *self.shape))
             left = residual / scale
             stiffness = hertz.stiffness_of(root)
-            # held by hardly anything, loose balls that all but touch others would move far under what rounding leaves
+            # held by hardly anything, loose balls that all but touch others would move far under
+            # what rounding leaves
             stiffness += ADDED_STIFFNESS * min(1.0, max(left, _LEAST_ADDED)) * np.mean(stiffness)
             _, strain = find_step(self._c, self._transposed, stiffness, pull, self._free)
             h = h - find_step_length(h, strain) * strain
         raise ConvergenceError(
             f"the array has not come to rest at an overlap of {overlap:.6g} widths",
-            f"A force of {residual:.2g} is left on a ball, and the mean contact force is {mean:.2g}",
+            f"A force of {residual:.2g} is left on a ball, and the mean contact force is"
+            f" {mean:.2g}",
             "Raise the overlap",
         )
 
@@ -115,22 +150,25 @@ class SparseArray:
         """Return the largest force on a ball, in units of c W^(3/2)."""
         return math.sqrt(float(np.max(np.sum(pull.reshape(-1, self._d) ** 2, axis=1))))
 
-    # -- linear response --------------------------------------------------------------------------------------------
+    # -- linear response ---------------------------------------------------------------------------
 
     def elastic_tensor(self, forces: Array, mindlin_ratio: float) -> Array:
-        """Return the (n, n) elastic tensor with shear springs eta k at every contact that carries load.
+        """Return the (n, n) elastic tensor with shear springs eta k at every contact that carries
+        load.
 
-        It is in Voigt order, in units of the contacts' stiffness. ``forces`` (n_c, L1, ..., Lp) are those at rest; a contact
-        carries load if its force is above ten times the largest force that they leave on a ball. Motions that cost nothing
-        (of the whole array, of balls that nothing holds, of contacts in line without friction) are held by springs of 1e-12
-        of the largest stiffness, and iteration removes their small effect.
+        It is in Voigt order, in units of the contacts' stiffness. ``forces`` (n_c, L1, ..., Lp) are
+        those at rest; a contact carries load if its force is above ten times the largest force that
+        they leave on a ball. Motions that cost nothing (of the whole array, of balls that nothing
+        holds, of contacts in line without friction) are held by springs of 1e-12 of the largest
+        stiffness, and iteration removes their small effect.
         """
         from scipy.sparse import eye_array
 
         flat = np.asarray(forces, float).ravel()
         carried = flat > CARRIED_FORCE * self._find_largest(self._transposed @ flat)
         normal = hertz.stiffness_under(np.where(carried, flat, 0.0))
-        c, (rows, motions) = self._make_compatibility(mindlin_ratio), self._list_rows(mindlin_ratio)
+        c = self._make_compatibility(mindlin_ratio)
+        (rows, motions) = self._list_rows(mindlin_ratio)
         stiffness = np.concatenate([row.stiffness * normal for row in rows])
         # deformations of every contact under each unit strain in Voigt order
         vectors = self.lattice.contacts.vector[:, : self._d]
@@ -145,21 +183,29 @@ class SparseArray:
         for _ in range(_REFINEMENTS):
             motion += factors.solve(transposed @ (stiffness[:, None] * (strained - c @ motion)))
         left = strained - c @ motion
-        return np.asarray(left.T @ (stiffness[:, None] * left) / (self.lattice.measure * math.prod(self.shape)))
+        return np.asarray(
+            left.T @ (stiffness[:, None] * left) / (self.lattice.measure * math.prod(self.shape))
+        )
 
 
-def find_step(c: Any, transposed: Any, stiffness: Array, pull: Array, free: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return the step of Newton's method that takes the forces ``pull`` away, and the deformations C u by it.
+def find_step(
+    c: Any, transposed: Any, stiffness: Array, pull: Array, free: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """Return the step of Newton's method that takes the forces ``pull`` away, and the deformations
+    C u by it.
 
     It solves C^T K C u = ``pull`` for the motions that are ``free``; the others are zero.
     """
     step = np.zeros(pull.size)
-    step[free] = factorise((transposed @ c.multiply(stiffness[:, None])).tocsc()[free][:, free]).solve(pull[free])
+    step[free] = factorise(
+        (transposed @ c.multiply(stiffness[:, None])).tocsc()[free][:, free]
+    ).solve(pull[free])
     return step, c @ step
 
 
 def find_step_length(h: Array, strain: Array, work: float = 0.0) -> float:
-    """Find the step length at which the slope of the energy has a tenth of its first size, by bracketed Newton steps.
+    """Find the step length at which the slope of the energy has a tenth of its first size, by
+    bracketed Newton steps.
 
     The overlaps ``h`` change by ``-strain`` per length of the step, and loads do the ``work``.
     """

@@ -1,4 +1,6 @@
-"""Sparse matrices of networks of contacts: C from the coefficients of its rows, and LU factors of C^T K C."""
+"""Sparse matrices of networks of contacts: C from the coefficients of its rows, and LU factors of
+C^T K C.
+"""
 
 from __future__ import annotations
 
@@ -16,25 +18,32 @@ from granphon.base.arrays import Array, Index
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: stiffness, over the mean, from which a contact is stiff; softer ones enter the matrix by their part of the diagonal only
+#: stiffness, over the mean, from which a contact is stiff; softer ones enter the matrix by their
+#: part of the diagonal only
 STIFF = 1e-3
-#: balls of an array, at most, for which the places of the entries of its matrix are kept: finding them takes as long as
-#: to factorise
+#: balls of an array, at most, for which the places of the entries of its matrix are kept: finding
+#: them takes as long as to factorise
 _KEPT_PLACES = 2**12
-#: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: they take 5 GB at most
+#: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: they take
+#: 5 GB at most
 LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 12_000}
 #: time of these factors, complex ones, s for each of n motions: c n^p
 _FACTORS_TIME = {1: (3.6e-7, 0.0), 2: (1.8e-7, 0.5), 3: (6e-8, 1.0)}
-#: their bytes for each of n motions while they are made, c n^p; of lattices that are not the densest from half of that
+#: their bytes for each of n motions while they are made, c n^p; of lattices that are not the
+#: densest from half of that
 _FACTORS_BYTES = {1: (5e3, 0.0), 2: (15e3, 0.0), 3: (1.1e3, 0.5)}
 #: stiffness, over the mean, that holds balls which nothing else holds
 _LEAST_DIAGONAL = 1e-5
-#: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
+#: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that
+#: cost nothing unstable
 _HOLDING = 1e-5
 
 
-def compose(parts: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], shape: tuple[int, int]) -> csr_array[Any]:
-    """Return a sparse matrix from parts (lines, columns, entries), arrays of one shape or that broadcast to one.
+def compose(
+    parts: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], shape: tuple[int, int]
+) -> csr_array[Any]:
+    """Return a sparse matrix from parts (lines, columns, entries), arrays of one shape or that
+    broadcast to one.
 
     Entries at the same place add up, as those of a ball that touches itself across the boundary do.
     """
@@ -51,11 +60,15 @@ def compose(parts: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], shape: tupl
 def compose_hessian(frame: Stencils, table: Array) -> Any:
     """Return C^T D C of an array as a sparse matrix, in columns; fields are one after the other.
 
-    ``table`` (m, m, n_c, L1, ..., Lp) has for a unit of each of the m deformations of the ``frame`` the forces against all.
+    ``table`` (m, m, n_c, L1, ..., Lp) has for a unit of each of the m deformations of the ``frame``
+    the forces against all.
     """
     from scipy.sparse import csc_array  # imported here: most simulations do not need it
 
-    n, balls, count, cells = frame.n_contacts, frame.n_balls, frame.motions.count, math.prod(frame.shape)
+    n = frame.n_contacts
+    balls = frame.n_balls
+    count = frame.motions.count
+    cells = math.prod(frame.shape)
     head, tail = (one.reshape(-1, n, balls, count) for one in frame.coefficients)
     parts = np.empty((n, 2 * count, 2 * count, cells))
     for kind, (i, j) in enumerate(frame.ends):
@@ -72,19 +85,28 @@ def compose_hessian(frame: Stencils, table: Array) -> Any:
 
 
 @lru_cache(maxsize=8)
-def _find_places(shape: Any, shifts: Any, ends: Any, count: int) -> tuple[Index, NDArray[np.int32], NDArray[np.int32]]:
-    """Return where each part of C^T D C stands among the entries of the matrix; rows of entries, and starts of columns."""
-    cells, size = math.prod(shape), (1 + max(map(max, ends))) * count * math.prod(shape)
+def _find_places(
+    shape: Any, shifts: Any, ends: Any, count: int
+) -> tuple[Index, NDArray[np.int32], NDArray[np.int32]]:
+    """Return where each part of C^T D C stands among the entries of the matrix; rows of entries,
+    and starts of columns.
+    """
+    cells = math.prod(shape)
+    size = (1 + max(map(max, ends))) * count * math.prod(shape)
     ball_i, ball_j = (count * ball[:, None, None] for ball in np.transpose(ends))
-    fields, far = np.arange(count)[:, None], number_cells(shape, shifts)[:, None]
-    own = np.concatenate([(ball_i + fields) * cells + np.arange(cells), (ball_j + fields) * cells + far], axis=1)
+    fields = np.arange(count)[:, None]
+    far = number_cells(shape, shifts)[:, None]
+    own = np.concatenate(
+        [(ball_i + fields) * cells + np.arange(cells), (ball_j + fields) * cells + far], axis=1
+    )
     place, slots = np.unique(own[:, None] * size + own[:, :, None], return_inverse=True)
     starts = np.searchsorted(place, np.arange(size + 1) * size).astype(np.int32)
     return slots.ravel(), (place % size).astype(np.int32), starts
 
 
 def share_places(matrices: Iterable[Any]) -> list[Any]:
-    """Return a matrix (CSC) with a place for each entry that any square sparse matrix has, and the entries of each there.
+    """Return a matrix (CSC) with a place for each entry that any square sparse matrix has, and the
+    entries of each there.
 
     Sums of the matrices are then sums of arrays.
     """
@@ -97,14 +119,21 @@ def share_places(matrices: Iterable[Any]) -> list[Any]:
     starts = np.searchsorted(places, np.arange(size + 1) * size)
     every: Any = csc_array((np.zeros(places.size), places % size, starts), shape=(size, size))
     at = [np.searchsorted(places, key) for key in keys]
-    return [every, *(np.bincount(place, one.data, places.size) for place, one in zip(at, given, strict=True))]
+    return [
+        every,
+        *(np.bincount(place, one.data, places.size) for place, one in zip(at, given, strict=True)),
+    ]
 
 
-def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0, order: Any = "MMD_AT_PLUS_A") -> Any:
-    """Return the LU factors of a symmetric matrix, positive definite if ``pivot`` is zero; ``order`` is that of columns.
+def factorise(
+    matrix: Any, approximate: bool = False, pivot: float = 0.0, order: Any = "MMD_AT_PLUS_A"
+) -> Any:
+    """Return the LU factors of a symmetric matrix, positive definite if ``pivot`` is zero;
+    ``order`` is that of columns.
 
-    ``approximate`` ones are in single precision, half as large, for preconditioners. ``pivot`` is the part of the largest
-    entry of a column from which that on the diagonal is taken. Raises RuntimeError if the matrix is singular.
+    ``approximate`` ones are in single precision, half as large, for preconditioners. ``pivot`` is
+    the part of the largest entry of a column from which that on the diagonal is taken. Raises
+    RuntimeError if the matrix is singular.
     """
     from scipy.sparse.linalg import splu
 
@@ -114,11 +143,15 @@ def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0, order:
     # larger supernodes would fill a matrix of so few entries with zeros
     options["Equil"] = False
     single = matrix.tocsc().astype(np.float32)
-    return splu(single, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, relax=1, options=options)
+    return splu(
+        single, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, relax=1, options=options
+    )
 
 
 def estimate_factors(motions: int, dimension: int) -> tuple[float, float]:
-    """Return the time, s, and bytes of the factors of a complex matrix; infinite if it is too large to be factorised."""
+    """Return the time, s, and bytes of the factors of a complex matrix; infinite if it is too large
+    to be factorised.
+    """
     if motions > LARGEST_FACTORS[dimension]:
         return math.inf, math.inf
     (time, later), (size, larger) = _FACTORS_TIME[dimension], _FACTORS_BYTES[dimension]
@@ -126,26 +159,41 @@ def estimate_factors(motions: int, dimension: int) -> tuple[float, float]:
 
 
 def factorise_contacts(stencils: Stencils, stiffness: Array) -> Callable[[Array], Array]:
-    """Return an approximate inverse of C^T K C for a ``stiffness`` (rows, L1, ..., Lp) of all deformations, not negative.
+    """Return an approximate inverse of C^T K C for a ``stiffness`` (rows, L1, ..., Lp) of all
+    deformations, not negative.
 
-    It takes forces (fields, L1, ..., Lp) and returns motions. It is symmetric but for rounding, and positive definite.
+    It takes forces (fields, L1, ..., Lp) and returns motions. It is symmetric but for rounding, and
+    positive definite.
     """
-    from scipy.sparse import diags_array, eye_array  # imported here: most simulations do not need them
+    # imported here: most simulations do not need them
+    from scipy.sparse import (
+        diags_array,
+        eye_array,
+    )
 
-    fields, cells, mean = stencils.n_fields, math.prod(stencils.shape), float(np.mean(stiffness))
+    fields = stencils.n_fields
+    cells = math.prod(stencils.shape)
+    mean = float(np.mean(stiffness))
     stiffness = stiffness.reshape(len(stiffness), -1)
-    j = np.tile(number_cells(stencils.shape, stencils.shifts), (len(stiffness) // stencils.n_contacts, 1))
+    j = np.tile(
+        number_cells(stencils.shape, stencils.shifts), (len(stiffness) // stencils.n_contacts, 1)
+    )
     i = np.broadcast_to(np.arange(cells), j.shape)
     head, tail = stencils.coefficients
     stiff = stiffness > STIFF * mean
     kind, contact = np.nonzero(stiff)
-    soft, diagonal = np.where(stiff, 0.0, stiffness), np.full((fields, cells), _LEAST_DIAGONAL * mean)
+    soft = np.where(stiff, 0.0, stiffness)
+    diagonal = np.full((fields, cells), _LEAST_DIAGONAL * mean)
     parts = []
     for ends, row in ((j, head), (i, -tail)):
         for field in range(fields):
-            diagonal[field] += np.bincount(ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), cells)
+            diagonal[field] += np.bincount(
+                ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), cells
+            )
             here = np.flatnonzero(row[kind, field])
-            parts.append((here, cells * field + ends[kind[here], contact[here]], row[kind[here], field]))
+            parts.append(
+                (here, cells * field + ends[kind[here], contact[here]], row[kind[here], field])
+            )
     c = compose(parts, (kind.size, fields * cells))
     matrix = c.T @ (diags_array(stiffness[kind, contact]) @ c) + diags_array(diagonal.ravel())
     scale = 1.0 / np.sqrt(matrix.diagonal())
@@ -154,7 +202,8 @@ def factorise_contacts(stencils: Stencils, stiffness: Array) -> Callable[[Array]
 
     def apply(force: Array) -> Array:
         scaled = scale * force.ravel()
-        largest = float(np.max(np.abs(scaled))) or 1.0  # single precision has no numbers below 1e-38
+        # single precision has no numbers below 1e-38
+        largest = float(np.max(np.abs(scaled))) or 1.0
         found = scale * factors.solve((scaled / largest).astype(np.float32)) * largest
         return np.asarray(found.reshape(force.shape))
 

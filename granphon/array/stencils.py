@@ -1,11 +1,13 @@
 """The compatibility matrix of a large periodic array of balls, as stencils on lattice arrays.
 
-The array is L1 x ... x Lp cells of a lattice with p periods. Motions are arrays (fields, L1, ..., Lp): for each ball of the
-cell first the projections of its displacement on p normals of the contact table, so that many elongations are plain
-differences; then, if contacts resist them, its rotations. Deformations of contacts are arrays (rows, L1, ..., Lp): the
-elongation of each kind of contact, then its slips, twist and rolls, stored at the cell of ball i, from which the contact
-starts. No matrix is stored: C and its transpose are shifts of whole arrays (:mod:`granphon.array.contact_operator`). The
-inverse of C^T C for equal contacts, the lattice Green's function, is a product in Fourier space.
+The array is L1 x ... x Lp cells of a lattice with p periods. Motions are arrays (fields, L1, ...,
+Lp): for each ball of the cell first the projections of its displacement on p normals of the contact
+table, so that many elongations are plain differences; then, if contacts resist them, its rotations.
+Deformations of contacts are arrays (rows, L1, ..., Lp): the elongation of each kind of contact,
+then its slips, twist and rolls, stored at the cell of ball i, from which the contact starts. No
+matrix is stored: C and its transpose are shifts of whole arrays
+(:mod:`granphon.array.contact_operator`). The inverse of C^T C for equal contacts, the lattice
+Green's function, is a product in Fourier space.
 """
 
 from __future__ import annotations
@@ -25,14 +27,16 @@ from granphon.balls.motions import allowed_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.dynamics.rows import Row, contact_rows, strain_rows
 
-#: number of elements of one array that are worked on at a time, so that they stay in the processor's cache
+#: number of elements of one array that are worked on at a time, so that they stay in the
+#: processor's cache
 _CACHED = 2**15
-#: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each ball's block has an
-#: inverse
+#: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each
+#: ball's block has an inverse
 _LEAST_LOCAL = 1e-5
 #: part of the way to its balance that each ball moves before and after Green's function
 _DAMPED = 0.8
-#: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for each ball
+#: standard deviation of stiffnesses, over their mean, from which the preconditioner has a part for
+#: each ball
 _UNEVEN = 0.1
 #: number of wave vectors at which matrices are inverted at a time
 _WAVES = 2**15
@@ -40,22 +44,27 @@ _WAVES = 2**15
 _SINGULAR = 1e-14
 #: difference of a coefficient of C from a whole number that is rounding
 _ROUNDED = 1e-12
-#: least sine of the angle between a normal and those before it, for displacements to be projected on it
+#: least sine of the angle between a normal and those before it, for displacements to be projected
+#: on it
 _INDEPENDENT = 0.1
 
 
 class Motion(NamedTuple):
-    """Periodic motion ``balls`` (fields, L1, ..., Lp), and ``compression``, which adds to the overlap of every contact."""
+    """Periodic motion ``balls`` (fields, L1, ..., Lp), and ``compression``, which adds to the
+    overlap of every contact.
+    """
 
     balls: Array
     compression: float
 
 
 class Stencils:
-    """Compatibility matrix C of an array of ``shape`` (L1, ..., Lp) cells of a lattice; the unit of length is the diameter.
+    """Compatibility matrix C of an array of ``shape`` (L1, ..., Lp) cells of a lattice; the unit of
+    length is the diameter.
 
-    With a ``mindlin_ratio`` eta, a ``torsion`` or a ``bending`` (over k d^2) above zero, C has slips, twists and rolls too,
-    and rotations. Their stiffness is that multiple of the normal one. ``workers`` threads share each Fourier transform.
+    With a ``mindlin_ratio`` eta, a ``torsion`` or a ``bending`` (over k d^2) above zero, C has
+    slips, twists and rolls too, and rotations. Their stiffness is that multiple of the normal one.
+    ``workers`` threads share each Fourier transform.
     """
 
     def __init__(
@@ -68,12 +77,19 @@ class Stencils:
         bending: float = 0.0,
     ) -> None:
         self.shape = tuple(shape)
-        self.mindlin_ratio, self.torsion, self.bending = mindlin_ratio, torsion, bending
-        self.workers, self.lattice = workers, lattice
-        table, p = lattice.contacts, lattice.periods
+        self.mindlin_ratio = mindlin_ratio
+        self.torsion = torsion
+        self.bending = bending
+        self.workers = workers
+        self.lattice = lattice
+        table = lattice.contacts
+        p = lattice.periods
         normal = table.normal[:, :p]
-        self.motions = select_motions(mindlin_ratio, torsion, bending, next(iter(allowed_motions(p).values())))
-        self.n_contacts, self.n_balls = len(table), lattice.n_balls
+        self.motions = select_motions(
+            mindlin_ratio, torsion, bending, next(iter(allowed_motions(p).values()))
+        )
+        self.n_contacts = len(table)
+        self.n_balls = lattice.n_balls
         self.n_fields = self.n_balls * self.motions.count
         #: indices (i, j) of the balls of the cell that each kind of contact joins
         self.ends = list(zip(table.i.tolist(), table.j.tolist(), strict=True))
@@ -87,34 +103,56 @@ class Stencils:
             if len(self.basis) < p and np.linalg.norm(rest) > _INDEPENDENT:
                 self.basis = np.append(self.basis, [vector], axis=0)
         self._kinds = contact_rows(
-            normal, table.arm_i, table.arm_j, self.motions, slip=mindlin_ratio, twist=torsion, roll=bending
+            normal,
+            table.arm_i,
+            table.arm_j,
+            self.motions,
+            slip=mindlin_ratio,
+            twist=torsion,
+            roll=bending,
         )
         self._vector = table.vector[:, :p]
         #: Green's function in the precisions that it was needed in
         self._found: dict[Any, Array] = {}
 
     def observe(self, kinds: Sequence[Row]) -> Stencils:
-        """Return stencils of the same motions that have these kinds of deformation instead of their own."""
+        """Return stencils of the same motions that have these kinds of deformation instead of their
+        own.
+        """
         other = object.__new__(Stencils)
         known = ("coefficients", "operator", "_green", "_groups")
         vars(other).update({name: value for name, value in vars(self).items() if name not in known})
-        other._found, other._kinds = {}, list(kinds)
+        other._found = {}
+        other._kinds = list(kinds)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Green's function is not pickled: it is large, and quickly computed again
-        return Stencils, (self.shape, self.mindlin_ratio, self.workers, self.lattice, self.torsion, self.bending)
+        return Stencils, (
+            self.shape,
+            self.mindlin_ratio,
+            self.workers,
+            self.lattice,
+            self.torsion,
+            self.bending,
+        )
 
     def forget(self) -> None:
-        """Drop what is quickly computed again from memory: Green's function, and the operator with its buffers."""
+        """Drop what is quickly computed again from memory: Green's function, and the operator with
+        its buffers.
+        """
         self._found.clear()
         for name in ("_green", "operator"):
             vars(self).pop(name, None)
 
     @cached_property
     def coefficients(self) -> Array:
-        """(2, rows, fields) coefficients of the motions of ball j in each kind of deformation, and then those of ball i."""
-        p, n, m = len(self.basis), self.n_contacts, self.motions.count
+        """(2, rows, fields) coefficients of the motions of ball j in each kind of deformation, and
+        then those of ball i.
+        """
+        p = len(self.basis)
+        n = self.n_contacts
+        m = self.motions.count
         found, project = np.zeros((2, self.n_rows, self.n_fields)), np.eye(m)
         project[:p, :p] = np.linalg.inv(self.basis)
         for place, kind in enumerate(self._kinds):
@@ -138,56 +176,79 @@ class Stencils:
 
     @property
     def ball_shape(self) -> tuple[int, ...]:
-        """Shape of an array with one number for each ball: (L1, ..., Lp), or (balls, L1, ..., Lp) of several in the cell."""
+        """Shape of an array with one number for each ball: (L1, ..., Lp), or (balls, L1, ..., Lp)
+        of several in the cell.
+        """
         return self.shape if self.n_balls == 1 else (self.n_balls, *self.shape)
 
     def by_ball(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return an array of :attr:`ball_shape` with the ball of the cell as its first axis, (balls, L1, ..., Lp)."""
+        """Return an array of :attr:`ball_shape` with the ball of the cell as its first axis,
+        (balls, L1, ..., Lp).
+        """
         return values.reshape(self.n_balls, *self.shape)
 
     def weights(self, stiffness: Array, **ratios: Any) -> Array:
-        """Return (rows, L1, ..., Lp) stiffnesses of all deformations, from those of elongations (contacts, L1, ..., Lp).
+        """Return (rows, L1, ..., Lp) stiffnesses of all deformations, from those of elongations
+        (contacts, L1, ..., Lp).
 
-        The ``ratios`` of a kind of deformation, "slip" or "twist", one for each contact, take the place of its own.
+        The ``ratios`` of a kind of deformation, "slip" or "twist", one for each contact, take the
+        place of its own.
         """
         if self.n_rows == self.n_contacts:
             return stiffness
-        return np.concatenate([ratios.get(kind.kind, float(kind.stiffness)) * stiffness for kind in self._kinds])
+        return np.concatenate(
+            [ratios.get(kind.kind, float(kind.stiffness)) * stiffness for kind in self._kinds]
+        )
 
     def strains(self) -> Array:
-        """Return (rows, p, p) deformations of all contacts under unit displacement gradients u_a,b, without rotation."""
-        return np.concatenate([strain_rows(kind, self._vector, self.motions) for kind in self._kinds])
+        """Return (rows, p, p) deformations of all contacts under unit displacement gradients u_a,b,
+        without rotation.
+        """
+        return np.concatenate(
+            [strain_rows(kind, self._vector, self.motions) for kind in self._kinds]
+        )
 
-    # -- C and its transpose ----------------------------------------------------------------------------------------
+    # -- C and its transpose -----------------------------------------------------------------------
 
     def deformations(self, motion: Motion) -> Array:
-        """Return (rows, L1, ..., Lp) C u, with the compression taken from elongations, which are then losses of overlap."""
+        """Return (rows, L1, ..., Lp) C u, with the compression taken from elongations, which are
+        then losses of overlap.
+        """
         out = self.operator.deform(motion.balls)
         if motion.compression:
             out[: self.n_contacts] -= motion.compression
         return out
 
     def forces(self, *tensions: Array) -> Array:
-        """Return (fields, L1, ..., Lp) C^T f, the forces on balls in the coordinates of their motion, for a tension f.
+        """Return (fields, L1, ..., Lp) C^T f, the forces on balls in the coordinates of their
+        motion, for a tension f.
 
         It is given in parts (n, L1, ..., Lp), one after the other.
         """
         return self.operator.pull(*tensions)
 
     def hessian(self, stiffness: Array) -> ContactHessian:
-        """Return the product of C^T K C with motions, for ``stiffness`` (rows, L1, ..., Lp), in its precision."""
+        """Return the product of C^T K C with motions, for ``stiffness`` (rows, L1, ..., Lp), in its
+        precision.
+        """
         return ContactHessian(self.operator, [stiffness], precision=stiffness.dtype)
 
     def couple(self, table: Array) -> ContactHessian:
-        """Return the product of C^T D C with motions, for a symmetric D of each contact, (m, m, contacts, L1, ..., Lp)."""
+        """Return the product of C^T D C with motions, for a symmetric D of each contact, (m, m,
+        contacts, L1, ..., Lp).
+        """
         coupling: dict[tuple[int, int], Array] = {}
         for a, b in combinations(range(len(table)), 2):
             if np.any(table[a, b]):
                 coupling[a, b] = coupling[b, a] = table[a, b]
-        return ContactHessian(self.operator, [table[a, a] for a in range(len(table))], coupling, table.dtype)
+        return ContactHessian(
+            self.operator, [table[a, a] for a in range(len(table))], coupling, table.dtype
+        )
 
     def around(self, contacts: Array) -> Array:
-        """Return sums of the values (contacts, L1, ..., Lp) over the contacts of each ball, of :attr:`ball_shape`."""
+        """Return sums of the values (contacts, L1, ..., Lp) over the contacts of each ball, of
+        :attr:`ball_shape`.
+        """
         out = np.zeros((self.n_balls, *self.shape), contacts.dtype)
         axes = tuple(range(len(self.shape)))
         for one, shift, (i, j) in zip(contacts, self.shifts, self.ends, strict=True):
@@ -196,27 +257,41 @@ class Stencils:
         return out.reshape(self.ball_shape)
 
     def average_around(self, contacts: Array) -> Array:
-        """Return means of the values (contacts, L1, ..., Lp) over the contacts of each ball, of :attr:`ball_shape`."""
+        """Return means of the values (contacts, L1, ..., Lp) over the contacts of each ball, of
+        :attr:`ball_shape`.
+        """
         counts = np.bincount(np.ravel(self.ends), minlength=self.n_balls).astype(float)
         means = self.by_ball(self.around(contacts)) / counts.reshape(-1, *(1,) * len(self.shape))
         return np.asarray(means.reshape(self.ball_shape))
 
     def average_pairs(self, values: Array) -> Array:
-        """Return (contacts, L1, ..., Lp) means over the two balls of each contact, of values of :attr:`ball_shape`."""
-        balls, axes = self.by_ball(values), tuple(range(len(self.shape)))
+        """Return (contacts, L1, ..., Lp) means over the two balls of each contact, of values of
+        :attr:`ball_shape`.
+        """
+        balls = self.by_ball(values)
+        axes = tuple(range(len(self.shape)))
         pairs = zip(self.shifts, self.ends, strict=True)
-        return np.stack([0.5 * (balls[i] + np.roll(balls[j], [-step for step in shift], axes)) for shift, (i, j) in pairs])
+        return np.stack(
+            [
+                0.5 * (balls[i] + np.roll(balls[j], [-step for step in shift], axes))
+                for shift, (i, j) in pairs
+            ]
+        )
 
     def displacements(self, balls: Array) -> Array:
         """Return (p, *ball_shape) displacements along the axes of space, from their projections."""
         return self._turn(np.asarray(np.linalg.inv(self.basis), float), balls)
 
     def cartesian(self, forces: Array) -> Array:
-        """Return (p, *ball_shape) forces along the axes of space, from those in the coordinates of motions."""
+        """Return (p, *ball_shape) forces along the axes of space, from those in the coordinates of
+        motions.
+        """
         return self._turn(self.basis.T, forces)
 
     def spread(self, displacements: Array, rotations: Array | None = None) -> Array:
-        """Return the motion (fields, L1, ..., Lp) of displacements (n p, L1, ..., Lp) and rotations, if there are any."""
+        """Return the motion (fields, L1, ..., Lp) of displacements (n p, L1, ..., Lp) and
+        rotations, if there are any.
+        """
         fields = np.zeros((self.n_balls, self.motions.count, *self.shape))
         fields[:, self.motions.translating] = displacements.reshape(self.n_balls, -1, *self.shape)
         if rotations is not None:
@@ -224,29 +299,42 @@ class Stencils:
         return fields.reshape(self.n_fields, *self.shape)
 
     def centre(self, balls: Array) -> Array:
-        """Return motions less the mean displacement, or forces less the mean force: nothing resists those of the whole."""
+        """Return motions less the mean displacement, or forces less the mean force: nothing resists
+        those of the whole.
+        """
         fields = balls.reshape(self.n_balls, self.motions.count, *self.shape).copy()
         moved = fields[:, self.motions.translating]
         moved -= np.mean(moved, axis=(0, *range(2, moved.ndim)), keepdims=True)
         return fields.reshape(balls.shape)
 
     def _turn(self, matrix: Array, fields: Array) -> Array:
-        """Apply a (p, p) matrix to the displacements, or to the forces against them, of each ball."""
-        balls = fields.reshape(self.n_balls, self.motions.count, *self.shape)[:, self.motions.translating]
-        return np.asarray(np.einsum("ka,ba...->kb...", matrix, balls).reshape(len(matrix), *self.ball_shape))
+        """Apply a (p, p) matrix to the displacements, or to the forces against them, of each
+        ball.
+        """
+        balls = fields.reshape(self.n_balls, self.motions.count, *self.shape)[
+            :, self.motions.translating
+        ]
+        return np.asarray(
+            np.einsum("ka,ba...->kb...", matrix, balls).reshape(len(matrix), *self.ball_shape)
+        )
 
-    # -- solving ----------------------------------------------------------------------------------------------------
+    # -- solving -----------------------------------------------------------------------------------
 
     @cached_property
     def _green(self) -> NDArray[Any]:
-        """The lattice Green's function: the inverse of C^T K C of equal contacts of stiffness one, in Fourier space.
+        """The lattice Green's function: the inverse of C^T K C of equal contacts of stiffness one,
+        in Fourier space.
 
-        Entries [a][b] over pairs of fields have the shape (L1, ..., Lp/2 + 1) of the waves of real arrays. They are zero for
-        translations of the whole array, and for other waves that deform no contact: where no ring of contacts is odd, balls
-        can turn like gears, each against its neighbours. With one ball in the cell entries are real: rotations are
-        multiplied by i. With several they are complex.
+        Entries [a][b] over pairs of fields have the shape (L1, ..., Lp/2 + 1) of the waves of real
+        arrays. They are zero for translations of the whole array, and for other waves that deform
+        no contact: where no ring of contacts is odd, balls can turn like gears, each against its
+        neighbours. With one ball in the cell entries are real: rotations are multiplied by i. With
+        several they are complex.
         """
-        shape, fields, real, per_ball = self.shape, self.n_fields, self.n_balls == 1, self.motions.count
+        shape = self.shape
+        fields = self.n_fields
+        real = self.n_balls == 1
+        per_ball = self.motions.count
         is_rotation = np.tile(self.motions.is_rotation, self.n_balls)
         ratios = [float(kind.stiffness) for kind in self._kinds for _ in range(self.n_contacts)]
         waves = (*shape[:-1], shape[-1] // 2 + 1)
@@ -258,17 +346,28 @@ class Stencils:
         for first in range(0, waves[0], step):
             ticks = [np.arange(count) for count in waves]
             ticks[0] = ticks[0][first : first + step]
-            half = np.meshgrid(*(np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)), indexing="ij")
+            half = np.meshgrid(
+                *(np.pi / length * tick for length, tick in zip(shape, ticks, strict=True)),
+                indexing="ij",
+            )
             matrix = np.zeros((*half[0].shape, fields, fields), entries.dtype)
             for row, (head, tail, ratio) in enumerate(zip(*self.coefficients, ratios, strict=True)):
-                angle: Any = sum(move * part for move, part in zip(self.shifts[row % self.n_contacts], half, strict=True))
+                angle: Any = sum(
+                    move * part
+                    for move, part in zip(self.shifts[row % self.n_contacts], half, strict=True)
+                )
                 own: list[int] = np.flatnonzero((head != 0.0) | (tail != 0.0)).tolist()
                 if real:
-                    # the deformation about the middle of the contact, by a wave z exp(i q r) of each field, less a common
-                    # phase. A displacement deforms by 2i sin. A rotation deforms by 2 cos in a slip, which becomes 2i cos as
-                    # rotations are multiplied by i, and by 2i sin in twist and roll
-                    sine, cosine = 2.0 * np.sin(angle), 2.0 * np.cos(angle)
-                    factors = {a: head[a] * (cosine if is_rotation[a] and head[a] == -tail[a] else sine) for a in own}
+                    # the deformation about the middle of the contact, by a wave z exp(i q r) of
+                    # each field, less a common phase. A displacement deforms by 2i sin. A rotation
+                    # deforms by 2 cos in a slip, which becomes 2i cos as rotations are multiplied
+                    # by i, and by 2i sin in twist and roll
+                    sine = 2.0 * np.sin(angle)
+                    cosine = 2.0 * np.cos(angle)
+                    factors = {
+                        a: head[a] * (cosine if is_rotation[a] and head[a] == -tail[a] else sine)
+                        for a in own
+                    }
                 else:  # by a wave exp(i q R), where R is the place of the cell
                     ahead = np.exp(2.0j * angle)
                     factors = {a: head[a] * ahead - tail[a] for a in own}
@@ -284,7 +383,9 @@ class Stencils:
             sizes = [np.max(np.abs(one), axis=(-2, -1)) for one in (matrix, inverse)]
             singular = sizes[0] * sizes[1] * _SINGULAR > 1.0
             if np.any(singular):
-                inverse[singular] = np.linalg.pinv(matrix[singular], rcond=_SINGULAR, hermitian=True)
+                inverse[singular] = np.linalg.pinv(
+                    matrix[singular], rcond=_SINGULAR, hermitian=True
+                )
             if first == 0:
                 inverse[(0,) * len(shape)] -= still
             entries[:, :, first : first + step] = np.moveaxis(inverse, (-2, -1), (0, 1))
@@ -293,14 +394,18 @@ class Stencils:
                 entries[b, a] = entries[a, b]
         return entries
 
-    def preconditioner(self, stiffness: Array, product: ContactHessian | None = None) -> Callable[[Array], Array]:
-        """Return an approximate inverse of C^T K C, as precise as the stiffness (rows, L1, ..., Lp), single or double.
+    def preconditioner(
+        self, stiffness: Array, product: ContactHessian | None = None
+    ) -> Callable[[Array], Array]:
+        """Return an approximate inverse of C^T K C, as precise as the stiffness (rows, L1, ...,
+        Lp), single or double.
 
-        Each ball moves as if its neighbours were held, then all move by Green's function of the mean stiffness under what
-        that leaves, and then each ball again. Green's function carries stress across the array; single balls take account of
-        contacts that differ. It takes two products with C^T K C, ``product`` if that is at hand, and half as many iterations
-        as the sum of the two motions, which serves where balls rotate. Where contacts are nearly alike, Green's function
-        alone is as good.
+        Each ball moves as if its neighbours were held, then all move by Green's function of the
+        mean stiffness under what that leaves, and then each ball again. Green's function carries
+        stress across the array; single balls take account of contacts that differ. It takes two
+        products with C^T K C, ``product`` if that is at hand, and half as many iterations as the
+        sum of the two motions, which serves where balls rotate. Where contacts are nearly alike,
+        Green's function alone is as good.
         """
         normal = stiffness[: self.n_contacts]
         mean = float(np.mean(normal))
@@ -316,8 +421,9 @@ class Stencils:
                 return out
 
             return add
-        # the energy of a contact is at most twice that of its two balls moving one at a time: so with less than the whole
-        # motion of a ball the inverse is positive definite. With its rotations taken apart it would not be
+        # the energy of a contact is at most twice that of its two balls moving one at a time: so
+        # with less than the whole motion of a ball the inverse is positive definite. With its
+        # rotations taken apart it would not be
         hessian, smooth = product or self.hessian(stiffness), self.block_jacobi(stiffness, _DAMPED)
 
         def apply(force: Array) -> Array:
@@ -329,18 +435,28 @@ class Stencils:
 
         return apply
 
-    def green_preconditioner(self, precision: DTypeLike, stiffness: float) -> Callable[[Array], Array]:
-        """Return the inverse of C^T K C for contacts of equal ``stiffness``: Green's function, in a given precision."""
+    def green_preconditioner(
+        self, precision: DTypeLike, stiffness: float
+    ) -> Callable[[Array], Array]:
+        """Return the inverse of C^T K C for contacts of equal ``stiffness``: Green's function, in a
+        given precision.
+        """
         from scipy import fft  # imported here: media that are not simulated do not need it
 
-        # with one ball in the cell Green's function is real, that of rotations times i: it takes the real and the imaginary
-        # parts of waves, which follow each other in memory
-        real, shape, workers = self.n_balls == 1, self.shape, self.workers
+        # with one ball in the cell Green's function is real, that of rotations times i: it takes
+        # the real and the imaginary parts of waves, which follow each other in memory
+        real = self.n_balls == 1
+        shape = self.shape
+        workers = self.workers
         kind = np.result_type(precision, 1.0 if real else 1j)
         if kind not in self._found:
             green = self._green.astype(kind)
             self._found[kind] = np.repeat(green, 2, axis=-1) if real else green
-        green, over, turning = self._found[kind], kind.type(1.0 / stiffness), self.motions.turning if real else slice(0, 0)
+        green, over, turning = (
+            self._found[kind],
+            kind.type(1.0 / stiffness),
+            self.motions.turning if real else slice(0, 0),
+        )
         blocks = list(self._blocks()) if len(shape) > 1 else [slice(None)]
         axes = tuple(range(1, len(shape) + 1))
 
@@ -350,27 +466,39 @@ class Stencils:
                 parts = waves[:, rows]
                 parts[turning] *= -1j
                 plain = parts.view(green.dtype)
-                np.multiply(np.einsum("ab...,b...->a...", green[:, :, rows], plain), over, out=plain)
+                np.multiply(
+                    np.einsum("ab...,b...->a...", green[:, :, rows], plain), over, out=plain
+                )
                 parts[turning] *= 1j
-            return np.asarray(fft.irfftn(waves, shape, axes=axes, workers=workers, overwrite_x=True))
+            return np.asarray(
+                fft.irfftn(waves, shape, axes=axes, workers=workers, overwrite_x=True)
+            )
 
         return apply
 
-    def block_jacobi(self, stiffness: Array, damping: float = 1.0) -> Callable[[Array, Array], None]:
-        """Return what adds to ``out`` the motion of each ball under a ``force`` while its neighbours are held.
+    def block_jacobi(
+        self, stiffness: Array, damping: float = 1.0
+    ) -> Callable[[Array, Array], None]:
+        """Return what adds to ``out`` the motion of each ball under a ``force`` while its
+        neighbours are held.
 
         Displacements and rotations are taken apart; motions are multiplied by ``damping``.
         """
         least = _LEAST_LOCAL * float(np.mean(stiffness[: self.n_contacts]))
         ratios = np.array([float(kind.stiffness) for kind in self._kinds]).repeat(self.n_contacts)
         # the upper triangles of all blocks, row after row: sums over the contacts of a ball
-        pairs = [list(combinations_with_replacement(range(group.start, group.stop), 2)) for group in self._groups]
+        pairs = [
+            list(combinations_with_replacement(range(group.start, group.stop), 2))
+            for group in self._groups
+        ]
         first_of, second_of = np.array([pair for own in pairs for pair in own]).T
         ends = np.array([self.operator.head, self.operator.tail])
         squares = ends[..., first_of] * ends[..., second_of]
         # inverted in double precision: where few contacts hold a ball, its block is nearly singular
         entries = self.operator.collect(np.concatenate(squares).T, [stiffness]).astype(float)
-        entries += np.einsum("r,erp->p", least * ratios, squares).reshape(-1, *(1,) * len(self.shape))
+        entries += np.einsum("r,erp->p", least * ratios, squares).reshape(
+            -1, *(1,) * len(self.shape)
+        )
         local = []
         parts = np.split(entries, np.cumsum([len(own) for own in pairs])[:-1])
         for group, own, part in zip(self._groups, pairs, parts, strict=True):
@@ -378,7 +506,9 @@ class Stencils:
             _invert_symmetric(part, size)
             block = np.empty((size, size, *self.shape), stiffness.dtype)
             for entry, (a, b) in zip(part, own, strict=True):
-                block[a - group.start, b - group.start] = block[b - group.start, a - group.start] = entry
+                block[a - group.start, b - group.start] = block[
+                    b - group.start, a - group.start
+                ] = entry
             block *= damping
             local.append((group, block))
         blocks = list(self._blocks())
@@ -387,12 +517,18 @@ class Stencils:
             for rows in blocks:
                 for fields, block in local:
                     there = out[fields, rows]
-                    np.add(there, np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows]), out=there)
+                    np.add(
+                        there,
+                        np.einsum("ab...,b...->a...", block[:, :, rows], force[fields, rows]),
+                        out=there,
+                    )
 
         return add
 
     def _blocks(self) -> Iterator[slice]:
-        """Yield slices of layers of balls, each small enough to stay in the processor's cache; in a plane larger ones do."""
+        """Yield slices of layers of balls, each small enough to stay in the processor's cache; in a
+        plane larger ones do.
+        """
         arrays = self.n_fields if len(self.shape) == 3 else 1
         step = max(1, _CACHED // (arrays * math.prod(self.shape[1:])))
         for low, high in pairwise([*range(0, self.shape[0], step), self.shape[0]]):
@@ -401,27 +537,38 @@ class Stencils:
     @cached_property
     def _groups(self) -> list[slice]:
         """Fields of the displacements, and those of the rotations, of each ball of the cell."""
-        count, parts = self.motions.count, (self.motions.translating, self.motions.turning)
+        count = self.motions.count
+        parts = (self.motions.translating, self.motions.turning)
         groups = [range(count)[part] for part in parts if range(count)[part]]
         return [
-            slice(ball * count + group.start, ball * count + group.stop) for ball in range(self.n_balls) for group in groups
+            slice(ball * count + group.start, ball * count + group.stop)
+            for ball in range(self.n_balls)
+            for group in groups
         ]
 
 
 def dot(first: Array, second: Array) -> float:
-    """Return the sum of products, without BLAS: its threads wait for each other, and their number changes the last digit."""
+    """Return the sum of products, without BLAS: its threads wait for each other, and their number
+    changes the last digit.
+    """
     axes = "abcde"[: first.ndim]
     return float(np.einsum(f"{axes},{axes}->", first, second))
 
 
 def number_cells(shape: Sequence[int], shifts: Sequence[Sequence[int]]) -> NDArray[np.intp]:
-    """Return (shifts, cells) numbers of the cells that are each shift away from each cell of a periodic array."""
+    """Return (shifts, cells) numbers of the cells that are each shift away from each cell of a
+    periodic array.
+    """
     cells = np.arange(math.prod(shape)).reshape(shape)
-    return np.stack([np.roll(cells, [-n for n in shift], range(cells.ndim)).ravel() for shift in shifts])
+    return np.stack(
+        [np.roll(cells, [-n for n in shift], range(cells.ndim)).ravel() for shift in shifts]
+    )
 
 
 def _invert_symmetric(entries: Array, size: int) -> None:
-    """Invert symmetric matrices of one to three rows in place; ``entries`` are the upper triangle, row after row."""
+    """Invert symmetric matrices of one to three rows in place; ``entries`` are the upper triangle,
+    row after row.
+    """
     if size == 1:
         entries[0] = 1.0 / entries[0]
     elif size == 2:
@@ -431,7 +578,9 @@ def _invert_symmetric(entries: Array, size: int) -> None:
         xy *= -one_over
     else:
         xx, xy, xz, yy, yz, zz = entries
-        first, second, third = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+        first = yy * zz - yz * yz
+        second = xz * yz - xy * zz
+        third = xy * yz - xz * yy
         one_over = 1.0 / (xx * first + xy * second + xz * third)
         inverse = first, second, third, xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
         for entry, value in zip(entries, inverse, strict=True):

@@ -1,36 +1,44 @@
-"""One step of the load of an array with friction: from the states before it to the equilibrium under a new load.
+"""One step of the load of an array with friction: from the states before it to the equilibrium
+under a new load.
 
-Newton's method (:mod:`granphon.array.load_step`) solves the balance of forces and torques, from the polynomial in the load
-through the last states, three at most. Where it fails, another method may be given; where that fails too, the step is taken
-in two halves.
+Newton's method (:mod:`granphon.array.load_step`) solves the balance of forces and torques, from the
+polynomial in the load through the last states, three at most. Where it fails, another method may be
+given; where that fails too, the step is taken in two halves.
 
-The work of the load is what the contacts store and lose. Where dashpots act, it is found as the integral of f* dy for each
-contact, and they take the rest. Between two states f* is then taken from the parabola through them and the one before.
+The work of the load is what the contacts store and lose. Where dashpots act, it is found as the
+integral of f* dy for each contact, and they take the rest. Between two states f* is then taken from
+the parabola through them and the one before.
 
-Where a ball loses what held it, there is no equilibrium near the one before, and Newton's method does not find the next one.
-A real ball falls, and what damps it brings it to rest. Here dashpots do: in a step they resist what balls move against each
-other, with ``drag`` times the displacement over the step (in units of c W^(1/2)); slips meet eta times as much. So a step
-with weaker dashpots is one of a longer time. They are weakened from step to step under the same load, until the array is in
-balance without them. While balls fall, and too long a step finds no balance, they are made stronger again.
+Where a ball loses what held it, there is no equilibrium near the one before, and Newton's method
+does not find the next one. A real ball falls, and what damps it brings it to rest. Here dashpots
+do: in a step they resist what balls move against each other, with ``drag`` times the displacement
+over the step (in units of c W^(1/2)); slips meet eta times as much. So a step with weaker dashpots
+is one of a longer time. They are weakened from step to step under the same load, until the array is
+in balance without them. While balls fall, and too long a step finds no balance, they are made
+stronger again.
 
-Dashpots take what the load gives and contacts neither store nor lose, and no less than they would if balls moved evenly
-through the step: where balls hardly move, the error of the work of the load is larger.
+Dashpots take what the load gives and contacts neither store nor lose, and no less than they would
+if balls moved evenly through the step: where balls hardly move, the error of the work of the load
+is larger.
 
-A loading history may begin at the gas: balls apart on their sites, pressed with friction until they stand. Where too few
-balls touch, nothing holds them, and no equilibrium is unique. A real array then comes to rest by what damps it, and so does
-this one: in each step of the load, dashpots resist what neighbours move against each other. Balls that nothing pushes stay
-where they are. The overlap grows by :data:`STEP` at a time from the first contact on. When the mean force has come to
-:data:`STANDING_FORCE`, about that at a* = 1/2, the overlap is held, and the balls come to rest or give way, in steps of time
-that grow: dashpots are weakened from step to step. When they bear next to nothing they are taken away. If the array then
-bears at least half of this force, in balance, it stands, and its history begins there; if it gives way before, or is not at
-rest after many steps, it is pressed on.
+A loading history may begin at the gas: balls apart on their sites, pressed with friction until they
+stand. Where too few balls touch, nothing holds them, and no equilibrium is unique. A real array
+then comes to rest by what damps it, and so does this one: in each step of the load, dashpots resist
+what neighbours move against each other. Balls that nothing pushes stay where they are. The overlap
+grows by :data:`STEP` at a time from the first contact on. When the mean force has come to
+:data:`STANDING_FORCE`, about that at a* = 1/2, the overlap is held, and the balls come to rest or
+give way, in steps of time that grow: dashpots are weakened from step to step. When they bear next
+to nothing they are taken away. If the array then bears at least half of this force, in balance, it
+stands, and its history begins there; if it gives way before, or is not at rest after many steps, it
+is pressed on.
 
-In the true geometry contacts push balls aside, with W/d of their force. In space, where too few contacts resist, as in sc of
-which half are open, an array gives way however slowly it is let go. Dashpots are there not weakened below several times that
-stiffness: if balls move faster from one step to the next, the array gives way.
+In the true geometry contacts push balls aside, with W/d of their force. In space, where too few
+contacts resist, as in sc of which half are open, an array gives way however slowly it is let go.
+Dashpots are there not weakened below several times that stiffness: if balls move faster from one
+step to the next, the array gives way.
 
-The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter of percents in small
-arrays; the tests state it.
+The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter
+of percents in small arrays; the tests state it.
 """
 
 from __future__ import annotations
@@ -45,15 +53,24 @@ import numpy as np
 from granphon.array.equilibrium import THRESHOLD_FORCE
 from granphon.array.friction import Contacts, FrictionLaw, PressedArray
 from granphon.array.geometry import Geometry, Place, ReducedLoad, find_boundary_force
-from granphon.array.load_step import FAST_LIMITS, SLOW_LIMITS, SMALL_FRICTION, FixedLimitSettings, LoadStep, Trial
+from granphon.array.load_step import (
+    FAST_LIMITS,
+    SLOW_LIMITS,
+    SMALL_FRICTION,
+    FixedLimitSettings,
+    LoadStep,
+    Trial,
+)
 from granphon.array.preconditioners import Patches
 from granphon.array.stencils import dot
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 
-#: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
+#: number of times that a step of the load is halved where Newton's method fails, and where f* is
+#: not yet accurate
 MOST_HALVINGS = 12
-#: number of halvings below which limits of sliding are not looked for again, as they were in the whole step: it takes long
+#: number of halvings below which limits of sliding are not looked for again, as they were in the
+#: whole step: it takes long
 _LAG_HALVINGS = 6
 #: number of steps without a balance after which a load is given up
 _MOST_FAILED = 40
@@ -65,7 +82,8 @@ DRAG = 1e-2
 WEAKER = 0.3
 #: largest number of steps with dashpots, those that find no balance included
 _MOST_DAMPED_STEPS = 60
-#: number of steps, after each of which forces on dashpots have become smaller, after which it is tried to do without
+#: number of steps, after each of which forces on dashpots have become smaller, after which it is
+#: tried to do without
 _CALM = 3
 #: name of this start
 GAS = "gas"
@@ -79,8 +97,8 @@ _MOST_SETTLINGS = 30
 _NEXT_TO_NOTHING = 1e-3
 #: largest motion in a step with the weakest dashpots with which they are taken away there, in W
 _STILL = 1e-3
-#: weakest dashpots in the true geometry of space, over W/d times the mean force: contacts push balls aside with about that
-#: stiffness
+#: weakest dashpots in the true geometry of space, over W/d times the mean force: contacts push
+#: balls aside with about that stiffness
 _ABOVE_PUSH = 10.0
 #: largest overlap at which an array of different balls is still a gas
 _MOST_OVERLAP = 2.0
@@ -111,7 +129,9 @@ class Stepper:
         self._located: deque[tuple[Array, Place]] = deque(maxlen=3)
 
     def place(self, displacements: Array, overlap: float, residual: float = 0.0) -> PressedArray:
-        """Return balls with displacements (n p, L1, ..., Lp), without rotations and tangential forces."""
+        """Return balls with displacements (n p, L1, ..., Lp), without rotations and tangential
+        forces.
+        """
         motion = self.geometry.stencils.spread(displacements)
         overlaps, slips = self.geometry.begin(motion, overlap)
         contacts = Contacts(overlaps, slips, np.zeros_like(slips))
@@ -123,33 +143,63 @@ class Stepper:
             return load._replace(force=0.5 * (self.measure(here, load) + load.force))
         return load._replace(overlap=0.5 * (here.overlap + load.overlap))
 
-    def step(self, trail: Sequence[PressedArray], load: ReducedLoad, drag: float = 0.0) -> PressedArray:
-        """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
+    def step(
+        self, trail: Sequence[PressedArray], load: ReducedLoad, drag: float = 0.0
+    ) -> PressedArray:
+        """Return the equilibrium under a load; ``trail`` holds the last states before it, one to
+        three.
 
-        Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more. With a
-        ``drag`` dashpots of this stiffness act in each step, and the state is no equilibrium of the contacts.
+        Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two
+        steps or more. With a ``drag`` dashpots of this stiffness act in each step, and the state is
+        no equilibrium of the contacts.
         """
-        # with small friction balls come into balance only in stages, which steps with dashpots do without
+        # with small friction balls come into balance only in stages, which steps with dashpots do
+        # without
         relaxes = not drag and self.law.friction_coefficient >= SMALL_FRICTION
-        ahead, halvings, failed = [load], 0, 0
+        ahead = [load]
+        halvings = 0
+        failed = 0
         while ahead:
             here = trail[-1]
             # where friction alone holds balls, shorter steps of the load help sooner
             patience = FAST_LIMITS if self.from_gas else SLOW_LIMITS
             lags = None if relaxes and 0 < halvings < _LAG_HALVINGS else patience
-            trial = self._make_step(here, ahead[-1], drag).solve(*self._extrapolate(trail, ahead[-1]), lags)
+            trial = self._make_step(here, ahead[-1], drag).solve(
+                *self._extrapolate(trail, ahead[-1]), lags
+            )
             if trial.is_balanced:
-                trail = [*trail[-2:], self._damp(trail, trial) if drag else self._arrive(here, trial)]
-            elif relaxes and trial.left < math.inf and (at_rest := self.relax_overdamped(trail, ahead[-1])) is not None:
+                trail = [
+                    *trail[-2:],
+                    self._damp(trail, trial) if drag else self._arrive(here, trial),
+                ]
+            elif (
+                relaxes
+                and trial.left < math.inf
+                and (at_rest := self.relax_overdamped(trail, ahead[-1])) is not None
+            ):
                 trail = [at_rest]
             elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
-                last = f"at f* = {here.force:.3g} and an overlap of {here.overlap:.6g} widths they have nearly come apart"
-                raise self.explain(load, f"no load is left on the balls; {last}", "End the path before this load")
-            elif halvings == MOST_HALVINGS or failed == _MOST_FAILED or self.measure(here, ahead[-1]) == find_aim(ahead[-1]):
-                last = f"it was last at an overlap of {here.overlap:.6g} widths, f* = {here.force:.3g}"
-                raise self.explain(load, f"its forces are not in balance, however short the steps; {last}")
+                last = (
+                    f"at f* = {here.force:.3g} and an overlap of {here.overlap:.6g} widths they"
+                    f" have nearly come apart"
+                )
+                raise self.explain(
+                    load, f"no load is left on the balls; {last}", "End the path before this load"
+                )
+            elif (
+                halvings == MOST_HALVINGS
+                or failed == _MOST_FAILED
+                or self.measure(here, ahead[-1]) == find_aim(ahead[-1])
+            ):
+                last = (
+                    f"it was last at an overlap of {here.overlap:.6g} widths, f* = {here.force:.3g}"
+                )
+                raise self.explain(
+                    load, f"its forces are not in balance, however short the steps; {last}"
+                )
             else:
-                halvings, failed = halvings + 1, failed + 1
+                halvings = halvings + 1
+                failed = failed + 1
                 ahead.append(self.halve(here, ahead[-1]))
                 continue
             halvings = max(0, halvings - 1)
@@ -157,31 +207,50 @@ class Stepper:
         return trail[-1]
 
     def settle(
-        self, trail: Sequence[PressedArray], load: ReducedLoad, drag: float, lags: FixedLimitSettings | None = None
+        self,
+        trail: Sequence[PressedArray],
+        load: ReducedLoad,
+        drag: float,
+        lags: FixedLimitSettings | None = None,
     ) -> PressedArray | None:
-        """Return the state to which balls come from the last of the ``trail`` in one step, slowed by dashpots.
+        """Return the state to which balls come from the last of the ``trail`` in one step, slowed
+        by dashpots.
 
         It is None if it is not found. Unlike :meth:`step`, it is not sought in shorter steps.
         """
-        trial = self._make_step(trail[-1], load, drag).solve(*self._extrapolate(trail[-1:], load), lags)
+        trial = self._make_step(trail[-1], load, drag).solve(
+            *self._extrapolate(trail[-1:], load), lags
+        )
         return self._damp(trail, trial) if trial.is_balanced else None
 
-    def relax_overdamped(self, trail: Sequence[PressedArray], load: ReducedLoad) -> PressedArray | None:
-        """Return the state in which balls come to rest under a load, from the last of the ``trail``; None if not found."""
-        drag, too_weak, push, calm = DRAG, 0.0, math.inf, 0
+    def relax_overdamped(
+        self, trail: Sequence[PressedArray], load: ReducedLoad
+    ) -> PressedArray | None:
+        """Return the state in which balls come to rest under a load, from the last of the
+        ``trail``; None if not found.
+        """
+        drag = DRAG
+        too_weak = 0.0
+        push = math.inf
+        calm = 0
         for _ in range(_MOST_DAMPED_STEPS):
-            here, after = trail[-1], self.settle(trail, load, drag)
+            here = trail[-1]
+            after = self.settle(trail, load, drag)
             if after is None:
                 if calm or drag >= DRAG:  # balls do not fall: shorter steps of the load help
                     return None
-                too_weak, drag = drag, drag / WEAKER
+                too_weak = drag
+                drag = drag / WEAKER
                 continue
             # dashpots take at least the energy that they take if balls move evenly through the step
             loss = here.contacts.overlaps - after.contacts.overlaps + after.overlap - here.overlap
             slips = after.contacts.slips - here.contacts.slips
-            evenly = drag * (dot(loss, loss) + after.law.mindlin_ratio * dot(slips, slips)) / loss.size
+            evenly = (
+                drag * (dot(loss, loss) + after.law.mindlin_ratio * dot(slips, slips)) / loss.size
+            )
             trail = [replace(after, damped=max(after.damped, here.damped + evenly))]
-            before, push = push, drag * after.measure_motion(here)
+            before = push
+            push = drag * after.measure_motion(here)
             calm = calm + 1 if push <= before else 0
             if calm:
                 too_weak = 0.0
@@ -218,19 +287,26 @@ class Stepper:
         return place
 
     def measure(self, state: PressedArray, load: ReducedLoad) -> float:
-        """Return of a state what the load prescribes: its overlap, its force, or its force under the same pressure."""
+        """Return of a state what the load prescribes: its overlap, its force, or its force under
+        the same pressure.
+        """
         if load.overlap is not None:
             return state.overlap
         if load.on_boundary:
-            return find_boundary_force(self.locate(state), state.contacts.forces, state.contacts.shears)
+            return find_boundary_force(
+                self.locate(state), state.contacts.forces, state.contacts.shears
+            )
         return state.force
 
     def _extrapolate(self, trail: Sequence[PressedArray], load: ReducedLoad) -> tuple[Array, float]:
-        """Return the motion and overlap to begin with, on the parabola through the last three states, or on a line.
+        """Return the motion and overlap to begin with, on the parabola through the last three
+        states, or on a line.
 
         After a turn of the path only the last state is used.
         """
-        loads, aim, count = [self.measure(one, load) for one in trail[-3:]], find_aim(load), 1
+        loads = [self.measure(one, load) for one in trail[-3:]]
+        aim = find_aim(load)
+        count = 1
         steps = np.diff([*loads, aim])
         for step in steps[-2::-1]:
             if step * steps[-1] <= 0.0 or abs(steps[-1]) > _FARTHEST * abs(step):
@@ -239,45 +315,75 @@ class Stepper:
         weights = weigh_states(loads[-count:], aim)
         states = trail[-len(weights) :]
         balls = np.sum([w * one.balls for w, one in zip(weights, states, strict=True)], axis=0)
-        y = sum(w * one.overlap for w, one in zip(weights, states, strict=True)) if load.overlap is None else load.overlap
+        y = (
+            sum(w * one.overlap for w, one in zip(weights, states, strict=True))
+            if load.overlap is None
+            else load.overlap
+        )
         return balls, float(y)
 
     def _arrive(self, here: PressedArray, trial: Trial) -> PressedArray:
         """Return the state at the end of a step, with energies."""
         slid, loosened = self.law.lost(here.contacts, trial.contacts)
         state = PressedArray(
-            trial.overlap, trial.balls, trial.contacts, self.law, trial.left, here.work + slid + loosened, here.slid + slid,
-            here.loosened + loosened, here.damped, here.steps + 1, here.newton + trial.newton, here.krylov + trial.krylov,
-        )  # fmt: skip
+            trial.overlap,
+            trial.balls,
+            trial.contacts,
+            self.law,
+            trial.left,
+            here.work + slid + loosened,
+            here.slid + slid,
+            here.loosened + loosened,
+            here.damped,
+            here.steps + 1,
+            here.newton + trial.newton,
+            here.krylov + trial.krylov,
+        )
         self._located.append((trial.balls, trial.place))
         return replace(state, work=state.work + state.stored - here.stored)
 
     def _damp(self, trail: Sequence[PressedArray], trial: Trial) -> PressedArray:
-        """Return the state after a step in which dashpots take what the load gives and contacts neither store nor lose."""
+        """Return the state after a step in which dashpots take what the load gives and contacts
+        neither store nor lose.
+        """
         state = self._arrive(trail[-1], trial)
         states = [*trail[-2:], state]
-        presses = [self.locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
-        rest = integrate_last([one.overlap for one in states], presses) - (state.work - trail[-1].work)
+        presses = [
+            self.locate(one).press(one.contacts.forces, one.contacts.shears) for one in states
+        ]
+        rest = integrate_last([one.overlap for one in states], presses) - (
+            state.work - trail[-1].work
+        )
         return replace(state, work=state.work + rest, damped=state.damped + rest)
 
-    # -- from the gas -------------------------------------------------------------------------------------------------------
+    # -- from the gas ------------------------------------------------------------------------------
 
     def press_gas(self, contact: float) -> PressedArray:
-        """Return the first state that stands with friction, from balls on their sites at the overlap ``contact``.
+        """Return the first state that stands with friction, from balls on their sites at the
+        overlap ``contact``.
 
-        Raises :class:`~granphon.base.errors.ConvergenceError` if it stands at no overlap below two widths, or if balls that
-        dashpots slow down do not come into balance.
+        Raises :class:`~granphon.base.errors.ConvergenceError` if it stands at no overlap below two
+        widths, or if balls that dashpots slow down do not come into balance.
         """
         stencils = self.geometry.stencils
-        here = self.place(np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape)), contact)
+        here = self.place(
+            np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape)), contact
+        )
         while here.overlap < _MOST_OVERLAP:
             try:
                 here = self.step([here], ReducedLoad(overlap=here.overlap + STEP), DRAG)
             except ConvergenceError as error:
-                what = f"the balls, pressed from the gas, are not in balance beyond an overlap of {here.overlap:.3g} widths"
-                why, mend = "Too few contacts hold them", "Take another seed, or another friction coefficient"
+                what = (
+                    f"the balls, pressed from the gas, are not in balance beyond an overlap of"
+                    f" {here.overlap:.3g} widths"
+                )
+                why = "Too few contacts hold them"
+                mend = "Take another seed, or another friction coefficient"
                 if self.geometry.ratio:
-                    why = "In the true geometry forces turn with their contacts, and turn balls that too few contacts hold"
+                    why = (
+                        "In the true geometry forces turn with their contacts, and turn balls"
+                        " that too few contacts hold"
+                    )
                     mend = 'Take the geometry "lattice"'
                 raise ConvergenceError(what, why, mend) from error
             if here.force >= STANDING_FORCE:
@@ -291,28 +397,47 @@ class Stepper:
         )
 
     def _come_to_rest(self, here: PressedArray) -> PressedArray | None:
-        """Return the state to which balls come without dashpots at the same overlap, None if they give way."""
-        load, drag, ratio, moved = ReducedLoad(overlap=here.overlap), DRAG, self.geometry.ratio, 0.0
+        """Return the state to which balls come without dashpots at the same overlap, None if they
+        give way.
+        """
+        load = ReducedLoad(overlap=here.overlap)
+        drag = DRAG
+        ratio = self.geometry.ratio
+        moved = 0.0
         pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
         weakest = min(drag, _ABOVE_PUSH * ratio * here.force) if pushed else 0.0
         for _ in range(_MOST_SETTLINGS):
-            stronger, slower, drag = drag, moved, max(WEAKER * drag, weakest)
+            stronger = drag
+            slower = moved
+            drag = max(WEAKER * drag, weakest)
             after = self.settle([here], load, drag, FAST_LIMITS)
             if after is None or after.force < 0.5 * STANDING_FORCE:
                 return None
             here, moved = after, after.measure_motion(here)
             if drag == stronger and moved > slower:
                 return None
-            if drag == stronger and moved < _STILL if pushed else drag * moved < _NEXT_TO_NOTHING * here.force:
+            if (
+                drag == stronger and moved < _STILL
+                if pushed
+                else drag * moved < _NEXT_TO_NOTHING * here.force
+            ):
                 at_rest = self.settle([here], load, 0.0, FAST_LIMITS)
-                return at_rest if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE else None
+                return (
+                    at_rest
+                    if at_rest is not None and at_rest.force >= 0.5 * STANDING_FORCE
+                    else None
+                )
         return None
 
 
 def goes_on(loads: Sequence[float]) -> bool:
-    """Return whether the last of three ``loads`` continues the way of the first two, by a step of similar length."""
+    """Return whether the last of three ``loads`` continues the way of the first two, by a step of
+    similar length.
+    """
     steps = np.diff(loads)
-    return len(loads) == 3 and bool(steps[0] * steps[1] > 0.0 and 1.0 / _FARTHEST <= steps[1] / steps[0] <= _FARTHEST)
+    return len(loads) == 3 and bool(
+        steps[0] * steps[1] > 0.0 and 1.0 / _FARTHEST <= steps[1] / steps[0] <= _FARTHEST
+    )
 
 
 def weigh_states(loads: Sequence[float], load: float) -> list[float]:
@@ -325,13 +450,17 @@ def weigh_states(loads: Sequence[float], load: float) -> list[float]:
 
 
 def integrate_last(loads: Sequence[float], values: Sequence[float]) -> float:
-    """Return the integral of a function between the last two of two or three ``loads``, of which ``values`` are known.
+    """Return the integral of a function between the last two of two or three ``loads``, of which
+    ``values`` are known.
 
-    It is that of the parabola through three values; after a turn of the path, that of the straight line through two.
+    It is that of the parabola through three values; after a turn of the path, that of the straight
+    line through two.
     """
     *_, (start, first), (end, last) = zip(loads, values, strict=True)
     straight = 0.5 * (first + last) * (end - start)
     if not goes_on(loads):
         return straight
-    bend = ((last - first) / (end - start) - (first - values[0]) / (start - loads[0])) / (end - loads[0])
+    bend = ((last - first) / (end - start) - (first - values[0]) / (start - loads[0])) / (
+        end - loads[0]
+    )
     return straight - bend * (end - start) ** 3 / 6.0

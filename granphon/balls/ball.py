@@ -1,6 +1,8 @@
-"""The ball: its material, size, mass and inertia; and the elastic constants of two bodies that touch.
+"""The ball: its material, size, mass and inertia; and the elastic constants of two bodies that
+touch.
 
-A flat wall that does not yield is a body like a ball, of no curvature and no compliance (:data:`RIGID_PLANE`).
+A flat wall that does not yield is a body like a ball, of no curvature and no compliance
+(:data:`RIGID_PLANE`).
 """
 
 from __future__ import annotations
@@ -15,8 +17,8 @@ from granphon.base.validation import is_one_of, label, positive, require
 
 #: reason given when a property of a ball is outside its limit
 WRONG_UNIT = "the unit is probably wrong, SI units are expected"
-#: conditions on balls, by name: the attribute of a ball or packing, what it is, its unit, the limit (SI), whether that is a
-#: least value
+#: conditions on balls, by name: the attribute of a ball or packing, what it is, its unit, the limit
+#: (SI), whether that is a least value
 BALL_LIMITS = {
     "young_modulus": ("material.young_modulus", "Young modulus", "Pa", LEAST_YOUNG_MODULUS, True),
     "density": ("material.density", "density", "kg/m^3", LEAST_DENSITY, True),
@@ -64,20 +66,24 @@ class Ball:
 
     Parameters
     ----------
-    material : the material, which says how contacts yield; and what the ball weighs, if no mass is given.
+    material : the material, which says how contacts yield; and what the ball weighs, if no mass is
+        given.
     diameter : m.
     mass : kg; by default the mass of a solid ball of the material. It is a number afterwards.
-    inertia : moment of inertia about a diameter, kg m^2; by default (2/5) m R^2, as of a solid ball of this mass.
-    name : what messages call the kind, and contact laws of a pair of kinds are named by. A crystal calls kinds without a
-        name A, B, C, ... in the order in which they come.
-    spread : how the diameters of balls of the kind differ, as for :class:`~granphon.Packing`, about the mean ``diameter``;
-        None for equal ones. A crystal draws them in :meth:`~granphon.Crystal.sample`.
+    inertia : moment of inertia about a diameter, kg m^2; by default (2/5) m R^2, as of a solid ball
+        of this mass.
+    name : what messages call the kind, and contact laws of a pair of kinds are named by. A crystal
+        calls kinds without a name A, B, C, ... in the order in which they come.
+    spread : how the diameters of balls of the kind differ, as for :class:`~granphon.Packing`, about
+        the mean ``diameter``; None for equal ones. A crystal draws them in
+        :meth:`~granphon.Crystal.sample`.
 
     Raises
     ------
-    InputError : a diameter, mass or inertia that is not a finite number above zero; an inertia above 2/3 m R^2, the value of
-        a thin shell; something else than a :class:`~granphon.Material`; a name that cannot be read; a spread with another
-        mean than the diameter or with a ball of size zero or below.
+    InputError : a diameter, mass or inertia that is not a finite number above zero; an inertia
+        above 2/3 m R^2, the value of a thin shell; something else than a
+        :class:`~granphon.Material`; a name that cannot be read; a spread with another mean than the
+        diameter or with a ball of size zero or below.
     """
 
     material: Material
@@ -89,7 +95,9 @@ class Ball:
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, Material):
-            raise InputError(f"the material of a ball is {self.material!r}", mend="Give a granphon.Material")
+            raise InputError(
+                f"the material of a ball is {self.material!r}", mend="Give a granphon.Material"
+            )
         diameter = positive("diameter", self.diameter, "m")
         mass: float | None = self.mass
         mass = positive("mass", self.material.ball_mass(diameter) if mass is None else mass, "kg")
@@ -97,7 +105,10 @@ class Ball:
         solid = 0.1 * mass * diameter * diameter
         inertia = positive("inertia", solid if inertia is None else inertia, "kg m^2")
         if inertia > 5.0 / 3.0 * solid * (1.0 + 1e-9):
-            why = f"That of a shell of this mass, the largest there is, is {5.0 / 3.0 * solid:g} kg m^2"
+            why = (
+                f"That of a shell of this mass, the largest there is, is {5.0 / 3.0 * solid:g} kg"
+                f" m^2"
+            )
             raise InputError(f"inertia is {inertia:g} kg m^2", why, "Compare the units")
         if not is_one_of(self.name, ("",)):
             require("the name of a ball", label, self.name)
@@ -148,15 +159,18 @@ RIGID_PLANE = _RigidPlane()
 
 
 class ContactConstants(NamedTuple):
-    """The elastic constants of two bodies that touch (K. L. Johnson, Contact Mechanics, 1985, chapters 4 and 7).
+    """The elastic constants of two bodies that touch (K. L. Johnson, Contact Mechanics, 1985,
+    chapters 4 and 7).
 
     Attributes
     ----------
     modulus : E*, Pa: 1/E* is the sum of (1 - sigma^2)/E of both.
     radius : R, m: 1/R is the sum of both curvatures.
-    mindlin_ratio : kappa/k = 4 G*/E* of a contact that does not slip: k = 2 E* a and kappa = 8 G* a have the contact radius
-        a in common, whatever the law; 1/G* is the sum of (2 - sigma)/G of both.
-    twist_modulus : the stiffness against twist is this number times a^3, Pa: 16/3 over the sum of 1/G of both.
+    mindlin_ratio : kappa/k = 4 G*/E* of a contact that does not slip: k = 2 E* a and kappa = 8 G* a
+        have the contact radius a in common, whatever the law; 1/G* is the sum of (2 - sigma)/G of
+        both.
+    twist_modulus : the stiffness against twist is this number times a^3, Pa: 16/3 over the sum of
+        1/G of both.
     """
 
     modulus: float
@@ -166,13 +180,23 @@ class ContactConstants(NamedTuple):
 
     @classmethod
     def of(cls, ball: Body, other: Body) -> ContactConstants:
-        """The constants of a pair; raises :class:`InputError` if one is no body, none of both yields, or both are flat."""
+        """The constants of a pair; raises :class:`InputError` if one is no body, none of both
+        yields, or both are flat.
+        """
         for given in (ball, other):
-            if not all(hasattr(given, name) for name in ("curvature", "compliance", "shear_compliance", "twist_compliance")):
-                raise InputError(f"a body of a contact is {brief(given)}", mend="Give a granphon.Ball")
-        curvature, compliance = ball.curvature + other.curvature, ball.compliance + other.compliance
+            if not all(
+                hasattr(given, name)
+                for name in ("curvature", "compliance", "shear_compliance", "twist_compliance")
+            ):
+                raise InputError(
+                    f"a body of a contact is {brief(given)}", mend="Give a granphon.Ball"
+                )
+        curvature = ball.curvature + other.curvature
+        compliance = ball.compliance + other.compliance
         if not (curvature > 0.0 and compliance > 0.0):
-            raise InputError("two flat or rigid bodies make no elastic contact", mend="One must be a ball")
+            raise InputError(
+                "two flat or rigid bodies make no elastic contact", mend="One must be a ball"
+            )
         ratio = 4.0 * compliance / (ball.shear_compliance + other.shear_compliance)
         twist = 16.0 / 3.0 / (ball.twist_compliance + other.twist_compliance)
         return cls(1.0 / compliance, 1.0 / curvature, ratio, twist)

@@ -1,13 +1,15 @@
-"""Laws of the normal force of a contact: Hertz's law, powers, adhesive laws, tables, and laws of users.
+"""Laws of the normal force of a contact: Hertz's law, powers, adhesive laws, tables, and laws of
+users.
 
-A law is an object whose method ``between(ball, ball)`` returns the law of these two bodies, a :class:`PairLaw`: force,
-stiffness, the slope of the stiffness and energy as functions of the overlap, and the overlap as a function of the force. A
-user's own object with these five methods is the law of all pairs. Overlaps are in m and positive where balls are pressed;
-forces are in N, and positive where they push.
+A law is an object whose method ``between(ball, ball)`` returns the law of these two bodies, a
+:class:`PairLaw`: force, stiffness, the slope of the stiffness and energy as functions of the
+overlap, and the overlap as a function of the force. A user's own object with these five methods is
+the law of all pairs. Overlaps are in m and positive where balls are pressed; forces are in N, and
+positive where they push.
 
-JKR is the law of K. L. Johnson, K. Kendall and A. D. Roberts (Proc. R. Soc. A 324, 301, 1971), and DMT that of B. V.
-Derjaguin, V. M. Muller and Yu. P. Toporov (J. Colloid Interface Sci. 53, 314, 1975); here ``adhesion`` is the work of
-adhesion w of the two surfaces, J/m^2.
+JKR is the law of K. L. Johnson, K. Kendall and A. D. Roberts (Proc. R. Soc. A 324, 301, 1971), and
+DMT that of B. V. Derjaguin, V. M. Muller and Yu. P. Toporov (J. Colloid Interface Sci. 53, 314,
+1975); here ``adhesion`` is the work of adhesion w of the two surfaces, J/m^2.
 """
 
 from __future__ import annotations
@@ -38,12 +40,23 @@ from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si
 from granphon.base.registry import Registry
-from granphon.base.validation import Rule, above_zero, label, not_negative, number, one_of, positive, real_array, require
+from granphon.base.validation import (
+    Rule,
+    above_zero,
+    label,
+    not_negative,
+    number,
+    one_of,
+    positive,
+    real_array,
+    require,
+)
 
 #: overlaps, over the radius of a contact, at which a user's law is compared with its derivatives
 _PROBES = np.array([1e-6, 1e-5, 1e-4, 1e-3])
 #: step of these comparisons, over the overlap, and the relative error that is allowed
-_STEP, _ALLOWED = 1e-4, 1e-5
+_STEP = 1e-4
+_ALLOWED = 1e-5
 #: the five methods of the law of a pair
 _METHODS = ("force", "stiffness", "stiffness_slope", "energy", "overlap")
 #: nodes of the quadrature of a tabulated force between two points of the table
@@ -60,16 +73,18 @@ _JKR_LEAST = -0.25 * _JKR_ROOT
 class PairLaw(Protocol):
     """The contact law of two bodies; scalars or arrays of any shape, floats in, floats out.
 
-    A law may also have ``least_overlap``, the overlap in m up to which the bodies are apart (0 if it has none; below 0 where
-    they adhere), and ``most_overlap``, up to which it is known. Below the first all is zero. A law without a
-    ``least_overlap`` whose force at overlaps below zero is not zero is a bond: it pulls, and the bodies are never apart.
+    A law may also have ``least_overlap``, the overlap in m up to which the bodies are apart (0 if
+    it has none; below 0 where they adhere), and ``most_overlap``, up to which it is known. Below
+    the first all is zero. A law without a ``least_overlap`` whose force at overlaps below zero is
+    not zero is a bond: it pulls, and the bodies are never apart.
 
-    Bodies that adhere down to a ``least_overlap`` below 0 pull only once they have touched. They touch where they come to
-    the overlap 0, or to ``touch_overlap``, m, of a law that has it: that of a force that acts from afar is its
-    ``least_overlap``.
+    Bodies that adhere down to a ``least_overlap`` below 0 pull only once they have touched. They
+    touch where they come to the overlap 0, or to ``touch_overlap``, m, of a law that has it: that
+    of a force that acts from afar is its ``least_overlap``.
 
-    A law may have a method ``contact_radius(overlap)``, m, zero where bodies are apart. The stiffness against slip is then
-    8 G* a of this radius a, and that against twist follows from it too; without the method a is k/2E* of the stiffness k.
+    A law may have a method ``contact_radius(overlap)``, m, zero where bodies are apart. The
+    stiffness against slip is then 8 G* a of this radius a, and that against twist follows from it
+    too; without the method a is k/2E* of the stiffness k.
     """
 
     def force(self, overlap: ArrayLike) -> Any:
@@ -108,15 +123,16 @@ class Hertz:
 
 @dataclass(frozen=True)
 class PowerLaw(EnergyLaw):
-    """The law f = c delta^a of all contacts, whatever the balls: a = 1 a spring that only pushes, 2 a cone.
+    """The law f = c delta^a of all contacts, whatever the balls: a = 1 a spring that only pushes, 2
+    a cone.
 
     Parameters
     ----------
     exponent : a, 1 or above.
     coefficient : c, N/m^a.
 
-    Its methods take scalars or arrays, and return floats for floats. The energy is c delta^(a+1)/(a+1), the
-    stiffness a c delta^(a-1), and its slope a (a-1) c delta^(a-2).
+    Its methods take scalars or arrays, and return floats for floats. The energy is c
+    delta^(a+1)/(a+1), the stiffness a c delta^(a-1), and its slope a (a-1) c delta^(a-2).
 
     Raises
     ------
@@ -128,7 +144,9 @@ class PowerLaw(EnergyLaw):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "exponent", positive("exponent", self.exponent))
-        object.__setattr__(self, "coefficient", positive("coefficient", self.coefficient, "N/m^exponent"))
+        object.__setattr__(
+            self, "coefficient", positive("coefficient", self.coefficient, "N/m^exponent")
+        )
         if self.exponent < 1.0:
             why = "Below 1 a contact is infinitely stiff where balls begin to touch"
             raise InputError(f"exponent is {self.exponent:g}", why, "Give 1 or more")
@@ -138,7 +156,8 @@ class PowerLaw(EnergyLaw):
         return self
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        delta, a = np.asarray(real_array("overlap", overlap)), self.exponent
+        delta = np.asarray(real_array("overlap", overlap))
+        a = self.exponent
         factor = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))[order] * self.coefficient
         out = np.zeros(delta.shape)
         np.power(delta, a + 1.0 - order, out=out, where=(delta > 0.0) & (factor > 0.0))
@@ -177,28 +196,34 @@ class _Adhesive:
 
 @dataclass(frozen=True)
 class DMT(_Adhesive):
-    """The law of Derjaguin, Muller and Toporov: Hertz's force less 2 pi w R, for stiff balls of small adhesion.
+    """The law of Derjaguin, Muller and Toporov: Hertz's force less 2 pi w R, for stiff balls of
+    small adhesion.
 
     Parameters
     ----------
     adhesion : the work of adhesion w of the two surfaces, J/m^2; 0 is Hertz's law.
 
-    A contact bears a tension of up to 2 pi w R, at which the balls only touch; farther apart it is broken, and the
-    attraction of balls that do not touch is left out.
+    A contact bears a tension of up to 2 pi w R, at which the balls only touch; farther apart it is
+    broken, and the attraction of balls that do not touch is left out.
 
     Raises
     ------
-    InputError : an adhesion that is not a finite number, zero or above; or, for two bodies, one beyond double precision.
+    InputError : an adhesion that is not a finite number, zero or above; or, for two bodies, one
+        beyond double precision.
     """
 
     def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies."""
-        return DMTLaw(Hertz().between(ball, other), self._find_tension(ContactConstants.of(ball, other).radius))
+        return DMTLaw(
+            Hertz().between(ball, other),
+            self._find_tension(ContactConstants.of(ball, other).radius),
+        )
 
 
 @dataclass(frozen=True)
 class DMTLaw(EnergyLaw):
-    """The law of a pair that :class:`~granphon.DMT` returns: Hertz's law less a ``tension``, N, where the balls touch.
+    """The law of a pair that :class:`~granphon.DMT` returns: Hertz's law less a ``tension``, N,
+    where the balls touch.
 
     The energy is that over balls that only touch, at which the contact breaks.
     """
@@ -214,7 +239,9 @@ class DMTLaw(EnergyLaw):
         return (found - (pull if order == FORCE else pull * np.asarray(overlap)))[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does not bear."""
+        """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does
+        not bear.
+        """
         load = np.asarray(real_array("force", force))
         require_pushing(load, -self.tension)
         return self.hertz.overlap(load + self.tension)
@@ -228,17 +255,19 @@ class JKR(_Adhesive):
     ----------
     adhesion : the work of adhesion w of the two surfaces, J/m^2; 0 is Hertz's law.
 
-    A contact bears a tension of up to (3/2) pi w R, at which its stiffness is zero and the balls are apart by 0.23 a^2/R, a
-    being (2 pi w R^2/E*)^(1/3). Farther apart it is broken: the branch that is stable only where the distance is held is
-    left out. Balls that come near each other pull once they touch, so that a contact that is made and broken takes energy:
-    0.33 pi w a^2.
+    A contact bears a tension of up to (3/2) pi w R, at which its stiffness is zero and the balls
+    are apart by 0.23 a^2/R, a being (2 pi w R^2/E*)^(1/3). Farther apart it is broken: the branch
+    that is stable only where the distance is held is left out. Balls that come near each other pull
+    once they touch, so that a contact that is made and broken takes energy: 0.33 pi w a^2.
 
-    The stiffness against slip is 8 G* a of the radius a of the contact under its load (A. R. Savkoor and G. A. D. Briggs,
-    Proc. R. Soc. A 356, 103, 1977), which adhesion makes larger than that of the normal stiffness.
+    The stiffness against slip is 8 G* a of the radius a of the contact under its load (A. R.
+    Savkoor and G. A. D. Briggs, Proc. R. Soc. A 356, 103, 1977), which adhesion makes larger than
+    that of the normal stiffness.
 
     Raises
     ------
-    InputError : an adhesion that is not a finite number, zero or above; or, for two bodies, one beyond double precision.
+    InputError : an adhesion that is not a finite number, zero or above; or, for two bodies, one
+        beyond double precision.
     """
 
     def between(self, ball: Body, other: Body) -> PairLaw:
@@ -258,9 +287,10 @@ class JKR(_Adhesive):
 class JKRLaw(EnergyLaw):
     """The law of a pair that :class:`~granphon.JKR` returns.
 
-    With the contact radius a = ``spot`` times u^2, ``spot`` being (2 pi w R^2/E*)^(1/3), m, force and overlap are
-    ``force_scale`` times (4/3) u^6 - 2 u^3, N, and ``length`` times u^4 - u, m; u^3 is 3/4 where the contact breaks, and 3/2
-    where it bears no load. The energy is that over balls far apart.
+    With the contact radius a = ``spot`` times u^2, ``spot`` being (2 pi w R^2/E*)^(1/3), m, force
+    and overlap are ``force_scale`` times (4/3) u^6 - 2 u^3, N, and ``length`` times u^4 - u, m; u^3
+    is 3/4 where the contact breaks, and 3/2 where it bears no load. The energy is that over balls
+    far apart.
     """
 
     force_scale: float
@@ -278,7 +308,9 @@ class JKRLaw(EnergyLaw):
         return 0.0
 
     def contact_radius(self, overlap: ArrayLike) -> Any:
-        """Return the radius of the contact at an ``overlap``, m; zero where the bodies are apart."""
+        """Return the radius of the contact at an ``overlap``, m; zero where the bodies are
+        apart.
+        """
         delta = real_array("overlap", overlap)
         u, whole = self._solve(delta)
         found = np.where(whole, self.spot * u * u, 0.0)
@@ -291,7 +323,8 @@ class JKRLaw(EnergyLaw):
             reduced = delta / self.length
             whole = ~(reduced < _JKR_LEAST * (1.0 + 4e-16))
             target = np.maximum(reduced, _JKR_LEAST)
-            # u^4 - u is convex, and the first guess is not below the root: Newton's steps come down to it
+            # u^4 - u is convex, and the first guess is not below the root: Newton's steps come down
+            # to it
             high = np.maximum(target, 0.0)
             u = np.sqrt(np.sqrt(high + 1.0 + np.sqrt(np.sqrt(high))))
             for _ in range(_STEPS):
@@ -303,7 +336,9 @@ class JKRLaw(EnergyLaw):
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         u, whole = self._solve(np.asarray(real_array("overlap", overlap)))
-        cube, force, length = u**3, self.force_scale, self.length
+        cube = u**3
+        force = self.force_scale
+        length = self.length
         rise = 4.0 * cube - 1.0
         # factors are in such an order that products stay in the floating range
         if order == ENERGY:
@@ -313,11 +348,19 @@ class JKRLaw(EnergyLaw):
         elif order == STIFFNESS:
             found = force / length * 2.0 * u**2 * ((4.0 * cube - 3.0) / rise)
         else:
-            found = force / length / length * (4.0 * u * (4.0 * cube - 3.0) / rise + 48.0 * (u**2 / rise) ** 2) / rise
+            found = (
+                force
+                / length
+                / length
+                * (4.0 * u * (4.0 * cube - 3.0) / rise + 48.0 * (u**2 / rise) ** 2)
+                / rise
+            )
         return np.where(whole, found, 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
-        """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does not bear."""
+        """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does
+        not bear.
+        """
         given = np.asarray(real_array("force", force))
         with np.errstate(over="ignore"):
             load = given / self.force_scale
@@ -332,21 +375,23 @@ class JKRLaw(EnergyLaw):
 class TabulatedLaw(EnergyLaw):
     """A law that is given by a table of overlaps and forces, for all pairs.
 
-    The logarithm of the force is a monotone cubic function of the logarithm of the overlap (scipy's ``PchipInterpolator``).
-    So a table of a power law gives this law at all overlaps. Below the first point and above the last it goes on as a power;
-    below, of an exponent of 1 or above, so that contacts are not infinitely stiff where balls begin to touch.
+    The logarithm of the force is a monotone cubic function of the logarithm of the overlap (scipy's
+    ``PchipInterpolator``). So a table of a power law gives this law at all overlaps. Below the
+    first point and above the last it goes on as a power; below, of an exponent of 1 or above, so
+    that contacts are not infinitely stiff where balls begin to touch.
 
     Parameters
     ----------
     overlap : (n,) overlaps, m, ascending, two or more of them above zero.
     force : (n,) forces, N, ascending. A first point (0, 0) may be there, and changes nothing.
 
-    Its methods take scalars or arrays, and return floats for floats. The slope of the stiffness jumps at the points of the
-    table.
+    Its methods take scalars or arrays, and return floats for floats. The slope of the stiffness
+    jumps at the points of the table.
 
     Raises
     ------
-    InputError : columns that are not of one length, numbers that are not finite, do not ascend or are not above zero.
+    InputError : columns that are not of one length, numbers that are not finite, do not ascend or
+        are not above zero.
     """
 
     overlaps: tuple[float, ...]
@@ -358,19 +403,31 @@ class TabulatedLaw(EnergyLaw):
             what = f"the table of a contact law has {delta.shape} overlaps and {f.shape} forces"
             raise InputError(what, mend="Give two lists of one length")
         if delta.size and delta[0] == 0.0 and f[0] == 0.0:
-            delta, f = delta[1:], f[1:]
+            delta = delta[1:]
+            f = f[1:]
         good = np.isfinite(delta) & np.isfinite(f) & (delta > 0.0) & (f > 0.0)
         good &= (np.diff(delta, prepend=0.0) > 0.0) & (np.diff(f, prepend=0.0) > 0.0)
         if not np.all(good):
             row = int(np.argmin(good))
-            what = f"the table of a contact law has the overlap {delta[row]:g} m and the force {f[row]:g} N in its row {row}"
-            raise InputError(what, "Both must be above zero, and above those of the row before", "Sort the table")
+            what = (
+                f"the table of a contact law has the overlap {delta[row]:g} m and the force"
+                f" {f[row]:g} N in its row {row}"
+            )
+            raise InputError(
+                what, "Both must be above zero, and above those of the row before", "Sort the table"
+            )
         if delta.size < 2:
-            raise InputError(f"the table of a contact law has {delta.size} rows with a force", mend="Give two or more")
+            raise InputError(
+                f"the table of a contact law has {delta.size} rows with a force",
+                mend="Give two or more",
+            )
         apart = (np.diff(np.log(delta)) > 0.0) & (np.diff(np.log(f)) > 0.0)
         if not np.all(apart):
             row = int(np.argmin(apart)) + 1
-            what = f"rows {row - 1} and {row} of the table of a contact law differ by less than their logarithms can tell"
+            what = (
+                f"rows {row - 1} and {row} of the table of a contact law differ by less than"
+                f" their logarithms can tell"
+            )
             raise InputError(what, "Its curve goes through logarithms", "Leave one out")
         object.__setattr__(self, "overlaps", tuple(delta.tolist()))
         object.__setattr__(self, "forces", tuple(f.tolist()))
@@ -385,13 +442,19 @@ class TabulatedLaw(EnergyLaw):
         return self
 
     def find_stiffest(self, overlap: Array) -> Array:
-        """Return the largest stiffness up to an ``overlap``, N/m: tables may rise steeply between two of their points."""
+        """Return the largest stiffness up to an ``overlap``, N/m: tables may rise steeply between
+        two of their points.
+        """
         within = np.linspace(0.0, 1.0, _PLACES, endpoint=False)
         places = self._knots[0]
-        grid = np.append((places[:-1, None] + np.diff(places)[:, None] * within).ravel(), places[-1])
+        grid = np.append(
+            (places[:-1, None] + np.diff(places)[:, None] * within).ravel(), places[-1]
+        )
         delta = np.exp(grid)
         most = np.append(0.0, np.maximum.accumulate(self.stiffness(delta)))
-        return np.asarray(np.maximum(most[np.searchsorted(delta, overlap, side="right")], self.stiffness(overlap)))
+        return np.asarray(
+            np.maximum(most[np.searchsorted(delta, overlap, side="right")], self.stiffness(overlap))
+        )
 
     @cached_property
     def _knots(self) -> tuple[Array, Array]:
@@ -403,9 +466,12 @@ class TabulatedLaw(EnergyLaw):
 
         x, y = self._knots
         curve = PchipInterpolator(x, y)
-        slopes, rise = curve(x, 1), np.diff(y) / np.diff(x)
-        # ends that the interpolator has flat, or too flat; up to three times the rise the curve stays monotone
-        first, last = max(slopes[0], min(1.0, 3.0 * rise[0])), slopes[-1] or rise[-1]
+        slopes = curve(x, 1)
+        rise = np.diff(y) / np.diff(x)
+        # ends that the interpolator has flat, or too flat; up to three times the rise the curve
+        # stays monotone
+        first = max(slopes[0], min(1.0, 3.0 * rise[0]))
+        last = slopes[-1] or rise[-1]
         if first == slopes[0] and last == slopes[-1]:
             return curve
         slopes[0], slopes[-1] = first, last
@@ -418,7 +484,8 @@ class TabulatedLaw(EnergyLaw):
 
     def _logarithm(self, x: Array, order: int = 0) -> Array:
         """Return log f at x = log delta, or its derivative of an ``order``."""
-        places, curve = self._knots[0], self._curve
+        places = self._knots[0]
+        curve = self._curve
         inside = np.clip(x, places[0], places[-1])
         found = np.asarray(curve(inside, order))
         if order == 2:
@@ -434,27 +501,39 @@ class TabulatedLaw(EnergyLaw):
         return first + np.concatenate([[0.0], np.cumsum(self._integrate(places[:-1], places[1:]))])
 
     def _integrate(self, low: Array, high: Array) -> Array:
-        """Return the integral of the force from one overlap to another between the same points of the table, J."""
+        """Return the integral of the force from one overlap to another between the same points of
+        the table, J.
+        """
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
         half = 0.5 * (high - low)
         x = low[..., None] + half[..., None] * (1.0 + nodes)
         return half * (np.exp(self._logarithm(x) + x) @ weights)
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        delta, places = np.asarray(real_array("overlap", overlap)), self._knots[0]
+        delta = np.asarray(real_array("overlap", overlap))
+        places = self._knots[0]
         touch = delta > 0.0
         x = np.log(np.where(touch, delta, self.overlaps[0]))
         if order == ENERGY:
             place = np.clip(np.searchsorted(places, x, side="right") - 1, 0, len(places) - 1)
-            ends = np.exp(self._logarithm(x) + x) / (1.0 + self._logarithm(x, 1))  # of a power law from zero on
-            last = self.forces[-1] * self.overlaps[-1] / (1.0 + float(self._logarithm(places[-1:], 1)[0]))
-            inside = self._energies[place] + self._integrate(places[place], np.clip(x, places[0], places[-1]))
+            # of a power law from zero on
+            ends = np.exp(self._logarithm(x) + x) / (1.0 + self._logarithm(x, 1))
+            last = (
+                self.forces[-1]
+                * self.overlaps[-1]
+                / (1.0 + float(self._logarithm(places[-1:], 1)[0]))
+            )
+            inside = self._energies[place] + self._integrate(
+                places[place], np.clip(x, places[0], places[-1])
+            )
             found = np.where(x > places[-1], self._energies[-1] - last + ends, inside)
             found = np.where(x < places[0], ends, found)
         else:
             slope = self._logarithm(x, 1) if order > FORCE else 1.0
             found = np.exp(self._logarithm(x) - (order - 1) * x)
-            found = found * (slope if order < SLOPE else slope * (slope - 1.0) + self._logarithm(x, 2))
+            found = found * (
+                slope if order < SLOPE else slope * (slope - 1.0) + self._logarithm(x, 2)
+            )
         return np.where(touch, found, 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
@@ -470,12 +549,16 @@ class TabulatedLaw(EnergyLaw):
         high = np.where(place < len(places), places[np.minimum(place, len(places) - 1)], np.inf)
         x = np.interp(goal, values, places)
         for _ in range(_STEPS):
-            off, slope = self._logarithm(x) - goal, self._logarithm(x, 1)
-            low, high = np.where(off < 0.0, x, low), np.where(off > 0.0, x, high)
+            off = self._logarithm(x) - goal
+            slope = self._logarithm(x, 1)
+            low = np.where(off < 0.0, x, low)
+            high = np.where(off > 0.0, x, high)
             with np.errstate(divide="ignore", invalid="ignore"):
                 new = x - off / slope
                 middle = 0.5 * (low + high)
-            new = np.where((new >= low) & (new <= high), new, np.where(np.isfinite(middle), middle, x))
+            new = np.where(
+                (new >= low) & (new <= high), new, np.where(np.isfinite(middle), middle, x)
+            )
             done = np.abs(new - x) <= 4e-16 * np.maximum(1.0, np.abs(x))
             x = new
             if np.all(done):
@@ -487,23 +570,28 @@ class TabulatedLaw(EnergyLaw):
 
 
 def opening_overlap(law: PairLaw) -> float:
-    """Return the overlap below which bodies with a ``law`` are apart, m; -inf of a bond, which never opens."""
+    """Return the overlap below which bodies with a ``law`` are apart, m; -inf of a bond, which
+    never opens.
+    """
     if (least := getattr(law, "least_overlap", None)) is not None:
         return float(least)
     return -math.inf if np.any(np.asarray(law.force(np.array([-1e-9])))) else 0.0
 
 
 def touching_overlap(law: PairLaw) -> float:
-    """Return the overlap at which bodies with a ``law`` that come together touch, m; -inf of a bond."""
+    """Return the overlap at which bodies with a ``law`` that come together touch, m; -inf of a
+    bond.
+    """
     least = opening_overlap(law)
     return max(least, float(getattr(law, "touch_overlap", 0.0))) if least > -math.inf else least
 
 
 def punch_stiffness(law: PairLaw, overlap: Array, modulus: Array | float) -> Array:
-    """Return 2 E* a, N/m: the stiffness of a flat punch as wide as a contact, whose radius a may be known to the law.
+    """Return 2 E* a, N/m: the stiffness of a flat punch as wide as a contact, whose radius a may be
+    known to the law.
 
-    Of a law that does not know it, it is the normal stiffness: so it is of elastic bodies of any shape without adhesion.
-    ``modulus`` is E*, Pa.
+    Of a law that does not know it, it is the normal stiffness: so it is of elastic bodies of any
+    shape without adhesion. ``modulus`` is E*, Pa.
     """
     if callable(find := getattr(law, "contact_radius", None)):
         return np.asarray(2.0 * modulus * np.asarray(find(overlap)))
@@ -511,17 +599,23 @@ def punch_stiffness(law: PairLaw, overlap: Array, modulus: Array | float) -> Arr
 
 
 def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
-    """Return the law of a contact: that which ``law`` has between the two bodies, or itself if it is the law of all pairs.
+    """Return the law of a contact: that which ``law`` has between the two bodies, or itself if it
+    is the law of all pairs.
 
     Raises :class:`~granphon.base.errors.InputError` if it lacks one of the five methods.
     """
     if isinstance(law, type):
-        raise InputError(f"the contact law is the class {law.__name__}", mend=f"Give a law, as {law.__name__}(...)")
+        raise InputError(
+            f"the contact law is the class {law.__name__}",
+            mend=f"Give a law, as {law.__name__}(...)",
+        )
     found = law.between(ball, other) if hasattr(law, "between") else law
     if lacking := [name for name in _METHODS if not callable(getattr(found, name, None))]:
         what = f"the contact law {brief(law)} has no method {', '.join(lacking)}"
         mend = "Give one of granphon's laws, or an object with the methods " + ", ".join(_METHODS)
-        raise InputError(what, "They are functions of the overlap, and overlap is one of the force", mend)
+        raise InputError(
+            what, "They are functions of the overlap, and overlap is one of the force", mend
+        )
     return found  # type: ignore[no-any-return]
 
 
@@ -530,40 +624,62 @@ def _check_radius(name: str, law: PairLaw, at: Array) -> None:
     if not callable(find := getattr(law, "contact_radius", None)):
         return
     found = np.asarray(find(at))
-    if found.shape != at.shape or found.dtype.kind != "f" or not np.all((found > 0.0) & np.isfinite(found)):
-        what = f"contact_radius of the contact law {name} returns {brief(found)} for an array of overlaps"
+    if (
+        found.shape != at.shape
+        or found.dtype.kind != "f"
+        or not np.all((found > 0.0) & np.isfinite(found))
+    ):
+        what = (
+            f"contact_radius of the contact law {name} returns {brief(found)} for an array of"
+            f" overlaps"
+        )
         raise InputError(what, mend="Return an array of radii, m, of the same shape")
 
 
 def check_law(law: PairLaw, radius: float) -> None:
-    """Compare the methods of a user's law with each other, at overlaps from 1e-6 to 1e-3 of the ``radius``, m.
+    """Compare the methods of a user's law with each other, at overlaps from 1e-6 to 1e-3 of the
+    ``radius``, m.
 
-    Raises :class:`~granphon.base.errors.InputError` if one is not the derivative of another, if the overlap of a force is
-    not that from which the force is, if methods do not take arrays, if the force does not rise with the overlap, or if there
-    is one below ``least_overlap``.
+    Raises :class:`~granphon.base.errors.InputError` if one is not the derivative of another, if the
+    overlap of a force is not that from which the force is, if methods do not take arrays, if the
+    force does not rise with the overlap, or if there is one below ``least_overlap``.
     """
     if isinstance(law, HertzLaw | PowerLaw | DMTLaw | JKRLaw | TabulatedLaw):
         return
-    name, delta = type(law).__name__, _PROBES * radius
+    name = type(law).__name__
+    delta = _PROBES * radius
 
     def ask(method: str, at: Array) -> Array:
         try:
             with np.errstate(all="ignore"):  # what is not a number is told in words
                 return np.asarray(getattr(law, method)(at))
         except (TypeError, ValueError) as error:
-            what = f"{method} of the contact law {name} does not take an array: {str(error).rstrip('.')}"
+            what = (
+                f"{method} of the contact law {name} does not take an array:"
+                f" {str(error).rstrip('.')}"
+            )
             why = "All contacts are asked at once"
-            mend = "Use numpy's functions, such as np.maximum for max, np.sqrt for math.sqrt, np.where for if"
+            mend = (
+                "Use numpy's functions, such as np.maximum for max, np.sqrt for math.sqrt,"
+                " np.where for if"
+            )
             raise InputError(what, why, mend) from error
 
     least = getattr(law, "least_overlap", None)
     below = ask("force", (least or 0.0) - delta)
     if not np.all(np.isfinite(below)):
-        what, mend = f"force of the contact law {name} is not finite below an overlap of", "np.maximum(overlap, 0.0)"
-        raise InputError(f"{what} {least or 0.0:g} m", "Balls may be apart", f"Return zero there, with {mend}")
+        what = f"force of the contact law {name} is not finite below an overlap of"
+        mend = "np.maximum(overlap, 0.0)"
+        raise InputError(
+            f"{what} {least or 0.0:g} m", "Balls may be apart", f"Return zero there, with {mend}"
+        )
     if least is not None and np.any(below):
         why = f"least_overlap is {least:g} m, below which balls are apart"
-        raise InputError(f"the contact law {name} has forces that its least_overlap denies", why, "Return zero there")
+        raise InputError(
+            f"the contact law {name} has forces that its least_overlap denies",
+            why,
+            "Return zero there",
+        )
     _check_radius(name, law, delta)
     if least is None and np.any(below):  # a bond
         delta = np.concatenate([delta, -delta])
@@ -572,14 +688,21 @@ def check_law(law: PairLaw, radius: float) -> None:
     for method in ("energy", "force", "stiffness", "stiffness_slope"):
         given = ask(method, steps)
         if given.shape != steps.shape or given.dtype.kind != "f" or not np.all(np.isfinite(given)):
-            what = f"{method} of the contact law {name} returns {brief(given)} for an array of overlaps"
+            what = (
+                f"{method} of the contact law {name} returns {brief(given)} for an array of"
+                f" overlaps"
+            )
             raise InputError(what, mend="Return an array of numbers of the same shape")
         values[method] = given
 
     def refuse(what: str, where: int) -> None:
         raise InputError(f"{what} at an overlap of {delta[where]:.4g} m", mend="Mend the law")
 
-    for method, of in (("energy", "force"), ("force", "stiffness"), ("stiffness", "stiffness_slope")):
+    for method, of in (
+        ("energy", "force"),
+        ("force", "stiffness"),
+        ("stiffness", "stiffness_slope"),
+    ):
         rise = (values[method][:, 1] - values[method][:, 2]) / (2.0 * _STEP * delta)
         told = values[of][:, 0]
         size = np.maximum(np.abs(told), np.abs(values[method][:, 0] / delta))
@@ -587,10 +710,15 @@ def check_law(law: PairLaw, radius: float) -> None:
         if np.any(off):
             at = int(np.argmax(off))
             refuse(
-                f"{of} of the contact law {name} is {told[at]:.6g}, and the derivative of its {method} {rise[at]:.6g}", at
+                f"{of} of the contact law {name} is {told[at]:.6g}, and the derivative of its"
+                f" {method} {rise[at]:.6g}",
+                at,
             )
     if np.any(values["stiffness"][:, 0] <= 0.0):
-        refuse(f"the force of the contact law {name} does not rise", int(np.argmax(values["stiffness"][:, 0] <= 0.0)))
+        refuse(
+            f"the force of the contact law {name} does not rise",
+            int(np.argmax(values["stiffness"][:, 0] <= 0.0)),
+        )
     back = ask("overlap", values["force"][:, 0])
     off = np.abs(back - delta) > _ALLOWED * np.abs(delta)
     if np.any(off):
@@ -598,7 +726,7 @@ def check_law(law: PairLaw, radius: float) -> None:
         refuse(f"overlap(force(overlap)) of the contact law {name} is {back[at]:.6g} m", at)
 
 
-# -- laws that have a name ----------------------------------------------------------------------------------------------
+# -- laws that have a name -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -608,7 +736,8 @@ class NamedLaw:
     Attributes
     ----------
     law : the law, or a class of laws.
-    numbers : what the class is given, by name: a quantity, a tuple of it for a list, or the rule of a number without a unit.
+    numbers : what the class is given, by name: a quantity, a tuple of it for a list, or the rule of
+        a number without a unit.
     """
 
     law: Any
@@ -631,20 +760,31 @@ def register_law(name: str, law: Any, **units: str) -> Any:
     Parameters
     ----------
     name : the name.
-    law : a law, with ``between(ball, ball)`` or the methods of a :class:`PairLaw`; or a class of laws that takes numbers.
-    units : the SI unit of each number that the class takes, which a scene gives as ``law: {name: {number: "5 N/m"}}``; ""
-        or "1" for a number without a unit. The law keeps each number in an attribute of the same name.
+    law : a law, with ``between(ball, ball)`` or the methods of a :class:`PairLaw`; or a class of
+        laws that takes numbers.
+    units : the SI unit of each number that the class takes, which a scene gives as ``law: {name:
+        {number: "5 N/m"}}``; "" or "1" for a number without a unit. The law keeps each number in an
+        attribute of the same name.
 
-    Returns ``law``. It is compared with its derivatives when a crystal has it. Raises :class:`InputError` for what is no
-    law, for units that are not those of the numbers of a class, and for a name that is taken or has a space.
+    Returns ``law``. It is compared with its derivatives when a crystal has it. Raises
+    :class:`InputError` for what is no law, for units that are not those of the numbers of a class,
+    and for a name that is taken or has a space.
     """
-    if not (callable(getattr(law, "between", None)) or all(callable(getattr(law, one, None)) for one in _METHODS)):
+    if not (
+        callable(getattr(law, "between", None))
+        or all(callable(getattr(law, one, None)) for one in _METHODS)
+    ):
         mend = f"Give it the method between(ball, ball), or {', '.join(_METHODS)}"
         raise InputError(f"{brief(law)} is no contact law", mend=mend)
     if units and not isinstance(law, type):
-        raise InputError(f"the contact law {name!r} is made already", mend="Give its class, or no units")
+        raise InputError(
+            f"the contact law {name!r} is made already", mend="Give its class, or no units"
+        )
     require("the name of a contact law", label, name)
-    if wrong := [*[name] * (" " in name), *(unit for unit in units.values() if unit and not is_si(unit))]:
+    if wrong := [
+        *[name] * (" " in name),
+        *(unit for unit in units.values() if unit and not is_si(unit)),
+    ]:
         mend = "Give a name without spaces, and units of SI"
         raise InputError(f"a contact law cannot have {brief(wrong[0])}", mend=mend)
     try:
@@ -654,14 +794,17 @@ def register_law(name: str, law: Any, **units: str) -> Any:
         raise InputError(what, mend="Name the unit of each number that the class takes") from None
     plain = partial(number, low=-1e300, high=1e300)
     rules = {
-        key: plain if unit in ("", "1") else Quantity(key, unit, f"1 {unit}", unit, "any") for key, unit in units.items()
+        key: plain if unit in ("", "1") else Quantity(key, unit, f"1 {unit}", unit, "any")
+        for key, unit in units.items()
     }
     LAWS.add(name, NamedLaw(law, rules), law)
     return law
 
 
 def find_law(law: Any) -> Any:
-    """Return the law of a name; what is no text is returned itself. Raises :class:`InputError` for a name without a law."""
+    """Return the law of a name; what is no text is returned itself. Raises :class:`InputError` for
+    a name without a law.
+    """
     if not isinstance(law, str):
         return law
     found = LAWS[one_of("law", law, LAWS)]
@@ -676,7 +819,8 @@ _MEND_LAWS = 'Give a law itself, or one for each pair of names, as {("A", "B"): 
 
 
 def read_laws(law: Any) -> Any:
-    """Return the law of all contacts, by default Hertz's, or a tuple of pairs of names of kinds, each with its law.
+    """Return the law of all contacts, by default Hertz's, or a tuple of pairs of names of kinds,
+    each with its law.
 
     Such a tuple, as a crystal keeps it, is read as the mapping of which it was made.
     """
@@ -687,20 +831,31 @@ def read_laws(law: Any) -> Any:
         raise InputError(f"law is {brief(law)}", mend=_MEND_LAWS)
     laws = dict[tuple[str, str], Any]()
     for pair, entry in entries:
-        if not (isinstance(pair, tuple) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
+        if not (
+            isinstance(pair, tuple)
+            and len(pair) == 2
+            and all(isinstance(name, str) for name in pair)
+        ):
             raise InputError(f"law has the key {brief(pair)}", mend=_MEND_LAWS)
         if pair[::-1] in laws and laws[pair[::-1]] != entry:
-            raise InputError(f"law has two laws for contacts of {pair}", mend="Give one, in either order")
+            raise InputError(
+                f"law has two laws for contacts of {pair}", mend="Give one, in either order"
+            )
         laws[pair] = entry
     return tuple((pair, find_law(entry)) for pair, entry in laws.items())
 
 
 def law_of_pair(law: Any, ball: Body, other: Body, one: str, two: str) -> PairLaw:
-    """Return what :func:`read_laws` has for two bodies of the kinds ``one`` and ``two``; it may name others too."""
+    """Return what :func:`read_laws` has for two bodies of the kinds ``one`` and ``two``; it may
+    name others too.
+    """
     if isinstance(law, tuple):
         known = {frozenset(pair): each for pair, each in law}
         if (pair := frozenset((one, two))) not in known:
-            what, why = f"law has none for contacts of {(one, two)}", f"It has {brief([tuple(pair) for pair, _ in law])}"
+            what, why = (
+                f"law has none for contacts of {(one, two)}",
+                f"It has {brief([tuple(pair) for pair, _ in law])}",
+            )
             raise InputError(what, why, "Give one for each pair of kinds that touch")
         law = known[pair]
     return law_between(law, ball, other)

@@ -1,7 +1,8 @@
-"""What is known of the contacts of balls: their materials and the law, from which the stiffness of any contact follows.
+"""What is known of the contacts of balls: their materials and the law, from which the stiffness of
+any contact follows.
 
-A crystal or a packing has it whole, and hands it to its networks of contacts: so a network that is cut knows how its balls
-stand on a floor, which they did not touch before.
+A crystal or a packing has it whole, and hands it to its networks of contacts: so a network that is
+cut knows how its balls stand on a floor, which they did not touch before.
 """
 
 from __future__ import annotations
@@ -39,17 +40,25 @@ class ContactModel:
     ----------
     kinds : the ball of each kind, whose diameter is the mean one of the kind.
     names : what each kind is called; empty for balls of one kind that has no name.
-    law : that of all pairs, or a tuple of pairs of names, each with its law, as :func:`read_laws` returns it.
+    law : that of all pairs, or a tuple of pairs of names, each with its law, as :func:`read_laws`
+        returns it.
     friction : whether contacts resist slip, as those of Mindlin that do not slip.
     torsion, bending : as for :class:`~granphon.Crystal`.
-    own_radii : whether contacts have the curvatures of the radii of their balls, not those of the kinds.
+    own_radii : whether contacts have the curvatures of the radii of their balls, not those of the
+        kinds.
     """
 
     kinds: tuple[Ball, ...]
     names: tuple[str, ...] = ()
-    law: Hertz | PowerLaw | DMT | JKR | TabulatedLaw | tuple[tuple[tuple[str, str], PlainLaw], ...] | Any = field(
-        default_factory=Hertz
-    )
+    law: (
+        Hertz
+        | PowerLaw
+        | DMT
+        | JKR
+        | TabulatedLaw
+        | tuple[tuple[tuple[str, str], PlainLaw], ...]
+        | Any
+    ) = field(default_factory=Hertz)
     friction: bool = True
     torsion: float | str = 0.0
     bending: float = 0.0
@@ -57,9 +66,13 @@ class ContactModel:
 
     @classmethod
     def of(cls, packing: Packing) -> Self:
-        """Return that of the balls of a packing, which are of one kind and have the law of the mean ball."""
+        """Return that of the balls of a packing, which are of one kind and have the law of the mean
+        ball.
+        """
         ball = Ball(packing.material, packing.diameter)
-        return cls((ball,), friction=packing.friction, torsion=packing.torsion, bending=packing.bending)
+        return cls(
+            (ball,), friction=packing.friction, torsion=packing.torsion, bending=packing.bending
+        )
 
     @property
     def is_plain(self) -> bool:
@@ -74,17 +87,22 @@ class ContactModel:
         return self.kinds[self.names.index(name) if self.names else 0]
 
     def law_of(self, name: str, other: str) -> tuple[PairLaw, float, float]:
-        """Return the law of balls of two kinds, or of a ball and a floor, 4 G*/E* (0 without friction), and E*, Pa."""
+        """Return the law of balls of two kinds, or of a ball and a floor, 4 G*/E* (0 without
+        friction), and E*, Pa.
+        """
         bodies = self.body(name), self.body(other)
         constants = ContactConstants.of(*bodies)
         ratio = constants.mindlin_ratio if self.friction else 0.0
         return law_of_pair(self.law, *bodies, name, other), ratio, constants.modulus
 
-    def find_torsion(self, stiffness: Any, distance: Any, contact_radius: Any, twist_modulus: Any) -> Array:
+    def find_torsion(
+        self, stiffness: Any, distance: Any, contact_radius: Any, twist_modulus: Any
+    ) -> Array:
         """Return the stiffness against twist, N m, of contacts with a normal ``stiffness``, N/m.
 
-        ``distance`` is that of the two centres, m, and ``contact_radius`` that of the area of contact, m; the modulus of
-        twist, Pa, is that of :class:`~granphon.balls.ball.ContactConstants`.
+        ``distance`` is that of the two centres, m, and ``contact_radius`` that of the area of
+        contact, m; the modulus of twist, Pa, is that of
+        :class:`~granphon.balls.ball.ContactConstants`.
         """
         if self.torsion == MINDLIN:
             return np.asarray(twist_modulus * contact_radius**3)
@@ -103,14 +121,23 @@ class ContactModel:
         radii : (m,) of the balls, m, which count if the model has ``own_radii``.
         force : (m,) on the plane, N.
 
-        Returns (m,) ``overlap``, m, ``arm``, the radius with which the contact is reckoned, m, and ``normal_stiffness``,
-        ``shear_stiffness``, N/m, ``torsion_stiffness``, ``bending_stiffness``, N m. Raises
-        :class:`~granphon.base.errors.InputError` for a force that the law does not bear, and for kinds without a law.
+        Returns (m,) ``overlap``, m, ``arm``, the radius with which the contact is reckoned, m, and
+        ``normal_stiffness``, ``shear_stiffness``, N/m, ``torsion_stiffness``,
+        ``bending_stiffness``, N m. Raises :class:`~granphon.base.errors.InputError` for a force
+        that the law does not bear, and for kinds without a law.
         """
-        number = np.array([self.names.index(name) for name in names] if len(names) else np.zeros(len(radii)), int)
-        diameters = 2.0 * radii if self.own_radii else np.array([ball.diameter for ball in self.kinds])[number]
+        number = np.array(
+            [self.names.index(name) for name in names] if len(names) else np.zeros(len(radii)), int
+        )
+        diameters = (
+            2.0 * radii
+            if self.own_radii
+            else np.array([ball.diameter for ball in self.kinds])[number]
+        )
         found = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *_STIFFNESSES)}
-        pairs, of_pair = np.unique(np.stack([number, diameters], axis=1), axis=0, return_inverse=True)
+        pairs, of_pair = np.unique(
+            np.stack([number, diameters], axis=1), axis=0, return_inverse=True
+        )
         for place, (kind, diameter) in enumerate(pairs.tolist()):
             balls = np.flatnonzero(of_pair.ravel() == place)
             ball = self.kinds[int(kind)]
@@ -126,7 +153,9 @@ class ContactModel:
             found["overlap"][balls] = overlap
             found["arm"][balls] = radius
             found["normal_stiffness"][balls] = stiffness
-            found["shear_stiffness"][balls] = constants.mindlin_ratio * punch if self.friction else 0.0
+            found["shear_stiffness"][balls] = (
+                constants.mindlin_ratio * punch if self.friction else 0.0
+            )
             found["torsion_stiffness"][balls] = self.find_torsion(
                 stiffness, radius, punch / (2.0 * constants.modulus), constants.twist_modulus
             )

@@ -1,8 +1,9 @@
 """The table of contacts: which balls touch, and in what direction.
 
-It is the only description of the geometry of contacts: the dynamics of lattices, the calculator and the simulation share it.
-A lattice of balls in contact must hang together. One that does not was probably written with too few digits: the errors then
-name the balls that miss each other by little, or the pieces into which the lattice falls.
+It is the only description of the geometry of contacts: the dynamics of lattices, the calculator and
+the simulation share it. A lattice of balls in contact must hang together. One that does not was
+probably written with too few digits: the errors then name the balls that miss each other by little,
+or the pieces into which the lattice falls.
 """
 
 from __future__ import annotations
@@ -23,17 +24,22 @@ from granphon.base.results import read_only
 TOUCH = 1e-6
 #: balls nearly touch if their distance differs from one by no more than this, in spacings
 NEAR = 1e-2
-#: a gap above TOUCH that is no larger than this is refused: it would close under load, as balls overlap by as much
+#: a gap above TOUCH that is no larger than this is refused: it would close under load, as balls
+#: overlap by as much
 _CLOSING = 1e-3
-#: most cells in which contacts are sought; more are searched only if vectors are oblique, or sites far from each other
+#: most cells in which contacts are sought; more are searched only if vectors are oblique, or sites
+#: far from each other
 _MOST_CELLS = 5_000_000
 #: most balls of a cell whose contacts are sought among all pairs; more are searched by a tree
 _FEW = 40
-#: units in which lengths are often given instead of m, and by what factor numbers are then too large
+#: units in which lengths are often given instead of m, and by what factor numbers are then too
+#: large
 _UNITS = {"cm": 1e2, "mm": 1e3, "um": 1e6}
-#: distance of the nearest balls, over the sum of their radii, times or over this factor of a unit, that looks like the unit
+#: distance of the nearest balls, over the sum of their radii, times or over this factor of a unit,
+#: that looks like the unit
 _LIKE = 2.0
-#: a unit normal with a larger component along z is too near to z for z x n; its tangents are made from x instead
+#: a unit normal with a larger component along z is too near to z for z x n; its tangents are made
+#: from x instead
 _UPRIGHT = 0.9
 #: what a piece that extends along none, one, two or three periods is called
 _PIECES = ("clusters", "rows", "layers", "networks")
@@ -48,8 +54,9 @@ class ContactTable:
     i, j : (n_c,) indices of the balls.
     shift : (n_c, p) whole cells between them.
     normal : (n_c, d) unit vector along which the contact is compressed, from i to j.
-    vector : (n_c, d) from the centre of i to that of j, in mean diameters. Phases of waves are computed from it, and around
-        a period of the cell it adds up to that period; where balls sit off their sites it is not along the normal.
+    vector : (n_c, d) from the centre of i to that of j, in mean diameters. Phases of waves are
+        computed from it, and around a period of the cell it adds up to that period; where balls sit
+        off their sites it is not along the normal.
     arm_i, arm_j : (n_c,) distance from each centre to the contact, in mean diameters.
     """
 
@@ -67,22 +74,33 @@ class ContactTable:
     def scale(self, factor: float) -> ContactTable:
         """The same contacts with every length multiplied by ``factor``, a pure number."""
         return ContactTable(
-            self.i, self.j, self.shift, self.normal,
-            read_only(self.vector * factor), read_only(self.arm_i * factor), read_only(self.arm_j * factor),
-        )  # fmt: skip
+            self.i,
+            self.j,
+            self.shift,
+            self.normal,
+            read_only(self.vector * factor),
+            read_only(self.arm_i * factor),
+            read_only(self.arm_j * factor),
+        )
 
     def take(self, rows: Any, i: Any, j: Any, shift: Any, turn: Any = None) -> ContactTable:
-        """Return the contacts of some ``rows``, between other balls, with their vectors turned by ``turn`` (d, d)."""
-        normal, vector = (one[rows] if turn is None else one[rows] @ turn.T for one in (self.normal, self.vector))
-        return ContactTable(*map(read_only, (i, j, shift, normal, vector, self.arm_i[rows], self.arm_j[rows])))
+        """Return the contacts of some ``rows``, between other balls, with their vectors turned by
+        ``turn`` (d, d).
+        """
+        normal, vector = (
+            one[rows] if turn is None else one[rows] @ turn.T for one in (self.normal, self.vector)
+        )
+        return ContactTable(
+            *map(read_only, (i, j, shift, normal, vector, self.arm_i[rows], self.arm_j[rows]))
+        )
 
 
 def contact_frames(normal: Array) -> list[list[Array]]:
     """The right-handed unit vectors n, t and n x t of each contact: its normal and two tangents.
 
-    Returns three lists, one for each vector, of the components along x, y and z, each (n_c,). On a line and in the plane,
-    where ``normal`` is (n_c, 1) or (n_c, 2), and for every normal in space that is not nearly along z, t is along z x n. The
-    tangents of -n are -t and n x t.
+    Returns three lists, one for each vector, of the components along x, y and z, each (n_c,). On a
+    line and in the plane, where ``normal`` is (n_c, 1) or (n_c, 2), and for every normal in space
+    that is not nearly along z, t is along z x n. The tangents of -n are -t and n x t.
     """
     if normal.shape[1] < 3:
         zero = np.zeros(len(normal))
@@ -94,21 +112,34 @@ def contact_frames(normal: Array) -> list[list[Array]]:
     return [list(vectors.T) for vectors in (normal, across, np.cross(normal, across))]
 
 
-def repeat_contacts(i: Any, j: Any, shift: Any, n: int, full: tuple[int, ...]) -> tuple[Any, Any, Any, Any]:
-    """Return the cells (m, p) of a supercell of ``full`` cells of ``n`` balls each, and i, j, shift of its contacts.
+def repeat_contacts(
+    i: Any, j: Any, shift: Any, n: int, full: tuple[int, ...]
+) -> tuple[Any, Any, Any, Any]:
+    """Return the cells (m, p) of a supercell of ``full`` cells of ``n`` balls each, and i, j, shift
+    of its contacts.
 
-    Balls come in the order of cells, ball by ball of each cell, with the last period fastest; contacts cell by cell.
+    Balls come in the order of cells, ball by ball of each cell, with the last period fastest;
+    contacts cell by cell.
     """
-    cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(-1, len(full))
-    steps, first = cells[:, None] + shift, n * np.arange(len(cells))[:, None]
+    cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(
+        -1, len(full)
+    )
+    steps = cells[:, None] + shift
+    first = n * np.arange(len(cells))[:, None]
     number = np.ravel_multi_index(tuple(np.moveaxis(np.mod(steps, full), -1, 0)), full)
-    return cells, (first + i).ravel(), (n * number + j).ravel(), np.floor_divide(steps, full).reshape(-1, len(full))
+    return (
+        cells,
+        (first + i).ravel(),
+        (n * number + j).ravel(),
+        np.floor_divide(steps, full).reshape(-1, len(full)),
+    )
 
 
 def steps_within(cell: Array, radius: float) -> Index:
     """Find the lattice vectors that are at most ``radius`` long.
 
-    Returns (n, p) whole multiples of the p vectors of ``cell`` (p, d), sorted in ascending order, zero among them.
+    Returns (n, p) whole multiples of the p vectors of ``cell`` (p, d), sorted in ascending order,
+    zero among them.
     """
     return _list_steps(cell, radius, _reach(cell, radius))
 
@@ -123,43 +154,64 @@ def _list_steps(cell: Array, radius: float, reach: Array) -> Index:
 
 
 def _reach(cell: Array, radius: float) -> Array:
-    """Return the steps along each vector of ``cell`` that a lattice vector at most ``radius`` long can have, (p,)."""
-    # more than |b_k| radius steps along vector k leave the sphere, whatever the other steps; b_k: reciprocal vectors
-    return np.asarray(np.floor(radius * np.linalg.norm(np.linalg.pinv(cell), axis=0) * (1.0 + 1e-12)))
+    """Return the steps along each vector of ``cell`` that a lattice vector at most ``radius`` long
+    can have, (p,).
+    """
+    # more than |b_k| radius steps along vector k leave the sphere, whatever the other steps; b_k:
+    # reciprocal vectors
+    return np.asarray(
+        np.floor(radius * np.linalg.norm(np.linalg.pinv(cell), axis=0) * (1.0 + 1e-12))
+    )
 
 
 def select_once(i: Index, j: Index, shift: Index) -> Flags:
-    """(n,) whether to keep each row of a list in which every contact was found from both ends, so that each counts once."""
+    """(n,) whether to keep each row of a list in which every contact was found from both ends, so
+    that each counts once.
+    """
     if not shift.shape[1]:
         return i < j
     leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
     return np.asarray((i < j) | ((i == j) & (leading > 0)))
 
 
-def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None = None) -> ContactTable:
+def find_contacts(
+    cell: Array, positions: Array, name: str, radii: Array | None = None
+) -> ContactTable:
     """Find the contacts of one cell of balls, each once, in the unit of the positions.
 
-    Balls touch where their distance is the sum of their ``radii`` (n,); without these they are the equal balls of a lattice,
-    which touch at distance one.
+    Balls touch where their distance is the sum of their ``radii`` (n,); without these they are the
+    equal balls of a lattice, which touch at distance one.
 
-    Raises :class:`~granphon.base.errors.InputError`, which calls the lattice ``name``, if balls overlap, a ball touches no
-    other, balls nearly touch, contacts do not join all balls, or too many cells would have to be searched.
+    Raises :class:`~granphon.base.errors.InputError`, which calls the lattice ``name``, if balls
+    overlap, a ball touches no other, balls nearly touch, contacts do not join all balls, or too
+    many cells would have to be searched.
     """
-    n, given = len(positions), radii is not None
+    n = len(positions)
+    given = radii is not None
     called = f"crystal {name!r}" if given else f"lattice {name!r}"
     size = np.full(n, 0.5) if radii is None else np.asarray(radii, float)
     i, j, shifts, delta = _find_near(cell, positions, size, called)
     touch = size[i] + size[j]
     distance = np.linalg.norm(delta, axis=-1)
     ratio = distance / touch
-    said = "Two balls touch where their radii add up to their distance" if given else "Touching balls are 1 apart"
-    mend, closest = "", math.inf
+    said = (
+        "Two balls touch where their radii add up to their distance"
+        if given
+        else "Touching balls are 1 apart"
+    )
+    mend = ""
+    closest = math.inf
     off = np.abs(ratio - 1.0)
     if np.any(near := (off > TOUCH) & (off <= NEAR)):
-        # the pair of balls whose distance is nearest to that of touching ones among those that do not touch
+        # the pair of balls whose distance is nearest to that of touching ones among those that do
+        # not touch
         at = int(np.argmin(np.where(near, off, np.inf)))
         closest = float(ratio[at])
-        image = f" shifted by ({', '.join(map(str, shifts[at].tolist()))}) cells" if np.any(shifts[at]) else ""
+        image = (
+            f" shifted by ({', '.join(map(str, shifts[at].tolist()))}) cells"
+            if np.any(shifts[at])
+            else ""
+        )
         sides = (
             f"{distance[at]:.9g} m apart, and their radii add up to {touch[at]:.9g} m"
             if given
@@ -167,17 +219,24 @@ def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None 
         )
         said = f"Ball {i[at]} and ball {j[at]}{image} are {sides}"
         rounded = "If numbers were rounded, write them with eight digits or more"
-        scaled, held = delta[near] / touch[near, None], delta[off <= TOUCH] / touch[off <= TOUCH, None]
+        scaled = delta[near] / touch[near, None]
+        held = delta[off <= TOUCH] / touch[off <= TOUCH, None]
         mend = _scale_to_touch(cell, scaled, held, given) or rounded
     if np.any(ratio < 1.0 - TOUCH):
         at = int(np.argmin(ratio))
         least = float(ratio[at])
         why = f"Two sites are {least:.9g} apart, and touching balls are 1 apart"
         if given:
-            why = f"Balls {i[at]} and {j[at]} are {distance[at]:.9g} m apart, and their radii add up to {touch[at]:.9g} m"
+            why = (
+                f"Balls {i[at]} and {j[at]} are {distance[at]:.9g} m apart, and their radii add"
+                f" up to {touch[at]:.9g} m"
+            )
         mend = mend if mend and least >= 1.0 - NEAR else "Move the sites apart"
         if given and distance[at] <= TOUCH * touch[at]:
-            mend = "Give each site of the cell once; places that differ by vectors of the cell are one site"
+            mend = (
+                "Give each site of the cell once; places that differ by vectors of the cell are"
+                " one site"
+            )
         elif given and least * _LIKE < 1.0 / _UNITS["cm"]:
             mend = "Compare the units: diameters, cell and positions are in m"
         raise InputError(f"balls of {called} overlap", why, mend)
@@ -186,41 +245,63 @@ def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None 
     if alone.size:
         which = f"ball {alone[0]} of {called}" if given else f"a ball of {called}"
         if given and closest == math.inf:
-            # how far it is from the one that is nearest to touching it, and the unit that this looks like
-            ball, steps = int(alone[0]), _list_steps(cell, math.inf, np.ones(len(cell)))
+            # how far it is from the one that is nearest to touching it, and the unit that this
+            # looks like
+            ball = int(alone[0])
+            steps = _list_steps(cell, math.inf, np.ones(len(cell)))
             inside = positions - np.floor(positions @ np.linalg.pinv(cell)) @ cell
             with np.errstate(over="ignore"):
                 away = inside[:, None] + steps @ cell - inside[ball]
                 gaps = np.linalg.norm(away, axis=-1) / (size + size[ball])[:, None]
             gaps[ball, ~np.any(steps, axis=1)] = np.inf
             other, _ = np.unravel_index(np.argmin(gaps), gaps.shape)
-            apart, sum_of_radii = float(np.min(gaps)), float(size[other] + size[ball])
-            said = f"The nearest, ball {other}, is {apart * sum_of_radii:.6g} m away, and their radii add up to"
-            said, mend = f"{said} {sum_of_radii:.6g} m", "Move them together, until their radii add up to their distance"
-            if unit := next((unit for unit, many in _UNITS.items() if many / _LIKE < apart < many * _LIKE), ""):
+            apart = float(np.min(gaps))
+            sum_of_radii = float(size[other] + size[ball])
+            said = (
+                f"The nearest, ball {other}, is {apart * sum_of_radii:.6g} m away, and their"
+                f" radii add up to"
+            )
+            said = f"{said} {sum_of_radii:.6g} m"
+            mend = "Move them together, until their radii add up to their distance"
+            if unit := next(
+                (unit for unit, many in _UNITS.items() if many / _LIKE < apart < many * _LIKE), ""
+            ):
                 mend = f"Give cell and positions in m: they look like {unit}"
         raise InputError(f"{which} touches no other", said, mend)
     if closest - 1.0 <= _CLOSING:
         gap = f"a gap of {closest - 1.0:.2g}" + " of that" * given
         why = f"{said}. A{gap[1:]} closes under load, so that it was probably rounded"
-        mend = f"{mend}; for balls that do not touch, leave gaps above {_CLOSING:g}" + " of their distance" * given
+        mend = (
+            f"{mend}; for balls that do not touch, leave gaps above {_CLOSING:g}"
+            + " of their distance" * given
+        )
         raise InputError(f"balls of {called} nearly touch", why, mend)
     first = touching[select_once(i[touching], j[touching], shifts[touching])]
-    i, j, shifts = i[first], j[first], shifts[first]
+    i = i[first]
+    j = j[first]
+    shifts = shifts[first]
     require_joined(i, j, shifts, n, len(cell), called, said if mend else "", mend)
     normal = delta[first] / distance[first][:, None]
     vector = normal if radii is None else normal * touch[first][:, None]
     return ContactTable(
-        read_only(i), read_only(j), read_only(shifts), read_only(normal), read_only(vector), read_only(size[i]),
+        read_only(i),
+        read_only(j),
+        read_only(shifts),
+        read_only(normal),
+        read_only(vector),
+        read_only(size[i]),
         read_only(size[j]),
-    )  # fmt: skip
+    )
 
 
-def _find_near(cell: Array, positions: Array, radii: Array, called: str) -> tuple[Any, Any, Any, Array]:
-    """Return the pairs of balls that are no farther apart than touching ones and a little, each from both of its ends.
+def _find_near(
+    cell: Array, positions: Array, radii: Array, called: str
+) -> tuple[Any, Any, Any, Array]:
+    """Return the pairs of balls that are no farther apart than touching ones and a little, each
+    from both of its ends.
 
-    They are balls i and j (pairs,), whole cells (pairs, p) by which j is displaced and vectors (pairs, d), in the order of
-    i, j, and these cells.
+    They are balls i and j (pairs,), whole cells (pairs, p) by which j is displaced and vectors
+    (pairs, d), in the order of i, j, and these cells.
     """
     n = len(positions)
     reach_of = 1.0 + NEAR + 1e-9
@@ -237,32 +318,42 @@ def _find_near(cell: Array, positions: Array, radii: Array, called: str) -> tupl
         delta = apart[:, :, None] + (steps @ cell)[None, None]
         distance = np.linalg.norm(delta, axis=-1)
         near = distance <= reach_of * (radii[:, None] + radii)[:, :, None]
-        found: Any = np.nonzero(near & ~(np.eye(n, dtype=bool)[:, :, None] & np.all(steps == 0, axis=1)))
+        found: Any = np.nonzero(
+            near & ~(np.eye(n, dtype=bool)[:, :, None] & np.all(steps == 0, axis=1))
+        )
         return found[0], found[1], steps[found[2]], delta[found]
     i, j, shift, delta = find_pairs(positions, cell, longest)
     near = np.linalg.norm(delta, axis=-1) <= reach_of * (radii[i] + radii[j])
-    i, j, shift, delta = i[near], j[near], shift[near], delta[near]
+    i = i[near]
+    j = j[near]
+    shift = shift[near]
+    delta = delta[near]
     i, j = np.concatenate([i, j]), np.concatenate([j, i])
-    shift, delta = np.concatenate([shift, -shift]), np.concatenate([delta, -delta])
+    shift = np.concatenate([shift, -shift])
+    delta = np.concatenate([delta, -delta])
     order = np.lexsort((*shift.T[::-1], j, i))
     return i[order], j[order], shift[order], delta[order]
 
 
 def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, Any, Any, Array]:
-    """Find the pairs of places (n, d) not farther apart than ``cutoff``, each once, also of images along ``periods`` (p, d).
+    """Find the pairs of places (n, d) not farther apart than ``cutoff``, each once, also of images
+    along ``periods`` (p, d).
 
-    Returns indices i and j (pairs,), the whole periods (pairs, p) by which the image of j is shifted, and the vectors
-    (pairs, d) from i to it, in the order of i, j and these shifts. The search is in a tree of the places and of their images
-    near the faces of the cell.
+    Returns indices i and j (pairs,), the whole periods (pairs, p) by which the image of j is
+    shifted, and the vectors (pairs, d) from i to it, in the order of i, j and these shifts. The
+    search is in a tree of the places and of their images near the faces of the cell.
     """
     # imported here because it loads much of scipy, which lattices that have a name do not need
     from scipy.spatial import cKDTree
 
-    # fractions of the periods: places are moved into the cell, then repeated as far as a pair can reach beyond its faces
-    n, across = len(positions), np.linalg.pinv(periods)
+    # fractions of the periods: places are moved into the cell, then repeated as far as a pair can
+    # reach beyond its faces
+    n = len(positions)
+    across = np.linalg.pinv(periods)
     place = positions @ across
     home = np.floor(place).astype(np.intp)
-    ball, step = np.arange(n), np.zeros((n, len(periods)), np.intp)
+    ball = np.arange(n)
+    step = np.zeros((n, len(periods)), np.intp)
     place -= home
     for axis, margin in enumerate(cutoff * np.linalg.norm(across, axis=0) * (1.0 + 1e-9)):
         reach = int(margin) + 1
@@ -276,20 +367,35 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
         ball, step = (np.concatenate(parts) for parts in zip(*kept, strict=True))
     points = positions[ball] + (step - home[ball]) @ periods
     one, other = cKDTree(points).query_pairs(cutoff, output_type="ndarray").T
-    own = one < n  # the first of a pair is the lower one, and a place of the cell comes before all images
-    one, other = one[own], other[own]
-    i, j, shift = ball[one], ball[other], step[other] - home[ball[other]] + home[ball[one]]
+    # the first of a pair is the lower one, and a place of the cell comes before all images
+    own = one < n
+    one = one[own]
+    other = other[own]
+    i = ball[one]
+    j = ball[other]
+    shift = step[other] - home[ball[other]] + home[ball[one]]
     once = (other < n) | select_once(i, j, shift)
-    i, j, shift, vector = i[once], j[once], shift[once], points[other[once]] - points[one[once]]
+    i = i[once]
+    j = j[once]
+    shift = shift[once]
+    vector = points[other[once]] - points[one[once]]
     order = np.lexsort((*shift.T[::-1], j, i))
     return i[order], j[order], shift[order], vector[order]
 
 
 def require_joined(
-    i: Index, j: Index, shift: Index, n: int, periods: int, called: str,
-    said: str = "", mend: str = "", held: Any = None,
-) -> None:  # fmt: skip
-    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all their images.
+    i: Index,
+    j: Index,
+    shift: Index,
+    n: int,
+    periods: int,
+    called: str,
+    said: str = "",
+    mend: str = "",
+    held: Any = None,
+) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all
+    their images.
 
     Balls that are ``held`` (n,) are one body, along all periods.
     """
@@ -297,14 +403,16 @@ def require_joined(
         count = int(np.count_nonzero(~held))
         name = np.where(held, count, np.cumsum(~held) - 1)
         i, j = (np.append(name[end], np.full(periods, count)) for end in (i, j))
-        shift, n = np.concatenate([shift, np.eye(periods, dtype=np.intp)]), count + 1
+        shift = np.concatenate([shift, np.eye(periods, dtype=np.intp)])
+        n = count + 1
     neighbours = defaultdict[int, list[tuple[int, tuple[int, ...]]]](list)
     for one, other, step in zip(i.tolist(), j.tolist(), map(tuple, shift.tolist()), strict=True):
         neighbours[one].append((other, step))
         neighbours[other].append((one, tuple(-x for x in step)))
-    # along how many periods each set of balls that contacts join extends, and its copies. The whole cells by which rings of
-    # contacts lead from a ball to its images make a lattice of integers: its rank is the number of periods, and its index
-    # the number of copies of the piece that do not touch
+    # along how many periods each set of balls that contacts join extends, and its copies. The whole
+    # cells by which rings of contacts lead from a ball to its images make a lattice of integers:
+    # its rank is the number of periods, and its index the number of copies of the piece that do not
+    # touch
     places: dict[int, tuple[int, ...]] = {}
     parts = list[tuple[int, int]]()
     for first in range(n):
@@ -320,9 +428,17 @@ def require_joined(
                     left.append(other)
                 rings.add(tuple(a - b for a, b in zip(there, places[other], strict=True)))
         # rank and index of the lattice that these make: the index among integers in its own span
-        rows, basis = [list(one) for one in rings], list[list[int]]()
+        rows = [list(one) for one in rings]
+        basis = list[list[int]]()
         for column in range(periods):
-            while len(live := sorted((row for row in rows if row[column]), key=lambda row: abs(row[column]))) > 1:
+            while (
+                len(
+                    live := sorted(
+                        (row for row in rows if row[column]), key=lambda row: abs(row[column])
+                    )
+                )
+                > 1
+            ):
                 for row in live[1:]:
                     times = row[column] // live[0][column]
                     row[:] = [a - times * b for a, b in zip(row, live[0], strict=True)]
@@ -330,22 +446,33 @@ def require_joined(
             rows = [row for row in rows if not row[column]]
         minors = itertools.combinations(range(periods), len(basis))
         square = np.array(basis, float).reshape(len(basis), periods)
-        parts.append((len(basis), math.gcd(*(round(abs(np.linalg.det(square[:, columns]))) for columns in minors))))
-    count, ranks = sum(index for _, index in parts), {rank for rank, _ in parts}
-    whole = ranks == {periods}  # pieces that extend along all periods: there are only so many of them
+        parts.append(
+            (
+                len(basis),
+                math.gcd(*(round(abs(np.linalg.det(square[:, columns]))) for columns in minors)),
+            )
+        )
+    count = sum(index for _, index in parts)
+    ranks = {rank for rank, _ in parts}
+    # pieces that extend along all periods: there are only so many of them
+    whole = ranks == {periods}
     if not whole or count > 1:
         cells = f"{count} in each cell" if periods else f"{count} of them"
         pieces = f"{', '.join(_PIECES[rank] for rank in sorted(ranks))}, {cells}"
-        what = f"{called} falls into pieces that do not touch: {f'{count} {_PIECES[periods]}' if whole else pieces}"
+        what = (
+            f"{called} falls into pieces that do not touch:"
+            f" {f'{count} {_PIECES[periods]}' if whole else pieces}"
+        )
         raise InputError(what, said, mend or "Move them together, or give one of them alone")
 
 
 def _scale_to_touch(cell: Array, near: Array, touching: Array, given: bool = False) -> str:
-    """Say by what number to multiply the cell, or its coordinates along one axis, so that balls at ``near`` touch.
+    """Say by what number to multiply the cell, or its coordinates along one axis, so that balls at
+    ``near`` touch.
 
-    ``near`` and ``touching`` are vectors (n, d) between balls, over the distance at which they touch; those that touch
-    already must not change. With ``given`` positions these are to be multiplied too. The text is empty if no single number
-    does it.
+    ``near`` and ``touching`` are vectors (n, d) between balls, over the distance at which they
+    touch; those that touch already must not change. With ``given`` positions these are to be
+    multiplied too. The text is empty if no single number does it.
     """
     periods, dimension = cell.shape
     if not len(touching):
@@ -355,21 +482,30 @@ def _scale_to_touch(cell: Array, near: Array, touching: Array, given: bool = Fal
     if given:
         return ""
     for axis in range(periods):
-        along, across = near[:, axis] ** 2, np.sum(np.delete(near, axis, axis=1) ** 2, axis=1)
-        if np.any(np.abs(touching[:, axis]) > TOUCH) or np.any(along < NEAR) or np.any(across >= 1.0):
+        along = near[:, axis] ** 2
+        across = np.sum(np.delete(near, axis, axis=1) ** 2, axis=1)
+        if (
+            np.any(np.abs(touching[:, axis]) > TOUCH)
+            or np.any(along < NEAR)
+            or np.any(across >= 1.0)
+        ):
             continue
         factors = np.sqrt((1.0 - across) / along)
         if np.ptp(factors) <= TOUCH:
             old, new = next((x, x * np.mean(factors)) for x in np.abs(cell[:, axis]).tolist() if x)
             every = "" if dimension == 1 else f"every {'xyz'[axis]} of "
-            return f"Multiply {every}the cell by {np.mean(factors):.12g}, so that {old:.9g} becomes {new:.12g}"
+            return (
+                f"Multiply {every}the cell by {np.mean(factors):.12g}, so that {old:.9g} becomes"
+                f" {new:.12g}"
+            )
     return ""
 
 
 def touch_once_at_most(cell: Array, dim: tuple[int, ...], contact: float) -> bool:
-    """Whether any two balls of the supercell, or a ball and its own image, touch in at most one way.
+    """Whether any two balls of the supercell, or a ball and its own image, touch in at most one
+    way.
 
-    That is so if all periods are longer than twice the length ``contact`` of a contact: the vectors to two images of a ball
-    differ by a period, so that they cannot both be as short as a contact.
+    That is so if all periods are longer than twice the length ``contact`` of a contact: the vectors
+    to two images of a ball differ by a period, so that they cannot both be as short as a contact.
     """
     return len(steps_within(cell * np.array(dim)[:, None], 2.0 * (1.0 + 1e-6) * contact)) == 1

@@ -1,16 +1,20 @@
-"""How the diameters of the balls differ: distributions, averages of the contact force over them, and samples.
+"""How the diameters of the balls differ: distributions, averages of the contact force over them,
+and samples.
 
-Section III.A of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002). Deviations Delta are from the mean diameter; the width
-is W = sqrt(12) Delta_rms, the full width of the uniform distribution (below (19) the root is on the wrong side). A
-:class:`Spread` is a distribution in metres; the :class:`Shape` that it has is the distribution of x = Delta/W.
+Section III.A of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002). Deviations Delta are from the
+mean diameter; the width is W = sqrt(12) Delta_rms, the full width of the uniform distribution
+(below (19) the root is on the wrong side). A :class:`Spread` is a distribution in metres; the
+:class:`Shape` that it has is the distribution of x = Delta/W.
 
-All averages are functions of the shape and of y = (d - a)/W, the overlap of balls of the mean diameter. What is averaged is
-(y + (x + x')/2)_+^p, a power of the overlap of two balls, in W: p = 3/2 gives the force in units of (2/3) E* d^(1/2)
-W^(3/2), 1/2 and -1/2 give its derivatives by y, 0 counts contacts.
+All averages are functions of the shape and of y = (d - a)/W, the overlap of balls of the mean
+diameter. What is averaged is (y + (x + x')/2)_+^p, a power of the overlap of two balls, in W: p =
+3/2 gives the force in units of (2/3) E* d^(1/2) W^(3/2), 1/2 and -1/2 give its derivatives by y, 0
+counts contacts.
 
-Integrals are taken over the square root of the overlap: in it the powers are polynomials, smooth where a contact opens, and
-all terms of the sums are positive. For the uniform distribution, Gauss rules of 3 or 4 nodes replace the printed closed
-forms, and keep the digits that those lose at some y.
+Integrals are taken over the square root of the overlap: in it the powers are polynomials, smooth
+where a contact opens, and all terms of the sums are positive. For the uniform distribution, Gauss
+rules of 3 or 4 nodes replace the printed closed forms, and keep the digits that those lose at some
+y.
 """
 
 from __future__ import annotations
@@ -34,9 +38,11 @@ from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
 from granphon.base.validation import finite_list, not_negative, positive, whole_number
 
-#: an analytic piece of a distribution: (start, end, density as a function of t, t - start and end - t)
+#: an analytic piece of a distribution: (start, end, density as a function of t, t - start and end -
+#: t)
 Piece = tuple[float, float, Callable[[Array, Array, Array], Array]]
-#: x of listed diameters is rounded to a multiple of this, so that diameters of the same shape and another W compare equal
+#: x of listed diameters is rounded to a multiple of this, so that diameters of the same shape and
+#: another W compare equal
 GRAIN = 2.0**-40
 #: most points of a shape; more different diameters are condensed to this many or fewer
 MOST_POINTS = 192
@@ -44,11 +50,13 @@ MOST_POINTS = 192
 _NUMBERS_AT_ONCE = 2**20
 
 
-# -- distributions of deviations over the width -------------------------------------------------------------------------
+# -- distributions of deviations over the width ----------------------------------------------------
 
 
 class Nodes(NamedTuple):
-    """A quadrature over the central ball: positions x_Q, and weights that sum to one, of the same shape."""
+    """A quadrature over the central ball: positions x_Q, and weights that sum to one, of the same
+    shape.
+    """
 
     positions: Array
     weights: Array
@@ -56,21 +64,27 @@ class Nodes(NamedTuple):
 
 @dataclass(frozen=True)
 class Shape(ABC):
-    """The distribution of x = Delta/W, with mean 0 and rms 1/sqrt(12); compared and hashed by value.
+    """The distribution of x = Delta/W, with mean 0 and rms 1/sqrt(12); compared and hashed by
+    value.
 
-    Methods take scalars or arrays that broadcast, and return floats for floats. Given the position ``x`` of the central
-    ball, they average over the other ball (F^Q of equation 28); without it, over both (F_ave of equation 25).
+    Methods take scalars or arrays that broadcast, and return floats for floats. Given the position
+    ``x`` of the central ball, they average over the other ball (F^Q of equation 28); without it,
+    over both (F_ave of equation 25).
     """
 
     @property
     @abstractmethod
     def bounds(self) -> tuple[float, float]:
-        """Smallest and largest x; all contacts are open at y <= -largest, and all are closed at y > -smallest."""
+        """Smallest and largest x; all contacts are open at y <= -largest, and all are closed at y >
+        -smallest.
+        """
 
     @property
     @abstractmethod
     def openings(self) -> Array:
-        """(n,) values of y, ascending; between each and the next, averages are smooth functions of y."""
+        """(n,) values of y, ascending; between each and the next, averages are smooth functions of
+        y.
+        """
 
     @abstractmethod
     def quantile(self, probability: ArrayLike) -> Any:
@@ -78,12 +92,14 @@ class Shape(ABC):
 
     @abstractmethod
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
-        """Quadrature over the central ball for smooth functions of F^Q(y) and K^Q(y); arrays of shape (*y.shape, n).
+        """Quadrature over the central ball for smooth functions of F^Q(y) and K^Q(y); arrays of
+        shape (*y.shape, n).
 
-        For densities n = 1 + 2 ``order`` (more beyond a cutoff of 3). The range of x_Q is split into three at
-        y + x_Q/2 = -+max(x)/2. The part below the first of these, where F^Q = 0, gets one node; each of the other two gets
-        ``order`` Gauss nodes in the square root of the distance to the singularity at or below its lower end. Convergence is
-        exponential. With ``whole`` the part where F^Q = 0 gets ``order`` nodes as well, for functions of x_Q itself.
+        For densities n = 1 + 2 ``order`` (more beyond a cutoff of 3). The range of x_Q is split
+        into three at y + x_Q/2 = -+max(x)/2. The part below the first of these, where F^Q = 0, gets
+        one node; each of the other two gets ``order`` Gauss nodes in the square root of the
+        distance to the singularity at or below its lower end. Convergence is exponential. With
+        ``whole`` the part where F^Q = 0 gets ``order`` nodes as well, for functions of x_Q itself.
 
         For listed diameters every point is a node, and the result is exact at any ``order``.
         """
@@ -92,11 +108,13 @@ class Shape(ABC):
     def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
         """Average over both balls, <(y + (x + x')/2)_+^p>, where ``overlap`` is y.
 
-        Without ``pairs`` it is over the other ball alone, <(s + x'/2)_+^p>, where ``overlap`` is s = y + x/2.
+        Without ``pairs`` it is over the other ball alone, <(s + x'/2)_+^p>, where ``overlap`` is s
+        = y + x/2.
         """
 
     def average(self, y: ArrayLike, power: float, x: ArrayLike | None = None) -> Any:
-        """Average power of the overlap, <(y + (x + x')/2)_+^p> with p = -1/2, 0, 1/2 ... 3, and 0^p = 0.
+        """Average power of the overlap, <(y + (x + x')/2)_+^p> with p = -1/2, 0, 1/2 ... 3, and 0^p
+        = 0.
 
         Raises :class:`InputError` for another power.
         """
@@ -107,7 +125,9 @@ class Shape(ABC):
         return self._average(np.asarray(y, float) + 0.5 * np.asarray(x, float), power, False)[()]
 
     def force(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """Average force F_ave (equation 25) or F^Q (equation 28), in units of (2/3) E* d^(1/2) W^(3/2)."""
+        """Average force F_ave (equation 25) or F^Q (equation 28), in units of (2/3) E* d^(1/2)
+        W^(3/2).
+        """
         return self.average(y, EXPONENT, x)
 
     def stiffness(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
@@ -115,7 +135,9 @@ class Shape(ABC):
         return EXPONENT * self.average(y, EXPONENT - 1.0, x)
 
     def stiffness_slope(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
-        """Second derivative d^2F/dy^2 of F_ave or F^Q; for listed diameters it is unbounded just above an opening."""
+        """Second derivative d^2F/dy^2 of F_ave or F^Q; for listed diameters it is unbounded just
+        above an opening.
+        """
         return EXPONENT * (EXPONENT - 1.0) * self.average(y, EXPONENT - 2.0, x)
 
 
@@ -136,10 +158,14 @@ class _Density(Shape):
 
     @abstractmethod
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
-        """Return the pieces of the distribution of (x + x')/2, or of x'/2, and the number of Gauss nodes on each."""
+        """Return the pieces of the distribution of (x + x')/2, or of x'/2, and the number of Gauss
+        nodes on each.
+        """
 
     def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
-        """The integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in (y + t)^(1/2)."""
+        """The integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in (y +
+        t)^(1/2).
+        """
         pieces, order = self._divide(power, pairs)
 
         def evaluate(flat: Array) -> Array:
@@ -148,9 +174,13 @@ class _Density(Shape):
             for start, end, density in pieces:
                 first = np.maximum(start, -y)
                 length = np.maximum(np.where(first > start, end + y, end - start), 0.0)
-                root, rise, fall, weight = _make_root_nodes(np.maximum(start + y, 0.0), length, order)
+                root, rise, fall, weight = _make_root_nodes(
+                    np.maximum(start + y, 0.0), length, order
+                )
                 value = density(first + rise, (first - start) + rise, fall)
-                total += np.sum(2.0 * _raise_to_power(root, round(2.0 * power + 1.0)) * value * weight, axis=-1)
+                total += np.sum(
+                    2.0 * _raise_to_power(root, round(2.0 * power + 1.0)) * value * weight, axis=-1
+                )
             return total
 
         return evaluate_in_blocks(evaluate, overlap, _NUMBERS_AT_ONCE // order)
@@ -167,17 +197,24 @@ class _Density(Shape):
 
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
         """As :meth:`Shape.nodes`."""
-        values, edge = np.asarray(y, float)[..., np.newaxis], self._edge
+        values = np.asarray(y, float)[..., np.newaxis]
+        edge = self._edge
         first = np.clip(-2.0 * values - edge, -edge, edge)
         if whole:
             places, shares = _make_gauss_rule(order * self._stretch)
             positions = [(first + edge) * places - edge]
             weights = [(first + edge) * shares * self._compute_density(positions[0])]
         else:
-            positions, weights = [0.5 * (first - edge)], [self._compute_fraction_below(first)]
-        # two parts; each begins at x = first, where s = y + x/2 is ``start`` above the singularity, and is ``length`` long
+            positions = [0.5 * (first - edge)]
+            weights = [self._compute_fraction_below(first)]
+        # two parts; each begins at x = first, where s = y + x/2 is ``start`` above the singularity,
+        # and is ``length`` long
         some = (first, np.maximum(values, 0.0), np.maximum(edge - np.abs(values), 0.0))
-        every = (np.clip(edge - 2.0 * values, -edge, edge), np.maximum(values - edge, 0.0), np.clip(values, 0.0, edge))
+        every = (
+            np.clip(edge - 2.0 * values, -edge, edge),
+            np.maximum(values - edge, 0.0),
+            np.clip(values, 0.0, edge),
+        )
         for first, start, length in (some, every):
             root, rise, _, weight = _make_root_nodes(start, length, order * self._stretch)
             positions.append(first + 2.0 * rise)
@@ -203,16 +240,20 @@ class UniformShape(_Density):
 
     def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
         if not pairs:
-            # equal to 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; degree 2p + 1 in the root
+            # equal to 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; degree 2p + 1 in
+            # the root
             return [(-0.25, 0.25, lambda t, rise, fall: np.full_like(t, 2.0))], math.ceil(power) + 1
-        # equal to 4/((p+1)(p+2)) times the second difference of y_+^(p+2) over -+1/2; degree 2p + 3 in the root
+        # equal to 4/((p+1)(p+2)) times the second difference of y_+^(p+2) over -+1/2; degree 2p + 3
+        # in the root
         rising: Piece = (-0.5, 0.0, lambda t, rise, fall: 4.0 * rise)
         return [rising, (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)], math.ceil(power) + 2
 
 
 @dataclass(frozen=True)
 class NormalShape(_Density):
-    """A normal density, cut at ``cutoff`` times the standard deviation that it has before the cut."""
+    """A normal density, cut at ``cutoff`` times the standard deviation that it has before the
+    cut.
+    """
 
     cutoff: float
 
@@ -233,7 +274,10 @@ class NormalShape(_Density):
         return math.erf(self.cutoff / math.sqrt(2.0))
 
     def _compute_density(self, x: Array) -> Array:
-        return np.asarray(np.exp(-0.5 * (x / self._std) ** 2) / (self._std * math.sqrt(2.0 * math.pi) * self._kept))
+        return np.asarray(
+            np.exp(-0.5 * (x / self._std) ** 2)
+            / (self._std * math.sqrt(2.0 * math.pi) * self._kept)
+        )
 
     def _compute_fraction_below(self, x: Array) -> Array:
         from scipy.special import erf
@@ -241,7 +285,9 @@ class NormalShape(_Density):
         return np.asarray(0.5 + 0.5 * erf(x / (self._std * math.sqrt(2.0))) / self._kept)
 
     def quantile(self, probability: ArrayLike) -> Any:
-        """The x below which the part ``probability`` of the balls lies, computed from the nearer end for its digits."""
+        """The x below which the part ``probability`` of the balls lies, computed from the nearer
+        end for its digits.
+        """
         from scipy.special import ndtri
 
         off = np.asarray(probability, float) - 0.5
@@ -254,14 +300,20 @@ class NormalShape(_Density):
         # pieces of [-b, b], at most 3 std long, that meet at 0
         panels = pairwise(np.linspace(-self._edge, self._edge, 2 * self._stretch + 1).tolist())
         if not pairs:
-            return [(0.5 * a, 0.5 * b, lambda t, rise, fall: 2.0 * self._compute_density(2.0 * t)) for a, b in panels], 24
+            return [
+                (0.5 * a, 0.5 * b, lambda t, rise, fall: 2.0 * self._compute_density(2.0 * t))
+                for a, b in panels
+            ], 24
 
         def piece(a: float, b: float) -> Piece:
             def density(t: Array, rise: Array, fall: Array) -> Array:
-                # with x = t + v and x' = t - v this is the integral over |v| < b - |t|; b - |t| keeps its digits at the ends
+                # with x = t + v and x' = t - v this is the integral over |v| < b - |t|; b - |t|
+                # keeps its digits at the ends
                 room = rise + (a + self._edge) if b <= 0.0 else fall + (self._edge - b)
                 scale = math.sqrt(math.pi) * self._std * self._compute_density(np.zeros(())) ** 2
-                return np.asarray(2.0 * scale * np.exp(-((t / self._std) ** 2)) * erf(room / self._std))
+                return np.asarray(
+                    2.0 * scale * np.exp(-((t / self._std) ** 2)) * erf(room / self._std)
+                )
 
             return a, b, density
 
@@ -270,7 +322,8 @@ class NormalShape(_Density):
 
 @dataclass(frozen=True)
 class PointShape(Shape):
-    """Points at ascending ``positions`` x with ``weights`` that sum to one: averages are finite sums.
+    """Points at ascending ``positions`` x with ``weights`` that sum to one: averages are finite
+    sums.
 
     Equal balls are one point at x = 0.
     """
@@ -305,18 +358,25 @@ class PointShape(Shape):
 
     def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
         """As :meth:`Shape.nodes`."""
-        return Nodes(*(np.broadcast_to(values, (*np.shape(y), values.size)) for values in self._points))
+        return Nodes(
+            *(np.broadcast_to(values, (*np.shape(y), values.size)) for values in self._points)
+        )
 
     def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
-        """The sum of w (y + t)_+^p over the places t of pairs, or of single balls, with their weights w."""
+        """The sum of w (y + t)_+^p over the places t of pairs, or of single balls, with their
+        weights w.
+        """
         x, w = self._points
         places, weights = self._pairs if pairs else (0.5 * x, w)
 
         def evaluate(y: Array) -> Array:
             gap = y[:, None] + places
             root = np.sqrt(np.where(gap > 0.0, gap, np.inf if power < 0.0 else 0.0))
-            terms = _raise_to_power(root, round(2.0 * power)) if power else np.asarray(gap > 0.0, float)
-            return np.asarray(np.sum(terms * weights, axis=-1))  # not @, whose rounding depends on the other rows
+            terms = (
+                _raise_to_power(root, round(2.0 * power)) if power else np.asarray(gap > 0.0, float)
+            )
+            # not @, whose rounding depends on the other rows
+            return np.asarray(np.sum(terms * weights, axis=-1))
 
         return evaluate_in_blocks(evaluate, overlap, _NUMBERS_AT_ONCE // places.size)
 
@@ -329,25 +389,34 @@ def _make_gauss_rule(order: int) -> tuple[Array, Array]:
 
 
 def _make_root_nodes(start: Array, length: Array, order: int) -> tuple[Array, Array, Array, Array]:
-    """Gauss nodes u = v^(1/2) for v in [start, start + length], along the last axis, which has length 1 in the arguments.
+    """Gauss nodes u = v^(1/2) for v in [start, start + length], along the last axis, which has
+    length 1 in the arguments.
 
-    Returns u, v - start, start + length - v and the weights of du. No two nearly equal numbers are subtracted.
+    Returns u, v - start, start + length - v and the weights of du. No two nearly equal numbers are
+    subtracted.
     """
     nodes, weights = _make_gauss_rule(order)
-    low, high = np.sqrt(start), np.sqrt(start + length)
+    low = np.sqrt(start)
+    high = np.sqrt(start + length)
     step = np.divide(length, low + high, out=np.zeros_like(length), where=length > 0.0)
     root = low + nodes * step
     return root, nodes * step * (root + low), (1.0 - nodes) * step * (root + high), weights * step
 
 
 def evaluate_in_blocks(evaluate: Callable[[Array], Array], values: Array, size: int) -> Array:
-    """Apply ``evaluate``, which maps (n,) to (n,), to an array of any shape, ``size`` numbers at a time."""
+    """Apply ``evaluate``, which maps (n,) to (n,), to an array of any shape, ``size`` numbers at a
+    time.
+    """
     flat, size = values.reshape(-1), max(1, size)
-    return np.concatenate([evaluate(flat[i : i + size]) for i in range(0, max(1, flat.size), size)]).reshape(values.shape)
+    return np.concatenate(
+        [evaluate(flat[i : i + size]) for i in range(0, max(1, flat.size), size)]
+    ).reshape(values.shape)
 
 
 def _raise_to_power(root: Array, exponent: int) -> Array:
-    """root^n for n from -1 to 7, by products: for most n numpy computes a general power, at ten times the cost."""
+    """root^n for n from -1 to 7, by products: for most n numpy computes a general power, at ten
+    times the cost.
+    """
     if exponent < 0:
         return np.asarray(1.0 / root)
     square = root * root
@@ -359,26 +428,32 @@ def _raise_to_power(root: Array, exponent: int) -> Array:
 
 def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:
     """Find the indices at which the running sum of the weights exceeds each probability."""
-    return np.minimum(np.searchsorted(np.cumsum(weights), probability, side="right"), weights.size - 1)
+    return np.minimum(
+        np.searchsorted(np.cumsum(weights), probability, side="right"), weights.size - 1
+    )
 
 
 def merge(places: Array, weights: Array) -> tuple[Array, Array]:
-    """Merge equal places: return the different places with weight above zero, ascending, and the sums of their weights."""
+    """Merge equal places: return the different places with weight above zero, ascending, and the
+    sums of their weights.
+    """
     different, index = np.unique(places[weights > 0.0], return_inverse=True)
     return different, np.bincount(index, weights[weights > 0.0]).astype(float)
 
 
 def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Condense many places (ascending) to at most ``most``: the first, the last, and two in each of the cells between.
+    """Condense many places (ascending) to at most ``most``: the first, the last, and two in each of
+    the cells between.
 
-    The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that only pairs near the kink
-    are in error. Cells are narrower where there are many balls: the edges are evenly spaced in 0.3 times the fraction of the
-    balls below plus 0.7 times the fraction of the range below. As the widths of cells differ, their pairs open at different
-    places, and the errors do not add up.
+    The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that
+    only pairs near the kink are in error. Cells are narrower where there are many balls: the edges
+    are evenly spaced in 0.3 times the fraction of the balls below plus 0.7 times the fraction of
+    the range below. As the widths of cells differ, their pairs open at different places, and the
+    errors do not add up.
 
-    Errors against all pairs of 2500 to 1e4 balls (uniform, normal, log-normal, of two kinds), with 192 places: 4e-6 of
-    F_ave and 4e-4 of K_ave from f* = 1e-3 on, 2e-7 and 5e-5 from 0.08 on, 1e-12 with all contacts closed; sampling noise is
-    1e-3 or more.
+    Errors against all pairs of 2500 to 1e4 balls (uniform, normal, log-normal, of two kinds), with
+    192 places: 4e-6 of F_ave and 4e-4 of K_ave from f* = 1e-3 on, 2e-7 and 5e-5 from 0.08 on, 1e-12
+    with all contacts closed; sampling noise is 1e-3 or more.
     """
     if places.size <= most:
         return places, weights
@@ -393,8 +468,13 @@ def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Ar
     off = places - mean[cell]
     std = np.sqrt(np.bincount(cell, weights * off**2) / mass)
     skew = 0.5 * np.bincount(cell, weights * off**3) / (mass * np.where(count > 2, std, 1.0) ** 3)
-    few, many, reach = count[cell] <= 2, count > 2, np.hypot(1.0, skew)
-    new = [(mean + std * (skew + side * reach), 0.5 * mass * (1.0 - side * skew / reach)) for side in (-1.0, 1.0)]
+    few = count[cell] <= 2
+    many = count > 2
+    reach = np.hypot(1.0, skew)
+    new = [
+        (mean + std * (skew + side * reach), 0.5 * mass * (1.0 - side * skew / reach))
+        for side in (-1.0, 1.0)
+    ]
     x = np.concatenate([places[few], *(place[many] for place, _ in new)])
     return merge(x, np.concatenate([weights[few], *(share[many] for _, share in new)]))
 
@@ -407,31 +487,39 @@ def cut_rms(cutoff: float) -> float:
     return math.sqrt(gammainc(1.5, 0.5 * cutoff * cutoff) / gammainc(0.5, 0.5 * cutoff * cutoff))
 
 
-# -- distributions of diameters, and samples ----------------------------------------------------------------------------
+# -- distributions of diameters, and samples -------------------------------------------------------
 
 
-#: smallest fraction of a kind of balls: with a rarer kind, W is so small against the kind's deviation that the laws lose
-#: their digits
+#: smallest fraction of a kind of balls: with a rarer kind, W is so small against the kind's
+#: deviation that the laws lose their digits
 _RAREST = 1e-12
 #: largest number of balls in one sample, far beyond what a machine holds
 _MOST_NUMBERS = 2**48
-#: tolerance for rounding, relative: of the mean against the packing's diameter, and of the sum of fractions against 1
+#: tolerance for rounding, relative: of the mean against the packing's diameter, and of the sum of
+#: fractions against 1
 _ROUNDED = 1e-9
 
 
 def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
-    """Uniform random numbers in (0, 1) for the sites of an array: SplitMix64 of the seed, then of each index in turn.
+    """Uniform random numbers in (0, 1) for the sites of an array: SplitMix64 of the seed, then of
+    each index in turn.
 
-    Integer arithmetic makes them the same on every machine. A site keeps its number when the array grows along any axis, so
-    that a longer sample begins with a shorter one. Raises :class:`InputError` for lengths that are not whole numbers >= 0,
-    for more than 2^48 sites, or for a seed that is not a whole number from 0 to 2^64 - 1.
+    Integer arithmetic makes them the same on every machine. A site keeps its number when the array
+    grows along any axis, so that a longer sample begins with a shorter one. Raises
+    :class:`InputError` for lengths that are not whole numbers >= 0, for more than 2^48 sites, or
+    for a seed that is not a whole number from 0 to 2^64 - 1.
     """
     given: Any = shape
     given = given.tolist() if isinstance(given, np.ndarray) else given
-    lengths = tuple(given) if isinstance(given, Sequence) and not isinstance(given, bytes) else (given,)
+    lengths = (
+        tuple(given) if isinstance(given, Sequence) and not isinstance(given, bytes) else (given,)
+    )
     lengths = tuple(whole_number("shape", length, 0) for length in lengths)
     if not lengths or math.prod(lengths) > _MOST_NUMBERS:
-        raise InputError(f"shape is {brief(shape)}", mend="Give one or more lengths, whose product is 2^48 balls or fewer")
+        raise InputError(
+            f"shape is {brief(shape)}",
+            mend="Give one or more lengths, whose product is 2^48 balls or fewer",
+        )
     seed = whole_number("seed", seed, 0, 2**64 - 1)
     state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
     for length in lengths:
@@ -445,7 +533,9 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
 
 @dataclass(frozen=True)
 class Spread(ABC):
-    """A distribution of ball diameters: :class:`Uniform`, :class:`Normal`, :class:`Discrete` or :class:`Measured`."""
+    """A distribution of ball diameters: :class:`Uniform`, :class:`Normal`, :class:`Discrete` or
+    :class:`Measured`.
+    """
 
     @property
     @abstractmethod
@@ -480,23 +570,30 @@ class Spread(ABC):
     def check_diameter(self, diameter: float) -> None:
         """Raise :class:`InputError` if the mean diameter of the balls cannot be ``diameter`` (m).
 
-        That is so if the distribution has a mean that differs from it by more than 1e-9 of it, or if the smallest ball would
-        have a size at or below zero. A smaller difference has no effect, as deviations are taken from the distribution's own
-        mean.
+        That is so if the distribution has a mean that differs from it by more than 1e-9 of it, or
+        if the smallest ball would have a size at or below zero. A smaller difference has no effect,
+        as deviations are taken from the distribution's own mean.
         """
         least = positive("diameter", diameter, "m") + self.smallest
         if self.mean is not None and abs(self.mean - diameter) > _ROUNDED * diameter:
-            what = f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is {diameter:.12g} m"
+            what = (
+                f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is"
+                f" {diameter:.12g} m"
+            )
             mend = f"Give the mean, {self.mean!r} m, as the diameter"
             raise InputError(what, "Deviations of diameters are counted from their mean", mend)
         if not least > 0.0:
             why = f"The smallest deviation from the mean is {self.smallest:g} m"
-            raise InputError(f"the smallest ball has a diameter of {least:g} m", why, "Give a smaller spread")
+            raise InputError(
+                f"the smallest ball has a diameter of {least:g} m", why, "Give a smaller spread"
+            )
 
     def sample(self, shape: int | Sequence[int], seed: int) -> Array:
-        """Deviations Delta of an array of balls of this shape, m: the quantiles of :func:`uniform_numbers`.
+        """Deviations Delta of an array of balls of this shape, m: the quantiles of
+        :func:`uniform_numbers`.
 
-        A larger sample keeps the balls of a smaller one. The mean of a sample is near zero, and is not shifted to zero here.
+        A larger sample keeps the balls of a smaller one. The mean of a sample is near zero, and is
+        not shifted to zero here.
         """
         return self._compute_deviations(uniform_numbers(shape, seed))
 
@@ -544,8 +641,8 @@ class Normal(Spread):
 
     Raises
     ------
-    InputError : a ``std`` that is negative or not finite, or a cutoff outside 0.001 ... 10 (below, the density is even to
-        1e-6; above, nothing is cut).
+    InputError : a ``std`` that is negative or not finite, or a cutoff outside 0.001 ... 10 (below,
+        the density is even to 1e-6; above, nothing is cut).
     """
 
     std: float
@@ -555,7 +652,9 @@ class Normal(Spread):
         object.__setattr__(self, "std", not_negative("std", self.std, "m"))
         object.__setattr__(self, "cutoff", positive("cutoff", self.cutoff))
         if not 1e-3 <= self.cutoff <= 10.0:
-            raise InputError(f"cutoff is {self.cutoff:g}", mend="Give 0.001 to 10 standard deviations, such as 3")
+            raise InputError(
+                f"cutoff is {self.cutoff:g}", mend="Give 0.001 to 10 standard deviations, such as 3"
+            )
 
     @property
     def rms(self) -> float:
@@ -578,9 +677,12 @@ class _Listed(Spread):
 
     @cached_property
     def _table(self) -> tuple[float, Array, Array]:
-        """Mean diameter, m; deviations of the different diameters, m, ascending; their probabilities."""
+        """Mean diameter, m; deviations of the different diameters, m, ascending; their
+        probabilities.
+        """
         places, weights = merge(np.array(self.diameters), self._compute_shares())
-        off = places - places[0]  # exact if diameters differ by less than a factor of 2, so that equal balls have width 0
+        # exact if diameters differ by less than a factor of 2, so that equal balls have width 0
+        off = places - places[0]
         mean = math.fsum(weights * off)
         return float(places[0]) + mean, off - mean, weights
 
@@ -600,7 +702,9 @@ class _Listed(Spread):
 
     @cached_property
     def shape(self) -> PointShape:
-        """The distribution of x = Delta/W: each different diameter, rounded to 2^-40 W, condensed to at most 192 points."""
+        """The distribution of x = Delta/W: each different diameter, rounded to 2^-40 W, condensed
+        to at most 192 points.
+        """
         x = np.round(self._table[1] / (self.width or 1.0) / GRAIN) * GRAIN
         positions, weights = condense(*merge(x, self._table[2]))
         return PointShape(tuple(positions.tolist()), tuple(weights.tolist()))
@@ -617,26 +721,36 @@ class Discrete(_Listed):
 
     Raises
     ------
-    InputError : a diameter that is not finite and above zero, a fraction that is negative or between zero and 1e-12,
-        fractions with another sum, or unequal numbers of diameters and fractions.
+    InputError : a diameter that is not finite and above zero, a fraction that is negative or
+        between zero and 1e-12, fractions with another sum, or unequal numbers of diameters and
+        fractions.
     """
 
     diameters: tuple[float, ...]
     fractions: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "diameters", finite_list("diameters", self.diameters, "m", "above zero"))
-        object.__setattr__(self, "fractions", finite_list("fractions", self.fractions, low="zero or above"))
+        object.__setattr__(
+            self, "diameters", finite_list("diameters", self.diameters, "m", "above zero")
+        )
+        object.__setattr__(
+            self, "fractions", finite_list("fractions", self.fractions, low="zero or above")
+        )
         if len(self.fractions) != len(self.diameters):
             what = f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
             raise InputError(what, mend="Give one fraction for each diameter")
         rarest = min((part for part in self.fractions if part), default=1.0)
         if rarest < _RAREST:
             mend = "Leave it out, or give the fraction 0"
-            raise InputError(f"a fraction is {rarest:g}", f"A kind rarer than {_RAREST:g} is not resolved", mend)
+            raise InputError(
+                f"a fraction is {rarest:g}", f"A kind rarer than {_RAREST:g} is not resolved", mend
+            )
         over = math.fsum(self.fractions) - 1.0
         if abs(over) > _ROUNDED:
-            what = f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g} {'above' if over > 0.0 else 'below'} 1"
+            what = (
+                f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g}"
+                f" {'above' if over > 0.0 else 'below'} 1"
+            )
             raise InputError(what, "They are parts of a whole", "Divide them by their sum")
 
     def _compute_shares(self) -> Array:
@@ -659,24 +773,36 @@ class Measured(_Listed):
     diameters: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "diameters", finite_list("diameters", self.diameters, "m", "above zero"))
+        object.__setattr__(
+            self, "diameters", finite_list("diameters", self.diameters, "m", "above zero")
+        )
 
     @classmethod
     def from_csv(cls, path: str | Path, column: str | None = None, quoted: bool = True) -> Self:
         """Read diameters from a column of a table, headed as in ``ball,diameter (mm)``.
 
-        ``column`` is the name of the column, whose unit the first line must give; by default it is "diameter", or the only
-        column of the table. ``quoted`` says whether errors may quote the table, as in
-        :meth:`~granphon.base.tables.Table.read`. :class:`InputError` names the line that cannot be read.
+        ``column`` is the name of the column, whose unit the first line must give; by default it is
+        "diameter", or the only column of the table. ``quoted`` says whether errors may quote the
+        table, as in :meth:`~granphon.base.tables.Table.read`. :class:`InputError` names the line
+        that cannot be read.
         """
-        table, name = Table.read(path, quoted), column or "diameter"
-        if column is None and len(table.headings) == 1 and (quoted or LENGTH.measures(table.headings[0].unit)):
+        table = Table.read(path, quoted)
+        name = column or "diameter"
+        if (
+            column is None
+            and len(table.headings) == 1
+            and (quoted or LENGTH.measures(table.headings[0].unit))
+        ):
             name = table.headings[0].name
         return cls(tuple(table.column(name, LENGTH).tolist()))
 
 
 def given_spread(spread: Any) -> Spread:
-    """Return ``spread``, the argument of a public call; raises :class:`InputError` if it is not a :class:`Spread`."""
+    """Return ``spread``, the argument of a public call; raises :class:`InputError` if it is not a
+    :class:`Spread`.
+    """
     if not isinstance(spread, Spread):
-        raise InputError(f"spread is {spread!r}", mend="Give a granphon.Uniform, Normal, Discrete or Measured")
+        raise InputError(
+            f"spread is {spread!r}", mend="Give a granphon.Uniform, Normal, Discrete or Measured"
+        )
     return spread

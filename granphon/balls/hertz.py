@@ -1,6 +1,8 @@
-"""The contact of two elastic balls: Hertz's normal force, and Mindlin's shear stiffness under a tangential load.
+"""The contact of two elastic balls: Hertz's normal force, and Mindlin's shear stiffness under a
+tangential load.
 
-Equations (1)-(4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), with the harmonic mean diameter d*.
+Equations (1)-(4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), with the harmonic mean
+diameter d*.
 """
 
 from __future__ import annotations
@@ -20,22 +22,24 @@ from granphon.base.validation import positive, real_array
 
 #: a of Hertz's law f = c h_+^a; the stiffness is a f/h, and the energy f h/(a + 1)
 EXPONENT = 1.5
-#: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness, slope of the stiffness
+#: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness,
+#: slope of the stiffness
 ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
 #: what these are called
 QUANTITIES = ("energy", "force", "stiffness", "slope of the stiffness")
 #: d log omega / d log f of equal balls, (a - 1)/2a = 1/6, as frequencies go as k^(1/2)
 FREQUENCY_EXPONENT = (EXPONENT - 1.0) / (2.0 * EXPONENT)
-#: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more; half a decade is what
-#: "much larger" is taken to mean
+#: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more;
+#: half a decade is what "much larger" is taken to mean
 MUCH_LARGER = math.sqrt(10.0)
-#: largest radius of a contact, over that of the balls, up to which it is the small spot that Hertz's law assumes
+#: largest radius of a contact, over that of the balls, up to which it is the small spot that
+#: Hertz's law assumes
 MOST_CONTACT_RADIUS = 0.1
-#: force of a contact, over the mean of all, above which it is counted as one that carries load: a convention, as the places
-#: of balls that are held more weakly are not unique
+#: force of a contact, over the mean of all, above which it is counted as one that carries load: a
+#: convention, as the places of balls that are held more weakly are not unique
 COUNTED_FORCE = 1e-6
-#: stiffness of a contact, over that under the mean force, up to which it holds no ball: one that softer contacts alone hold
-#: has less than a twentieth of the frequencies of others
+#: stiffness of a contact, over that under the mean force, up to which it holds no ball: one that
+#: softer contacts alone hold has less than a twentieth of the frequencies of others
 _HOLDING_STIFFNESS = 2e-3
 #: the force of such a contact over the mean, as stiffness goes as f^(1/3)
 HOLDING_FORCE = _HOLDING_STIFFNESS ** (EXPONENT / (EXPONENT - 1.0))
@@ -43,21 +47,31 @@ HOLDING_FORCE = _HOLDING_STIFFNESS ** (EXPONENT / (EXPONENT - 1.0))
 LEAST_NORMAL = np.finfo(float).tiny
 
 
-def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float) -> Any:
-    """Factor by which a static tangential load T reduces the shear stiffness of a contact under normal load N.
+def mindlin_reduction(
+    tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float
+) -> Any:
+    """Factor by which a static tangential load T reduces the shear stiffness of a contact under
+    normal load N.
 
-    (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant normal load (R. D. Mindlin,
-    J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints 1 - (T / mu N)^(1/3) instead: see the errata.
+    (1 - T / mu N)^(1/3), for a tangential load that has grown from zero at constant normal load (R.
+    D. Mindlin, J. Appl. Mech. 16, 259, 1949). The text after equation (4) prints 1 - (T / mu
+    N)^(1/3) instead: see the errata.
 
-    ``tangential_load`` T and ``normal_load`` N are in the same unit, of any shapes that broadcast; the sign of T does not
-    matter. ``friction_coefficient`` is mu, a pure number. Raises :class:`InputError` where the contact would slide
-    (T >= mu N) or is not under compression.
+    ``tangential_load`` T and ``normal_load`` N are in the same unit, of any shapes that broadcast;
+    the sign of T does not matter. ``friction_coefficient`` is mu, a pure number. Raises
+    :class:`InputError` where the contact would slide (T >= mu N) or is not under compression.
     """
     mu = positive("friction_coefficient", friction_coefficient)
-    tangential, normal = np.abs(real_array("tangential_load", tangential_load)), real_array("normal_load", normal_load)
-    if not (np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)) and np.all(normal > 0.0)):
-        raise InputError("a load on the contact is not finite, or its normal part is not compressive")
-    # mantissas and exponents apart: products of loads may leave the floating range where their quotient does not
+    tangential = np.abs(real_array("tangential_load", tangential_load))
+    normal = real_array("normal_load", normal_load)
+    if not (
+        np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)) and np.all(normal > 0.0)
+    ):
+        raise InputError(
+            "a load on the contact is not finite, or its normal part is not compressive"
+        )
+    # mantissas and exponents apart: products of loads may leave the floating range where their
+    # quotient does not
     (of_mu, power_of_mu), (of_normal, power) = np.frexp(mu), np.frexp(normal)
     with np.errstate(over="ignore", under="ignore"):
         mobilised = np.ldexp(tangential, -(power + power_of_mu)) / (of_mu * of_normal)
@@ -70,29 +84,37 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
 
 
 def reduce_by_slip(mobilised: ArrayLike) -> Any:
-    """Return the part of the shear stiffness that partial slip leaves at T/mu N: (1 - T/mu N)^(1/3)."""
+    """Return the part of the shear stiffness that partial slip leaves at T/mu N: (1 - T/mu
+    N)^(1/3).
+    """
     return np.cbrt(1.0 - np.asarray(mobilised))
 
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
     """Harmonic mean diameter d* of two balls, m, with 1/d* = (1/d_i + 1/d_j)/2 (equation 3)."""
-    one, two = real_array("diameter", first), real_array("diameter", second)
+    one = real_array("diameter", first)
+    two = real_array("diameter", second)
     with np.errstate(over="ignore", invalid="ignore"):
         return (2.0 * one / (one + two) * two)[()]
 
 
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
-    """Radius of the contact circle over the radius of the balls, (delta/d)^(1/2), for equal balls of diameter d."""
+    """Radius of the contact circle over the radius of the balls, (delta/d)^(1/2), for equal balls
+    of diameter d.
+    """
     return np.sqrt(real_array("overlap", overlap) / real_array("diameter", diameter))[()]
 
 
 def high_pressure_overlap(width: float) -> float:
-    """Overlap, m, from which on the pressure is high (Section III), for balls whose diameters have the ``width`` W, m."""
+    """Overlap, m, from which on the pressure is high (Section III), for balls whose diameters have
+    the ``width`` W, m.
+    """
     return MUCH_LARGER * width / math.sqrt(12.0)
 
 
 class EnergyLaw(ABC):
-    """A contact law that is known by its energy and the derivatives of it with respect to the overlap.
+    """A contact law that is known by its energy and the derivatives of it with respect to the
+    overlap.
 
     Methods take scalars or arrays of any shape, and return floats for floats.
     """
@@ -104,19 +126,27 @@ class EnergyLaw(ABC):
 
     @abstractmethod
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """Return the energy, or its derivative of an ``order`` of 1 to 3, unchecked; zero where the bodies are apart."""
+        """Return the energy, or its derivative of an ``order`` of 1 to 3, unchecked; zero where the
+        bodies are apart.
+        """
 
     def _find(self, overlap: ArrayLike, order: int) -> Any:
-        """Return what :meth:`_evaluate` does; raise :class:`InputError` where it is no finite number."""
+        """Return what :meth:`_evaluate` does; raise :class:`InputError` where it is no finite
+        number.
+        """
         delta = real_array("overlap", overlap)
         with np.errstate(all="ignore"):
             found = self._evaluate(delta, order)
         # balls that are apart have zero whatever their distance, but not at what is no number
-        require_finite(QUANTITIES[order], np.where(np.isnan(delta), delta, found), "an overlap", delta, "m")
+        require_finite(
+            QUANTITIES[order], np.where(np.isnan(delta), delta, found), "an overlap", delta, "m"
+        )
         return found
 
     def energy(self, overlap: ArrayLike) -> Any:
-        """Return the energy of a contact at an ``overlap``, m, in J; its derivative is the force."""
+        """Return the energy of a contact at an ``overlap``, m, in J; its derivative is the
+        force.
+        """
         return self._find(overlap, ENERGY)
 
     def force(self, overlap: ArrayLike) -> Any:
@@ -133,7 +163,9 @@ class EnergyLaw(ABC):
 
 
 def require_finite(name: str, found: Any, of: str, given: Any, unit: str) -> None:
-    """Raise :class:`InputError` where a quantity of a contact, ``found`` of each ``given``, is no finite number."""
+    """Raise :class:`InputError` where a quantity of a contact, ``found`` of each ``given``, is no
+    finite number.
+    """
     finite = np.isfinite(found)
     if not np.all(finite):
         value = float(np.ravel(given)[np.argmin(np.ravel(finite))])
@@ -142,24 +174,36 @@ def require_finite(name: str, found: Any, of: str, given: Any, unit: str) -> Non
 
 
 def require_pushing(load: Array, least: float = 0.0) -> None:
-    """Raise :class:`InputError` for a force ``load`` below the ``least`` that a contact bears, N."""
+    """Raise :class:`InputError` for a force ``load`` below the ``least`` that a contact bears,
+    N.
+    """
     if not np.all(load >= least):
-        what = "the force of a contact is negative" if least == 0.0 else f"a contact is pulled by more than {-least:.6g} N"
-        why = "One-sided contacts carry no tension" if least == 0.0 else "That is what its adhesion bears"
+        what = (
+            "the force of a contact is negative"
+            if least == 0.0
+            else f"a contact is pulled by more than {-least:.6g} N"
+        )
+        why = (
+            "One-sided contacts carry no tension"
+            if least == 0.0
+            else "That is what its adhesion bears"
+        )
         raise InputError(what, why, f"Give f >= {least:.6g}")
 
 
 @dataclass(frozen=True)
 class HertzLaw(EnergyLaw):
-    """Hertz's law f = c delta_+^(3/2): the force between two balls pressed together, zero when they are apart.
+    """Hertz's law f = c delta_+^(3/2): the force between two balls pressed together, zero when they
+    are apart.
 
     Parameters
     ----------
     coefficient : c = (2/3) E* d*^(1/2), N/m^(3/2) (equations 1 and 22).
 
-    All methods take scalars or arrays, and return floats for floats. The energy of a contact is (2/5) c delta_+^(5/2), the
-    force c delta_+^(3/2) (equation 22, the inverse of 1), the normal stiffness (3/2) c delta_+^(1/2) (equation 2), and its
-    derivative by the overlap (3/4) c delta^(-1/2), zero where the balls are apart.
+    All methods take scalars or arrays, and return floats for floats. The energy of a contact is
+    (2/5) c delta_+^(5/2), the force c delta_+^(3/2) (equation 22, the inverse of 1), the normal
+    stiffness (3/2) c delta_+^(1/2) (equation 2), and its derivative by the overlap (3/4) c
+    delta^(-1/2), zero where the balls are apart.
 
     Raises
     ------
@@ -169,16 +213,24 @@ class HertzLaw(EnergyLaw):
     coefficient: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "coefficient", positive("coefficient", self.coefficient, "N/m^(3/2)"))
+        object.__setattr__(
+            self, "coefficient", positive("coefficient", self.coefficient, "N/m^(3/2)")
+        )
 
     @classmethod
     def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
-        """The law of two balls of the diameters ``first`` and ``second``, m; of equal balls if only one is given."""
+        """The law of two balls of the diameters ``first`` and ``second``, m; of equal balls if only
+        one is given.
+        """
         one = positive("diameter", first, "m")
         two = one if second is None else positive("diameter", second, "m")
-        coefficient = 2.0 / 3.0 * material.contact_modulus * math.sqrt(float(harmonic_diameter(one, two)))
+        coefficient = (
+            2.0 / 3.0 * material.contact_modulus * math.sqrt(float(harmonic_diameter(one, two)))
+        )
         if not 0.0 < coefficient < math.inf:
-            raise InputError(f"balls of {one:g} m and {two:g} m of this material are beyond double precision")
+            raise InputError(
+                f"balls of {one:g} m and {two:g} m of this material are beyond double precision"
+            )
         return cls(coefficient)
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
@@ -190,7 +242,9 @@ class HertzLaw(EnergyLaw):
             return (self.coefficient * delta * root)[()]
         if order == STIFFNESS:
             return (1.5 * self.coefficient * root)[()]
-        return np.divide(0.75 * self.coefficient, root, out=np.zeros_like(root), where=root > 0.0)[()]
+        return np.divide(0.75 * self.coefficient, root, out=np.zeros_like(root), where=root > 0.0)[
+            ()
+        ]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap delta = (f/c)^(2/3), m, under a ``force`` f, N (equation 1).
@@ -209,7 +263,9 @@ class HertzLaw(EnergyLaw):
         return (root**2)[()]
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Relative fluctuation Delta f / f of the forces over balls: zero at any ``overlap`` of equal balls."""
+        """Relative fluctuation Delta f / f of the forces over balls: zero at any ``overlap`` of
+        equal balls.
+        """
         return np.zeros(np.shape(overlap))[()]
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
@@ -217,14 +273,16 @@ class HertzLaw(EnergyLaw):
         return np.asarray(real_array("overlap", overlap) > 0.0, float)[()]
 
     def least_valid_force(self, width: float) -> float:
-        """Force, N, from which on the law may be used for balls whose diameters have the ``width`` W, m.
+        """Force, N, from which on the law may be used for balls whose diameters have the ``width``
+        W, m.
 
         It is the force at :func:`high_pressure_overlap`.
         """
         return float(self.force(high_pressure_overlap(width)))
 
 
-# -- the law in reduced units, c = 1, for loops over large arrays: unchecked, and from the roots h_+^(1/2) that they keep ---
+# -- the law in reduced units, c = 1, for loops over large arrays: unchecked, and from the roots
+# h_+^(1/2) that they keep ---
 
 
 def press(overlap: Array) -> tuple[Array, Array]:
@@ -234,8 +292,12 @@ def press(overlap: Array) -> tuple[Array, Array]:
     return np.multiply(closed, root, out=closed), root
 
 
-def press_further(overlap: float, differences: Array, out: Array | None = None) -> tuple[Array, Array]:
-    """Return h_+^(3/2) - y_+^(3/2), without the loss of digits of a subtraction, and h_+^(1/2), for h = y + difference."""
+def press_further(
+    overlap: float, differences: Array, out: Array | None = None
+) -> tuple[Array, Array]:
+    """Return h_+^(3/2) - y_+^(3/2), without the loss of digits of a subtraction, and h_+^(1/2), for
+    h = y + difference.
+    """
     common = max(overlap, 0.0)
     change = np.maximum(differences, -overlap, out=out)  # h_+ - y_+
     if overlap < 0.0:
@@ -254,9 +316,11 @@ def press_further(overlap: float, differences: Array, out: Array | None = None) 
 
 
 def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, Array]) -> None:
-    """Write to ``out`` what an elongation e from overlaps y >= 0 at rest takes from forces, and the roots h_+^(1/2).
+    """Write to ``out`` what an elongation e from overlaps y >= 0 at rest takes from forces, and the
+    roots h_+^(1/2).
 
-    h = y - e. No digits are lost by subtraction. ``rest_root`` is y^(1/2), or the least number above zero.
+    h = y - e. No digits are lost by subtraction. ``rest_root`` is y^(1/2), or the least number
+    above zero.
     """
     loss, root = out
     np.minimum(elongation, rest, out=loss)  # of h_+
@@ -269,24 +333,35 @@ def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, 
 
 
 def stretch(rest: Array, rest_root: Array, elongation: Array) -> Array:
-    """Return what an elongation e from overlaps y >= 0 at rest changes of the stored energy, without that of the force at
-    rest, y^(3/2) e, so that it begins with e^2; h = y - e.
+    """Return what an elongation e from overlaps y >= 0 at rest changes of the stored energy,
+    without that of the force at rest, y^(3/2) e, so that it begins with e^2; h = y - e.
     """
     root = np.sqrt(np.maximum(rest - elongation, 0.0))
     gap = -np.minimum(elongation, rest) / (root + rest_root)  # of the roots
-    energy = gap * gap * (3.0 * rest_root**3 + gap * (4.0 * rest_root**2 + gap * (2.0 * rest_root + 0.4 * gap)))
+    energy = (
+        gap
+        * gap
+        * (3.0 * rest_root**3 + gap * (4.0 * rest_root**2 + gap * (2.0 * rest_root + 0.4 * gap)))
+    )
     return np.asarray(energy - rest_root**3 * np.minimum(rest - elongation, 0.0))
 
 
 def mean_force(overlap: Array, other: Array) -> Array:
-    """Return the mean of h_+^(3/2) on the straight way from one overlap to another: the change of the energy over theirs."""
-    root, after = np.sqrt(np.maximum(overlap, 0.0)), np.sqrt(np.maximum(other, 0.0))
+    """Return the mean of h_+^(3/2) on the straight way from one overlap to another: the change of
+    the energy over theirs.
+    """
+    root = np.sqrt(np.maximum(overlap, 0.0))
+    after = np.sqrt(np.maximum(other, 0.0))
     both = root + after
-    part, way = (after - root) * both, other - overlap  # of the way in which the contact is closed
+    part = (after - root) * both
+    way = other - overlap  # of the way in which the contact is closed
     closed = np.divide(part, way, out=np.ones_like(way), where=(overlap < 0.0) != (other < 0.0))
-    a, b = root * root, after * after
+    a = root * root
+    b = after * after
     powers = a * a + b * b + root * after * (a + b) + a * b
-    return np.asarray(0.4 * closed * np.divide(powers, both, out=np.zeros_like(both), where=both > 0.0))
+    return np.asarray(
+        0.4 * closed * np.divide(powers, both, out=np.zeros_like(both), where=both > 0.0)
+    )
 
 
 def force_of(overlap: Any) -> Any:
@@ -325,5 +400,7 @@ def stiffness_under(force: Any) -> Any:
 
 
 def overlap_from(force: Any, stiffness: Any) -> Any:
-    """Return the overlap (3/2) f/k of a contact with the force f and the stiffness k, in any units."""
+    """Return the overlap (3/2) f/k of a contact with the force f and the stiffness k, in any
+    units.
+    """
     return EXPONENT * force / stiffness

@@ -1,7 +1,8 @@
 """Lattices of equal balls in one, two and three dimensions, and directions in them.
 
 A lattice is data: a cell, in units of the distance between touching balls, and the sites in it. Its
-:class:`~granphon.balls.contact_table.ContactTable` says which of its balls touch, and in what direction.
+:class:`~granphon.balls.contact_table.ContactTable` says which of its balls touch, and in what
+direction.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from granphon.base.validation import is_one_of, label, real_array, require
 
 #: chemical symbol that stands for a ball in Atoms and files; its mass is always given
 BALL = "Fe"
-#: least length, area or volume of a cell, in spacings; smaller ones hold no ball, and their inverse has no digits
+#: least length, area or volume of a cell, in spacings; smaller ones hold no ball, and their inverse
+#: has no digits
 _LEAST_MEASURE = 0.1
 #: greatest number of a cell or a site
 _LARGEST = 1e6
@@ -35,10 +37,13 @@ _DIRECTIONS = (
     ("two finite numbers, x and y, not both zero", "(x, y)"),
     ("three finite numbers, x, y and z, not all zero", "(x, y, z)"),
 )
-#: SI units on a line, in the plane and in space; moduli and density of a plane are those of a layer one diameter thick
+#: SI units on a line, in the plane and in space; moduli and density of a plane are those of a layer
+#: one diameter thick
 _UNITS = {
-    "pressure": ("N", "N/m", "Pa"), "effective_density": ("kg/m", "kg/m^3", "kg/m^3"), "modulus": ("N", "Pa", "Pa"),
-}  # fmt: skip
+    "pressure": ("N", "N/m", "Pa"),
+    "effective_density": ("kg/m", "kg/m^3", "kg/m^3"),
+    "modulus": ("N", "Pa", "Pa"),
+}
 #: the lattices that have a name, by name; filled below
 LATTICES: Registry[Lattice] = Registry("lattice")
 
@@ -50,18 +55,21 @@ class Lattice:
     Parameters
     ----------
     name : the name of the lattice in messages and files.
-    cell : (p, d) the lattice vectors as rows, in units of the distance between the centres of touching balls (the spacing).
-        With fewer periods than dimensions, a single period lies along x, and two lie in the xy plane.
-    sites : (n, p) the positions of the balls, in fractions of the lattice vectors; or (n, d), where the last d - p numbers
-        are coordinates across the periods, in spacings. One ball at the origin if left out.
+    cell : (p, d) the lattice vectors as rows, in units of the distance between the centres of
+        touching balls (the spacing). With fewer periods than dimensions, a single period lies along
+        x, and two lie in the xy plane.
+    sites : (n, p) the positions of the balls, in fractions of the lattice vectors; or (n, d), where
+        the last d - p numbers are coordinates across the periods, in spacings. One ball at the
+        origin if left out.
 
     Raises
     ------
-    InputError : the name is not a text, is empty, has letters that cannot be seen, begins with a sign that makes it a
-        formula to a spreadsheet (=, +, -, @), or is that of a known lattice with another cell or other sites; the cell is
-        not one of p <= d <= 3 vectors or has almost no extent, balls overlap, a ball touches no other, balls miss each other
-        by less than a thousandth of the spacing, contacts do not join all balls, or equal contact forces leave a ball out of
-        balance.
+    InputError : the name is not a text, is empty, has letters that cannot be seen, begins with a
+        sign that makes it a formula to a spreadsheet (=, +, -, @), or is that of a known lattice
+        with another cell or other sites; the cell is not one of p <= d <= 3 vectors or has almost
+        no extent, balls overlap, a ball touches no other, balls miss each other by less than a
+        thousandth of the spacing, contacts do not join all balls, or equal contact forces leave a
+        ball out of balance.
     """
 
     name: str
@@ -74,32 +82,48 @@ class Lattice:
         try:
             cell = real_array("cell", self.cell)
             periods, dimension = cell.shape
-            sites = np.zeros((1, periods)) if np.shape(self.sites) == (1, 0) else real_array("sites", self.sites)
+            sites = (
+                np.zeros((1, periods))
+                if np.shape(self.sites) == (1, 0)
+                else real_array("sites", self.sites)
+            )
             fits = sites.ndim == 2 and len(sites) > 0 and sites.shape[1] in (periods, dimension)
             if not (1 <= periods <= dimension <= 3 and fits):
                 raise ValueError
         except ValueError as error:
             raise InputError(
-                f"lattice {self.name!r}: the cell must be one to three vectors, and each site as many fractions",
+                f"lattice {self.name!r}: the cell must be one to three vectors, and each site"
+                f" as many fractions",
                 str(error) if isinstance(error, InputError) else "",
-                "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n, p) or (n, d)",
+                "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n,"
+                " p) or (n, d)",
             ) from None
         if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites))):
-            raise InputError(f"lattice {self.name!r} has a number that is not finite", mend="Give finite numbers")
+            raise InputError(
+                f"lattice {self.name!r} has a number that is not finite", mend="Give finite numbers"
+            )
         if (largest := max(np.max(np.abs(cell)), np.max(np.abs(sites)))) > _LARGEST:
             why = "Lengths are in spacings of touching balls, sites in fractions of the cell"
             raise InputError(
-                f"lattice {self.name!r} has a number of size {largest:g}", why, f"Give numbers up to {_LARGEST:g}"
+                f"lattice {self.name!r} has a number of size {largest:g}",
+                why,
+                f"Give numbers up to {_LARGEST:g}",
             )
         if np.any(cell[:, periods:]):
             where = "along x" if periods == 1 else "in the xy plane"
-            raise InputError(f"the cell of lattice {self.name!r} does not lie {where}", mend="Turn the lattice")
+            raise InputError(
+                f"the cell of lattice {self.name!r} does not lie {where}", mend="Turn the lattice"
+            )
         object.__setattr__(self, "cell", tuple(map(tuple, cell.tolist())))
         object.__setattr__(self, "sites", tuple(map(tuple, sites.tolist())))
         if self.measure < _LEAST_MEASURE:
             mend = "Give lengths in diameters"
-            raise InputError(f"the cell of lattice {self.name!r} is too small for a ball of diameter one", mend=mend)
-        table, pull = self.contacts, np.zeros((self.n_balls, self.dimension))
+            raise InputError(
+                f"the cell of lattice {self.name!r} is too small for a ball of diameter one",
+                mend=mend,
+            )
+        table = self.contacts
+        pull = np.zeros((self.n_balls, self.dimension))
         np.add.at(pull, table.j, table.normal)
         np.add.at(pull, table.i, -table.normal)
         if np.max(np.abs(pull)) > TOUCH:
@@ -109,12 +133,20 @@ class Lattice:
                 mend="Use a lattice in which the directions of each ball's contacts add up to zero",
             )
         known = LATTICES.peek(self.name)
-        pairs = () if known is None else ((self.vectors, known.vectors), (self.positions, known.positions))
-        # cell and sites of a lattice of that name are the same, to the rounding at which balls still touch
-        if known and not all(a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=TOUCH) for a, b in pairs):
+        pairs = (
+            ()
+            if known is None
+            else ((self.vectors, known.vectors), (self.positions, known.positions))
+        )
+        # cell and sites of a lattice of that name are the same, to the rounding at which balls
+        # still touch
+        if known and not all(
+            a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=TOUCH) for a, b in pairs
+        ):
             raise InputError(
                 f"the lattice {self.name!r} has a cell or sites of its own",
-                f"There is a lattice of that name, with the cell {brief(known.vectors.round(6).tolist())} and"
+                f"There is a lattice of that name, with the cell"
+                f" {brief(known.vectors.round(6).tolist())} and"
                 f" {counted(known.n_balls, 'ball')}",
                 f"Give yours another name, or lattice={self.name!r} to the packing",
             )
@@ -152,7 +184,8 @@ class Lattice:
     @cached_property
     def positions(self) -> Array:
         """(n, d) centres of the balls, in units of the spacing."""
-        sites, p = np.asarray(self.sites), self.periods
+        sites = np.asarray(self.sites)
+        p = self.periods
         positions = sites[:, :p] @ self.vectors
         if sites.shape[1] > p:
             positions[:, p:] = sites[:, p:]
@@ -175,23 +208,28 @@ class Lattice:
 
     @cached_property
     def pressure_factor(self) -> float:
-        """Reduced pressure P d^(p-1) / f: sqrt(3) for the triangular lattice (equation 20), 2 sqrt(2) for fcc.
+        """Reduced pressure P d^(p-1) / f: sqrt(3) for the triangular lattice (equation 20), 2
+        sqrt(2) for fcc.
 
-        Raises :class:`InputError` if equal contact forces make a stress that is not an isotropic pressure.
+        Raises :class:`InputError` if equal contact forces make a stress that is not an isotropic
+        pressure.
         """
-        p, normal = self.periods, self.contacts.normal
+        p = self.periods
+        normal = self.contacts.normal
         stress = normal[:, :p].T @ normal[:, :p] / self.measure
         pressure = float(np.trace(stress)) / p
         if np.max(np.abs(stress - pressure * np.eye(p))) > 0.5 * TOUCH:
             raise InputError(
                 f"the stress of lattice {self.name!r} is not a pressure",
-                f"Equal contact forces stress it by {np.round(stress, 6).tolist()} f/d{'' if p == 2 else '^2'}",
+                f"Equal contact forces stress it by {np.round(stress, 6).tolist()}"
+                f" f/d{'' if p == 2 else '^2'}",
                 "Load it by force or overlap",
             )
         return pressure
 
     def pressure_per_force(self, spacing: Any) -> Any:
-        """Return the pressure over the contact force at a ``spacing``, m: 1/m in the plane, 1/m^2 in space, 1 on a line.
+        """Return the pressure over the contact force at a ``spacing``, m: 1/m in the plane, 1/m^2
+        in space, 1 on a line.
 
         Raises :class:`InputError` where :attr:`pressure_factor` does.
         """
@@ -199,14 +237,19 @@ class Lattice:
 
     def _repr_html_(self) -> str:
         rows = [
-            ("name", self.name, ""), ("dimension", self.dimension, ""), ("periods", self.periods, ""),
+            ("name", self.name, ""),
+            ("dimension", self.dimension, ""),
+            ("periods", self.periods, ""),
             *((f"lattice vector {n}", vector, "spacing") for n, vector in enumerate(self.cell, 1)),
-            ("balls in the cell", self.n_balls, ""), ("contacts of a ball", self.coordination, ""),
-        ]  # fmt: skip
+            ("balls in the cell", self.n_balls, ""),
+            ("contacts of a ball", self.coordination, ""),
+        ]
         return write_html("Lattice", rows)
 
     def units_of(self, names: Iterable[str]) -> dict[str, str]:
-        """The SI units of quantities of an array of balls: "pressure", "effective_density", "modulus"."""
+        """The SI units of quantities of an array of balls: "pressure", "effective_density",
+        "modulus".
+        """
         return {name: _UNITS[name][self.periods - 1] for name in names}
 
     @property
@@ -223,13 +266,21 @@ TRIANGULAR = Lattice("triangular", ((1.0, 0.0), (-0.5, _HALF_SQRT3)))
 SQUARE = Lattice("square", ((1.0, 0.0), (0.0, 1.0)))
 #: two balls; the origin is the centre of a hexagon
 HONEYCOMB = Lattice(
-    "honeycomb", ((2.0 * _HALF_SQRT3, 0.0), (-_HALF_SQRT3, 1.5)), ((1.0 / 3.0, 2.0 / 3.0), (2.0 / 3.0, 1.0 / 3.0))
+    "honeycomb",
+    ((2.0 * _HALF_SQRT3, 0.0), (-_HALF_SQRT3, 1.5)),
+    ((1.0 / 3.0, 2.0 / 3.0), (2.0 / 3.0, 1.0 / 3.0)),
 )
-KAGOME = Lattice("kagome", ((2.0, 0.0), (-1.0, 2.0 * _HALF_SQRT3)), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5)))
+KAGOME = Lattice(
+    "kagome", ((2.0, 0.0), (-1.0, 2.0 * _HALF_SQRT3)), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
+)
 
 
-def _cubic(name: str, edge: float, steps: ArrayLike, sites: tuple[tuple[float, ...], ...] = ((),)) -> Lattice:
-    """Make a lattice of primitive vectors ``steps``, in halves of the ``edge`` (in spacings) of the cube along x, y, z."""
+def _cubic(
+    name: str, edge: float, steps: ArrayLike, sites: tuple[tuple[float, ...], ...] = ((),)
+) -> Lattice:
+    """Make a lattice of primitive vectors ``steps``, in halves of the ``edge`` (in spacings) of the
+    cube along x, y, z.
+    """
     return Lattice(name, tuple(map(tuple, (0.5 * edge * np.asarray(steps)).tolist())), sites)
 
 
@@ -254,15 +305,19 @@ STRUCTURES = {
 
 
 def register_lattice(lattice: Lattice) -> Lattice:
-    """Make a lattice known by its name: to :class:`~granphon.Packing`, ``Crystal.on``, sweeps and scenes.
+    """Make a lattice known by its name: to :class:`~granphon.Packing`, ``Crystal.on``, sweeps and
+    scenes.
 
-    Returns the ``lattice``; lengths in it are in spacings of touching balls. A crystal of n kinds of balls takes one whose
-    cell has a multiple of n sites. Raises :class:`InputError` for what is no :class:`Lattice`, and for a name that is taken.
+    Returns the ``lattice``; lengths in it are in spacings of touching balls. A crystal of n kinds
+    of balls takes one whose cell has a multiple of n sites. Raises :class:`InputError` for what is
+    no :class:`Lattice`, and for a name that is taken.
     """
     if not isinstance(lattice, Lattice):
         raise InputError(f"{brief(lattice)} is no lattice", mend="Give a granphon.Lattice")
     if name_structure(lattice.name) is not None:
-        raise InputError(f"the lattice {lattice.name!r} exists already, of granphon", mend="Give another name")
+        raise InputError(
+            f"the lattice {lattice.name!r} exists already, of granphon", mend="Give another name"
+        )
     return LATTICES.add(lattice.name, lattice, lattice)
 
 
@@ -280,8 +335,14 @@ def find_lattice(lattice: str | Lattice, known: Iterable[str] = LATTICES) -> Lat
 
 
 def name_structure(name: Any) -> str | None:
-    """Return which of NaCl, CsCl and zincblende a name is, in any case of letters; None of others."""
-    return {one.lower(): one for one in STRUCTURES}.get(name.lower()) if isinstance(name, str) else None
+    """Return which of NaCl, CsCl and zincblende a name is, in any case of letters; None of
+    others.
+    """
+    return (
+        {one.lower(): one for one in STRUCTURES}.get(name.lower())
+        if isinstance(name, str)
+        else None
+    )
 
 
 def find_structure(name: str | Lattice) -> Lattice:
@@ -291,13 +352,21 @@ def find_structure(name: str | Lattice) -> Lattice:
 
 
 def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
-    """``direction`` as a Cartesian unit vector (d,), or as (n, d) unit vectors for (n, d) directions, d the ``dimension``.
+    """``direction`` as a Cartesian unit vector (d,), or as (n, d) unit vectors for (n, d)
+    directions, d the ``dimension``.
 
-    Raises :class:`InputError` for another shape, a number that is not finite, or a direction of length zero.
+    Raises :class:`InputError` for another shape, a number that is not finite, or a direction of
+    length zero.
     """
     vector = real_array("direction", direction)
-    largest = np.max(np.abs(vector), axis=-1, keepdims=True) if vector.ndim in (1, 2) and vector.size else np.zeros(1)
-    if vector.shape[-1:] != (dimension,) or not (np.all(np.isfinite(vector)) and np.all(largest > 0.0)):
+    largest = (
+        np.max(np.abs(vector), axis=-1, keepdims=True)
+        if vector.ndim in (1, 2) and vector.size
+        else np.zeros(1)
+    )
+    if vector.shape[-1:] != (dimension,) or not (
+        np.all(np.isfinite(vector)) and np.all(largest > 0.0)
+    ):
         what, shown = _DIRECTIONS[dimension - 1]
         raise InputError(
             f"direction is {brief(direction)}",
@@ -311,10 +380,15 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
 def one_direction(direction: ArrayLike, dimension: int = 2) -> Array:
     """``direction`` as one Cartesian unit vector (d,).
 
-    Raises :class:`InputError` for what :func:`as_direction` refuses, and for more than one direction.
+    Raises :class:`InputError` for what :func:`as_direction` refuses, and for more than one
+    direction.
     """
     along = as_direction(direction, dimension)
     if along.ndim > 1:
         mend = f"Give {_DIRECTIONS[dimension - 1][1]}"
-        raise InputError(f"direction is {brief(direction)}", "This quantity is found along one direction at a time", mend)
+        raise InputError(
+            f"direction is {brief(direction)}",
+            "This quantity is found along one direction at a time",
+            mend,
+        )
     return along

@@ -1,4 +1,6 @@
-"""Layers of a lattice across an axis: how a strip, slab or column is cut, for crystals, networks and half spaces alike."""
+"""Layers of a lattice across an axis: how a strip, slab or column is cut, for crystals, networks
+and half spaces alike.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ class Layers:
 
     Attributes
     ----------
-    basis : (p, p) whole numbers that make vectors of the cell: those within a layer, and last that to the next layer.
+    basis : (p, p) whole numbers that make vectors of the cell: those within a layer, and last that
+        to the next layer.
     turn : (d, d) rotation after which the periods of a layer lie along x, or in the xy plane.
     cell : (p - 1, d) periods of a layer, turned.
     stack : (d,) vector to the next layer, turned; its component along axis p - 1 is above zero.
@@ -43,9 +46,11 @@ class Layers:
 
     @classmethod
     def across(cls, axis: Any, cell: Array) -> Layers:
-        """Find the layers of a ``cell`` (p, d), whose periods lie along x, in the xy plane or in space.
+        """Find the layers of a ``cell`` (p, d), whose periods lie along x, in the xy plane or in
+        space.
 
-        ``axis`` is the number of the vector along which layers follow each other, or integer Miller indices (p,). Raises
+        ``axis`` is the number of the vector along which layers follow each other, or integer Miller
+        indices (p,). Raises
         :class:`~granphon.base.errors.InputError` for another one, and for a cell without periods.
         """
         (p, d), basis = cell.shape, _find_basis(axis, cell)
@@ -56,39 +61,57 @@ class Layers:
             q, r = np.linalg.qr((basis @ cell)[:, :p].T)
             turn[:p, :p] = (q * np.sign(np.diag(r))).T
 
-        if np.any(np.abs(vectors[:-1, p - 1 :]) > _LEVEL * np.max(np.abs(vectors))) or vectors[-1, p - 1] < 0.0:
+        if (
+            np.any(np.abs(vectors[:-1, p - 1 :]) > _LEVEL * np.max(np.abs(vectors)))
+            or vectors[-1, p - 1] < 0.0
+        ):
             turn_upright()
         if np.linalg.det(turn) < 0.0 and p > 1:
             basis[0] = -basis[0]
             turn_upright()
         vectors = basis @ cell @ turn.T
-        inner, stack = vectors[:-1], vectors[-1]
+        inner = vectors[:-1]
+        stack = vectors[-1]
         inner[:, p - 1 :] = 0.0
         return cls(basis, turn, inner, stack)
 
     def split(self, shift: Index) -> tuple[Index, Index]:
-        """Return cells (n_c, p - 1) within a layer, and layers (n_c,), of contacts that lead to other cells (n_c, p)."""
+        """Return cells (n_c, p - 1) within a layer, and layers (n_c,), of contacts that lead to
+        other cells (n_c, p).
+        """
         steps = np.rint(shift @ np.linalg.inv(self.basis)).astype(np.intp)
         return steps[:, :-1], steps[:, -1]
 
-    def gather(self, positions: Array, i: Index, j: Index, shift: Index, walls: Any = False) -> tuple[Array, Index]:
-        """Return positions (n, d) and shifts (n_c, p) of the same balls and contacts, with all sites within one layer.
+    def gather(
+        self, positions: Array, i: Index, j: Index, shift: Index, walls: Any = False
+    ) -> tuple[Array, Index]:
+        """Return positions (n, d) and shifts (n_c, p) of the same balls and contacts, with all
+        sites within one layer.
 
-        Sites that lie one layer or more above the lowest are moved down by whole layers. ``walls`` (n,) have no site.
+        Sites that lie one layer or more above the lowest are moved down by whole layers. ``walls``
+        (n,) have no site.
         """
         p = len(self.basis)
         height = (positions @ self.turn.T)[:, p - 1] / self.stack[p - 1]
         still = np.broadcast_to(walls, height.shape)
-        down = np.where(still, 0.0, np.floor(height - np.min(height, where=~still, initial=np.inf) + _SITE))
+        down = np.where(
+            still, 0.0, np.floor(height - np.min(height, where=~still, initial=np.inf) + _SITE)
+        )
         if not np.any(down):
             return positions, shift
         lower = np.where(still[i] | still[j], 0.0, down[j] - down[i]).astype(np.intp)
-        return positions - down[:, None] * (self.stack @ self.turn), shift + lower[:, None] * self.basis[-1]
+        return positions - down[:, None] * (self.stack @ self.turn), shift + lower[
+            :, None
+        ] * self.basis[-1]
 
-    def unfold(self, i: Index, j: Index, shift: Index, n: int, count: int) -> tuple[Index, Index, Index, Index]:
-        """Return the contacts among ``count`` layers of ``n`` balls each, from those of a cell, ``shift`` (n_c, p).
+    def unfold(
+        self, i: Index, j: Index, shift: Index, n: int, count: int
+    ) -> tuple[Index, Index, Index, Index]:
+        """Return the contacts among ``count`` layers of ``n`` balls each, from those of a cell,
+        ``shift`` (n_c, p).
 
-        They are balls i and j (m,), numbered layer by layer, the row of each in the cell, and its cells (m, p - 1).
+        They are balls i and j (m,), numbered layer by layer, the row of each in the cell, and its
+        cells (m, p - 1).
         """
         inner, rise = self.split(shift)
         up = np.arange(count)[:, None] + rise
@@ -97,32 +120,44 @@ class Layers:
 
 
 def read_axis(value: Any) -> Any:
-    """Read the number of a vector of a cell, or Miller indices, as a scene has them; raises Refused for another value."""
+    """Read the number of a vector of a cell, or Miller indices, as a scene has them; raises Refused
+    for another value.
+    """
     words = value
     if isinstance(value, str):
         words = [int(one) if one.removeprefix("-").isdecimal() else one for one in value.split()]
     if is_whole(value) and 0 <= value <= 2:
         return int(value)
     if not isinstance(words, list | tuple):
-        allowed = "the number of a vector of the cell, 0 to 2 (on a chain 0, in a layer 0 or 1), or Miller indices, as 1 1 0"
+        allowed = (
+            "the number of a vector of the cell, 0 to 2 (on a chain 0, in a layer 0 or 1), or"
+            " Miller indices, as 1 1 0"
+        )
         raise Refused(show(value), allowed)
     return each(words, partial(whole, low=-100, high=100), "Miller indices")
 
 
 def read_edges(value: Any) -> tuple[str, str]:
-    """Read how the lower and the upper edge are held, from one word for both or two; raises Refused for another value."""
+    """Read how the lower and the upper edge are held, from one word for both or two; raises Refused
+    for another value.
+    """
     words = value.split() if isinstance(value, str) else value
     if not isinstance(words, list | tuple) or len(words) not in (1, 2):
-        raise Refused(show(value), f"one word for both faces, or two for the lower and the upper: {', '.join(EDGES)}")
+        raise Refused(
+            show(value),
+            f"one word for both faces, or two for the lower and the upper: {', '.join(EDGES)}",
+        )
     found = [choice(word, EDGES) for word in words]
     return found[0], found[-1]
 
 
-def find_faces(heights: Array, radii: Array, edges: tuple[str, str], n: int, slack: float = 0.0) -> tuple[Index, Index]:
+def find_faces(
+    heights: Array, radii: Array, edges: tuple[str, str], n: int, slack: float = 0.0
+) -> tuple[Index, Index]:
     """Return the balls of the lower and the upper face of layers of ``n`` balls at ``heights``.
 
-    They are those that a plane would touch, or come nearer to than ``slack``, or where the face is clamped, all of the outer
-    layer.
+    They are those that a plane would touch, or come nearer to than ``slack``, or where the face is
+    clamped, all of the outer layer.
     """
     found = []
     for side, word, first in ((-1.0, edges[0], 0), (1.0, edges[1], len(heights) - n)):
@@ -133,17 +168,24 @@ def find_faces(heights: Array, radii: Array, edges: tuple[str, str], n: int, sla
 
 
 def find_outer(heights: Array) -> Flags:
-    """Return (2, n) which balls at ``heights`` lie in the outer quarter of a cut, the lower one and the upper one."""
-    low, high = float(heights.min()), float(heights.max())
+    """Return (2, n) which balls at ``heights`` lie in the outer quarter of a cut, the lower one and
+    the upper one.
+    """
+    low = float(heights.min())
+    high = float(heights.max())
     quarter = 0.25 * (1.0 + _SITE) * (high - low)
     return np.stack([heights <= low + quarter, heights >= high - quarter])
 
 
 def _find_basis(axis: Any, cell: Array) -> Index:
-    """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that to the next one."""
+    """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that
+    to the next one.
+    """
     periods = len(cell)
     if not periods:
-        raise InputError("there is no period across which it could be cut", mend="Give what repeats")
+        raise InputError(
+            "there is no period across which it could be cut", mend="Give what repeats"
+        )
     basis = np.eye(periods, dtype=np.intp)
     if is_whole(axis) and 0 <= axis < periods:
         return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
@@ -152,17 +194,29 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     if given.shape == (4,) and periods == 3:
         # the indices h, k, i, l of a hexagonal cell, where i = -(h + k)
         a, b, c = cell
-        size, what = float(a @ a), f"axis is {brief(given.tolist())}"
-        if np.max(np.abs([b @ b - size, a @ b + 0.5 * size, a @ c, b @ c])) > TOUCH * (size + float(c @ c)):
-            why = "Four Miller indices belong to a hexagonal cell: two equal vectors at 120 degrees, and one across them"
+        size = float(a @ a)
+        what = f"axis is {brief(given.tolist())}"
+        if np.max(np.abs([b @ b - size, a @ b + 0.5 * size, a @ c, b @ c])) > TOUCH * (
+            size + float(c @ c)
+        ):
+            why = (
+                "Four Miller indices belong to a hexagonal cell: two equal vectors at 120"
+                " degrees, and one across them"
+            )
             raise InputError(what, why, "Give three, one for each vector of the cell")
         if given[0] + given[1] + given[2] != 0:
-            raise InputError(what, "The third of four Miller indices is minus the sum of the first two", "Mend it")
+            raise InputError(
+                what,
+                "The third of four Miller indices is minus the sum of the first two",
+                "Mend it",
+            )
         given = given[[0, 1, 3]]
     if given.shape != (periods,) or not np.any(given) or np.max(np.abs(given)) > _MOST_INDEX:
         what = f"axis is {brief(axis)}"
         indices = counted(periods, "Miller index", "Miller indices")
-        raise InputError(what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}")
+        raise InputError(
+            what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}"
+        )
     # rows whose index is zero lie in the plane: Euclid's algorithm leaves one that is not
     value = (given // np.gcd.reduce(given)).astype(np.intp)
     while np.count_nonzero(value) > 1:
@@ -185,12 +239,19 @@ def _find_basis(axis: Any, cell: Array) -> Index:
         if np.array_equal(before, inner):
             break
     if len(inner):
-        stack = stack - np.rint(np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]).astype(np.intp) @ inner
+        stack = (
+            stack
+            - np.rint(np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]).astype(
+                np.intp
+            )
+            @ inner
+        )
     return np.concatenate([inner, stack[None]])
 
 
 def find_axes(periods: Array) -> Array:
-    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d), the first being along the first.
+    """Return unit vectors (d, d), rows, of which the first p span the ``periods`` (p, d), the first
+    being along the first.
 
     They are x, y, z where the periods lie along x, or in the xy plane, already.
     """
@@ -199,7 +260,9 @@ def find_axes(periods: Array) -> Array:
         return np.eye(d)
     first = periods[0] / np.linalg.norm(periods[0])
     if p == 1:
-        return np.array([[float(part[0]) for part in axis[:d]] for axis in contact_frames(first[None])[:d]])
+        return np.array(
+            [[float(part[0]) for part in axis[:d]] for axis in contact_frames(first[None])[:d]]
+        )
     normal = np.cross(periods[0], periods[1])
     normal = normal / np.linalg.norm(normal)
     return np.array([first, np.cross(normal, first), normal])

@@ -16,19 +16,24 @@ from granphon.base.quantities import LOAD_KINDS, TENSORS, find_load_unit
 from granphon.base.results import read_only
 from granphon.base.validation import finite_array, one_of, real_list, require, whole
 
-#: memory of the state at one load, bytes, of which no medium takes less; and of loads that are listed, as for a sweep
-_LOAD_BYTES, _LISTED_BYTES = 110.0, 850.0
+#: memory of the state at one load, bytes, of which no medium takes less; and of loads that are
+#: listed, as for a sweep
+_LOAD_BYTES = 110.0
+_LISTED_BYTES = 850.0
 #: a rule (:mod:`granphon.base.validation`) for the length of a side of a hexagonal frame, in balls
 balls_on_side = partial(whole, low=1, high=1_000_000)
 
 
 def force_of_frame(side_force: Any, balls_per_side: int) -> Any:
-    """Contact force f, N, in a hexagonal frame: each side is pressed with ``side_force`` F, N, onto n balls.
+    """Contact force f, N, in a hexagonal frame: each side is pressed with ``side_force`` F, N, onto
+    n balls.
 
-    f = F / (n sqrt 3). A side is as long as the n balls that lean on it, so that P = F/(n d), and P d = sqrt(3) f (equation
-    20). For a single ball: it passes F/n on to two contacts at 30 degrees to the push. The overlap drops out.
+    f = F / (n sqrt 3). A side is as long as the n balls that lean on it, so that P = F/(n d), and P
+    d = sqrt(3) f (equation 20). For a single ball: it passes F/n on to two contacts at 30 degrees
+    to the push. The overlap drops out.
 
-    Section IV has n = 31 and "~990 N" for f = 18.446 N; the formula gives 18.438 N at 990 N, and 18.446 N at 990.4 N.
+    Section IV has n = 31 and "~990 N" for f = 18.446 N; the formula gives 18.438 N at 990 N, and
+    18.446 N at 990.4 N.
     """
     return side_force / (balls_per_side * math.sqrt(3.0))
 
@@ -39,19 +44,21 @@ class Load:
 
     Parameters
     ----------
-    kind : "force" (f of a contact), "pressure" (P on the boundary), "overlap" (delta = d - a of a contact), "side_force"
-        (F on each side of a hexagonal frame); of a crystal also "stress" or "strain".
-    array : one value or many, of any shape, kept as a read-only array. Forces are in N, overlaps in m, pressures and
-        stresses in N/m in the plane, Pa in space and N on a line. Overlaps may be negative, as balls may differ; forces and
-        pressures are above zero, of a crystal with gravity also zero. Of a stress or strain they are its sizes, above zero.
+    kind : "force" (f of a contact), "pressure" (P on the boundary), "overlap" (delta = d - a of a
+        contact), "side_force" (F on each side of a hexagonal frame); of a crystal also "stress" or
+        "strain".
+    array : one value or many, of any shape, kept as a read-only array. Forces are in N, overlaps in
+        m, pressures and stresses in N/m in the plane, Pa in space and N on a line. Overlaps may be
+        negative, as balls may differ; forces and pressures are above zero, of a crystal with
+        gravity also zero. Of a stress or strain they are its sizes, above zero.
     balls_per_side : length of a side of the frame in balls, for a side force only.
     tensor : the stress or strain of size one in Voigt order; tension and extension are positive.
     gravity : of a crystal, the acceleration towards the face that is held, m/s^2.
 
     Raises
     ------
-    InputError : another kind; a value that is not a finite number, or not above zero where it must be; a side force without
-        ``balls_per_side``, or another kind of load with it.
+    InputError : another kind; a value that is not a finite number, or not above zero where it must
+        be; a side force without ``balls_per_side``, or another kind of load with it.
     """
 
     kind: str
@@ -76,10 +83,11 @@ class Load:
 
     @classmethod
     def only(cls, **given: ArrayLike | None) -> Self:
-        """Make a load from the one keyword that is not None: its name is the kind, its value a number or a list of them.
+        """Make a load from the one keyword that is not None: its name is the kind, its value a
+        number or a list of them.
 
-        Raises :class:`~granphon.base.errors.InputError` if none or several are given, or if the value is not made of
-        numbers.
+        Raises :class:`~granphon.base.errors.InputError` if none or several are given, or if the
+        value is not made of numbers.
         """
         kinds = [kind for kind, values in given.items() if values is not None]
         if len(kinds) != 1:
@@ -132,20 +140,40 @@ class Load:
 
     @property
     def applied(self) -> Self:
-        """The load as a force, pressure or overlap: a side force becomes the force of a contact, other kinds stay."""
+        """The load as a force, pressure or overlap: a side force becomes the force of a contact,
+        other kinds stay.
+        """
         if self.balls_per_side is None:
             return self
-        return replace(self, kind="force", array=force_of_frame(self.array, self.balls_per_side), balls_per_side=None)
+        return replace(
+            self,
+            kind="force",
+            array=force_of_frame(self.array, self.balls_per_side),
+            balls_per_side=None,
+        )
 
     def __str__(self) -> str:
-        """The load in words for a message, without a unit: that of a pressure depends on the lattice."""
+        """The load in words for a message, without a unit: that of a pressure depends on the
+        lattice.
+        """
         # a text of more numbers would be cut: the first are enough
-        return f"{self.kind} = {brief(np.asarray(self.array[:64] if self.shape else self.array).tolist())}"
+        return (
+            f"{self.kind} ="
+            f" {brief(np.asarray(self.array[:64] if self.shape else self.array).tolist())}"
+        )
 
 
 def _require_memory(values: Any, each: float) -> None:
-    """Raise :class:`InputError` if states at so many loads, with so many bytes ``each``, do not fit into memory."""
-    count = values.size if isinstance(values, np.ndarray) else len(values) if isinstance(values, list | tuple) else 1
+    """Raise :class:`InputError` if states at so many loads, with so many bytes ``each``, do not fit
+    into memory.
+    """
+    count = (
+        values.size
+        if isinstance(values, np.ndarray)
+        else len(values)
+        if isinstance(values, list | tuple)
+        else 1
+    )
     require_memory(f"states at {count:,} loads", each * count, "Take fewer loads")
 
 
@@ -153,6 +181,14 @@ def require_compressive(name: str, values: NDArray[np.float64]) -> None:
     """Raise :class:`InputError` if one of the values is negative or zero."""
     if np.any(values < 0.0):
         shown = brief(values.tolist())
-        raise InputError(f"{name} is {shown}: tensile", "One-sided contacts carry no tension", "Give a load above zero")
+        raise InputError(
+            f"{name} is {shown}: tensile",
+            "One-sided contacts carry no tension",
+            "Give a load above zero",
+        )
     if np.any(values == 0.0):
-        raise InputError(f"{name} is zero", "Balls that only touch have no stiffness, and carry no sound", "Press them")
+        raise InputError(
+            f"{name} is zero",
+            "Balls that only touch have no stiffness, and carry no sound",
+            "Press them",
+        )

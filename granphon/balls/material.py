@@ -1,6 +1,8 @@
-"""The material of the balls: its elastic constants, and what follows from them for contacts and waves.
+"""The material of the balls: its elastic constants, and what follows from them for contacts and
+waves.
 
-Equations (3) and (4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), where E* = E / 2(1 - sigma^2).
+Equations (3) and (4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), where E* = E / 2(1 -
+sigma^2).
 """
 
 from __future__ import annotations
@@ -13,24 +15,34 @@ from granphon.base.errors import Refused
 from granphon.base.text import show
 from granphon.base.validation import positive, real_number, require
 
-#: Young's modulus, Pa, below that of any solid that keeps its shape; a smaller one was probably given in a wrong unit
+#: Young's modulus, Pa, below that of any solid that keeps its shape; a smaller one was probably
+#: given in a wrong unit
 LEAST_YOUNG_MODULUS = 1e3
-#: density, kg/m^3, below that of balls that are not foam, and about the largest of a solid in g/cm^3 (osmium, 22.6), in
-#: which a smaller one was probably given
+#: density, kg/m^3, below that of balls that are not foam, and about the largest of a solid in
+#: g/cm^3 (osmium, 22.6), in which a smaller one was probably given
 LEAST_DENSITY = 20.0
-#: mean pressure of a contact over the yield strength from which on it yields: 1.6 of the largest, 2/3 of which is the mean
+#: mean pressure of a contact over the yield strength from which on it yields: 1.6 of the largest,
+#: 2/3 of which is the mean
 ONSET_OF_YIELD = 1.07
-#: omega R / v_T of the torsional mode of order two of a free sphere: the least positive root of x j_2'(x) = j_2(x)
+#: omega R / v_T of the torsional mode of order two of a free sphere: the least positive root of x
+#: j_2'(x) = j_2(x)
 _TORSIONAL = 2.501132620409395
 
 
 def read_poisson_ratio(value: Any) -> float:
     """Read a Poisson ratio sigma (a rule): that of a stable isotropic solid, -1 < sigma <= 1/2."""
-    found, allowed = real_number(value), "a plain number, -1 < poisson_ratio <= 0.5"
+    found = real_number(value)
+    allowed = "a plain number, -1 < poisson_ratio <= 0.5"
     if -1.0 < found <= 0.5:
         return found
     unstable = "Outside it an isotropic elastic solid is not stable."
-    mend = "Write it without quotes or unit." if isinstance(value, str) else "" if math.isnan(found) else unstable
+    mend = (
+        "Write it without quotes or unit."
+        if isinstance(value, str)
+        else ""
+        if math.isnan(found)
+        else unstable
+    )
     raise Refused(show(value), allowed, mend)
 
 
@@ -43,7 +55,8 @@ class Material:
     young_modulus : E, Pa.
     poisson_ratio : sigma, -1 < sigma <= 1/2.
     density : rho, kg/m^3.
-    yield_strength : uniaxial yield stress, Pa; optional, used only to say where the contact would yield.
+    yield_strength : uniaxial yield stress, Pa; optional, used only to say where the contact would
+        yield.
 
     Raises
     ------
@@ -56,11 +69,17 @@ class Material:
     yield_strength: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "young_modulus", positive("young_modulus", self.young_modulus, "Pa"))
+        object.__setattr__(
+            self, "young_modulus", positive("young_modulus", self.young_modulus, "Pa")
+        )
         object.__setattr__(self, "density", positive("density", self.density, "kg/m^3"))
-        object.__setattr__(self, "poisson_ratio", require("poisson_ratio", read_poisson_ratio, self.poisson_ratio))
+        object.__setattr__(
+            self, "poisson_ratio", require("poisson_ratio", read_poisson_ratio, self.poisson_ratio)
+        )
         if self.yield_strength is not None:
-            object.__setattr__(self, "yield_strength", positive("yield_strength", self.yield_strength, "Pa"))
+            object.__setattr__(
+                self, "yield_strength", positive("yield_strength", self.yield_strength, "Pa")
+            )
 
     @property
     def contact_modulus(self) -> float:
@@ -70,7 +89,9 @@ class Material:
 
     @property
     def mindlin_ratio(self) -> float:
-        """Ratio eta = 2(1 - sigma)/(2 - sigma) of the shear to the normal stiffness of a contact (equation 4)."""
+        """Ratio eta = 2(1 - sigma)/(2 - sigma) of the shear to the normal stiffness of a contact
+        (equation 4).
+        """
         return 2.0 * (1.0 - self.poisson_ratio) / (2.0 - self.poisson_ratio)
 
     def ball_mass(self, diameter: float) -> float:
@@ -85,7 +106,8 @@ class Material:
     @property
     def transverse_velocity(self) -> float:
         """Bulk velocity of transverse waves in the material, m/s."""
-        return math.sqrt(self.shear_modulus) / math.sqrt(self.density)  # the quotient may be beyond the floating range
+        # the quotient may be beyond the floating range
+        return math.sqrt(self.shear_modulus) / math.sqrt(self.density)
 
     @property
     def longitudinal_velocity(self) -> float:
@@ -98,24 +120,31 @@ class Material:
     def lowest_resonance(self, diameter: float) -> float:
         """Frequency of the lowest free vibration of a ball of this material, Hz.
 
-        It is the lower one of the torsional mode of order two and the breathing mode of a free elastic sphere
-        (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). ``diameter`` in m.
+        It is the lower one of the torsional mode of order two and the breathing mode of a free
+        elastic sphere (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). ``diameter`` in m.
         """
         radius = positive("diameter", diameter, "m") / 2.0
-        unit, sigma = self.transverse_velocity / (2.0 * math.pi * radius), self.poisson_ratio
-        # the torsional mode is the same for every sigma, and the lowest except in strongly auxetic materials, where the
-        # breathing mode falls to zero with the bulk modulus; the spheroidal mode of order two lies between
+        unit = self.transverse_velocity / (2.0 * math.pi * radius)
+        sigma = self.poisson_ratio
+        # the torsional mode is the same for every sigma, and the lowest except in strongly auxetic
+        # materials, where the breathing mode falls to zero with the bulk modulus; the spheroidal
+        # mode of order two lies between
         if sigma >= 0.0:
             return _TORSIONAL * unit
         from scipy.optimize import brentq
 
         ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
-        # breathing mode: tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), with y^2 = r x^2 and r = ``ratio_squared``. Multiplied out to
-        # r j_1(y)/y - j_0(y)/4 it has no pole. It is summed as a series in y^2, whose first term is a difference that
-        # vanishes at sigma = -1, and therefore given in closed form
+        # breathing mode: tan(y)/y = 1/(1 - y^2 v_L^2/4 v_T^2), with y^2 = r x^2 and r =
+        # ``ratio_squared``. Multiplied out to r j_1(y)/y - j_0(y)/4 it has no pole. It is summed as
+        # a series in y^2, whose first term is a difference that vanishes at sigma = -1, and
+        # therefore given in closed form
         first = -(1.0 + sigma) / (12.0 * (1.0 - sigma))
         series = [
-            (-1.0) ** k * (ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3) - 0.25 / math.factorial(2 * k + 1))
+            (-1.0) ** k
+            * (
+                ratio_squared * (2 * k + 2) / math.factorial(2 * k + 3)
+                - 0.25 / math.factorial(2 * k + 1)
+            )
             for k in range(1, 20)
         ]
 
@@ -123,9 +152,11 @@ class Material:
             square = ratio_squared * x * x
             return first / square + math.fsum(term * square**k for k, term in enumerate(series))
 
-        # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root is a little lower
+        # with uniform strain a ball would breathe at omega R / v_T = (15 K/G)^(1/2); the exact root
+        # is a little lower
         uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
-        upper = min(1.1 * uniform, _TORSIONAL)  # above 1: near sigma = -1 the root is ``uniform`` to rounding
+        # above 1: near sigma = -1 the root is ``uniform`` to rounding
+        upper = min(1.1 * uniform, _TORSIONAL)
         if breathing(0.5 * uniform) * breathing(upper) > 0.0:
             return _TORSIONAL * unit
         return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform)) * unit

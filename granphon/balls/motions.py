@@ -1,7 +1,8 @@
 """The motions of balls: which displacements and rotations each ball has.
 
-In space a ball has six motions, three displacements u and three rotations phi. A :class:`Motions` says which of them are
-free; other modules ask it how many there are, which of them are rotations, and what they are called.
+In space a ball has six motions, three displacements u and three rotations phi. A :class:`Motions`
+says which of them are free; other modules ask it how many there are, which of them are rotations,
+and what they are called.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from granphon.base.results import read_only
 
 @dataclass(frozen=True)
 class Motions:
-    """The motions of each ball: displacements first, then rotations. A rotation is stored as the length w = R_g phi.
+    """The motions of each ball: displacements first, then rotations. A rotation is stored as the
+    length w = R_g phi.
 
     Attributes
     ----------
@@ -42,7 +44,9 @@ class Motions:
 
     @property
     def twist(self) -> bool:
-        """Whether contacts twist: some rotation is about their normals, which, on a line and in the plane, is never z."""
+        """Whether contacts twist: some rotation is about their normals, which, on a line and in the
+        plane, is never z.
+        """
         return any(axis in self.rotations for axis in (0, 1))
 
     @property
@@ -62,13 +66,21 @@ class Motions:
 
     @cached_property
     def phases(self) -> NDArray[np.complex128]:
-        """(count,) factors that make the waves of one ball real: 1 for displacements, i for rotations."""
+        """(count,) factors that make the waves of one ball real: 1 for displacements, i for
+        rotations.
+        """
         return read_only(np.where(self.is_rotation, 1.0j, 1.0))
 
     @property
     def letters(self) -> tuple[str, ...]:
-        """Name of each motion: "x", "y", "z" for displacements; for rotations "w" in the plane, else "w_x", "w_y", "w_z"."""
-        turns = ("w",) if self.rotations == (2,) else tuple(f"w_{'xyz'[axis]}" for axis in self.rotations)
+        """Name of each motion: "x", "y", "z" for displacements; for rotations "w" in the plane,
+        else "w_x", "w_y", "w_z".
+        """
+        turns = (
+            ("w",)
+            if self.rotations == (2,)
+            else tuple(f"w_{'xyz'[axis]}" for axis in self.rotations)
+        )
         return (*("xyz"[axis] for axis in self.translations), *turns)
 
     @property
@@ -81,10 +93,11 @@ class Motions:
 
     @property
     def slots(self) -> tuple[int, ...]:
-        """Index of the coordinate that holds each motion, among the 3 x :attr:`atoms_per_ball` coordinates of a ball.
+        """Index of the coordinate that holds each motion, among the 3 x :attr:`atoms_per_ball`
+        coordinates of a ball.
 
-        With one atom each motion takes the coordinate of its axis: (u_x, u_y, w) in the plane, (w_x, w_y, u_z) out of it.
-        With two atoms, the first holds u and the second w.
+        With one atom each motion takes the coordinate of its axis: (u_x, u_y, w) in the plane,
+        (w_x, w_y, u_z) out of it. With two atoms, the first holds u and the second w.
         """
         first_turn = 3 * (self.atoms_per_ball - 1)
         return (*self.translations, *(first_turn + axis for axis in self.rotations))
@@ -106,21 +119,30 @@ ALL = Motions("all", (0, 1, 2), (0, 1, 2))
 
 
 def allowed_motions(dimension: int) -> dict[str, Motions]:
-    """Return the motions that balls on a line, in a plane or in space (1, 2, 3) may have, by name, the default first.
+    """Return the motions that balls on a line, in a plane or in space (1, 2, 3) may have, by name,
+    the default first.
 
     Each of them is left by itself by all contacts: it moves no ball in another way.
     """
-    among = {1: (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL), 2: (IN_PLANE, OUT_OF_PLANE, ALL), 3: (ALL,)}
+    among = {
+        1: (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL),
+        2: (IN_PLANE, OUT_OF_PLANE, ALL),
+        3: (ALL,),
+    }
     return {one.name: one for one in among[dimension]}
 
 
 def select_motions(
-    mindlin_ratio: ArrayLike, torsion: ArrayLike = 0.0, bending: ArrayLike = 0.0, among: Motions = IN_PLANE
+    mindlin_ratio: ArrayLike,
+    torsion: ArrayLike = 0.0,
+    bending: ArrayLike = 0.0,
+    among: Motions = IN_PLANE,
 ) -> Motions:
-    """Select the motions of balls from those of ``among``: all displacements, and the rotations if contacts resist any.
+    """Select the motions of balls from those of ``among``: all displacements, and the rotations if
+    contacts resist any.
 
-    Shear and bending resist rotations across the normal of a contact, torsion those along it. So torsion alone resists
-    nothing where balls of a plane turn about z only.
+    Shear and bending resist rotations across the normal of a contact, torsion those along it. So
+    torsion alone resists nothing where balls of a plane turn about z only.
 
     Parameters
     ----------
@@ -129,4 +151,8 @@ def select_motions(
     among : the motions to select from.
     """
     twisted = np.any(torsion) and among.twist
-    return among if np.any(mindlin_ratio) or np.any(bending) or twisted else replace(among, rotations=())
+    return (
+        among
+        if np.any(mindlin_ratio) or np.any(bending) or twisted
+        else replace(among, rotations=())
+    )

@@ -1,4 +1,6 @@
-"""The packing: the balls, their material, their lattice, whether there is friction; and its parameters by name."""
+"""The packing: the balls, their material, their lattice, whether there is friction; and its
+parameters by name.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +28,11 @@ from granphon.base.validation import is_one_of, not_negative, positive, real_lis
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
-#: greatest torsion and bending, over k d^2: bands lose the digits of all other motions beside stiffer ones
+#: greatest torsion and bending, over k d^2: bands lose the digits of all other motions beside
+#: stiffer ones
 _MOST_ROLLING = 1e6
-#: the scales of a packing, SI, must lie between this and its inverse: what is computed from them stays in the floating range
+#: the scales of a packing, SI, must lie between this and its inverse: what is computed from them
+#: stays in the floating range
 _LEAST_SCALE = 1e-280
 
 
@@ -42,22 +46,28 @@ class Packing:
     diameter : d, the mean diameter, m.
     spread : the distribution of diameters: :class:`~granphon.balls.diameters.Uniform`,
         :class:`~granphon.balls.diameters.Normal`, :class:`~granphon.balls.diameters.Discrete` or
-        :class:`~granphon.balls.diameters.Measured`; None for equal balls, which is the limit of width zero.
-    lattice : "chain", "triangular", "square", "honeycomb", "kagome", "sc", "bcc", "fcc", "hcp", "diamond", or a
+        :class:`~granphon.balls.diameters.Measured`; None for equal balls, which is the limit of
+        width zero.
+    lattice : "chain", "triangular", "square", "honeycomb", "kagome", "sc", "bcc", "fcc", "hcp",
+        "diamond", or a
         :class:`~granphon.balls.lattices.Lattice`.
-    friction : whether contacts resist shear; without friction, torsion and bending the balls do not rotate.
-    motions : the motions of each ball: "longitudinal" (u_x, on a line), "in_plane" (u_x, u_y, phi_z), "out_of_plane"
-        (u_z, phi_x, phi_y) or "all" six. By default "longitudinal" on a line, "in_plane" in a plane, "all" in space.
-    torsion : stiffness of a contact against twist about its normal, over k d^2; or "mindlin": the torsion of a Hertz contact
-        that does not slip, which depends on the load: (1 - nu)/3 times overlap over diameter for equal balls. It needs
-        motions with a rotation about the normal: "out_of_plane" or "all".
+    friction : whether contacts resist shear; without friction, torsion and bending the balls do not
+        rotate.
+    motions : the motions of each ball: "longitudinal" (u_x, on a line), "in_plane" (u_x, u_y,
+        phi_z), "out_of_plane" (u_z, phi_x, phi_y) or "all" six. By default "longitudinal" on a
+        line, "in_plane" in a plane, "all" in space.
+    torsion : stiffness of a contact against twist about its normal, over k d^2; or "mindlin": the
+        torsion of a Hertz contact that does not slip, which depends on the load: (1 - nu)/3 times
+        overlap over diameter for equal balls. It needs motions with a rotation about the normal:
+        "out_of_plane" or "all".
     bending : stiffness of a contact against rolling, over k d^2.
 
     Raises
     ------
-    InputError : a diameter that is not a finite number above zero, an unknown lattice, motions that the lattice does not
-        have, a negative torsion or bending, either of them where the motions have no rotation that it resists, a spread with
-        another mean than the diameter or with a ball of size zero or below, or scales beyond double precision.
+    InputError : a diameter that is not a finite number above zero, an unknown lattice, motions that
+        the lattice does not have, a negative torsion or bending, either of them where the motions
+        have no rotation that it resists, a spread with another mean than the diameter or with a
+        ball of size zero or below, or scales beyond double precision.
     """
 
     material: Material
@@ -83,17 +93,32 @@ class Packing:
         if self.spread is not None:
             given_spread(self.spread).check_diameter(self.diameter)
         with np.errstate(all="ignore"):  # whatever is not finite is refused
-            # scales at the largest overlap, SI: energy, force, stiffness, modulus, mass, density, velocity squared
-            law, length, mass = self.law, max(self.diameter, self.width), self.mass
-            scales = [float(of(length)) for of in (law.energy, law.force, law.stiffness, law.stiffness_slope)]
+            # scales at the largest overlap, SI: energy, force, stiffness, modulus, mass, density,
+            # velocity squared
+            law = self.law
+            length = max(self.diameter, self.width)
+            mass = self.mass
+            scales = [
+                float(of(length))
+                for of in (law.energy, law.force, law.stiffness, law.stiffness_slope)
+            ]
             scales += [mass, self.material.density, scales[1] / mass * length if mass else math.inf]
         if not all(_LEAST_SCALE <= scale <= 1.0 / _LEAST_SCALE for scale in scales):
-            why = f"Their mass, density, forces or velocities are not between {_LEAST_SCALE:g} and {1 / _LEAST_SCALE:g}"
+            why = (
+                f"Their mass, density, forces or velocities are not between {_LEAST_SCALE:g} and"
+                f" {1 / _LEAST_SCALE:g}"
+            )
             made = f"{self.material.young_modulus:g} Pa and {self.material.density:g} kg/m^3"
-            raise InputError(f"balls of {self.diameter:g} m of {made} are beyond double precision", why)
+            raise InputError(
+                f"balls of {self.diameter:g} m of {made} are beyond double precision", why
+            )
         object.__setattr__(self, "friction", require("friction", truth, self.friction))
         torsion, bending = read_rolling(
-            f"the {self.structure.name} lattice", self.structure.dimension, self.motions, self.torsion, self.bending
+            f"the {self.structure.name} lattice",
+            self.structure.dimension,
+            self.motions,
+            self.torsion,
+            self.bending,
         )
         object.__setattr__(self, "torsion", torsion)
         object.__setattr__(self, "bending", bending)
@@ -106,8 +131,12 @@ class Packing:
 
     @cached_property
     def ball_motions(self) -> Motions:
-        """The motions of each ball: :attr:`named_motions`, without rotations if no contact resists them."""
-        return select_motions(self.mindlin_ratio, 1.0 if self.torsion else 0.0, self.bending, self.named_motions)
+        """The motions of each ball: :attr:`named_motions`, without rotations if no contact resists
+        them.
+        """
+        return select_motions(
+            self.mindlin_ratio, 1.0 if self.torsion else 0.0, self.bending, self.named_motions
+        )
 
     @property
     def structure(self) -> Lattice:
@@ -116,7 +145,9 @@ class Packing:
 
     @property
     def spread_matters(self) -> bool:
-        """Whether diameters make contact forces differ: not of equal balls, nor on a line, where each passes its load on."""
+        """Whether diameters make contact forces differ: not of equal balls, nor on a line, where
+        each passes its load on.
+        """
         return bool(self.width) and self.structure.periods > 1
 
     @property
@@ -126,26 +157,37 @@ class Packing:
 
     @property
     def width_units(self) -> WidthUnits:
-        """Reduced units made with W; for equal balls, where W is zero, with the diameter in its place."""
+        """Reduced units made with W; for equal balls, where W is zero, with the diameter in its
+        place.
+        """
         return WidthUnits(self.law.coefficient, self.width or self.diameter)
 
     @property
     def mindlin_ratio(self) -> float:
-        """Ratio eta = kappa / k of the shear to the normal stiffness of a contact (equation 4); 0 without friction."""
+        """Ratio eta = kappa / k of the shear to the normal stiffness of a contact (equation 4); 0
+        without friction.
+        """
         return self.material.mindlin_ratio if self.friction else 0.0
 
     def find_torsion(self, force: ArrayLike, stiffness: ArrayLike) -> NDArray[np.float64]:
-        """Return the stiffness against twist, over k d^2, of contacts with a ``force``, N, and normal ``stiffness`` k, N/m.
+        """Return the stiffness against twist, over k d^2, of contacts with a ``force``, N, and
+        normal ``stiffness`` k, N/m.
 
-        With ``torsion="mindlin"`` it is that of a Hertz contact that does not slip, (8/3) G r^3 (R. D. Mindlin, J. Appl.
-        Mech. 16, 259, 1949), of the contact radius r at the force; for equal balls that is (1 - nu)/3 times the overlap
-        over the diameter. It is then zero where k is.
+        With ``torsion="mindlin"`` it is that of a Hertz contact that does not slip, (8/3) G r^3 (R.
+        D. Mindlin, J. Appl. Mech. 16, 259, 1949), of the contact radius r at the force; for equal
+        balls that is (1 - nu)/3 times the overlap over the diameter. It is then zero where k is.
         """
         f, k = np.broadcast_arrays(np.asarray(force, float), np.asarray(stiffness, float))
         if self.torsion != MINDLIN:
             return np.full(f.shape, float(self.torsion))
         d = self.diameter
-        twist = 8.0 / 3.0 * self.material.shear_modulus * d * (contact_radius_ratio(self.law.overlap(f), d) / 2.0) ** 3
+        twist = (
+            8.0
+            / 3.0
+            * self.material.shear_modulus
+            * d
+            * (contact_radius_ratio(self.law.overlap(f), d) / 2.0) ** 3
+        )
         return np.asarray(np.divide(twist, k, out=np.zeros(f.shape), where=k > 0.0))
 
     @property
@@ -165,7 +207,8 @@ class Packing:
 
     @property
     def pressure_per_force(self) -> float:
-        """Pressure over the contact force where the overlap is small: 1/m in the plane, 1/m^2 in space, 1 of a chain.
+        """Pressure over the contact force where the overlap is small: 1/m in the plane, 1/m^2 in
+        space, 1 of a chain.
 
         Raises :class:`InputError` if the stress of the lattice is not a pressure.
         """
@@ -175,8 +218,8 @@ class Packing:
     def effective_density(self) -> float:
         """Density of the array, the one that belongs to its moduli.
 
-        In the plane mass over the volume of a layer one diameter thick, rho~, kg/m^3 (equation 17: pi rho / 3 sqrt(3)); in
-        space kg/m^3 of the crystal; of a chain its mass per length, kg/m.
+        In the plane mass over the volume of a layer one diameter thick, rho~, kg/m^3 (equation 17:
+        pi rho / 3 sqrt(3)); in space kg/m^3 of the crystal; of a chain its mass per length, kg/m.
         """
         per_ball = self.structure.measure_per_ball
         if self.structure.periods == 1:
@@ -187,27 +230,40 @@ class Packing:
         """Return names, values and SI units of what describes it, as a notebook shows them."""
         ball = self.material
         given = [("yield strength", ball.yield_strength, "Pa")] * (ball.yield_strength is not None)
-        resisted = [(name, getattr(self, name), "k d^2") for name in ("torsion", "bending") if getattr(self, name)]
+        resisted = [
+            (name, getattr(self, name), "k d^2")
+            for name in ("torsion", "bending")
+            if getattr(self, name)
+        ]
         return [
-            ("lattice", self.structure.name, ""), ("diameter", self.diameter, "m"),
+            ("lattice", self.structure.name, ""),
+            ("diameter", self.diameter, "m"),
             ("spread", "none" if self.spread is None else type(self.spread).__name__.lower(), ""),
             *([("width of the spread", self.width, "m")] * (self.spread is not None)),
-            ("Young modulus", ball.young_modulus, "Pa"), ("Poisson ratio", ball.poisson_ratio, ""),
-            ("density", ball.density, "kg/m^3"), *given, ("mass of a ball", self.mass, "kg"),
-            ("friction", self.friction, ""), ("shear over normal stiffness", self.mindlin_ratio, ""),
+            ("Young modulus", ball.young_modulus, "Pa"),
+            ("Poisson ratio", ball.poisson_ratio, ""),
+            ("density", ball.density, "kg/m^3"),
+            *given,
+            ("mass of a ball", self.mass, "kg"),
+            ("friction", self.friction, ""),
+            ("shear over normal stiffness", self.mindlin_ratio, ""),
             ("motions", self.named_motions.name.replace("_", " "), ""),
             *resisted,
-        ]  # fmt: skip
+        ]
 
     def _repr_html_(self) -> str:
         return write_html("Packing", self.describe())
 
 
-def read_rolling(called: str, dimension: int, motions: Any, torsion: Any, bending: Any) -> tuple[float | str, float]:
-    """Check the ``motions`` of balls on a line, in a plane or in space, and read ``torsion`` and ``bending``.
+def read_rolling(
+    called: str, dimension: int, motions: Any, torsion: Any, bending: Any
+) -> tuple[float | str, float]:
+    """Check the ``motions`` of balls on a line, in a plane or in space, and read ``torsion`` and
+    ``bending``.
 
-    Raises :class:`InputError`, which names what is ``called``, for motions that such balls do not have, for a stiffness that
-    is no number or too large, and for one that resists none of the motions.
+    Raises :class:`InputError`, which names what is ``called``, for motions that such balls do not
+    have, for a stiffness that is no number or too large, and for one that resists none of the
+    motions.
     """
     allowed = allowed_motions(dimension)
     if motions is not None and not is_one_of(motions, allowed):
@@ -226,15 +282,24 @@ def read_rolling(called: str, dimension: int, motions: Any, torsion: Any, bendin
         if isinstance(value, float) and value > _MOST_ROLLING:
             why = "It is a stiffness over k d^2; that of a contact is far below 1"
             raise InputError(f"{name} is {value:g}", why, f"Give a number up to {_MOST_ROLLING:g}")
-    resisted = {"torsion": "twist", "bending": "rotate"}  # what motions must do for contacts to resist it
+    # what motions must do for contacts to resist it
+    resisted = {
+        "torsion": "twist",
+        "bending": "rotate",
+    }
     named = {name: what for name, what in resisted.items() if read[name]}
     moving = next(iter(allowed.values())) if motions is None else allowed[motions]
     if idle := [name for name, what in named.items() if not getattr(moving, what)]:
-        what, why = "rotations", "have no rotation that could be resisted"
+        what = "rotations"
+        why = "have no rotation that could be resisted"
         if moving.rotate:
             what = "rotations about the normals of contacts"
             why = "turn balls across the normals only: no contact twists"
-        fit = [one for one, moves in allowed.items() if all(getattr(moves, what) for what in named.values())]
+        fit = [
+            one
+            for one, moves in allowed.items()
+            if all(getattr(moves, what) for what in named.values())
+        ]
         raise InputError(
             f"{' and '.join(idle)} without {what}",
             f"The motions {moving.name!r} of {called} {why}",
@@ -244,11 +309,19 @@ def read_rolling(called: str, dimension: int, motions: Any, torsion: Any, bendin
 
 
 def given_packing(packing: Any) -> Packing:
-    """Return ``packing``, the argument of a public call; raises :class:`InputError` if it is not a Packing."""
+    """Return ``packing``, the argument of a public call; raises :class:`InputError` if it is not a
+    Packing.
+    """
     if not isinstance(packing, Packing):
         pressed = hasattr(packing, "at_force")  # a crystal, or a medium
-        why = "Averages over diameters are those of Hertz's law and of one kind of ball" if pressed else ""
-        mend = "Give a granphon.Packing" + (", or press this itself: .at_force(...)" if pressed else "")
+        why = (
+            "Averages over diameters are those of Hertz's law and of one kind of ball"
+            if pressed
+            else ""
+        )
+        mend = "Give a granphon.Packing" + (
+            ", or press this itself: .at_force(...)" if pressed else ""
+        )
         if hasattr(packing, "deviations") and hasattr(packing, "sample"):  # of a crystal
             mend += "; balls that differ are drawn by crystal.sample(shape, seed)"
         raise InputError(f"packing is {packing!r}", why, mend)
@@ -256,20 +329,28 @@ def given_packing(packing: Any) -> Packing:
 
 
 def require_shallow(modulus: float, overlap: float, load: str) -> None:
-    """Raise :class:`InputError` if balls overlap by their diameter or more; ``overlap`` is in diameters.
+    """Raise :class:`InputError` if balls overlap by their diameter or more; ``overlap`` is in
+    diameters.
 
-    ``load`` is what the message calls the load, and ``modulus`` the least Young modulus of the balls, Pa.
+    ``load`` is what the message calls the load, and ``modulus`` the least Young modulus of the
+    balls, Pa.
     """
     if not overlap < 1.0:
-        what, mend = f"{load} presses the balls together by {overlap:.4g} diameters", "Lower the load"
-        why = "Balls cannot overlap by their diameter or more, and the contact law fails long before"
+        what = f"{load} presses the balls together by {overlap:.4g} diameters"
+        mend = "Lower the load"
+        why = (
+            "Balls cannot overlap by their diameter or more, and the contact law fails long before"
+        )
         if modulus < LEAST_YOUNG_MODULUS:
-            why += f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given for Pa"
+            why += (
+                f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given"
+                f" for Pa"
+            )
             mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
         raise InputError(what, why, mend)
 
 
-# -- parameters by name, and packings in which some have other values ---------------------------------------------------
+# -- parameters by name, and packings in which some have other values ------------------------------
 
 
 #: a packing, or what has kinds of balls that can be changed
@@ -281,15 +362,25 @@ _MATERIAL = {"young_modulus": "Pa", "poisson_ratio": "1", "density": "kg/m^3"}
 _EXTENTS = {1: "along a line", 2: "in a plane", 3: "in space"}
 #: the parameters of a packing and their SI units; None for parameters that are not numbers
 PARAMETERS: Mapping[str, str | None] = {
-    **_MATERIAL, "diameter": "m", "width": "m", "friction": None, "spread": None, "lattice": None, "motions": None,
-    "torsion": "1", "bending": "1",
-}  # fmt: skip
-#: the parameters of each kind of ball of a crystal and their SI units; a sweep calls them by kind and name, "A.diameter"
+    **_MATERIAL,
+    "diameter": "m",
+    "width": "m",
+    "friction": None,
+    "spread": None,
+    "lattice": None,
+    "motions": None,
+    "torsion": "1",
+    "bending": "1",
+}
+#: the parameters of each kind of ball of a crystal and their SI units; a sweep calls them by kind
+#: and name, "A.diameter"
 KIND_PARAMETERS: Mapping[str, str] = {**_MATERIAL, "diameter": "m", "mass": "kg"}
 
 
 def find_unit(name: str) -> str | None:
-    """Return the SI unit of a parameter of packings, or of a kind of ball ("A.diameter"); None if it is not a number."""
+    """Return the SI unit of a parameter of packings, or of a kind of ball ("A.diameter"); None if
+    it is not a number.
+    """
     kind, _, own = name.rpartition(".")
     return KIND_PARAMETERS[own] if kind else PARAMETERS[name]
 
@@ -303,7 +394,9 @@ class Axis:
 
     @classmethod
     def of(cls, name: str, given: Any) -> Axis:
-        """Make an axis from one value or a list of them; :class:`InputError` for an unknown name or a wrong value."""
+        """Make an axis from one value or a list of them; :class:`InputError` for an unknown name or
+        a wrong value.
+        """
         kind, _, own = name.rpartition(".")
         if own not in (KIND_PARAMETERS if kind else PARAMETERS):
             known = [f"{kind}.{one}" for one in KIND_PARAMETERS] if kind else list(PARAMETERS)
@@ -314,9 +407,16 @@ class Axis:
                 f"Did you mean {guess}?" if guess else "Use one of these",
             )
         listed = given if isinstance(given, list | tuple) else (given,)
-        if find_unit(name) is None or (name == "torsion" and any(isinstance(one, str) for one in listed)):
+        if find_unit(name) is None or (
+            name == "torsion" and any(isinstance(one, str) for one in listed)
+        ):
             plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
-            axis = cls(name, tuple(plain) if isinstance(plain, Iterable) and not isinstance(plain, str) else (plain,))
+            axis = cls(
+                name,
+                tuple(plain)
+                if isinstance(plain, Iterable) and not isinstance(plain, str)
+                else (plain,),
+            )
             if not axis.values:
                 raise InputError(f"{name} is an empty list", mend="Give at least one value")
         else:
@@ -326,10 +426,14 @@ class Axis:
             raise InputError(what, "Both would be the same states", "Give each value once")
         if name == "lattice":
             # unknown names of lattices are refused later
-            given = [one for one in axis.values if isinstance(one, Lattice) or is_one_of(one, LATTICES)]
+            given = [
+                one for one in axis.values if isinstance(one, Lattice) or is_one_of(one, LATTICES)
+            ]
             first = {one.periods: one.name for one in map(find_lattice, reversed(given))}
             if len(first) > 1:
-                found = " and ".join(f"{name}, {_EXTENTS[periods]}," for periods, name in sorted(first.items()))
+                found = " and ".join(
+                    f"{name}, {_EXTENTS[periods]}," for periods, name in sorted(first.items())
+                )
                 raise InputError(
                     f"lattices of different dimension in one sweep: {found.removesuffix(',')}",
                     "Their pressures, moduli and directions have different units and sizes",
@@ -345,19 +449,28 @@ class Axis:
 
     @cached_property
     def unit(self) -> str | None:
-        """SI unit of the values; None where they are not numbers: "mindlin" may be among those of torsion."""
-        return None if any(isinstance(value, str) for value in self.values) else find_unit(self.name)
+        """SI unit of the values; None where they are not numbers: "mindlin" may be among those of
+        torsion.
+        """
+        return (
+            None if any(isinstance(value, str) for value in self.values) else find_unit(self.name)
+        )
 
     @property
     def labels(self) -> tuple[Any, ...]:
-        """A plain value for each of ``values``: numbers and booleans as they are, names of lattices and of spreads."""
+        """A plain value for each of ``values``: numbers and booleans as they are, names of lattices
+        and of spreads.
+        """
         if self.name == "lattice":
             return tuple(find_lattice(value).name for value in self.values)
         if self.name == "spread":
-            names, seen = [], Counter[str]()
+            names = []
+            seen = Counter[str]()
             for spread in self.values:
                 known = isinstance(spread, Spread)
-                name = f"{type(spread).__name__}, W = {spread.width:.6g} m" if known else "equal balls"
+                name = (
+                    f"{type(spread).__name__}, W = {spread.width:.6g} m" if known else "equal balls"
+                )
                 names.append(f"{name} #{seen[name] + 1}" if seen[name] else name)
                 seen[name] += 1
             return tuple(names)
@@ -367,7 +480,9 @@ class Axis:
 
     @property
     def ends(self) -> Axis:
-        """The same axis with only the least and the greatest of its numbers; values that are not numbers are all kept."""
+        """The same axis with only the least and the greatest of its numbers; values that are not
+        numbers are all kept.
+        """
         if self.unit is None:
             return self
         return Axis(self.name, tuple(dict.fromkeys((min(self.values), max(self.values)))))
@@ -388,40 +503,56 @@ def find_double(values: Sequence[Any]) -> int | None:
 
 
 def change_width(spread: Spread | None, width: float) -> Uniform | Normal | Discrete | Measured:
-    """The distribution of the same shape and mean whose width is W = ``width``, m; uniform if ``spread`` is None.
+    """The distribution of the same shape and mean whose width is W = ``width``, m; uniform if
+    ``spread`` is None.
 
-    Raises :class:`InputError` if the width is negative or not finite, if listed diameters are all the same, or if the
-    distribution is not one of granphon's own.
+    Raises :class:`InputError` if the width is negative or not finite, if listed diameters are all
+    the same, or if the distribution is not one of granphon's own.
     """
     uniform = Uniform(width)  # says what is wrong with the width
     if isinstance(spread, Normal):
         return Normal(uniform.width / Normal(1.0, spread.cutoff).width, spread.cutoff)
     if isinstance(spread, Discrete | Measured):
         if not spread.width:
-            raise InputError("diameters that are all the same cannot be spread", mend="Give another spread")
-        mean, scale = spread.mean, uniform.width / spread.width
-        scaled = replace(spread, diameters=tuple(mean + (diameter - mean) * scale for diameter in spread.diameters))
+            raise InputError(
+                "diameters that are all the same cannot be spread", mend="Give another spread"
+            )
+        mean = spread.mean
+        scale = uniform.width / spread.width
+        scaled = replace(
+            spread,
+            diameters=tuple(mean + (diameter - mean) * scale for diameter in spread.diameters),
+        )
         if uniform.width:
-            # the old shape is kept: a shape that differs by rounding would have its law solved again
+            # the old shape is kept: a shape that differs by rounding would have its law solved
+            # again
             scaled.__dict__["shape"] = spread.shape
         return scaled
     if spread is None or isinstance(spread, Uniform):
         return uniform
     what = f"a {type(spread).__name__} cannot be given another width"
-    raise InputError(what, "The parameters of this class are not known", "Give the spreads themselves")
+    raise InputError(
+        what, "The parameters of this class are not known", "Give the spreads themselves"
+    )
 
 
 def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
-    """The packing with other values of some of its :data:`PARAMETERS`, or of those of kinds of balls if it has these.
+    """The packing with other values of some of its :data:`PARAMETERS`, or of those of kinds of
+    balls if it has these.
 
-    A ``width`` scales the spread (:func:`change_width`); a ``diameter`` leaves the spread as it is. Raises
+    A ``width`` scales the spread (:func:`change_width`); a ``diameter`` leaves the spread as it is.
+    Raises
     :class:`InputError` if such a packing is not possible.
     """
     if not isinstance(packing, Packing):
         return packing.change(values)  # type: ignore[attr-defined, no-any-return]
     rest = dict(values)
     if unknown := [name for name in rest if name not in PARAMETERS]:
-        raise InputError(f"a packing has no parameter {unknown[0]!r}", "It has " + ", ".join(PARAMETERS), "Use one")
+        raise InputError(
+            f"a packing has no parameter {unknown[0]!r}",
+            "It has " + ", ".join(PARAMETERS),
+            "Use one",
+        )
     material = {name: rest.pop(name) for name in _MATERIAL if name in rest}
     if "width" in rest:
         rest["spread"] = change_width(rest.get("spread", packing.spread), rest.pop("width"))
@@ -429,7 +560,9 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
 
 
 def count_combinations(axes: Sequence[Axis]) -> int:
-    """Count the combinations of values; raise :class:`InputError` if there are too many for a sweep."""
+    """Count the combinations of values; raise :class:`InputError` if there are too many for a
+    sweep.
+    """
     count = math.prod(len(axis.values) for axis in axes)
     if count > MOST_COMBINATIONS:
         sides = " x ".join(f"{counted(len(axis.values), 'value')} of {axis.name}" for axis in axes)
@@ -439,17 +572,22 @@ def count_combinations(axes: Sequence[Axis]) -> int:
 
 
 def combine(packing: BallsT, axes: Sequence[Axis]) -> list[tuple[str, BallsT]]:
-    """Make a packing for each combination of values; return pairs of the combination in words and its packing.
+    """Make a packing for each combination of values; return pairs of the combination in words and
+    its packing.
 
-    The last axis runs fastest. :class:`InputError` names a combination that makes no packing, or says that there are too
-    many.
+    The last axis runs fastest. :class:`InputError` names a combination that makes no packing, or
+    says that there are too many.
     """
     count_combinations(axes)
     out = []
     for pairs in itertools.product(*(zip(axis.values, axis.labels, strict=True) for axis in axes)):
-        where = ", ".join(axis.describe(label) for axis, (_, label) in zip(axes, pairs, strict=True))
+        where = ", ".join(
+            axis.describe(label) for axis, (_, label) in zip(axes, pairs, strict=True)
+        )
         try:
-            one = change_packing(packing, {axis.name: value for axis, (value, _) in zip(axes, pairs, strict=True)})
+            one = change_packing(
+                packing, {axis.name: value for axis, (value, _) in zip(axes, pairs, strict=True)}
+            )
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
         out.append((where, one))

@@ -1,8 +1,10 @@
-"""Loops over contacts or balls that NumPy could only make in many passes, compiled by Numba when they are first called.
+"""Loops over contacts or balls that NumPy could only make in many passes, compiled by Numba when
+they are first called.
 
-What it compiles is kept beside the module, as Python's own bytecode is, or in the user's cache where that cannot be written.
-Nothing depends on what is kept: where it is damaged or cannot be written, loops are compiled in each process.
-Without Numba they are loops of Python, which give the same numbers, hundreds of times slower.
+What it compiles is kept beside the module, as Python's own bytecode is, or in the user's cache
+where that cannot be written. Nothing depends on what is kept: where it is damaged or cannot be
+written, loops are compiled in each process. Without Numba they are loops of Python, which give the
+same numbers, hundreds of times slower.
 """
 
 from __future__ import annotations
@@ -27,15 +29,19 @@ _SLOW = "The same takes hundreds of times longer"
 #: what is said where loops are not compiled; empty where they are
 UNCOMPILED = ""
 if njit is None:
-    UNCOMPILED = message("numba is not installed", _SLOW, 'Install it: pip install "granphon[scenes]"')
+    UNCOMPILED = message(
+        "numba is not installed", _SLOW, 'Install it: pip install "granphon[scenes]"'
+    )
 elif config.DISABLE_JIT:
     UNCOMPILED = message("numba compiles nothing, as NUMBA_DISABLE_JIT is set", _SLOW, "Unset it")
 
 
 def compiled(loop: _Loop) -> _Loop:
-    """Return the ``loop``, a function of arrays and numbers, compiled with the arithmetic of NumPy: x/0 is no error.
+    """Return the ``loop``, a function of arrays and numbers, compiled with the arithmetic of NumPy:
+    x/0 is no error.
 
-    Where what was compiled cannot be read or kept, the first loop of a process that meets it issues a
+    Where what was compiled cannot be read or kept, the first loop of a process that meets it issues
+    a
     :class:`~granphon.base.errors.CacheWarning`.
     """
     if UNCOMPILED:
@@ -51,7 +57,9 @@ def compiled(loop: _Loop) -> _Loop:
     compile_for = made.compile
 
     def compile_whole(signature: Any) -> Any:
-        """Compile as Numba does, which could lose a Ctrl-C and end in an error of its own: it comes when this is done."""
+        """Compile as Numba does, which could lose a Ctrl-C and end in an error of its own: it comes
+        when this is done.
+        """
         if nowhere:
             _warn(nowhere)
         with hold_back_signals():
@@ -62,7 +70,9 @@ def compiled(loop: _Loop) -> _Loop:
 
 
 def _end_no_run(cache: Any) -> None:
-    """Have a cache of Numba go on without what it can neither read nor write, of which it forgets all."""
+    """Have a cache of Numba go on without what it can neither read nor write, of which it forgets
+    all.
+    """
 
     def attempt(access: Callable[..., Any]) -> Callable[..., Any]:
         def go_on(*arguments: Any) -> Any:
@@ -88,5 +98,11 @@ _said: list[str] = []
 def _warn(reason: str) -> None:
     """Issue the warning of a process that compiles what a cache should hold."""
     if not _said:
-        _said.append(message("what numba has compiled cannot be read, or not be kept", reason, "It is compiled anew"))
+        _said.append(
+            message(
+                "what numba has compiled cannot be read, or not be kept",
+                reason,
+                "It is compiled anew",
+            )
+        )
         warnings.warn(_said[0], CacheWarning, stacklevel=2)

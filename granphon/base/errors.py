@@ -1,8 +1,8 @@
 """The errors that granphon raises, and its warnings.
 
 Every error is a :class:`GranphonError` and also the built-in exception that a caller would expect,
-so that both ``except gp.GranphonError`` and ``except ValueError`` work. A message says what is wrong,
-why it matters, and how to mend it.
+so that both ``except gp.GranphonError`` and ``except ValueError`` work. A message says what is
+wrong, why it matters, and how to mend it.
 """
 
 from __future__ import annotations
@@ -14,13 +14,25 @@ from copy import copy
 from importlib.util import find_spec
 from typing import Any, Self
 
-#: the least whole number that is too large for a float: smaller ones are rounded to the largest float at most
+#: the least whole number that is too large for a float: smaller ones are rounded to the largest
+#: float at most
 TOO_LARGE = 2**1024 - 2**970
-#: the extras of granphon, each with the packages that it brings, by their names when they are imported
+#: the extras of granphon, each with the packages that it brings, by their names when they are
+#: imported
 EXTRAS = {
-    "scenes": ("matplotlib", "typer", "rich", "yaml", "xarray", "h5netcdf", "h5py", "threadpoolctl", "numba"),
+    "scenes": (
+        "matplotlib",
+        "typer",
+        "rich",
+        "yaml",
+        "xarray",
+        "h5netcdf",
+        "h5py",
+        "threadpoolctl",
+        "numba",
+    ),
     "distributed": ("distributed", "dask", "cryptography"),
-}  # fmt: skip
+}
 #: what ends a line, with the white space around it
 _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 
@@ -28,13 +40,15 @@ _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 class GranphonError(Exception):
     """Root of every error that granphon raises on purpose.
 
-    ``load_index`` is the index, among several loads, of the one that cannot be carried; None if the error is not about a
-    load. It is kept when the error comes back from a worker process. ``block`` holds the keys that lead to the part of a
-    scene that the error is about, as ("motion",); None if it is not known. ``option`` is the name of the option of a medium
-    that the error is about, as the start of a loading; None if it is about none. ``reached`` is what was found at the loads
-    of a path before the error, a state or the data set of a sweep; None if there is none.
+    ``load_index`` is the index, among several loads, of the one that cannot be carried; None if the
+    error is not about a load. It is kept when the error comes back from a worker process. ``block``
+    holds the keys that lead to the part of a scene that the error is about, as ("motion",); None if
+    it is not known. ``option`` is the name of the option of a medium that the error is about, as
+    the start of a loading; None if it is about none. ``reached`` is what was found at the loads of
+    a path before the error, a state or the data set of a sweep; None if there is none.
 
-    It is made of sentences: what is wrong and where, why it matters, how to mend it; its text is their :func:`message`.
+    It is made of sentences: what is wrong and where, why it matters, how to mend it; its text is
+    their :func:`message`.
     """
 
     load_index: int | None = None
@@ -43,10 +57,13 @@ class GranphonError(Exception):
     reached: Any = None
 
     def __init__(self, what: str = "", why: str = "", mend: str = "") -> None:
-        self.args = (message(what, why, mend),)  # not by OSError, which takes several arguments for a number and a file
+        # not by OSError, which takes several arguments for a number and a file
+        self.args = (message(what, why, mend),)
 
     def restate(self, text: str) -> Self:
-        """Return an error of the same kind with another text, and with all else that this one knows."""
+        """Return an error of the same kind with another text, and with all else that this one
+        knows.
+        """
         other = copy(self)
         other.args = (message(text),)  # as the constructor makes it, by which errors are unpickled
         return other
@@ -59,22 +76,35 @@ class InputError(GranphonError, ValueError):
 class Refused(InputError):
     """A value that a rule of :mod:`granphon.base.validation` does not take.
 
-    ``found`` says what the value is, ``allowed`` what the rule takes, ``mend`` what was probably meant. ``path`` holds the
-    keys and list indices that lead from the value given to the rule to the part of it that is refused.
+    ``found`` says what the value is, ``allowed`` what the rule takes, ``mend`` what was probably
+    meant. ``path`` holds the keys and list indices that lead from the value given to the rule to
+    the part of it that is refused.
     """
 
-    def __init__(self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()) -> None:
+    def __init__(
+        self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()
+    ) -> None:
         # what is no sentence of its own, such as the text of another error, goes on with this one
         tail = f"; {mend}" if mend[:1].islower() else f". {mend}" if mend else "."
         super().__init__(f"found {found}; allowed: {allowed}{tail}")
-        self.found, self.allowed, self.mend, self.path = found, allowed, mend, path
+        self.found = found
+        self.allowed = allowed
+        self.mend = mend
+        self.path = path
 
     def __reduce__(self) -> tuple[type[Refused], tuple[object, ...], dict[str, object]]:
-        # keeps all fields, and the text of a refusal that is restated, in a copy and through a worker process
-        return Refused, (self.found, self.allowed, self.mend, self.path), vars(self) | {"args": self.args}
+        # keeps all fields, and the text of a refusal that is restated, in a copy and through a
+        # worker process
+        return (
+            Refused,
+            (self.found, self.allowed, self.mend, self.path),
+            vars(self) | {"args": self.args},
+        )
 
     def under(self, *keys: str | int) -> Refused:
-        """The same refusal with ``keys`` put before its path: the place of the value in what surrounds it."""
+        """The same refusal with ``keys`` put before its path: the place of the value in what
+        surrounds it.
+        """
         return Refused(self.found, self.allowed, self.mend, (*keys, *self.path))
 
 
@@ -90,7 +120,9 @@ class MissingFileError(InputError, FileNotFoundError):
     """A file that should be read does not exist."""
 
     def __new__(cls, *sentences: str, **named: str) -> Self:
-        """Make the error; without this, dask, which does not call the class, would take the method of ``ValueError``."""
+        """Make the error; without this, dask, which does not call the class, would take the method
+        of ``ValueError``.
+        """
         return FileNotFoundError.__new__(cls)
 
 
@@ -117,8 +149,8 @@ class InstabilityError(GranphonError, RuntimeError):
 class ConvergenceError(GranphonError, RuntimeError):
     """An iteration has not reached its tolerance; the message says what it has reached.
 
-    ``reached`` is the last state of a loading history before the failure, the state at the loads of a path before it, or the
-    data set of a sweep at these loads; None elsewhere.
+    ``reached`` is the last state of a loading history before the failure, the state at the loads of
+    a path before it, or the data set of a sweep at these loads; None elsewhere.
     """
 
 
@@ -147,7 +179,9 @@ class InconsistencyWarning(UserWarning):
 
 
 class StoppedEarlyWarning(UserWarning):
-    """A run ends before its time, or has left a file that ends so; what it has found is kept. ``interrupted``: by Ctrl-C."""
+    """A run ends before its time, or has left a file that ends so; what it has found is kept.
+    ``interrupted``: by Ctrl-C.
+    """
 
     interrupted = False
 
@@ -161,14 +195,18 @@ class UnverifiedFileWarning(UserWarning):
 
 
 class CacheWarning(UserWarning):
-    """Loops that were compiled could not be read, or not be kept: they are compiled anew, and give the same numbers."""
+    """Loops that were compiled could not be read, or not be kept: they are compiled anew, and give
+    the same numbers.
+    """
 
 
 @contextmanager
 def needing(what: str) -> Iterator[None]:
-    """Raise :class:`MissingPackageError` where a block imports a package that is not installed; ``what`` needs it.
+    """Raise :class:`MissingPackageError` where a block imports a package that is not installed;
+    ``what`` needs it.
 
-    The error names the extra of granphon that brings the package, or else the package itself, which granphon comes with.
+    The error names the extra of granphon that brings the package, or else the package itself, which
+    granphon comes with.
     """
     try:
         yield
@@ -176,13 +214,17 @@ def needing(what: str) -> Iterator[None]:
         name = str(error.name).partition(".")[0]
         if name in ("None", "granphon"):
             raise
-        package = next((f'"granphon[{extra}]"' for extra, brings in EXTRAS.items() if name in brings), name)
+        package = next(
+            (f'"granphon[{extra}]"' for extra, brings in EXTRAS.items() if name in brings), name
+        )
         told = f"{what} needs {name}, which is not installed"
         raise MissingPackageError(told, mend=f"Install it: pip install {package}") from None
 
 
 def require_installed(what: str, *packages: str) -> None:
-    """Raise what :func:`needing` raises if one of ``packages``, which ``what`` needs, is not installed; none is imported."""
+    """Raise what :func:`needing` raises if one of ``packages``, which ``what`` needs, is not
+    installed; none is imported.
+    """
     for one in packages:
         with needing(what):
             if find_spec(one) is None:
@@ -190,13 +232,16 @@ def require_installed(what: str, *packages: str) -> None:
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:
-    """Join the parts of an error message (what is wrong, why it matters, how to mend it) into one line.
+    """Join the parts of an error message (what is wrong, why it matters, how to mend it) into one
+    line.
 
     Letters that cannot be printed are escaped, as a message may quote a file of unknown origin.
     """
     sentences = [one_line(part).rstrip() for part in (what, why, mend) if part]
     # three dots stay: they say that something has been cut off
-    return " ".join(one if one.endswith(("?", "...")) else one.rstrip(". ") + "." for one in sentences)
+    return " ".join(
+        one if one.endswith(("?", "...")) else one.rstrip(". ") + "." for one in sentences
+    )
 
 
 def brief(value: object, most: int = 80) -> str:
@@ -205,8 +250,13 @@ def brief(value: object, most: int = 80) -> str:
     A whole number beyond the range of floats is described by its number of digits.
     """
     if isinstance(value, int) and abs(value) >= TOO_LARGE:
-        return f"a whole number of about {int(0.30103 * value.bit_length()) + 1} digits, which is too large"
-    if isinstance(value, list | tuple) and any(isinstance(one, int) and abs(one) >= TOO_LARGE for one in value):
+        return (
+            f"a whole number of about {int(0.30103 * value.bit_length()) + 1} digits, which is"
+            f" too large"
+        )
+    if isinstance(value, list | tuple) and any(
+        isinstance(one, int) and abs(one) >= TOO_LARGE for one in value
+    ):
         return "a list with a number that is too large"
     try:
         text = one_line(repr(value))
@@ -218,7 +268,9 @@ def brief(value: object, most: int = 80) -> str:
 
 
 def one_line(text: str) -> str:
-    """A text on one line, with letters that cannot be printed as escapes: a terminal would obey them."""
+    """A text on one line, with letters that cannot be printed as escapes: a terminal would obey
+    them.
+    """
     joined = _BREAK.sub(" ", text)
     if joined.isprintable():
         return joined

@@ -14,34 +14,52 @@ from granphon.base.errors import InputError
 
 #: memory that any machine is taken to have, bytes: to ask the system takes longer than small work
 _ALWAYS = 1e8
-#: for both versions of control groups, by the name of the controller: the folder, the files of the limit and of the use, and
-#: the entry of memory.stat with the cache that can be given back
+#: for both versions of control groups, by the name of the controller: the folder, the files of the
+#: limit and of the use, and the entry of memory.stat with the cache that can be given back
 _GROUPS = {
-    "memory": ("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+    "memory": (
+        "sys/fs/cgroup/memory",
+        "memory.limit_in_bytes",
+        "memory.usage_in_bytes",
+        "total_inactive_file",
+    ),
     "": ("sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),
 }
 
 
 def available_memory(root: Path = Path("/")) -> float:
-    """Return the memory that this process may still take, bytes; infinite if the system does not report it.
+    """Return the memory that this process may still take, bytes; infinite if the system does not
+    report it.
 
-    On Linux it is the least of the memory that the kernel reports as available and of what is left of the limits of the
-    process itself (of its addresses), of its control group and of the groups above it. Elsewhere it is the free memory, or
-    failing that the total memory. ``root`` is the folder of the system's files.
+    On Linux it is the least of the memory that the kernel reports as available and of what is left
+    of the limits of the process itself (of its addresses), of its control group and of the groups
+    above it. Elsewhere it is the free memory, or failing that the total memory. ``root`` is the
+    folder of the system's files.
     """
 
     def read(path: Path) -> list[list[str]]:
         """Read the words of each line."""
         with suppress(OSError):
-            return [line.split() for line in path.read_text(encoding="ascii", errors="replace").split("\n")]
+            return [
+                line.split()
+                for line in path.read_text(encoding="ascii", errors="replace").split("\n")
+            ]
         return []
 
     def read_number(path: Path, name: str = "") -> float | None:
         """Read the number after a name, or alone in a file; None if there is none ("max")."""
-        found = next((words[-1 - (len(words) > 2)] for words in read(path) if words and name in ("", words[0])), "")
+        found = next(
+            (
+                words[-1 - (len(words) > 2)]
+                for words in read(path)
+                if words and name in ("", words[0])
+            ),
+            "",
+        )
         return float(found) if found.isdigit() else None
 
-    free, known = read_number(root / "proc/meminfo", "MemAvailable:"), getattr(os, "sysconf_names", ())
+    free = read_number(root / "proc/meminfo", "MemAvailable:")
+    known = getattr(os, "sysconf_names", ())
     pages = next((name for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if name in known), None)
     left = math.inf
     if free is not None:
@@ -49,7 +67,12 @@ def available_memory(root: Path = Path("/")) -> float:
     elif pages is not None and "SC_PAGE_SIZE" in known:
         left = float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
     most_addresses = next(
-        (words[3] for words in read(root / "proc/self/limits") if words[:3] == ["Max", "address", "space"]), ""
+        (
+            words[3]
+            for words in read(root / "proc/self/limits")
+            if words[:3] == ["Max", "address", "space"]
+        ),
+        "",
     )
     addresses = read_number(root / "proc/self/status", "VmSize:")
     if most_addresses.isdigit() and addresses is not None:
@@ -62,18 +85,27 @@ def available_memory(root: Path = Path("/")) -> float:
             continue
         place, limit, use, cache = _GROUPS[kind]
         group = Path(path.lstrip("/"))
-        for folder in (group, *group.parents):  # limits of groups above count too; in a container some may be missing
+        for folder in (
+            group,
+            *group.parents,
+        ):
+            # limits of groups above count too; in a container some may be missing
             here = root / place / folder
-            most, taken = read_number(here / limit), read_number(here / use)
+            most = read_number(here / limit)
+            taken = read_number(here / use)
             if most is not None and taken is not None:
-                left = min(left, max(most - taken + (read_number(here / "memory.stat", cache) or 0.0), 0.0))
+                left = min(
+                    left, max(most - taken + (read_number(here / "memory.stat", cache) or 0.0), 0.0)
+                )
     return left
 
 
 def require_memory(what: str, needed: float, mend: str) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if work needs more memory, bytes, than this machine has available.
+    """Raise :class:`~granphon.base.errors.InputError` if work needs more memory, bytes, than this
+    machine has available.
 
-    ``what`` says what takes it, as the subject of a sentence in the plural, and ``mend`` how to take less.
+    ``what`` says what takes it, as the subject of a sentence in the plural, and ``mend`` how to
+    take less.
     """
     if needed <= _ALWAYS:
         return

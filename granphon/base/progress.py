@@ -1,7 +1,7 @@
 """Reports of how far long work has come.
 
-A function that does long work takes a :class:`Progress` and reports to it; by default the reports are ignored. The command
-line passes one that draws on stderr, if stderr is a terminal.
+A function that does long work takes a :class:`Progress` and reports to it; by default the reports
+are ignored. The command line passes one that draws on stderr, if stderr is a terminal.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ class Progress(Protocol):
     """A receiver of reports: which work begins, how far it has come, and that it is over."""
 
     def step(self, label: str, total: float | None = None) -> AbstractContextManager[Step]:
-        """Begin a step of ``total`` pieces of work (None: not known); it is over when the context is left."""
+        """Begin a step of ``total`` pieces of work (None: not known); it is over when the context
+        is left.
+        """
         ...
 
 
@@ -48,10 +50,11 @@ silent = Silent()
 
 
 class Terminal:
-    """A progress that draws a line on stderr for the work under way, and wipes it when the work is over.
+    """A progress that draws a line on stderr for the work under way, and wipes it when the work is
+    over.
 
-    For work of known size, the line shows how many parts are done, and the time that the rest will take at the average
-    rate so far. ``clock`` returns the time, s.
+    For work of known size, the line shows how many parts are done, and the time that the rest will
+    take at the average rate so far. ``clock`` returns the time, s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -75,10 +78,20 @@ class Terminal:
         if total is None:
             columns += [TimeElapsedColumn()]
         else:
-            columns += [MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()]
-        # the rate is averaged since the work began: a single part may take longer than any shorter averaging period
+            columns += [
+                MofNCompleteColumn(),
+                TimeElapsedColumn(),
+                TextColumn("left"),
+                TimeRemainingColumn(),
+            ]
+        # the rate is averaged since the work began: a single part may take longer than any shorter
+        # averaging period
         with Progress(
-            *columns, console=Console(stderr=True), transient=True, get_time=self._clock, speed_estimate_period=math.inf
+            *columns,
+            console=Console(stderr=True),
+            transient=True,
+            get_time=self._clock,
+            speed_estimate_period=math.inf,
         ) as drawing:
             task = drawing.add_task(label, total=total)
             step: Any = SimpleNamespace(advance=lambda amount=1.0: drawing.advance(task, amount))
@@ -86,6 +99,13 @@ class Terminal:
 
 
 def on_stderr(quiet: bool = False) -> Progress:
-    """A :class:`Terminal` if stderr is a terminal, rich is installed and ``quiet`` is off, else :data:`silent`."""
-    shown = not quiet and sys.stderr is not None and sys.stderr.isatty() and find_spec("rich") is not None
+    """A :class:`Terminal` if stderr is a terminal, rich is installed and ``quiet`` is off, else
+    :data:`silent`.
+    """
+    shown = (
+        not quiet
+        and sys.stderr is not None
+        and sys.stderr.isatty()
+        and find_spec("rich") is not None
+    )
     return Terminal() if shown else silent

@@ -1,8 +1,9 @@
 """Quantities with their units, as people write them: "8 mm" is 0.008.
 
-:meth:`Quantity.read` is a rule: it takes what stood in a file or on the command line and returns the value in SI, or raises
-:class:`~granphon.base.errors.Refused`, which says what was found, what is allowed, and what was probably meant. Units are
-read here and nowhere else; the rest of granphon computes with plain floats.
+:meth:`Quantity.read` is a rule: it takes what stood in a file or on the command line and returns
+the value in SI, or raises :class:`~granphon.base.errors.Refused`, which says what was found, what
+is allowed, and what was probably meant. Units are read here and nowhere else; the rest of granphon
+computes with plain floats.
 """
 
 from __future__ import annotations
@@ -25,29 +26,75 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-#: the units that a scene may use, by their names; exact, so that "8 mm" is the float nearest to 0.008
+#: the units that a scene may use, by their names; exact, so that "8 mm" is the float nearest to
+#: 0.008
 _UNITS = {
-    "m": "", "s": "", "g": "", "K": "", "meter metre": "1 m", "second": "1 s", "gram": "1 g",
-    "kelvin degree_Celsius degC": "1 K", "minute": "60 s", "h hour": "3600 s", "Hz hertz": "1 1/s", "% percent": "0.01",
-    "N newton": "1000 g*m/s^2", "Pa pascal": "1 N/m^2", "J joule": "1 N*m", "bar": "1e5 Pa", "atm": "101325 Pa",
-    "inch inches": "0.0254 m", "ft foot feet": "0.3048 m", "yd yard": "0.9144 m", "mi mile": "1609.344 m",
-    "angstrom Å": "1e-10 m", "mph mile_per_hour": "1 mi/h", "knot": "1852 m/h", "fps foot_per_second": "1 ft/s",
-    "t tonne": "1e6 g", "lb pound": "453.59237 g", "lbf pound_force": "4.4482216152605 N", "psi": "1 lbf/inch^2",
-    "kgf kilogram_force": "9.80665 N", "dyn dyne": "1e-5 N",
-}  # fmt: skip
+    "m": "",
+    "s": "",
+    "g": "",
+    "K": "",
+    "meter metre": "1 m",
+    "second": "1 s",
+    "gram": "1 g",
+    "kelvin degree_Celsius degC": "1 K",
+    "minute": "60 s",
+    "h hour": "3600 s",
+    "Hz hertz": "1 1/s",
+    "% percent": "0.01",
+    "N newton": "1000 g*m/s^2",
+    "Pa pascal": "1 N/m^2",
+    "J joule": "1 N*m",
+    "bar": "1e5 Pa",
+    "atm": "101325 Pa",
+    "inch inches": "0.0254 m",
+    "ft foot feet": "0.3048 m",
+    "yd yard": "0.9144 m",
+    "mi mile": "1609.344 m",
+    "angstrom Å": "1e-10 m",
+    "mph mile_per_hour": "1 mi/h",
+    "knot": "1852 m/h",
+    "fps foot_per_second": "1 ft/s",
+    "t tonne": "1e6 g",
+    "lb pound": "453.59237 g",
+    "lbf pound_force": "4.4482216152605 N",
+    "psi": "1 lbf/inch^2",
+    "kgf kilogram_force": "9.80665 N",
+    "dyn dyne": "1e-5 N",
+}
 _NAMES = {name: value for names, value in _UNITS.items() for name in names.split()}
 #: the empty prefix comes first, as "ft" is a foot
 _PREFIXES = {
-    "": 0, "p": -12, "pico": -12, "n": -9, "nano": -9, "u": -6, "µ": -6, "μ": -6, "micro": -6, "m": -3, "milli": -3, "c": -2,
-    "centi": -2, "k": 3, "kilo": 3, "M": 6, "mega": 6, "G": 9, "giga": 9, "T": 12, "tera": 12,
-}  # fmt: skip
+    "": 0,
+    "p": -12,
+    "pico": -12,
+    "n": -9,
+    "nano": -9,
+    "u": -6,
+    "µ": -6,
+    "μ": -6,
+    "micro": -6,
+    "m": -3,
+    "milli": -3,
+    "c": -2,
+    "centi": -2,
+    "k": 3,
+    "kilo": 3,
+    "M": 6,
+    "mega": 6,
+    "G": 9,
+    "giga": 9,
+    "T": 12,
+    "tera": 12,
+}
 #: regular expression of a number without a unit
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-#: velocity of light, m/s, which no sound reaches: a velocity above it has another unit, or is a mistake
+#: velocity of light, m/s, which no sound reaches: a velocity above it has another unit, or is a
+#: mistake
 LIGHT_VELOCITY = 299_792_458.0
 #: longest text of a quantity, in characters; a longer one is refused
 _MOST_SIGNS = 100
-#: numbers between this and its inverse stay far from the ends of the floating range when any unit is applied to them
+#: numbers between this and its inverse stay far from the ends of the floating range when any unit
+#: is applied to them
 _TINY = 1e-200
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
@@ -62,8 +109,8 @@ _UNIT_PATTERN = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
 class Quantity:
     """A kind of quantity: its name, its SI unit, an example, and the units to suggest.
 
-    ``least`` says which numbers are taken: above zero, zero or above, or any. ``negative`` is the word that messages use
-    for a number below zero.
+    ``least`` says which numbers are taken: above zero, zero or above, or any. ``negative`` is the
+    word that messages use for a number below zero.
     """
 
     name: str
@@ -76,14 +123,19 @@ class Quantity:
     @property
     def allowed(self) -> str:
         """What may be written for such a quantity, in words for a message."""
-        sign = {"above zero": " above zero", "zero or above": ", zero or above,", "any": ""}[self.least]
+        sign = {"above zero": " above zero", "zero or above": ", zero or above,", "any": ""}[
+            self.least
+        ]
         article = "an" if self.name[0] in "aeiou" else "a"
-        return f"{article} {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
+        return (
+            f"{article} {self.name}{sign} with its unit, such as '{self.example}' ({self.common})"
+        )
 
     def read(self, value: Any) -> float:
         """Read a text such as "8 mm": return the float nearest to its SI value.
 
-        Raises :class:`~granphon.base.errors.Refused` for anything else, for a number without a unit too.
+        Raises :class:`~granphon.base.errors.Refused` for anything else, for a number without a unit
+        too.
         """
         tip = f"Write the unit too, such as '{self.example}'."
         if isinstance(value, int | float) and not isinstance(value, bool):
@@ -98,7 +150,8 @@ class Quantity:
         match = _QUANTITY.fullmatch(text)
         if len(text) > _MOST_SIGNS:
             raise Refused(
-                f"{show(value)}, a text of {len(text)} letters", f"{self.allowed}, in {_MOST_SIGNS} letters at most"
+                f"{show(value)}, a text of {len(text)} letters",
+                f"{self.allowed}, in {_MOST_SIGNS} letters at most",
             )
         if match is None:
             raise Refused(f"{show(value)}, which does not start with a number", self.allowed)
@@ -108,7 +161,11 @@ class Quantity:
         try:
             factor = _find_factor(self, unit)
         except ValueError as wrong:
-            meant = closest(unit, self.common.split(", ")) if unit[0].isalpha() or unit[0] == "%" else None
+            meant = (
+                closest(unit, self.common.split(", "))
+                if unit[0].isalpha() or unit[0] == "%"
+                else None
+            )
             mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
             comma = re.match(r",\s*([0-9]+)(?![0-9,.])", unit)  # "211,65 GPa"
             if comma and "." not in number:
@@ -128,19 +185,27 @@ class Quantity:
         except OverflowError:
             exact = math.inf
         if not 0.0 < abs(exact) < math.inf:
-            raise Refused(f"{show(value)}, which is too small or too large for double precision", self.allowed)
+            raise Refused(
+                f"{show(value)}, which is too small or too large for double precision", self.allowed
+            )
         return exact
 
     def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
-        """Read many numbers of one ``unit``, each with the same result as :meth:`read`, to the last bit.
+        """Read many numbers of one ``unit``, each with the same result as :meth:`read`, to the last
+        bit.
 
-        Where the unit is a power of ten times the SI unit, the decimal point of the text is shifted; other products are
-        quotients of whole numbers. Both are exact before they are rounded. Returns None if the text is not of this unit, or
-        if a number must be read by :meth:`read`, which refuses it.
+        Where the unit is a power of ten times the SI unit, the decimal point of the text is
+        shifted; other products are quotients of whole numbers. Both are exact before they are
+        rounded. Returns None if the text is not of this unit, or if a number must be read by
+        :meth:`read`, which refuses it.
         """
         import numpy as np  # here alone, so that the command's help needs no numpy
 
-        if not self.measures(unit) or not is_plain(numbers) or max(map(len, numbers), default=0) + len(unit) >= _MOST_SIGNS:
+        if (
+            not self.measures(unit)
+            or not is_plain(numbers)
+            or max(map(len, numbers), default=0) + len(unit) >= _MOST_SIGNS
+        ):
             return None
         factor = _find_factor(self, unit)
         power = len(str(factor.numerator)) - len(str(factor.denominator))
@@ -156,12 +221,18 @@ class Quantity:
         size = np.abs(values)
         zero = size == 0.0
         if any(
-            re.search("[1-9]", re.split("[eE]", text)[0]) for text in {numbers[at] for at in np.flatnonzero(zero).tolist()}
+            re.search("[1-9]", re.split("[eE]", text)[0])
+            for text in {numbers[at] for at in np.flatnonzero(zero).tolist()}
         ):
             return None  # below the floating range
-        # left to :meth:`read`: numbers near the ends of the floating range, and those that may be refused
+        # left to :meth:`read`: numbers near the ends of the floating range, and those that may be
+        # refused
         plain = np.all(zero | ((size > _TINY) & (size < 1.0 / _TINY)))
-        taken = {"above zero": values > 0.0, "zero or above": values >= 0.0, "any": np.isfinite(values)}[self.least]
+        taken = {
+            "above zero": values > 0.0,
+            "zero or above": values >= 0.0,
+            "any": np.isfinite(values),
+        }[self.least]
         return values + 0.0 if plain and np.all(taken) else None  # no zero is negative
 
     def measures(self, unit: str) -> bool:
@@ -172,7 +243,9 @@ class Quantity:
             return False
 
     def factor(self, unit: str) -> float:
-        """Return what one ``unit`` is in the SI unit; ValueError if it is not one of this kind of quantity."""
+        """Return what one ``unit`` is in the SI unit; ValueError if it is not one of this kind of
+        quantity.
+        """
         return float(_find_factor(self, unit))
 
     def write(self, value: float) -> str:
@@ -181,7 +254,9 @@ class Quantity:
 
 
 def is_plain(texts: Sequence[str]) -> bool:
-    """Whether texts have only what numbers are written with: a float that can be read from one is then :data:`NUMBER`."""
+    """Whether texts have only what numbers are written with: a float that can be read from one is
+    then :data:`NUMBER`.
+    """
     joined = "".join(texts)
     return joined.isascii() and not joined.encode().translate(None, b"0123456789+-.eE")
 
@@ -195,14 +270,18 @@ def _shift_point(text: str, power: int) -> float:
 
 
 def _multiply(text: str, factor: Fraction) -> float:
-    """Return the float nearest to the number in a text times a factor: Python rounds a quotient of whole numbers once."""
+    """Return the float nearest to the number in a text times a factor: Python rounds a quotient of
+    whole numbers once.
+    """
     rough = float(text)
-    if not _TINY < abs(rough) < 1.0 / _TINY:  # zero, or what is not taken; its powers of ten may be huge
+    if not _TINY < abs(rough) < 1.0 / _TINY:
+        # zero, or what is not taken; its powers of ten may be huge
         return rough
     digits, _, exponent = text.lower().partition("e")
     whole, _, part = digits.partition(".")
     shift = int(exponent or 0) - len(part)
-    above, below = 10 ** max(shift, 0), 10 ** max(-shift, 0)
+    above = 10 ** max(shift, 0)
+    below = 10 ** max(-shift, 0)
     numerator: int = int(whole + part) * factor.numerator * above
     denominator: int = factor.denominator * below
     return numerator / denominator
@@ -210,7 +289,9 @@ def _multiply(text: str, factor: Fraction) -> float:
 
 @lru_cache(maxsize=256)  # all cells of a column have the same unit
 def _find_factor(kind: Quantity, unit: str) -> Fraction:
-    """The exact factor from a unit to the SI unit of its ``kind``; ValueError says why it is not a unit of that kind."""
+    """The exact factor from a unit to the SI unit of its ``kind``; ValueError says why it is not a
+    unit of that kind.
+    """
     if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError("which is not one number and one unit")
     try:
@@ -223,8 +304,11 @@ def _find_factor(kind: Quantity, unit: str) -> Fraction:
 
 
 def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
-    """The exact factor from a unit to base units (m, s, g, K), and the powers of these; KeyError if a name is not known."""
-    factor, powers = Fraction(1), Counter[str]()
+    """The exact factor from a unit to base units (m, s, g, K), and the powers of these; KeyError if
+    a name is not known.
+    """
+    factor = Fraction(1)
+    powers = Counter[str]()
     for sign, name, power in _FACTORS.findall(unit):
         times = int({"²": "2", "³": "3"}.get(power, power) or 1) * (-1 if sign == "/" else 1)
         one, other = _find_unit(name)
@@ -235,14 +319,20 @@ def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
 
 
 def is_si(unit: str, wanted: str = "") -> bool:
-    """Whether a text is a unit without a factor to SI, as "m/(N s)" or "1", not "kN"; and measures what ``wanted`` does."""
+    """Whether a text is a unit without a factor to SI, as "m/(N s)" or "1", not "kN"; and measures
+    what ``wanted`` does.
+    """
     plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())  # pint writes "meter / second ** 2"
     plain = re.sub(r"/\((\S+) (\S+)\)", r"/\1/\2", plain).replace(" ", "*")
-    if (none := plain in ("", "1", "rad", "radian", "dimensionless")) or not _UNIT_PATTERN.fullmatch(plain):
+    if (
+        none := plain in ("", "1", "rad", "radian", "dimensionless")
+    ) or not _UNIT_PATTERN.fullmatch(plain):
         return none and wanted in ("", "1", "rad")
     try:
         factor, powers = _measure(plain)
-        return factor == Fraction(1000) ** powers["g"] and (not wanted or powers == _measure(wanted)[1])
+        return factor == Fraction(1000) ** powers["g"] and (
+            not wanted or powers == _measure(wanted)[1]
+        )
     except KeyError:
         return False
 
@@ -250,7 +340,9 @@ def is_si(unit: str, wanted: str = "") -> bool:
 @cache
 def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
     singular = name.removesuffix("s") if len(name) > _PLURAL else name
-    for whole, (prefix, power) in itertools.product(dict.fromkeys((name, singular)), _PREFIXES.items()):
+    for whole, (prefix, power) in itertools.product(
+        dict.fromkeys((name, singular)), _PREFIXES.items()
+    ):
         own = whole.removeprefix(prefix)
         if own in _NAMES and whole == prefix + own:
             times, _, unit = _NAMES[own].partition(" ")
@@ -272,10 +364,13 @@ VELOCITY = Quantity("velocity", "m/s", "0.3 m/s", "m/s, mm/s, um/s, km/h")
 PUSH = Quantity("force", "N", "2 N", "mN, N, kN", "any")
 WAY = Quantity("length", "m", "8 mm", "m, mm, um, nm", "any")
 _TENSILE = "tensile (one-sided contacts carry no tension)"
-#: the quantity of each kind of load on a layer; where balls differ an overlap may be negative, and the medium checks that
+#: the quantity of each kind of load on a layer; where balls differ an overlap may be negative, and
+#: the medium checks that
 LOADS: dict[str, Quantity] = {
     "force": Quantity("force", "N", "18.446 N", "uN, mN, N, kN, kgf, lbf", negative=_TENSILE),
-    "pressure": Quantity("force per length", "N/m", "4 kN/m", "N/m, kN/m, N/mm, Pa*m", negative=_TENSILE),
+    "pressure": Quantity(
+        "force per length", "N/m", "4 kN/m", "N/m, kN/m, N/mm, Pa*m", negative=_TENSILE
+    ),
     "overlap": Quantity("length", "m", "2 um", "m, mm, um, nm", "any"),
     "side_force": Quantity("force", "N", "990 N", "mN, N, kN, kgf, lbf", negative=_TENSILE),
 }
@@ -298,22 +393,30 @@ _PRESSURES = {
 
 
 def load_quantities(periods: int) -> dict[str, Quantity]:
-    """The quantity of each kind of load on balls along a line, in a layer or in space (1, 2, 3 ``periods``).
+    """The quantity of each kind of load on balls along a line, in a layer or in space (1, 2, 3
+    ``periods``).
 
-    A pressure is a force on a line, a force per length of the boundary of a layer, and a force per area in space.
+    A pressure is a force on a line, a force per length of the boundary of a layer, and a force per
+    area in space.
     """
     return LOADS if periods == 2 else LOADS | {"pressure": _PRESSURES[periods]}
 
 
 def tensor_quantities(periods: int) -> dict[str, Quantity]:
-    """The quantity of a component of a strain, or of a stress, which is a pressure of any sign: :func:`load_quantities`."""
+    """The quantity of a component of a strain, or of a stress, which is a pressure of any sign:
+    :func:`load_quantities`.
+    """
     if periods == 2:
         return TENSORS
     own = _PRESSURES[periods]
-    return TENSORS | {"stress": replace(own, example=f"-{own.example}", least="any", negative="negative")}
+    return TENSORS | {
+        "stress": replace(own, example=f"-{own.example}", least="any", negative="negative")
+    }
 
 
 def find_load_unit(kind: str, periods: int, pressed_axes: int | None = None) -> str:
-    """Return the SI unit of a kind of load; empty if it has none. A pressure acts along the ``pressed_axes``."""
+    """Return the SI unit of a kind of load; empty if it has none. A pressure acts along the
+    ``pressed_axes``.
+    """
     quantities = load_quantities(pressed_axes or periods) | tensor_quantities(periods)
     return quantities[kind].unit.removeprefix("1")

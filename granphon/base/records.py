@@ -1,8 +1,10 @@
-"""Files of records that grow: netCDF's classic format, with offsets of 64 bits, which any reader of netCDF opens.
+"""Files of records that grow: netCDF's classic format, with offsets of 64 bits, which any reader of
+netCDF opens.
 
-The layout is that of the classic format specification of Unidata's netCDF documentation: a header, the variables that do not
-grow, and then records, each with one entry of every variable that grows. A record that is not yet whole does not count, so
-that a file can be read while it grows, and after the program that wrote it was killed.
+The layout is that of the classic format specification of Unidata's netCDF documentation: a header,
+the variables that do not grow, and then records, each with one entry of every variable that grows.
+A record that is not yet whole does not count, so that a file can be read while it grows, and after
+the program that wrote it was killed.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ def hold(file: BinaryIO) -> None:
         flock(file, LOCK_EX | LOCK_NB)
     except BlockingIOError:
         what = f"another run is writing {file.name}"
-        raise OutputError(what, "Two would mix their frames", "Wait until it ends, or give another file") from None
+        raise OutputError(
+            what, "Two would mix their frames", "Wait until it ends, or give another file"
+        ) from None
     except (ImportError, OSError):
         return
 
@@ -50,19 +54,27 @@ class RecordFile:
     units : of variables.
     about : texts about the file.
 
-    Raises :class:`OSError` where the file cannot be written, and :class:`~granphon.base.errors.OutputError` where another
-    run is writing it.
+    Raises :class:`OSError` where the file cannot be written, and
+    :class:`~granphon.base.errors.OutputError` where another run is writing it.
     """
 
     def __init__(
-        self, path: str | os.PathLike[str] | BinaryIO, fixed: Mapping[str, tuple[Array, tuple[str, ...]]],
-        growing: Mapping[str, tuple[tuple[int, ...], tuple[str, ...]]], units: Mapping[str, str], about: Mapping[str, str],
-    ) -> None:  # fmt: skip
+        self,
+        path: str | os.PathLike[str] | BinaryIO,
+        fixed: Mapping[str, tuple[Array, tuple[str, ...]]],
+        growing: Mapping[str, tuple[tuple[int, ...], tuple[str, ...]]],
+        units: Mapping[str, str],
+        about: Mapping[str, str],
+    ) -> None:
         from scipy.io import netcdf_file
 
-        self._count, self._growing = 0, growing
+        self._count = 0
+        self._growing = growing
         sizes: dict[str, int] = {}
-        for shape, names in [*((array.shape, names) for array, names in fixed.values()), *growing.values()]:
+        for shape, names in [
+            *((array.shape, names) for array, names in fixed.values()),
+            *growing.values(),
+        ]:
             sizes |= dict(zip(names, shape, strict=True))
         head = BytesIO()
         layout: Any = netcdf_file(head, "w", version=2)
@@ -78,8 +90,11 @@ class RecordFile:
             if name in units:
                 variable.units = units[name]
         layout.flush()
-        # all of it but its one record, which is there because scipy finds from it how long records are
-        start = head.getvalue()[: -8 * sum(int(np.prod(shape, dtype=int)) for shape, _ in growing.values())]
+        # all of it but its one record, which is there because scipy finds from it how long records
+        # are
+        start = head.getvalue()[
+            : -8 * sum(int(np.prod(shape, dtype=int)) for shape, _ in growing.values())
+        ]
         # it is open as long as the object is
         self._file = open(path, "wb") if isinstance(path, str | os.PathLike) else path  # noqa: SIM115
         if self._file is not path:
@@ -89,7 +104,9 @@ class RecordFile:
 
     def append(self, values: Mapping[str, Any]) -> None:
         """Write a record; it is in the file when this returns."""
-        self._file.write(b"".join(np.asarray(values[name]).astype(">f8").tobytes() for name in self._growing))
+        self._file.write(
+            b"".join(np.asarray(values[name]).astype(">f8").tobytes() for name in self._growing)
+        )
         self._file.flush()
         self._count += 1
         self._file.seek(4)
@@ -103,11 +120,14 @@ class RecordFile:
 
 
 def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
-    """Return the data of a file that was cut, with a header that counts the records that are whole; None of others."""
+    """Return the data of a file that was cut, with a header that counts the records that are whole;
+    None of others.
+    """
     from scipy.io import netcdf_file
 
     try:
-        data, size = Path(path).read_bytes(), {False: 0, True: 0}
+        data = Path(path).read_bytes()
+        size = {False: 0, True: 0}
         with netcdf_file(BytesIO(data[:4] + struct.pack(">i", 1) + data[8:]), "r") as file:
             for one in file.variables.values():
                 size[one.isrec] += 8 * one.data.size
@@ -117,20 +137,26 @@ def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
         return None
     if not 0 < count < said:
         return None
-    warnings.warn(f"{name} was cut: {count} of its {said} records are whole", StoppedEarlyWarning, stacklevel=4)
+    warnings.warn(
+        f"{name} was cut: {count} of its {said} records are whole",
+        StoppedEarlyWarning,
+        stacklevel=4,
+    )
     return BytesIO(data[:4] + struct.pack(">i", count) + data[8:])
 
 
 def read_records(
     path: str | os.PathLike[str] | BinaryIO, about: Mapping[str, str], frames: slice = slice(None)
 ) -> tuple[dict[str, Array], dict[str, str]]:
-    """Return the arrays of a file of records, those that grow at the ``frames`` alone, and all that it says about itself.
+    """Return the arrays of a file of records, those that grow at the ``frames`` alone, and all that
+    it says about itself.
 
-    Arrays that grow stay in the file: they are :class:`numpy.memmap`, whose numbers are read as they are used. ``path`` may
-    be an open binary file too, which is read into memory.
+    Arrays that grow stay in the file: they are :class:`numpy.memmap`, whose numbers are read as
+    they are used. ``path`` may be an open binary file too, which is read into memory.
 
-    Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is no such file, or about which its
-    texts say something else than ``about``. Of a file that was cut the records that are whole are read into memory, with a
+    Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is no such
+    file, or about which its texts say something else than ``about``. Of a file that was cut the
+    records that are whole are read into memory, with a
     :class:`~granphon.base.errors.StoppedEarlyWarning`.
     """
     from scipy.io import netcdf_file
@@ -138,20 +164,33 @@ def read_records(
     name = os.fspath(path) if isinstance(path, str | os.PathLike) else "the data"
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of arrays that outlive the file: its mapping lives with them
+            # of arrays that outlive the file: its mapping lives with them
+            warnings.simplefilter("ignore", RuntimeWarning)
             with netcdf_file(path, "r") as file:
                 found = {key: getattr(file, key, b"").decode() for key in about}
                 if found != dict(about):
                     what = f"{name} is {found}, not {dict(about)}"
                     raise InputError(what, mend="Give a file that this version has written")
                 out: dict[str, Array] = {
-                    key: variable.data[frames].view(np.memmap) if variable.isrec else np.array(variable.data, float)
+                    key: variable.data[frames].view(np.memmap)
+                    if variable.isrec
+                    else np.array(variable.data, float)
                     for key, variable in file.variables.items()
                 }
-                return out, {key: value.decode() for key, value in vars(file)["_attributes"].items()}
+                return out, {
+                    key: value.decode() for key, value in vars(file)["_attributes"].items()
+                }
     except FileNotFoundError:
         raise MissingFileError(f"there is no file {name}") from None
-    except (OSError, TypeError, ValueError, KeyError, AttributeError, IndexError, struct.error) as error:
+    except (
+        OSError,
+        TypeError,
+        ValueError,
+        KeyError,
+        AttributeError,
+        IndexError,
+        struct.error,
+    ) as error:
         if isinstance(error, InputError):
             raise
         if isinstance(path, str | os.PathLike) and (whole := _mend(path, name)) is not None:

@@ -1,10 +1,12 @@
-"""Tables of what has a name: lattices, contact laws, media, observables and readers of files, which plug-ins add to.
+"""Tables of what has a name: lattices, contact laws, media, observables and readers of files, which
+plug-ins add to.
 
-Each table is a :class:`Registry`. granphon's own entries come into it by the same call as those of others. A package that
-adds some names a function in its entry points of the group ``granphon.plugins``, which calls ``granphon.register_...``;
-a module will do, which does so when it is imported. Plug-ins are loaded when a table is asked for a name that it does not
-have, or for all that it has: what does not ask pays nothing. One that fails adds nothing, and errors about unknown names
-say which and why.
+Each table is a :class:`Registry`. granphon's own entries come into it by the same call as those of
+others. A package that adds some names a function in its entry points of the group
+``granphon.plugins``, which calls ``granphon.register_...``; a module will do, which does so when it
+is imported. Plug-ins are loaded when a table is asked for a name that it does not have, or for all
+that it has: what does not ask pays nothing. One that fails adds nothing, and errors about unknown
+names say which and why.
 """
 
 from __future__ import annotations
@@ -24,13 +26,16 @@ _PROGRAM = "the program"
 
 
 class Registry(Mapping[str, T]):
-    """What is known of one kind by its name, in the order in which it was added; ``what`` is the kind in words."""
+    """What is known of one kind by its name, in the order in which it was added; ``what`` is the
+    kind in words.
+    """
 
     #: every registry, by its kind
     every: dict[str, Registry[Any]] = {}
 
     def __init__(self, what: str) -> None:
-        self.what, self._entries = what, dict[str, T]()
+        self.what = what
+        self._entries = dict[str, T]()
         #: who has added each entry that is not granphon's own
         self._sources = dict[str, str]()
         self._made = dict[str, Any]()
@@ -42,22 +47,31 @@ class Registry(Mapping[str, T]):
         return entry
 
     def add(self, name: str, entry: T, made: Any) -> T:
-        """Add an entry, and return it; ``made`` is the function, class or object that someone gave for it.
+        """Add an entry, and return it; ``made`` is the function, class or object that someone gave
+        for it.
 
-        The same may be added again: an equal object, or a function or class defined anew under its own name in the same
-        module, as by a cell of a notebook that runs twice. It takes the place of the former. Raises
+        The same may be added again: an equal object, or a function or class defined anew under its
+        own name in the same module, as by a cell of a notebook that runs twice. It takes the place
+        of the former. Raises
         :class:`~granphon.base.errors.InputError` if another of this name is there.
         """
-        from granphon.base.validation import label, require  # imported here: what only lists the plug-ins needs no NumPy
+        # imported here: what only lists the plug-ins needs no NumPy
+        from granphon.base.validation import (
+            label,
+            require,
+        )
 
         require(f"the name of a {self.what}", label, name)
         source = getattr(_plugins, "loading", "") or _PROGRAM
-        own, again = _identify(made), False
+        own = _identify(made)
+        again = False
         holder = self._sources.get(name, "granphon" if name in self._entries else None)
         with suppress(ValueError):  # of objects that hold arrays
             again = holder == source and bool(self._made[name] == own)
         if holder is not None and not again:
-            raise InputError(f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name")
+            raise InputError(
+                f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name"
+            )
         self._entries[name], self._sources[name], self._made[name] = entry, source, own
         return entry
 
@@ -75,14 +89,22 @@ class Registry(Mapping[str, T]):
         return name in self._sources
 
     def describe(self, name: str) -> str:
-        """Return an entry in words, with the plug-in that has added it: "the observable 'impedance' of the plug-in x"."""
+        """Return an entry in words, with the plug-in that has added it: "the observable 'impedance'
+        of the plug-in x".
+        """
         source = self._sources.get(name, _PROGRAM)
         return f"the {self.what} {name!r}" + f" of {source}" * (source != _PROGRAM)
 
     @property
     def failures(self) -> str:
-        """A sentence on plug-ins that failed, one of which may have what is not found here; empty if none has."""
-        failed = [f"{name} could not be loaded: {one_line(why)}" for name, why in load_plugins().items() if why]
+        """A sentence on plug-ins that failed, one of which may have what is not found here; empty
+        if none has.
+        """
+        failed = [
+            f"{name} could not be loaded: {one_line(why)}"
+            for name, why in load_plugins().items()
+            if why
+        ]
         return "; ".join(failed)[:1].upper() + "; ".join(failed)[1:]
 
     def drop(self, source: str) -> None:
@@ -110,7 +132,9 @@ class Registry(Mapping[str, T]):
 
 
 def _identify(made: Any) -> Any:
-    """Return what is equal for the same: a function's or class's name and module, a lambda's code, or itself."""
+    """Return what is equal for the same: a function's or class's name and module, a lambda's code,
+    or itself.
+    """
     if "<" not in (name := getattr(made, "__qualname__", "<")):
         return made.__module__, name
     code = getattr(made, "__code__", None)
@@ -118,21 +142,27 @@ def _identify(made: Any) -> Any:
 
 
 #: what is loading, in each thread
-_plugins, _lock = threading.local(), threading.RLock()
+_plugins = threading.local()
+_lock = threading.RLock()
 #: plug-ins that were loaded, each with why it failed; None where it did not, or has not ended
 _loaded: dict[str, str | None] = {}
 
 
 def load_plugins() -> dict[str, str | None]:
-    """Load the plug-ins that are installed, once; return them in words, each with why it failed, or None."""
+    """Load the plug-ins that are installed, once; return them in words, each with why it failed, or
+    None.
+    """
     with _lock:
         if not _loaded:
             _loaded["granphon"] = None  # a plug-in that asks for names meets those that are there
             from importlib.metadata import entry_points  # which takes 30 ms
 
             for point in entry_points(group=GROUP):
-                source = f"the plug-in {point.name}" + (f" of {point.dist.name}" if point.dist else "")
-                _plugins.loading, _loaded[source] = source, None
+                source = f"the plug-in {point.name}" + (
+                    f" of {point.dist.name}" if point.dist else ""
+                )
+                _plugins.loading = source
+                _loaded[source] = None
                 try:
                     found = point.load()
                     if callable(found):
@@ -147,6 +177,8 @@ def load_plugins() -> dict[str, str | None]:
 
 
 def list_added(what: str) -> tuple[str, ...]:
-    """Return the names of a kind that plug-ins and the program have added; none where nothing has asked for the kind yet."""
+    """Return the names of a kind that plug-ins and the program have added; none where nothing has
+    asked for the kind yet.
+    """
     load_plugins()
     return tuple(sorted(Registry.every[what]._sources)) if what in Registry.every else ()

@@ -1,4 +1,6 @@
-"""What every result has in common: frozen, its arrays read-only, convertible to plain data, and shown as a table."""
+"""What every result has in common: frozen, its arrays read-only, convertible to plain data, and
+shown as a table.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +15,18 @@ from typing import Annotated, Any, ClassVar, Self, Union, cast, get_args, get_or
 import numpy as np
 
 from granphon.base.errors import GranphonError, InputError, brief
-from granphon.base.text import damage_error, digest, list_names, require_schema, show, warn_unverified
+from granphon.base.text import (
+    damage_error,
+    digest,
+    list_names,
+    require_schema,
+    show,
+    warn_unverified,
+)
 
 #: most letters of a value, and most entries of an array or a tuple that are all written out
-_MOST_LETTERS, _MOST_ENTRIES = 160, 6
+_MOST_LETTERS = 160
+_MOST_ENTRIES = 6
 #: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")
 #: the kinds of entries, as NumPy's letters have them, from which an array of a kind is made
@@ -33,16 +43,22 @@ _SCALARS = frozenset({str, float, int, bool, NoneType})
 
 
 def write_html(title: str, rows: Iterable[tuple[str, Any, str]]) -> str:
-    """Return an HTML table of rows of a name, a value and its SI unit, headed by ``title``; every text is escaped.
+    """Return an HTML table of rows of a name, a value and its SI unit, headed by ``title``; every
+    text is escaped.
 
-    A value is described by :func:`describe_value`. The unit "1", of a number without a unit, is left blank.
+    A value is described by :func:`describe_value`. The unit "1", of a number without a unit, is
+    left blank.
     """
-    cells = ((name, describe_value(value), "" if unit == "1" else unit) for name, value, unit in rows)
+    cells = (
+        (name, describe_value(value), "" if unit == "1" else unit) for name, value, unit in rows
+    )
     body = "".join(
-        f"<tr><th>{_clean(name)}</th><td>{_clean(value)}</td><td>{_clean(unit)}</td></tr>" for name, value, unit in cells
+        f"<tr><th>{_clean(name)}</th><td>{_clean(value)}</td><td>{_clean(unit)}</td></tr>"
+        for name, value, unit in cells
     )
     head = "<tr><th>name</th><th>value</th><th>unit</th></tr>"
-    return f"<table><caption>{_clean(title)}</caption><thead>{head}</thead><tbody>{body}</tbody></table>"
+    caption = f"<caption>{_clean(title)}</caption>"
+    return f"<table>{caption}<thead>{head}</thead><tbody>{body}</tbody></table>"
 
 
 def _clean(text: str) -> str:
@@ -71,7 +87,9 @@ def describe_value(value: Any) -> str:
         more = f", ... ({len(value)} in all)" if len(value) > _MOST_ENTRIES else ""
         return ("; " if any(", " in word for word in words) else ", ").join(words) + more or "none"
     if isinstance(value, Mapping):
-        return ", ".join(f"{name}: {describe_value(one)}" for name, one in list(value.items())[:_MOST_ENTRIES])
+        return ", ".join(
+            f"{name}: {describe_value(one)}" for name, one in list(value.items())[:_MOST_ENTRIES]
+        )
     if is_dataclass(value):
         name = getattr(value, "name", None)
         return name.replace("_", " ") if isinstance(name, str) else type(value).__name__
@@ -79,7 +97,9 @@ def describe_value(value: Any) -> str:
 
 
 def _describe_array(values: np.ndarray[Any, Any]) -> str:
-    """Return the entries of a small array in a row, else the shape, and the least and the greatest entry."""
+    """Return the entries of a small array in a row, else the shape, and the least and the greatest
+    entry.
+    """
     kind = values.dtype.kind
     if values.ndim <= 1 and 0 < values.size <= _MOST_ENTRIES and kind != "c":
         return ", ".join(describe_value(one) for one in np.ravel(values).tolist())
@@ -98,7 +118,11 @@ def _describe_array(values: np.ndarray[Any, Any]) -> str:
         ends[np.abs(ends) < 1e-14 * np.max(np.abs(ends))] = 0.0
     low, high = (describe_value(end) for end in ends.tolist())
     what = "magnitudes " if kind == "c" else ""
-    return f"array {shape}, {what}{low} to {high}{left}" if low != high else f"array {shape}, all {what}{low}{left}"
+    return (
+        f"array {shape}, {what}{low} to {high}{left}"
+        if low != high
+        else f"array {shape}, all {what}{low}{left}"
+    )
 
 
 def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
@@ -112,18 +136,20 @@ def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
 class Result:
     """Base of the frozen result classes.
 
-    An annotation ``Annotated[Array, "f n 3", "m/s", "finite"]`` says the shape of a field, its SI unit, and the range of its
-    numbers where plain data are read, one of ``_RANGES``. What there is none of is left out at the end, and "" before; of a
-    number the shape is "". They are in ``_shapes``, ``units`` and ``_ranges`` of the class; the
-    units of properties are written there. When the
-    meaning of a field changes, a subclass has a higher ``_schema``. ``_notebook_fields`` names properties, quick to find,
-    that a notebook shows after the fields. Arrays are made read-only; scalars stay floats. Two results are equal if all
-    their compared fields are equal, array by array; ``repr`` shows a large array by its shape.
-    ``class Spectrum(Result, array="values")`` has a field that ``np.asarray`` of it is.
+    An annotation ``Annotated[Array, "f n 3", "m/s", "finite"]`` says the shape of a field, its SI
+    unit, and the range of its numbers where plain data are read, one of ``_RANGES``. What there is
+    none of is left out at the end, and "" before; of a number the shape is "". They are in
+    ``_shapes``, ``units`` and ``_ranges`` of the class; the units of properties are written there.
+    When the meaning of a field changes, a subclass has a higher ``_schema``. ``_notebook_fields``
+    names properties, quick to find, that a notebook shows after the fields. Arrays are made
+    read-only; scalars stay floats. Two results are equal if all their compared fields are equal,
+    array by array; ``repr`` shows a large array by its shape. ``class Spectrum(Result,
+    array="values")`` has a field that ``np.asarray`` of it is.
 
-    A shape is a text of sizes parted by spaces: a number; a letter, which means the same size in all shapes of the class;
-    or a letter plus a number, "s+1". "..." at the beginning stands for the shape of the load, "|" parts layouts that are
-    both allowed, and "?" at the end marks a field that may be None.
+    A shape is a text of sizes parted by spaces: a number; a letter, which means the same size in
+    all shapes of the class; or a letter plus a number, "s+1". "..." at the beginning stands for the
+    shape of the load, "|" parts layouts that are both allowed, and "?" at the end marks a field
+    that may be None.
     """
 
     _schema: ClassVar[int] = 1
@@ -135,36 +161,54 @@ class Result:
     def __init_subclass__(cls, array: str = "", **options: Any) -> None:
         super().__init_subclass__(**options)
         hints = get_annotations(cls, eval_str=True)
-        told = {name: [word for word in _list_remarks(hint) if isinstance(word, str)] for name, hint in hints.items()}
+        told = {
+            name: [word for word in _list_remarks(hint) if isinstance(word, str)]
+            for name, hint in hints.items()
+        }
         for place, kept in enumerate(("_shapes", "units", "_ranges")):
-            own = {name: words[place] for name, words in told.items() if len(words) > place and words[place]}
+            own = {
+                name: words[place]
+                for name, words in told.items()
+                if len(words) > place and words[place]
+            }
             setattr(cls, kept, getattr(cls, kept) | own)
         if array:
-            cls.__array__ = lambda self, dtype=None, copy=None: np.array(getattr(self, array), dtype)  # type: ignore[attr-defined]
+
+            def make_array(self: Result, dtype: Any = None, copy: Any = None) -> Any:
+                return np.array(getattr(self, array), dtype)
+
+            cls.__array__ = make_array  # type: ignore[attr-defined]
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
-            if type(value) in _SCALARS or type(value) is tuple:  # most values, which are kept as they are
+            if type(value) in _SCALARS or type(value) is tuple:
+                # most values, which are kept as they are
                 continue
             if isinstance(value, np.generic):
                 object.__setattr__(self, name, value.item())
             elif isinstance(value, np.ndarray):
                 if value.ndim == 0:
                     object.__setattr__(self, name, value.item())
-                elif value.flags.writeable or not (value.base is None or isinstance(value, np.memmap)):
-                    # a view would change with the array behind it; what stays in a file is read as it is used
+                elif value.flags.writeable or not (
+                    value.base is None or isinstance(value, np.memmap)
+                ):
+                    # a view would change with the array behind it; what stays in a file is read as
+                    # it is used
                     object.__setattr__(self, name, read_only(value))
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
             return NotImplemented
-        for a, b in ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare):
+        for a, b in (
+            (getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare
+        ):
             if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
                 # nan, which stands for "not known", equals nan
                 nan = all(isinstance(one, np.ndarray) and one.dtype.kind in "fc" for one in (a, b))
                 if not np.array_equal(a, b, equal_nan=nan):
                     return False
-            elif a != b and plain(a) != plain(b):  # objects that hold arrays are compared by what they hold
+            elif a != b and plain(a) != plain(b):
+                # objects that hold arrays are compared by what they hold
                 return False
         return True
 
@@ -174,7 +218,9 @@ class Result:
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
-        """Build a result from its fields; a class whose constructor takes other arguments has its own."""
+        """Build a result from its fields; a class whose constructor takes other arguments has its
+        own.
+        """
         return cls(*values)
 
     __hash__ = None  # type: ignore[assignment]
@@ -192,19 +238,23 @@ class Result:
 
     def _list_values(self) -> list[tuple[str, Any, str]]:
         """Name, value and unit of what is shown of a result: no field that is None or empty."""
-        units, rows = self._field_units(), []
+        units = self._field_units()
+        rows = []
         for name in (*(f.name for f in fields(self) if f.repr), *self._notebook_fields):
-            with suppress(GranphonError):  # a property that this result does not have, such as the pressure of some lattices
+            with suppress(GranphonError):
+                # a property that this result does not have, such as the pressure of some lattices
                 value = getattr(self, name)
                 if value is not None and not (isinstance(value, tuple) and not value):
                     rows.append((name, value, units.get(name, "")))
         return rows
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as plain data: class name, schema, the unit of each field, the fields, and a digest of all these.
+        """The result as plain data: class name, schema, the unit of each field, the fields, and a
+        digest of all these.
 
-        Complex arrays become a mapping of ``real`` and ``imag`` lists; objects in fields (a packing, its scales) become
-        mappings of their own. The digest stays valid through JSON and YAML.
+        Complex arrays become a mapping of ``real`` and ``imag`` lists; objects in fields (a
+        packing, its scales) become mappings of their own. The digest stays valid through JSON and
+        YAML.
         """
         data = {**plain(self), "schema": self._schema, "units": self._field_units()}
         return data | {"digest": digest(data)}
@@ -213,26 +263,38 @@ class Result:
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Build a result from plain data: the inverse of :meth:`to_dict`.
 
-        Raises :class:`~granphon.base.errors.InputError` if the data are of another class, of another schema, in other units,
-        or incomplete, if a field has another kind, shape or range than in the class, if there is a field that the class
-        lacks, or if the ``digest`` is not that of the data. Without a digest, damage that passes the other checks is not
-        noticed, and there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
+        Raises :class:`~granphon.base.errors.InputError` if the data are of another class, of
+        another schema, in other units, or incomplete, if a field has another kind, shape or range
+        than in the class, if there is a field that the class lacks, or if the ``digest`` is not
+        that of the data. Without a digest, damage that passes the other checks is not noticed, and
+        there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
         """
         given: dict[str, Any] = dict(data) if isinstance(cast("object", data), Mapping) else {}
         if _read_class_name(given) != cls.__name__:
-            raise InputError(f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}")
-        require_schema(f"a {cls.__name__} in plain data", given.get("schema", cls._schema), cls._schema)
+            raise InputError(
+                f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}"
+            )
+        require_schema(
+            f"a {cls.__name__} in plain data", given.get("schema", cls._schema), cls._schema
+        )
         try:
-            restored: Self = restore({name: v for name, v in given.items() if name not in _ABOUT}, cls)
+            restored: Self = restore(
+                {name: v for name, v in given.items() if name not in _ABOUT}, cls
+            )
             # after the other checks, whose errors say more
             if "digest" in given and plain(given.pop("digest")) != digest(plain(given)):
                 raise damage_error(f"a {cls.__name__} in plain data", "under 'digest'")
-            units = plain(given.get("units", restored._field_units()))  # an array as a unit becomes a list, which is refused
+            # an array as a unit becomes a list, which is refused
+            units = plain(given.get("units", restored._field_units()))
         except RecursionError:
-            raise InputError(f"the {cls.__name__} data are nested too deeply, or contain themselves") from None
+            raise InputError(
+                f"the {cls.__name__} data are nested too deeply, or contain themselves"
+            ) from None
         if units != restored._field_units():
             mend = "Use the units that to_dict gives: other units are not converted"
-            raise InputError(f"the units of the {cls.__name__} data are not those of the class", mend=mend)
+            raise InputError(
+                f"the units of the {cls.__name__} data are not those of the class", mend=mend
+            )
         if "digest" not in data:
             warn_unverified(f"a {cls.__name__} in plain data")
         return restored
@@ -242,7 +304,8 @@ class Result:
         return dict(self.units)
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if fields in ``_shapes`` are not numbers or their shapes disagree.
+        """Raise :class:`~granphon.base.errors.InputError` if fields in ``_shapes`` are not numbers
+        or their shapes disagree.
 
         Called for results that were read; those that granphon computes pass by construction.
         """
@@ -257,24 +320,37 @@ class Result:
             if not any(_fits(one.split(), found, sizes) for one in layout.rstrip("?").split("|")):
                 so_far = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
                 wanted = layout.replace("|", ") or (")
-                what = f"{name} of the {type(self).__name__} has the shape {found} instead of ({wanted})"
+                what = (
+                    f"{name} of the {type(self).__name__} has the shape {found} instead of"
+                    f" ({wanted})"
+                )
                 raise InputError(what, so_far and f"The other fields have {so_far}")
         for name, within in self._ranges.items():
             values = np.asarray(getattr(self, name))
             if values.dtype.kind in "iufc" and np.any(wrong := ~_RANGES[within](values)):
-                what = f"{name} of the {type(self).__name__} is {describe_value(values[wrong].flat[0])}"
+                what = (
+                    f"{name} of the {type(self).__name__} is"
+                    f" {describe_value(values[wrong].flat[0])}"
+                )
                 raise InputError(what, mend=f"Give numbers that are {within}")
 
     def _require_finite(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if an array among ``_shapes`` holds an infinity or a nan."""
+        """Raise :class:`~granphon.base.errors.InputError` if an array among ``_shapes`` holds an
+        infinity or a nan.
+        """
         for name in self._shapes:
             value = getattr(self, name)
             if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
-                raise InputError(f"{name} of the {type(self).__name__} holds values that are not finite (nan or infinite)")
+                raise InputError(
+                    f"{name} of the {type(self).__name__} holds values that are not finite"
+                    f" (nan or infinite)"
+                )
 
 
 def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:
-    """Whether a shape fits the words of ``layout``; ``sizes`` collects the sizes that the letters stand for."""
+    """Whether a shape fits the words of ``layout``; ``sizes`` collects the sizes that the letters
+    stand for.
+    """
     if layout[:1] == ["..."]:
         layout, head = layout[1:], shape[: max(len(shape) - len(layout) + 1, 0)]
         shape = shape[len(head) :]
@@ -284,21 +360,29 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
         return False
     for word, size in zip(layout, shape, strict=True):
         letter, _, more = word.partition("+")
-        wanted = int(word) if word.isdigit() else sizes.setdefault(letter, size - int(more or 0)) + int(more or 0)
+        wanted = (
+            int(word)
+            if word.isdigit()
+            else sizes.setdefault(letter, size - int(more or 0)) + int(more or 0)
+        )
         if size != wanted:
             return False
     return True
 
 
 def plain(value: Any) -> Any:
-    """A value as plain data: a dataclass becomes a mapping of its class and fields, an array a list.
+    """A value as plain data: a dataclass becomes a mapping of its class and fields, an array a
+    list.
 
     Values of other kinds are returned as they are.
     """
     if type(value) in _SCALARS:
         return value
     if is_dataclass(value) and not isinstance(value, type):
-        return {"class": type(value).__name__, **{f.name: plain(getattr(value, f.name)) for f in fields(value)}}
+        return {
+            "class": type(value).__name__,
+            **{f.name: plain(getattr(value, f.name)) for f in fields(value)},
+        }
     if isinstance(value, np.ndarray):
         if np.iscomplexobj(value):
             return {"real": value.real.tolist(), "imag": value.imag.tolist()}
@@ -313,30 +397,43 @@ def plain(value: Any) -> Any:
 
 
 def _list_remarks(hint: Any) -> tuple[Any, ...]:
-    """What an annotation says beside the type: the kind of the entries of an array, the shape and the unit of a field."""
+    """What an annotation says beside the type: the kind of the entries of an array, the shape and
+    the unit of a field.
+    """
     return get_args(hint)[1:] if get_origin(hint) is Annotated else ()
 
 
 def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     """Build an object of the type ``hint`` from plain data.
 
-    The type is a dataclass, tuple, mapping, scalar or array of :mod:`granphon.base.arrays`, or a union of these; Any is a
-    scalar, or an array. Raises :class:`~granphon.base.errors.InputError`, which calls the value ``name``, if the data are of
-    another kind.
+    The type is a dataclass, tuple, mapping, scalar or array of :mod:`granphon.base.arrays`, or a
+    union of these; Any is a scalar, or an array. Raises :class:`~granphon.base.errors.InputError`,
+    which calls the value ``name``, if the data are of another kind.
     """
     remarks = _list_remarks(hint)
     hint = get_args(hint)[0] if remarks else hint
     entries = next((remark for remark in remarks if isinstance(remark, np.dtype)), None)
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     wanted = str(hint) if inner else getattr(hint, "__name__", str(hint))
     if origin in (Union, UnionType):
-        if isinstance(value, Mapping):  # if the value names a class among the types, it must be that one
-            inner = tuple(one for one in inner if getattr(one, "__name__", None) == _read_class_name(value)) or inner
+        if isinstance(value, Mapping):
+            # if the value names a class among the types, it must be that one
+            inner = (
+                tuple(
+                    one
+                    for one in inner
+                    if getattr(one, "__name__", None) == _read_class_name(value)
+                )
+                or inner
+            )
         for one in inner[:-1]:
             with suppress(InputError):
                 return restore(value, one, name)
         return restore(value, inner[-1], name)
-    if entries is not None or (hint is Any and isinstance(value, Mapping | list | tuple | np.ndarray)):
+    if entries is not None or (
+        hint is Any and isinstance(value, Mapping | list | tuple | np.ndarray)
+    ):
         wanted = "an array of numbers"
         if (found := _make_array(value, entries)) is not None:
             return found
@@ -345,7 +442,10 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
         if len(kinds) == len(value):
             return tuple(restore(v, kind, name) for v, kind in zip(value, kinds, strict=True))
     elif origin is dict and isinstance(value, Mapping):
-        return {restore(key, inner[0], name): restore(v, inner[1], f"{name}.{key}") for key, v in value.items()}
+        return {
+            restore(key, inner[0], name): restore(v, inner[1], f"{name}.{key}")
+            for key, v in value.items()
+        }
     elif is_dataclass(hint):
         if isinstance(value, hint):  # type: ignore[arg-type]  # a class
             return value
@@ -353,21 +453,39 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
             build: Any = hint
             if issubclass(build, Result) and not set(_ABOUT).isdisjoint(value):
                 return build.from_dict(value)  # a field written by its own to_dict
-            known, what = [f.name for f in fields(build)], f"the {wanted} data"
+            known = [f.name for f in fields(build)]
+            what = f"the {wanted} data"
             hints = get_type_hints(build, include_extras=True)
             if missing := [name for name in known if name not in value]:
                 raise InputError(f"{what} lack {', '.join(missing)}")
             if unknown := [show(name) for name in value if name not in (*known, "class")]:
-                raise InputError(f"{what} have {list_names(unknown)}, which the class does not have")
+                raise InputError(
+                    f"{what} have {list_names(unknown)}, which the class does not have"
+                )
             given = {name: restore(value[name], hints[name], f"{wanted}.{name}") for name in known}
             try:
-                made = build._of_fields(*given.values()) if issubclass(build, Result) else build(**given)
+                made = (
+                    build._of_fields(*given.values())
+                    if issubclass(build, Result)
+                    else build(**given)
+                )
                 if isinstance(made, Result):
                     made._check()
             except InputError:
                 raise
-            except (GranphonError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-                why = str(error) if isinstance(error, GranphonError) else f"{type(error).__name__}: {error}"
+            except (
+                GranphonError,
+                ArithmeticError,
+                AttributeError,
+                LookupError,
+                TypeError,
+                ValueError,
+            ) as error:
+                why = (
+                    str(error)
+                    if isinstance(error, GranphonError)
+                    else f"{type(error).__name__}: {error}"
+                )
                 raise InputError(f"no {wanted} can be made from {what}", why) from None
             return made
     elif hint is Any or hint in _SCALARS:
@@ -375,7 +493,9 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
         allowed = {Any: (*_SCALARS, np.generic), float: (float, int)}.get(hint, (hint,))
         if isinstance(value, allowed) and (not isinstance(value, bool) or bool in allowed):
             return value
-    kind = f"a {type(value).__name__}" + ("" if isinstance(value, list | tuple) else f", {show(value)},")
+    kind = f"a {type(value).__name__}" + (
+        "" if isinstance(value, list | tuple) else f", {show(value)},"
+    )
     if isinstance(value, Mapping):
         kind = f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
     raise InputError(f"{name}: found {kind} where {wanted} is needed")
@@ -388,23 +508,34 @@ def _read_class_name(data: Mapping[str, Any]) -> str:
 
 
 def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
-    """Plain data as an array of a type, or of any with None; None if they are ragged, or no such numbers."""
+    """Plain data as an array of a type, or of any with None; None if they are ragged, or no such
+    numbers.
+    """
     if (dtype is None or dtype.kind == "c") and isinstance(value, Mapping):
-        real, imaginary = (_make_array(value.get(part), np.dtype(float)) for part in ("real", "imag"))
+        real, imaginary = (
+            _make_array(value.get(part), np.dtype(float)) for part in ("real", "imag")
+        )
         if len(value) != 2 or real is None or imaginary is None or real.shape != imaginary.shape:
             return None
         whole = np.empty(real.shape, complex)
-        whole.real, whole.imag = real, imaginary
+        whole.real = real
+        whole.imag = imaginary
         return whole
     if not isinstance(value, list | tuple | np.ndarray):
         return None
     try:
         found = np.asarray(value)
         # NumPy takes truth values among numbers for numbers
-        leaves: Any = [] if isinstance(value, np.ndarray) or found.dtype.kind == "b" else np.asarray(value, object).ravel()
+        leaves: Any = (
+            []
+            if isinstance(value, np.ndarray) or found.dtype.kind == "b"
+            else np.asarray(value, object).ravel()
+        )
     except (ValueError, OverflowError):  # ragged, or too large
         return None
     kinds = "biufc" if dtype is None else _KINDS[dtype.kind]
-    if (found.size and found.dtype.kind not in kinds) or any(isinstance(one, bool) for one in leaves):
+    if (found.size and found.dtype.kind not in kinds) or any(
+        isinstance(one, bool) for one in leaves
+    ):
         return None
     return found if dtype is None or found.dtype == dtype else found.astype(dtype)

@@ -1,8 +1,8 @@
 """The scales that tie reduced units to SI.
 
-Inside, granphon measures length in the mean diameter d, stiffness in the normal contact stiffness k and
-mass in the ball's mass M. A frozen :class:`Units` carries the three scales. Every object in reduced units
-holds one, and only there are numbers converted between reduced units and SI.
+Inside, granphon measures length in the mean diameter d, stiffness in the normal contact stiffness k
+and mass in the ball's mass M. A frozen :class:`Units` carries the three scales. Every object in
+reduced units holds one, and only there are numbers converted between reduced units and SI.
 """
 
 from __future__ import annotations
@@ -20,35 +20,46 @@ from granphon.base.text import require_schema, write_float
 #: version number of the block at the head of files for phonopy
 _HEADER_SCHEMA = 1
 #: names under which the scales are stored in ``Atoms.info`` and in exported files
-_INFO = {"length": "granphon_length_m", "stiffness": "granphon_stiffness_N_per_m", "mass": "granphon_mass_kg"}
+_INFO = {
+    "length": "granphon_length_m",
+    "stiffness": "granphon_stiffness_N_per_m",
+    "mass": "granphon_mass_kg",
+}
 
 #: sizes of the decimal prefixes, ascending; ``_PREFIXES`` holds their names in the same order
 _SIZES = (
-    1e-24, 1e-21, 1e-18, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12, 1e15, 1e18, 1e21, 1e24,
+    1e-24, 1e-21, 1e-18, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12, 1e15, 1e18, 1e21,
+    1e24,
 )  # fmt: skip
 _PREFIXES = ("y", "z", "a", "f", "p", "n", "u", "m", "", "k", "M", "G", "T", "P", "E", "Z", "Y")
 
 
 def _multiple(value: float, unit: str) -> tuple[float, str]:
-    """Size and name of the decimal multiple in which ``value`` lies between 1 and 1000, or of the nearest one."""
+    """Size and name of the decimal multiple in which ``value`` lies between 1 and 1000, or of the
+    nearest one.
+    """
     place = max(bisect_right(_SIZES, value) - 1, 0)
     return _SIZES[place], _PREFIXES[place] + unit
 
 
 def prefixed(value: float, unit: str) -> tuple[float, str]:
-    """The decimal multiple of ``unit`` in which people write ``value``: its size, such as 1e-6, and its name, such as "um".
+    """The decimal multiple of ``unit`` in which people write ``value``: its size, such as 1e-6, and
+    its name, such as "um".
 
-    A value that is below a multiple only by rounding (1e-8 of it) counts as that multiple. Zero, values beyond the range of
-    the prefixes, and units that take none ("1", "1/m", "m^2", "kg/m^3") keep the ``unit`` itself, of size 1. So do times
-    of a second and more.
+    A value that is below a multiple only by rounding (1e-8 of it) counts as that multiple. Zero,
+    values beyond the range of the prefixes, and units that take none ("1", "1/m", "m^2", "kg/m^3")
+    keep the ``unit`` itself, of size 1. So do times of a second and more.
     """
-    size, first = abs(value) * (1.0 + 1e-8), re.split(r"[ */]", unit)[0]
+    size = abs(value) * (1.0 + 1e-8)
+    first = re.split(r"[ */]", unit)[0]
     takes = first.isalpha() and first != "kg" and not (first == "s" and size >= 1.0)
     return _multiple(size, unit) if takes and _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
 
 
 def write_quantity(value: float, unit: str, digits: int = 5) -> str:
-    """Text of a value in the SI unit ``unit``, with some ``digits`` and a decimal prefix, such as "8 mm"."""
+    """Text of a value in the SI unit ``unit``, with some ``digits`` and a decimal prefix, such as
+    "8 mm".
+    """
     rounded = float(f"{value:.{digits}g}")  # 999.6 um are 1 mm, in three digits
     size, name = prefixed(rounded, unit)
     return f"{rounded / size:.{digits}g}{write_unit(name)}"
@@ -60,10 +71,11 @@ def write_unit(unit: str) -> str:
 
 
 def write_uncertain(value: float, error: float, unit: str) -> str:
-    """Text of a value with its standard error, such as "1.11180 +/- 0.00039 km/s": the error has two digits.
+    """Text of a value with its standard error, such as "1.11180 +/- 0.00039 km/s": the error has
+    two digits.
 
-    The multiple of the unit is that of the larger of the two. An error below a millionth of the value, or of more digits
-    than its multiple has, stands alone.
+    The multiple of the unit is that of the larger of the two. An error below a millionth of the
+    value, or of more digits than its multiple has, stands alone.
     """
     size, name = prefixed(max(abs(value), error), unit)
     if not 1e-6 * abs(value) < error or error >= 1e3 * size:
@@ -97,10 +109,14 @@ class HertzPrefix:
 
     @classmethod
     def named(cls, name: str) -> HertzPrefix:
-        """The unit called ``name``, such as "kHz"; raises :class:`InputError` if there is no such unit."""
+        """The unit called ``name``, such as "kHz"; raises :class:`InputError` if there is no such
+        unit.
+        """
         known = {prefix + "Hz": size for size, prefix in zip(_SIZES, _PREFIXES, strict=True)}
         if name not in known:
-            raise InputError(f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(known))
+            raise InputError(
+                f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(known)
+            )
         return cls(name, known[name])
 
 
@@ -108,7 +124,8 @@ class HertzPrefix:
 class Units:
     """The scales of reduced units, in SI.
 
-    Multiply a reduced quantity by the property of its name to get SI: a reduced force times :attr:`force` is in newtons.
+    Multiply a reduced quantity by the property of its name to get SI: a reduced force times
+    :attr:`force` is in newtons.
 
     Parameters
     ----------
@@ -126,7 +143,10 @@ class Units:
     mass: float
 
     def __post_init__(self) -> None:
-        from granphon.base.validation import positive  # here alone, so that the command's help needs no numpy
+        # here alone, so that the command's help needs no numpy
+        from granphon.base.validation import (
+            positive,
+        )
 
         for name, unit in (("length", "m"), ("stiffness", "N/m"), ("mass", "kg")):
             object.__setattr__(self, name, positive(name, getattr(self, name), unit))
@@ -174,19 +194,22 @@ class Units:
         """
         missing = [key for key in _INFO.values() if key not in info]
         if missing:
-            what, mend = f"the scales {', '.join(missing)} are missing", "Make it with granphon, or add the missing entries"
+            what = f"the scales {', '.join(missing)} are missing"
+            mend = "Make it with granphon, or add the missing entries"
             raise InputError(what, "Objects in reduced units carry their scales with them", mend)
         return cls(**{name: info[key] for name, key in _INFO.items()})
 
 
 @dataclass(frozen=True)
 class WidthUnits:
-    """Reduced units of balls that differ: the width W of the diameters, and the force of equal balls at an overlap of W.
+    """Reduced units of balls that differ: the width W of the diameters, and the force of equal
+    balls at an overlap of W.
 
-    ``coefficient`` is c of Hertz's law, N/m^(3/2), and ``width`` is W, m. Multiply a number in these units by the property
-    of its name to get SI. Powers of W are taken from mantissas and exponents apart: a power may be beyond the floating range
-    where its unit, or a number in that unit, is not. A unit below the range is the nearest float, zero at last; a unit above
-    it raises :class:`InputError`.
+    ``coefficient`` is c of Hertz's law, N/m^(3/2), and ``width`` is W, m. Multiply a number in
+    these units by the property of its name to get SI. Powers of W are taken from mantissas and
+    exponents apart: a power may be beyond the floating range where its unit, or a number in that
+    unit, is not. A unit below the range is the nearest float, zero at last; a unit above it raises
+    :class:`InputError`.
     """
 
     coefficient: float
@@ -213,7 +236,9 @@ class WidthUnits:
         return self._value(-1)
 
     def _parts(self, n: int) -> tuple[float, int]:
-        """Two factors of c W^(n/2), both in the floating range: a number near one, and an exponent of two."""
+        """Two factors of c W^(n/2), both in the floating range: a number near one, and an exponent
+        of two.
+        """
         root, twos = math.frexp(math.sqrt(self.width))
         number, more = math.frexp(self.coefficient)
         return number * root**n, more + n * twos
@@ -239,12 +264,16 @@ class WidthUnits:
         return overlap / self.width
 
     def reduced_spacing(self, overlap: Any) -> Any:
-        """Reduced spacing a* = (d + W/2 - a)/W of Section IV; ``overlap`` in m, a number or an array."""
+        """Reduced spacing a* = (d + W/2 - a)/W of Section IV; ``overlap`` in m, a number or an
+        array.
+        """
         return overlap / self.width + 0.5
 
 
 def file_header(unit: HertzPrefix, scales: Units, coordinates: Sequence[str]) -> list[str]:
-    """Lines of the block ``granphon`` at the head of files for phonopy: frequency unit, coordinates, scales in SI."""
+    """Lines of the block ``granphon`` at the head of files for phonopy: frequency unit,
+    coordinates, scales in SI.
+    """
     return [
         "granphon:",
         f"  schema: {_HEADER_SCHEMA}",
@@ -256,13 +285,15 @@ def file_header(unit: HertzPrefix, scales: Units, coordinates: Sequence[str]) ->
 
 
 def read_header(path: object, own: Mapping[str, Any]) -> tuple[float, Units]:
-    """The frequency unit, Hz, and the scales from a block of the file ``path`` that :func:`file_header` made.
+    """The frequency unit, Hz, and the scales from a block of the file ``path`` that
+    :func:`file_header` made.
 
-    Raises :class:`~granphon.base.errors.SchemaError` for another schema, and :class:`~granphon.base.errors.InputError` for a
-    frequency unit or scales that cannot be right.
+    Raises :class:`~granphon.base.errors.SchemaError` for another schema, and
+    :class:`~granphon.base.errors.InputError` for a frequency unit or scales that cannot be right.
     """
     require_schema(path, own["schema"], _HEADER_SCHEMA)
-    hertz, scales = HertzPrefix.named(own["frequency_unit"]).hertz, Units.from_info(own)
+    hertz = HertzPrefix.named(own["frequency_unit"]).hertz
+    scales = Units.from_info(own)
     if own["hertz"] != hertz:
         raise InputError("its unit of frequency and the size of it contradict each other")
     return hertz, scales

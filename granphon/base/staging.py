@@ -1,12 +1,15 @@
-"""Result folders: files arrive whole and together, one run at a time, and the user's own files are never replaced.
+"""Result folders: files arrive whole and together, one run at a time, and the user's own files are
+never replaced.
 
-New files are collected in a hidden folder. One rename makes it ``.granphon-new``: from then on the result counts. Then old
-files leave, and new ones move to their places; whoever looks at the folder next completes that, if it was cut off. So a
-folder never shows files of two runs. The folder itself is not renamed: it may hold the user's files, and be where one works.
+New files are collected in a hidden folder. One rename makes it ``.granphon-new``: from then on the
+result counts. Then old files leave, and new ones move to their places; whoever looks at the folder
+next completes that, if it was cut off. So a folder never shows files of two runs. The folder itself
+is not renamed: it may hold the user's files, and be where one works.
 
-``.granphon-files`` lists the files that granphon wrote into the folder, each with its SHA-256. A file that is not listed, or
-has changed since, counts as the user's. ``.granphon-lock`` is locked by the run that writes into the folder; the lock is
-released as soon as that process has ended, however it ended.
+``.granphon-files`` lists the files that granphon wrote into the folder, each with its SHA-256. A
+file that is not listed, or has changed since, counts as the user's. ``.granphon-lock`` is locked by
+the run that writes into the folder; the lock is released as soon as that process has ended, however
+it ended.
 """
 
 from __future__ import annotations
@@ -29,14 +32,18 @@ from uuid import uuid4
 from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, require_installed
 from granphon.base.text import read_bytes
 
-#: the list of the files that granphon wrote into a folder; a list of another version counts as empty
-LIST, LIST_SCHEMA = ".granphon-files", 1
+#: the list of the files that granphon wrote into a folder; a list of another version counts as
+#: empty
+LIST = ".granphon-files"
+LIST_SCHEMA = 1
 #: the file that is locked by the run that writes into a folder
 LOCK = ".granphon-lock"
 #: how much of a file is read to know its kind, bytes
 _HEAD_BYTES = 1000
-#: how names of folders begin in which new files are collected, and the name of such a folder when it is complete
-PREFIX, NEW = ".granphon-staging-", ".granphon-new"
+#: how names of folders begin in which new files are collected, and the name of such a folder when
+#: it is complete
+PREFIX = ".granphon-staging-"
+NEW = ".granphon-new"
 #: error numbers of a file system that does not support locks
 _NO_LOCKS = {errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS}
 
@@ -65,15 +72,21 @@ def has_locks(descriptor: int) -> bool:
 
 
 def read_written_files(folder: StrPath, what: str = "files") -> dict[str, str]:
-    """Name and SHA-256 of each file that granphon wrote into ``folder``, from its list; empty if there is no list.
+    """Name and SHA-256 of each file that granphon wrote into ``folder``, from its list; empty if
+    there is no list.
 
-    With ``what`` = "old", of each file that is to leave the folder. Only bare names count: others lead into another folder.
+    With ``what`` = "old", of each file that is to leave the folder. Only bare names count: others
+    lead into another folder.
     """
     with suppress(GranphonError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         data = json.loads(read_bytes(Path(folder) / LIST))
         if data["schema"] == LIST_SCHEMA:
             found = {name: digest for name, digest in data[what].items() if isinstance(digest, str)}
-            return {name: found[name] for name in found if Path(name).name == name and name not in ("", ".", "..")}
+            return {
+                name: found[name]
+                for name in found
+                if Path(name).name == name and name not in ("", ".", "..")
+            }
     return {}
 
 
@@ -84,13 +97,17 @@ def _digest_file(path: Path) -> str:
 
 def _is_written(path: Path, *digests: str) -> bool:
     """Whether ``path`` is a regular file, not a link, whose SHA-256 is one of ``digests``."""
-    return bool(digests) and path.is_file() and not path.is_symlink() and _digest_file(path) in digests
+    return (
+        bool(digests) and path.is_file() and not path.is_symlink() and _digest_file(path) in digests
+    )
 
 
 def is_whole(folder: StrPath, names: Sequence[str]) -> bool:
     """Whether ``folder`` holds files of all ``names`` as granphon has written them."""
     written = read_written_files(folder)
-    return all(name in written for name in names) and all(_is_written(Path(folder) / name, written[name]) for name in names)
+    return all(name in written for name in names) and all(
+        _is_written(Path(folder) / name, written[name]) for name in names
+    )
 
 
 @dataclass(frozen=True)
@@ -101,11 +118,13 @@ class ResultFiles:
     ----------
     folder : the folder of the results; it need not exist.
     names : the files to be written.
-    force : files of these names may be replaced, if granphon wrote them and nobody has changed them since.
-    earlier : files of an earlier result that are to be removed, if granphon wrote them; if one has been changed since, it
-        may not be removed, and an error is raised.
+    force : files of these names may be replaced, if granphon wrote them and nobody has changed them
+        since.
+    earlier : files of an earlier result that are to be removed, if granphon wrote them; if one has
+        been changed since, it may not be removed, and an error is raised.
     inputs : files that the run reads, which are never replaced.
-    known : texts of files; a file with such a text counts as written by granphon, whatever the list of the folder says.
+    known : texts of files; a file with such a text counts as written by granphon, whatever the list
+        of the folder says.
     """
 
     folder: StrPath
@@ -125,13 +144,16 @@ class ResultFiles:
 
         Raises
         ------
-        FileExistsInRunError : a file exists and ``force`` is off, or it may not be replaced or removed at all.
+        FileExistsInRunError : a file exists and ``force`` is off, or it may not be replaced or
+            removed at all.
         MissingPackageError : a file is one of netCDF, and what writes it is not installed.
-        OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a folder.
+        OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a
+            folder.
         """
         if any(one.endswith(".nc") for one in self.names):
             require_installed("A netCDF file", "h5netcdf", "h5py")
-        with suppress(OSError, ValueError):  # the check that follows reports what is wrong with the folder
+        with suppress(OSError, ValueError):
+            # the check that follows reports what is wrong with the folder
             if (self._target / NEW).is_dir() or any(self._target.glob(PREFIX + "*")):
                 with _hold_lock(self._target) as alone:
                     _finish(self._target, alone)
@@ -139,13 +161,16 @@ class ResultFiles:
 
     @contextmanager
     def open(self) -> Iterator[Self]:
-        """Make the folder if need be, and lock it, so that no other run writes into it until the end of the block.
+        """Make the folder if need be, and lock it, so that no other run writes into it until the
+        end of the block.
 
-        Errors are those of :meth:`require_free`; also raises :class:`~granphon.base.errors.OutputError` if another run has
-        the lock. Folders that were made here and are still empty at the end are removed again.
+        Errors are those of :meth:`require_free`; also raises
+        :class:`~granphon.base.errors.OutputError` if another run has the lock. Folders that were
+        made here and are still empty at the end are removed again.
         """
         self.require_free()
-        target, made = self._target, list[Path]()
+        target = self._target
+        made = list[Path]()
         try:
             with explaining(target):
                 for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
@@ -164,22 +189,32 @@ class ResultFiles:
 
     @contextmanager
     def staging(self, optional: Sequence[str] = ()) -> Iterator[Path]:
-        """Make a temporary folder for the files, which all move into their folder at the end of the block.
+        """Make a temporary folder for the files, which all move into their folder at the end of the
+        block.
 
-        The folder must be under lock, see :meth:`open`. Files that are also in ``optional`` need not be written. If the
-        block fails, the folder is left as it was found. If what follows it fails, the next run that looks at the folder
-        completes it. Raises :class:`~granphon.base.errors.OutputError` for any failure of the file system.
+        The folder must be under lock, see :meth:`open`. Files that are also in ``optional`` need
+        not be written. If the block fails, the folder is left as it was found. If what follows it
+        fails, the next run that looks at the folder completes it. Raises
+        :class:`~granphon.base.errors.OutputError` for any failure of the file system.
         """
-        target, place = self._target, None
+        target = self._target
+        place = None
         with explaining(target):
             try:
                 place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
                 yield place
                 self._check()
-                # beside the new files comes the list of the folder as it is to be; what has a known text may be absent there
+                # beside the new files comes the list of the folder as it is to be; what has a known
+                # text may be absent there
                 written = read_written_files(target)
-                made = [name for name in self.names if name not in optional or os.path.lexists(place / name)]
-                there = [name for name in (*self.names, *self._stale) if os.path.lexists(target / name)]
+                made = [
+                    name
+                    for name in self.names
+                    if name not in optional or os.path.lexists(place / name)
+                ]
+                there = [
+                    name for name in (*self.names, *self._stale) if os.path.lexists(target / name)
+                ]
                 old = {name: written.get(name) or _digest_file(target / name) for name in there}
                 files = {name: digest for name, digest in written.items() if name not in old}
                 files |= {name: _digest_file(place / name) for name in made}
@@ -200,40 +235,61 @@ class ResultFiles:
     def _check(self) -> None:
         target = self._target
         if any("\0" in part for part in (str(target), *self.names)):
-            raise OutputError(f"{str(target)!r} cannot be written: a null character is part of the name")
+            raise OutputError(
+                f"{str(target)!r} cannot be written: a null character is part of the name"
+            )
         with explaining(target):
             nearest = target
             while not os.path.lexists(nearest) and nearest != nearest.parent:
                 nearest = nearest.parent
             if not nearest.is_dir():
-                raise OutputError(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder")
+                raise OutputError(
+                    f"{nearest} is not a folder",
+                    f"{target} cannot be made",
+                    "Choose another folder",
+                )
             written = read_written_files(target)
             there = [name for name in self.names if os.path.lexists(target / name)]
             if folders := [name for name in there if (target / name).is_dir()]:
-                raise OutputError(f"{target / folders[0]} is a folder", "A file of that name is to be written")
+                raise OutputError(
+                    f"{target / folders[0]} is a folder", "A file of that name is to be written"
+                )
             known = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
             kept = "Such a file is never replaced, not even with --force"
             for name in there:
                 if self._is_read(name):
                     what = f"{target / name} is read by this run, and would be overwritten"
                     raise FileExistsInRunError(what, kept, "Choose another folder")
-                if not _is_written(target / name, *known, *([written[name]] if name in written else [])):
+                if not _is_written(
+                    target / name, *known, *([written[name]] if name in written else [])
+                ):
                     no_record = "there is no record that granphon wrote it"
-                    what = "granphon wrote it, and it has been changed since" if name in written else no_record
+                    what = (
+                        "granphon wrote it, and it has been changed since"
+                        if name in written
+                        else no_record
+                    )
                     what = f"{_name(target)} already holds {name}: {what}"
                     raise FileExistsInRunError(what, kept, "Move it away, or choose another folder")
             if there and not self.force:
                 lost = [name for name in self.names if name in written and name not in there]
-                missing = f", but not {', '.join(lost)}, which granphon wrote there too" if lost else ""
+                missing = (
+                    f", but not {', '.join(lost)}, which granphon wrote there too" if lost else ""
+                )
                 what = f"{_name(target)} already holds {', '.join(there)}{missing}"
                 mend = "Use --force (force=True) to replace it, or choose another folder"
-                raise FileExistsInRunError(what, "An existing result is not overwritten unless asked for", mend)
+                raise FileExistsInRunError(
+                    what, "An existing result is not overwritten unless asked for", mend
+                )
             for name in self._stale:
                 read = self._is_read(name)
                 if read or not _is_written(target / name, written[name]):
                     what = f"{_name(target)} holds {name} of an earlier run, and "
                     what += "this run reads it" if read else "it has been changed since"
-                    why = "It would stand beside a result that it does not belong to, and granphon does not remove it"
+                    why = (
+                        "It would stand beside a result that it does not belong to, and granphon"
+                        " does not remove it"
+                    )
                     raise FileExistsInRunError(what, why, "Move it away, or choose another folder")
             if not os.access(nearest, os.W_OK | os.X_OK):
                 what = f"there is no permission to write to {_name(nearest)}"
@@ -242,8 +298,13 @@ class ResultFiles:
     @property
     def _stale(self) -> list[str]:
         """Files of an earlier result, written by granphon, that the new result does not have."""
-        target, written = self._target, read_written_files(self.folder)
-        return [one for one in self.earlier if one in written and one not in self.names and os.path.lexists(target / one)]
+        target = self._target
+        written = read_written_files(self.folder)
+        return [
+            one
+            for one in self.earlier
+            if one in written and one not in self.names and os.path.lexists(target / one)
+        ]
 
     def _is_read(self, name: str) -> bool:
         for one in self.inputs:
@@ -254,11 +315,16 @@ class ResultFiles:
 
 
 def _finish(target: Path, alone: bool = False) -> None:
-    """Move the files of a result that counts to their places; if no run is under way, remove what killed ones have left."""
+    """Move the files of a result that counts to their places; if no run is under way, remove what
+    killed ones have left.
+    """
     new = target / NEW
     if new.is_dir() and not new.is_symlink():
-        files, old = read_written_files(new), read_written_files(new, "old")
-        waiting = [name for name in files if (new / name).is_file() and not (new / name).is_symlink()]
+        files = read_written_files(new)
+        old = read_written_files(new, "old")
+        waiting = [
+            name for name in files if (new / name).is_file() and not (new / name).is_symlink()
+        ]
         for name, digest in old.items():
             if (name in waiting or name not in files) and _is_written(target / name, digest):
                 (target / name).unlink()
@@ -277,19 +343,27 @@ def _finish(target: Path, alone: bool = False) -> None:
 
 
 def _name(folder: Path) -> Path:
-    """Return a folder as messages name it: its whole path in the place of "." and "..", which say nothing in a sentence."""
+    """Return a folder as messages name it: its whole path in the place of "." and "..", which say
+    nothing in a sentence.
+    """
     return folder.resolve() if folder.name in ("", "..") else folder
 
 
 @contextmanager
 def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None]:
-    """Turn errors of the file system into :class:`~granphon.base.errors.OutputError`; ``why`` says what the file is now."""
+    """Turn errors of the file system into :class:`~granphon.base.errors.OutputError`; ``why`` says
+    what the file is now.
+    """
     try:
         yield
     except GranphonError:
         raise
     except OSError as error:
-        mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
+        mend = (
+            "Free some space, or choose another folder"
+            if error.errno == errno.ENOSPC
+            else "Choose another folder"
+        )
         what = f"{_name(target)} cannot be written: {error.strerror or error}"
         if os.path.isdir(target / NEW):
             why = f"The files of the new result are in {NEW} there"
@@ -303,7 +377,8 @@ def _hold_lock(target: Path) -> Iterator[bool]:
 
     On a file system that does not support locks, it is not.
     """
-    path, same = target / LOCK, False
+    path = target / LOCK
+    same = False
     while not same:
         with explaining(path.parent):
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
@@ -311,7 +386,11 @@ def _hold_lock(target: Path) -> Iterator[bool]:
         if not stat.S_ISREG(about.st_mode) or about.st_size:
             os.close(descriptor)
             what = f"{path} is not a lock that granphon made"
-            raise OutputError(what, "A lock of granphon is an empty file", "Move it away, or choose another folder")
+            raise OutputError(
+                what,
+                "A lock of granphon is an empty file",
+                "Move it away, or choose another folder",
+            )
         try:
             _lock(descriptor)
         except OSError as error:
@@ -319,10 +398,12 @@ def _hold_lock(target: Path) -> Iterator[bool]:
             if error.errno in _NO_LOCKS:
                 yield False
                 return
-            what, why = f"another run is writing into {_name(path.parent)}", "Two runs would mix their files"
+            what = f"another run is writing into {_name(path.parent)}"
+            why = "Two runs would mix their files"
             raise OutputError(what, why, "Wait until it ends, or choose another folder") from None
         with suppress(OSError):
-            # another run may have removed the file between opening and locking it here; then try again
+            # another run may have removed the file between opening and locking it here; then try
+            # again
             same = os.path.samestat(os.fstat(descriptor), os.stat(path))
         if not same:
             os.close(descriptor)
@@ -337,22 +418,28 @@ def _hold_lock(target: Path) -> Iterator[bool]:
 def write_text(path: StrPath, text: str, replace: bool = False) -> None:
     """Write a text in UTF-8, whole or not at all; its folder is made if need be.
 
-    A file that is there makes way for another of its kind: one whose head names granphon too or, if the new one's does not,
-    begins with the same line. With ``replace`` any file does.
+    A file that is there makes way for another of its kind: one whose head names granphon too or, if
+    the new one's does not, begins with the same line. With ``replace`` any file does.
 
     Raises
     ------
     FileExistsInRunError : another file is there, which is the user's.
     OutputError : for any other failure of the file system.
     """
-    target, data = Path(path), text.encode("utf-8")
+    target = Path(path)
+    data = text.encode("utf-8")
     with explaining(target):
         if target.is_dir():
             raise OutputError(f"{target} is a folder", "A file of that name is to be written")
         if not replace and os.path.lexists(target):
             with open(target, "rb") as old:
-                there, new = old.read(_HEAD_BYTES), data[:_HEAD_BYTES]
-            alike = b"granphon" in there if b"granphon" in new else there.split(b"\n")[0] == new.split(b"\n")[0]
+                there = old.read(_HEAD_BYTES)
+                new = data[:_HEAD_BYTES]
+            alike = (
+                b"granphon" in there
+                if b"granphon" in new
+                else there.split(b"\n")[0] == new.split(b"\n")[0]
+            )
             if there and not alike:
                 what = f"{target} is there, and is no such file of granphon"
                 raise FileExistsInRunError(what, mend="Give another name")
@@ -364,9 +451,11 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
 
 @contextmanager
 def put_beside(target: Path) -> Iterator[Path]:
-    """Give the path of a file that takes the place of ``target`` after the block, or is removed if that fails.
+    """Give the path of a file that takes the place of ``target`` after the block, or is removed if
+    that fails.
 
-    The folder is made if need be. Raises :class:`~granphon.base.errors.OutputError` for a failure of the file system.
+    The folder is made if need be. Raises :class:`~granphon.base.errors.OutputError` for a failure
+    of the file system.
     """
     place = target.with_name(f".granphon-{uuid4().hex}")
     with explaining(target):

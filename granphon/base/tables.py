@@ -1,12 +1,14 @@
-"""Tables as text files: the one reader of tables that users give, and the one writer of tables that granphon makes.
+"""Tables as text files: the one reader of tables that users give, and the one writer of tables that
+granphon makes.
 
-The first line heads the columns by their names and, in brackets, units: ``force (N), velocity [m/s]``. Columns are parted by
-tabs if the first line has one, else by semicolons if it has one, else by commas. Empty lines and lines that begin with # are
-skipped. granphon itself writes commas, puts cells that hold a comma in quotes, and writes numbers with all digits.
+The first line heads the columns by their names and, in brackets, units: ``force (N), velocity
+[m/s]``. Columns are parted by tabs if the first line has one, else by semicolons if it has one,
+else by commas. Empty lines and lines that begin with # are skipped. granphon itself writes commas,
+puts cells that hold a comma in quotes, and writes numbers with all digits.
 
-Errors may quote the content of a table that the caller has named. They quote one that a scene has named only if it is a
-table of quantities, with the wanted column and a unit for it: somebody else may have written the scene, and a scene can name
-any file.
+Errors may quote the content of a table that the caller has named. They quote one that a scene has
+named only if it is a table of quantities, with the wanted column and a unit for it: somebody else
+may have written the scene, and a scene can name any file.
 """
 
 from __future__ import annotations
@@ -41,7 +43,9 @@ class Heading:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read ``name``, ``name (unit)``, ``name [unit]``, or one with its unit at the end, ``total_per_Hz`` of dos.csv."""
+        """Read ``name``, ``name (unit)``, ``name [unit]``, or one with its unit at the end,
+        ``total_per_Hz`` of dos.csv.
+        """
         match = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*([^()\[\]]*?)\s*[)\]])?", text.strip(), re.DOTALL)
         if match and match[2] is None and (told := re.search(r"_(per_)?Hz$", match[1])):
             return cls(match[1], "1/Hz" if told[1] else "Hz")
@@ -52,7 +56,9 @@ class Heading:
 
     @property
     def key(self) -> str:
-        """The name in the form in which names are compared: in lower case, words joined by underscores."""
+        """The name in the form in which names are compared: in lower case, words joined by
+        underscores.
+        """
         return re.sub(r"[\s_-]+", "_", self.name.lower())
 
 
@@ -77,19 +83,28 @@ class Table:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], quoted: bool = True) -> Self:
-        """Read a file in UTF-8; :class:`~granphon.base.errors.InputError` names file and line of what cannot be read.
+        """Read a file in UTF-8; :class:`~granphon.base.errors.InputError` names file and line of
+        what cannot be read.
 
-        ``quoted`` says whether errors may quote the content of the file, whatever that is; False for a file that a scene has
-        named.
+        ``quoted`` says whether errors may quote the content of the file, whatever that is; False
+        for a file that a scene has named.
         """
         return cls.parse(str(path), read_bytes(path), quoted)
 
     @classmethod
     def parse(cls, name: str, raw: bytes, quoted: bool = True) -> Self:
-        """The table in the bytes ``raw`` of a file called ``name``; errors and ``quoted`` as for :meth:`read`."""
-        kept = [(n, line) for n, line in enumerate(decode(name, raw).splitlines(), 1) if line.strip()[:1] not in ("", "#")]
+        """The table in the bytes ``raw`` of a file called ``name``; errors and ``quoted`` as for
+        :meth:`read`.
+        """
+        kept = [
+            (n, line)
+            for n, line in enumerate(decode(name, raw).splitlines(), 1)
+            if line.strip()[:1] not in ("", "#")
+        ]
         if not kept:
-            raise InputError(f"{name} is empty", mend="Give each column a heading, with numbers below it")
+            raise InputError(
+                f"{name} is empty", mend="Give each column a heading, with numbers below it"
+            )
         (first, head), below = kept[0], kept[1:]
         mark = next((mark for mark in "\t;" if mark in head), ",")
         titles = _split_cells(f"{name}:{first}", head, mark)
@@ -97,23 +112,34 @@ class Table:
         numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
         if numbers:
             what = (
-                f"{name}:{first}: found {f'the number {numbers[0]}' if quoted else 'a number'} where the columns are headed"
+                f"{name}:{first}: found {f'the number {numbers[0]}' if quoted else 'a number'}"
+                f" where the columns are headed"
             )
-            raise InputError(what, mend="Give each column a heading, such as 'force (N), velocity (m/s)'")
+            raise InputError(
+                what, mend="Give each column a heading, such as 'force (N), velocity (m/s)'"
+            )
         columns: tuple[tuple[str, ...], ...]
         count = len(titles)
         joined = mark.join(text for _, text in below)
-        if '"' not in joined and all(text.count(mark) == count - 1 and len(text) < _LONGEST_CELL for _, text in below):
+        if '"' not in joined and all(
+            text.count(mark) == count - 1 and len(text) < _LONGEST_CELL for _, text in below
+        ):
             cells = joined.split(mark) if below else []  # all rows at once
             columns = tuple(tuple(map(str.strip, cells[place::count])) for place in range(count))
         else:
             rows = []
             for n, text in below:
                 row = _split_cells(f"{name}:{n}", text, mark)
-                # a short line is filled with empty cells; of a long one, only empty cells are dropped
+                # a short line is filled with empty cells; of a long one, only empty cells are
+                # dropped
                 if any(row[count:]):
-                    what = f"{name}:{n}: found {counted(len(row), 'cell')} below {counted(count, 'heading')}"
-                    raise InputError(what, mend=f"{_POINT}, and separate all columns by the same character")
+                    what = (
+                        f"{name}:{n}: found {counted(len(row), 'cell')} below"
+                        f" {counted(count, 'heading')}"
+                    )
+                    raise InputError(
+                        what, mend=f"{_POINT}, and separate all columns by the same character"
+                    )
                 rows.append(row[:count] + ("",) * (count - len(row)))
             columns = tuple(zip(*rows, strict=True)) or ((),) * count
         return cls(name, headings, tuple(n for n, _ in below), columns, quoted)
@@ -121,34 +147,52 @@ class Table:
     def __contains__(self, name: str) -> bool:
         return self._find_places(name) != []
 
-    def column(self, name: str, kind: Quantity, mend: str = "Name the column that is meant") -> NDArray[np.float64]:
-        """The numbers of the column called ``name``, (rows,), converted to the SI unit of their ``kind``.
+    def column(
+        self, name: str, kind: Quantity, mend: str = "Name the column that is meant"
+    ) -> NDArray[np.float64]:
+        """The numbers of the column called ``name``, (rows,), converted to the SI unit of their
+        ``kind``.
 
-        ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case does not matter. ``mend`` is
-        the advice of the message if the column is not found. Raises :class:`~granphon.base.errors.InputError` if there is
-        no such column or more than one, if it has no unit, if there are no rows, or if a cell is not what the kind allows.
+        ``name`` may carry a unit, ``"v (km/s)"``, which then replaces that of the heading. Case
+        does not matter. ``mend`` is the advice of the message if the column is not found. Raises
+        :class:`~granphon.base.errors.InputError` if there is no such column or more than one, if it
+        has no unit, if there are no rows, or if a cell is not what the kind allows.
         """
-        wanted, places = Heading.parse(name), self._find_places(name)
+        wanted = Heading.parse(name)
+        places = self._find_places(name)
         if len(places) != 1:
             names = [heading.name for heading in self.headings]
             meant = closest(wanted.name, names)
-            what = f"{self.name} has {'two columns' if places else 'no column'} named {wanted.name!r}"
+            what = (
+                f"{self.name} has {'two columns' if places else 'no column'} named {wanted.name!r}"
+            )
             mend = f"Did you mean {meant!r}? {mend}" if meant and not places else mend
             one = f"one column, which must be headed '{wanted.name} ({kind.unit})'"
-            several = f"{len(names)} columns, of which one must be headed '{wanted.name} ({kind.unit})'"
+            several = (
+                f"{len(names)} columns, of which one must be headed '{wanted.name} ({kind.unit})'"
+            )
             why = f"Its columns are {list_names(map(repr, names))}" if self.quoted else ""
             raise InputError(what, why or f"It has {one if len(names) == 1 else several}", mend)
         if not self.lines:
-            raise InputError(f"{self.name} has no rows below its headings", mend="Write numbers there")
+            raise InputError(
+                f"{self.name} has no rows below its headings", mend="Write numbers there"
+            )
         place = places[0]
-        unit, heading = wanted.unit or self.headings[place].unit, self.headings[place].name
+        unit = wanted.unit or self.headings[place].unit
+        heading = self.headings[place].name
         if not unit:
             head = f"Write the heading '{heading} ({kind.unit})', or with the unit that is meant"
             raise InputError(f"{self.name}: the column {heading!r} has no unit", mend=head)
         quoted = self.quoted or kind.measures(self.headings[place].unit)
         if not quoted and not kind.measures(unit):
-            what = f"{self.name}: the column {wanted.name!r} has a unit that is not a unit of {kind.name}"
-            mend = f"Write the heading '{wanted.name} ({kind.unit})', or with another unit of this kind"
+            what = (
+                f"{self.name}: the column {wanted.name!r} has a unit that is not a unit of"
+                f" {kind.name}"
+            )
+            mend = (
+                f"Write the heading '{wanted.name} ({kind.unit})', or with another unit of this"
+                f" kind"
+            )
             raise InputError(what, mend=mend)
         cells = self.columns[place]
         values = kind.read_many(cells, unit)
@@ -157,7 +201,11 @@ class Table:
             for line, cell in zip(self.lines, cells, strict=True):
                 where = f"{self.name}:{line}: {heading}"
                 if not re.fullmatch(NUMBER, cell):
-                    found = (f"found {cell[:40]!r}" if quoted else "found a text") if cell else "found nothing"
+                    found = (
+                        (f"found {cell[:40]!r}" if quoted else "found a text")
+                        if cell
+                        else "found nothing"
+                    )
                     mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
                     raise InputError(f"{where}: {found}, where a number is needed", mend=mend)
                 try:
@@ -168,26 +216,38 @@ class Table:
         return values
 
     def numbers(self, name: str) -> NDArray[np.float64]:
-        """The numbers of the column called ``name``, (rows,), in the unit of its heading; nan and inf are taken.
+        """The numbers of the column called ``name``, (rows,), in the unit of its heading; nan and
+        inf are taken.
 
-        Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if a cell is not a number.
+        Raises KeyError if there is no such column, :class:`~granphon.base.errors.InputError` if a
+        cell is not a number.
         """
         for place in self._find_places(name):
             values: list[float] = []  # after an error it holds what was read before
             try:
-                values.extend(map(float if is_plain(self.columns[place]) else plain_float, self.columns[place]))
+                values.extend(
+                    map(
+                        float if is_plain(self.columns[place]) else plain_float, self.columns[place]
+                    )
+                )
             except ValueError:
-                line, cell = self.lines[len(values)], self.columns[place][len(values)]
-                raise InputError(f"line {line}, {name}: found {brief(cell, 40)}, where a number is needed") from None
+                line = self.lines[len(values)]
+                cell = self.columns[place][len(values)]
+                raise InputError(
+                    f"line {line}, {name}: found {brief(cell, 40)}, where a number is needed"
+                ) from None
             return np.array(values)
         raise KeyError(name)
 
     def unit(self, name: str) -> str:
-        """The unit of the column called ``name``: that in ``name`` if it carries one, else that of the heading.
+        """The unit of the column called ``name``: that in ``name`` if it carries one, else that of
+        the heading.
 
         Empty if neither has a unit, or there is no such column.
         """
-        return Heading.parse(name).unit or next((self.headings[place].unit for place in self._find_places(name)), "")
+        return Heading.parse(name).unit or next(
+            (self.headings[place].unit for place in self._find_places(name)), ""
+        )
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
@@ -200,23 +260,32 @@ class Table:
 
 
 def plain_float(cell: str) -> float:
-    """The number in a cell, nan and inf too; ValueError for what only Python takes for one: 1_0, digits of other scripts."""
+    """The number in a cell, nan and inf too; ValueError for what only Python takes for one: 1_0,
+    digits of other scripts.
+    """
     if "_" in cell or not cell.isascii():
         raise ValueError(cell)
     return float(cell)
 
 
 def write_table(
-    stream: TextIO, headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]], comments: Iterable[str] = ()
+    stream: TextIO,
+    headings: Iterable[Heading | str],
+    rows: Iterable[Sequence[Any]],
+    comments: Iterable[str] = (),
 ) -> None:
-    """Write a table into an open text file; ``comments`` stand below the headings, each on a line that begins with #."""
+    """Write a table into an open text file; ``comments`` stand below the headings, each on a line
+    that begins with #.
+    """
     table = csv.writer(stream, lineterminator="\n")
     table.writerow([str(heading) for heading in headings])
     stream.writelines(f"# {comment}\n" for comment in comments)
     table.writerows(rows)
 
 
-def table_text(headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]], comments: Iterable[str] = ()) -> str:
+def table_text(
+    headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]], comments: Iterable[str] = ()
+) -> str:
     """The text of a table, as :func:`write_table` writes it."""
     stream = StringIO(newline="")
     write_table(stream, headings, rows, comments)
@@ -224,9 +293,12 @@ def table_text(headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]],
 
 
 def _split_cells(where: str, line: str, mark: str) -> tuple[str, ...]:
-    if '"' not in line and len(line) < _LONGEST_CELL:  # gives the same cells as csv, at a tenth of the cost
+    if '"' not in line and len(line) < _LONGEST_CELL:
+        # gives the same cells as csv, at a tenth of the cost
         return tuple(map(str.strip, line.split(mark)))
     try:
-        return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
+        return tuple(
+            cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True))
+        )
     except csv.Error as error:
         raise InputError(f"{where} cannot be split into columns", str(error)) from None

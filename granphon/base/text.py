@@ -1,10 +1,13 @@
-"""Files as text: bytes of regular files, text in UTF-8, plain YAML with its line numbers, and digests.
+"""Files as text: bytes of regular files, text in UTF-8, plain YAML with its line numbers, and
+digests.
 
-Files are of unknown origin. Nothing in one is run, and only the named file is opened; whatever cannot be read raises
-:class:`~granphon.base.errors.InputError`. Only plain YAML 1.2 is read: no tags, no anchors, no merging, every key once.
+Files are of unknown origin. Nothing in one is run, and only the named file is opened; whatever
+cannot be read raises :class:`~granphon.base.errors.InputError`. Only plain YAML 1.2 is read: no
+tags, no anchors, no merging, every key once.
 
-Digests show whether a file, or plain data, has changed since granphon wrote it. They guard against damage and mistaken
-edits. They are not signatures: whoever edits a file on purpose can make a new digest.
+Digests show whether a file, or plain data, has changed since granphon wrote it. They guard against
+damage and mistaken edits. They are not signatures: whoever edits a file on purpose can make a new
+digest.
 """
 
 from __future__ import annotations
@@ -47,7 +50,8 @@ MAX_DEPTH = 12
 _TOO_DEEP = f"found more than {MAX_DEPTH} levels of nesting", "plain data"
 #: longest name in a list of names of a message, in letters
 _LONGEST_NAME = 60
-#: the most digits of a whole number: as many as Python converts whatever its own limit is, and more than a float has
+#: the most digits of a whole number: as many as Python converts whatever its own limit is, and more
+#: than a float has
 _MOST_DIGITS = 640
 
 #: characters that are refused in a scene: control characters and lone surrogates
@@ -67,7 +71,7 @@ _SEAL = "# sha256 of all other lines: "
 Path_ = tuple[str | int, ...]
 
 
-# -- bytes and text ---------------------------------------------------------------------------------------------------
+# -- bytes and text --------------------------------------------------------------------------------
 
 
 def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> bytes:
@@ -76,8 +80,8 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : the file is a folder, a device or a pipe, is larger than ``limit``, grows while it is read, or may not be
-        read; or ``path`` is not a path.
+    InputError : the file is a folder, a device or a pipe, is larger than ``limit``, grows while it
+        is read, or may not be read; or ``path`` is not a path.
     """
     require_path(path)
     try:
@@ -86,22 +90,31 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
         with open(path, "rb", opener=lambda name, mode: os.open(name, mode | flags)) as stream:
             about = os.fstat(stream.fileno())
             if not stat.S_ISREG(about.st_mode):
-                raise InputError(f"{path} cannot be read: it is a device or a pipe", mend="Give a regular file")
-            # ask for little more than the file holds, as Python allocates the requested size at once
+                raise InputError(
+                    f"{path} cannot be read: it is a device or a pipe", mend="Give a regular file"
+                )
+            # ask for little more than the file holds, as Python allocates the requested size at
+            # once
             raw = stream.read(about.st_size + 1) if about.st_size <= limit else b""
     except InputError:
         raise
     except FileNotFoundError:
         raise MissingFileError(f"{path} cannot be read: there is no such file") from None
     except IsADirectoryError:
-        raise InputError(f"{path} cannot be read: it is a folder", mend="Give the file itself") from None
+        raise InputError(
+            f"{path} cannot be read: it is a folder", mend="Give the file itself"
+        ) from None
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
-        raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise InputError(
+            f"{path} cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from None
     if max(len(raw), about.st_size) > limit:
         size = f"{limit // 1_000_000} MB" if limit >= 1_000_000 else f"{limit // 1000} kB"
         raise InputError(f"{path} holds more than {size}", mend="Is this the right file?")
     if len(raw) > about.st_size:
-        raise InputError(f"{path} has grown while it was read", "Somebody is writing it", "Read it again")
+        raise InputError(
+            f"{path} has grown while it was read", "Somebody is writing it", "Read it again"
+        )
     return raw
 
 
@@ -111,39 +124,53 @@ def require_path(path: str | os.PathLike[str]) -> None:
     A number is refused because ``open`` would take it for the descriptor of an open file.
     """
     if not isinstance(path, str | os.PathLike):
-        raise InputError(f"the path is {brief(path)}", mend="Give the name of a file, as a text or a pathlib.Path")
+        raise InputError(
+            f"the path is {brief(path)}",
+            mend="Give the name of a file, as a text or a pathlib.Path",
+        )
 
 
 def read_utf8(path: str | os.PathLike[str]) -> str:
-    """The text of a file in UTF-8, with line feeds as the ends of lines; errors as of :func:`read_bytes`, :func:`decode`."""
+    """The text of a file in UTF-8, with line feeds as the ends of lines; errors as of
+    :func:`read_bytes`, :func:`decode`.
+    """
     return decode(str(path), read_bytes(path)).replace("\r\n", "\n")
 
 
 def decode(name: str, raw: bytes) -> str:
     """The text of a file called ``name`` that is in UTF-8, with or without a byte order mark.
 
-    For another encoding :class:`~granphon.base.errors.InputError` names the line, the byte, and a guess of the encoding.
+    For another encoding :class:`~granphon.base.errors.InputError` names the line, the byte, and a
+    guess of the encoding.
     """
     at = raw.find(b"\0")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        at, guess = 0, "UTF-16"
+        at = 0
+        guess = "UTF-16"
     elif at >= 0:
         guess = "UTF-16" if len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 3 else ""
     else:
         try:
             return raw.decode("utf-8-sig")
         except UnicodeDecodeError as error:
-            # in Latin-1 and related encodings every byte but the control characters is a letter or a sign
-            at, guess = error.start, "" if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw) else "Latin-1"
+            # in Latin-1 and related encodings every byte but the control characters is a letter or
+            # a sign
+            at = error.start
+            guess = "" if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw) else "Latin-1"
     line = raw.count(b"\n", 0, at) + 1
-    what = f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is needed"
+    what = (
+        f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is"
+        f" needed"
+    )
     if not guess:
         raise InputError(what, "The file does not look like text", "Is this the right file?")
-    mend = f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
+    mend = (
+        f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
+    )
     raise InputError(what, f"The file looks like {guess}", mend)
 
 
-# -- plain YAML -------------------------------------------------------------------------------------------------------
+# -- plain YAML ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -175,11 +202,15 @@ class Document:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The text of a scene file; raises :class:`~granphon.base.errors.SceneError` if it cannot be read or exceeds 100 kB."""
+    """The text of a scene file; raises :class:`~granphon.base.errors.SceneError` if it cannot be
+    read or exceeds 100 kB.
+    """
     try:
         return decode(str(path), read_bytes(path, MOST_SCENE_BYTES))
     except MissingFileError:
-        raise MissingSceneError(f"{path}: there is no such file", mend="'granphon init' writes one") from None
+        raise MissingSceneError(
+            f"{path}: there is no such file", mend="'granphon init' writes one"
+        ) from None
     except InputError as error:
         raise SceneError(str(error)) from None
 
@@ -187,7 +218,8 @@ def read_text(path: str | os.PathLike[str]) -> str:
 def parse_yaml(text: str, name: str) -> Document:
     """Read the YAML of a scene, as :func:`plain_yaml` does, with the line of each key.
 
-    Raises :class:`~granphon.base.errors.SceneError`, also for escapes that stand for control characters.
+    Raises :class:`~granphon.base.errors.SceneError`, also for escapes that stand for control
+    characters.
     """
     lines: dict[Path_, int] = {}
     try:
@@ -204,21 +236,26 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
 def plain_yaml(text: str, path: str | os.PathLike[str]) -> Any:
     """The data of a YAML text: mappings, lists, strings, numbers, booleans and None, nothing else.
 
-    Plain values are those of YAML 1.2, see :func:`plain_scalar`. Raises :class:`~granphon.base.errors.InputError`, which
-    names file and line, for broken YAML, an empty text, a second document, a key given twice, a list or block as a key, a
-    tag (``!!python/object``), an anchor or alias, deep nesting, and control characters.
+    Plain values are those of YAML 1.2, see :func:`plain_scalar`. Raises
+    :class:`~granphon.base.errors.InputError`, which names file and line, for broken YAML, an empty
+    text, a second document, a key given twice, a list or block as a key, a tag
+    (``!!python/object``), an anchor or alias, deep nesting, and control characters.
     """
     return _Builder(text, str(path)).build()
 
 
 class _Builder:
-    """Builds plain data from the events of PyYAML's parser; nothing in the text can name what is constructed.
+    """Builds plain data from the events of PyYAML's parser; nothing in the text can name what is
+    constructed.
 
-    ``lines`` is given for a scene, and takes the line of each key and item; it costs time where there are millions.
+    ``lines`` is given for a scene, and takes the line of each key and item; it costs time where
+    there are millions.
     """
 
     def __init__(self, text: str, name: str, lines: dict[Path_, int] | None = None) -> None:
-        self.text, self.name, self.lines = text, name, lines
+        self.text = text
+        self.name = name
+        self.lines = lines
         self.path: list[str | int] = []
         self.at: int | None = None
         self.event: Any = None
@@ -229,14 +266,25 @@ class _Builder:
 
         if odd := _ODD_IN_TEXTS.search(self.text):
             self.at = self.text.count("\n", 0, odd.start()) + 1
-            raise self._make_error(f"found the character {odd[0]!r}", "printable text", "Is this the right file?")
+            raise self._make_error(
+                f"found the character {odd[0]!r}", "printable text", "Is this the right file?"
+            )
         # libyaml, where it is installed, reads the same events about ten times faster
         self.events = yaml.parse(self.text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-        self.kinds = yaml.ScalarEvent, yaml.SequenceStartEvent, yaml.SequenceEndEvent, yaml.MappingEndEvent
+        self.kinds = (
+            yaml.ScalarEvent,
+            yaml.SequenceStartEvent,
+            yaml.SequenceEndEvent,
+            yaml.MappingEndEvent,
+        )
         try:
             self._read_event()
             if not isinstance(self._read_event(), yaml.DocumentStartEvent):
-                scene = ("a scene", "'granphon init' writes one") if self.lines is not None else ("plain data",)
+                scene = (
+                    ("a scene", "'granphon init' writes one")
+                    if self.lines is not None
+                    else ("plain data",)
+                )
                 raise self._make_error("found an empty text", *scene)
             data = self._build_value(self._read_event())
             self._read_event()
@@ -251,7 +299,8 @@ class _Builder:
                 self.at = mark.line + 1
             self.path.clear()
             problem = " ".join(str(getattr(error, "problem", None) or error).split())
-            if "nesting depth" in problem:  # libyaml has a limit of its own, and reads ahead of the events
+            if "nesting depth" in problem:
+                # libyaml has a limit of its own, and reads ahead of the events
                 raise self._make_error(*_TOO_DEEP) from None
             line = "".join(self.text.splitlines()[self.at - 1 : self.at]) if self.at else ""
             mend = "Indent with spaces" if "\t" in line[: len(line) - len(line.lstrip())] else ""
@@ -295,19 +344,29 @@ class _Builder:
             key = event.value
             path.append(key)
             if key in mapping:
-                first = f" (first on line {self.lines[tuple(path)]})" if self.lines is not None else ""
-                raise self._make_error(f"found the key twice{first}", "each key once", "Remove one of the two")
+                first = (
+                    f" (first on line {self.lines[tuple(path)]})" if self.lines is not None else ""
+                )
+                raise self._make_error(
+                    f"found the key twice{first}", "each key once", "Remove one of the two"
+                )
             self._check_node(event)  # notes the key's line
             mapping[key] = self._build_value(self._read_event())
             path.pop()
         return mapping
 
     def _check_node(self, event: Any) -> None:
-        """Note the line of a node; refuse an anchor, an alias, a tag, and in a scene odd characters."""
+        """Note the line of a node; refuse an anchor, an alias, a tag, and in a scene odd
+        characters.
+        """
         if event.anchor is not None:
-            raise self._make_error("found an anchor or alias (& or *)", "plain values", "Write the value out")
+            raise self._make_error(
+                "found an anchor or alias (& or *)", "plain values", "Write the value out"
+            )
         if event.tag is not None:
-            raise self._make_error(f"found the tag {show(event.tag)}", "plain values", "Leave the tag out")
+            raise self._make_error(
+                f"found the tag {show(event.tag)}", "plain values", "Leave the tag out"
+            )
         if self.lines is not None:
             self.lines.setdefault(tuple(self.path), event.start_mark.line + 1)
             if type(event) is self.kinds[0] and (odd := _ODD.search(event.value)):
@@ -323,7 +382,10 @@ def plain_scalar(text: str) -> Any:
         if not _WHOLE.fullmatch(text):
             return float(text)
         if (digits := len(text.lstrip("+-"))) > _MOST_DIGITS:
-            raise Refused(f"a whole number of {digits} digits", f"whole numbers of {_MOST_DIGITS} digits at most")
+            raise Refused(
+                f"a whole number of {digits} digits",
+                f"whole numbers of {_MOST_DIGITS} digits at most",
+            )
         return int(text)
     if _NULL.fullmatch(text):
         return None
@@ -332,23 +394,29 @@ def plain_scalar(text: str) -> Any:
     return float(text.replace(".", "", 1)) if _NOT_FINITE.fullmatch(text) else text
 
 
-# -- writing --------------------------------------------------------------------------------------------------------
+# -- writing ---------------------------------------------------------------------------------------
 
 
 def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
     """Write ``data`` as YAML that readers of version 1.1 and 1.2 understand alike.
 
-    Takes mappings, lists, strings, numbers, booleans, None and objects with ``tolist`` (numpy). Floats are written so that
-    reading them gives the same bits.
+    Takes mappings, lists, strings, numbers, booleans, None and objects with ``tolist`` (numpy).
+    Floats are written so that reading them gives the same bits.
     """
-    # PyYAML's own, whose C part is used, takes more than twice the time, and leaves "1e5" as a text without quotes
+    # PyYAML's own, whose C part is used, takes more than twice the time, and leaves "1e5" as a text
+    # without quotes
     out = []
     for key, value in data.items():
         plain = value.tolist() if hasattr(value, "tolist") else value
         if isinstance(plain, Mapping) and plain:
             out.append(f"{indent}{_write_key(key)}:\n{dump_yaml(plain, indent + '  ')}")
-        elif isinstance(plain, list | tuple) and any(isinstance(v, list | tuple | Mapping) for v in plain):
-            out.append(f"{indent}{_write_key(key)}:\n" + "".join(f"{indent}  - {_write_flow(v)}\n" for v in plain))
+        elif isinstance(plain, list | tuple) and any(
+            isinstance(v, list | tuple | Mapping) for v in plain
+        ):
+            out.append(
+                f"{indent}{_write_key(key)}:\n"
+                + "".join(f"{indent}  - {_write_flow(v)}\n" for v in plain)
+            )
         else:
             out.append(f"{indent}{_write_key(key)}: {_write_flow(plain)}\n")
     return "".join(out)
@@ -365,7 +433,11 @@ def _write_key(key: Any) -> str:
 def _write_flow(value: Any) -> str:
     value = value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_write_key(key)}: {_write_flow(v)}" for key, v in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(f"{_write_key(key)}: {_write_flow(v)}" for key, v in value.items())
+            + "}"
+        )
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_write_flow(v) for v in value) + "]"
     if isinstance(value, float):
@@ -375,7 +447,9 @@ def _write_flow(value: Any) -> str:
 
 
 def write_float(value: float) -> str:
-    """A float with all its digits, as every reader of YAML takes it for one: those of 1.1 need a point in 1.0e-06."""
+    """A float with all its digits, as every reader of YAML takes it for one: those of 1.1 need a
+    point in 1.0e-06.
+    """
     text = repr(value)
     if "n" in text:  # nan, inf
         return text.replace("inf", ".inf").replace("nan", ".nan")
@@ -383,7 +457,9 @@ def write_float(value: float) -> str:
 
 
 def versions(*packages: str) -> dict[str, str]:
-    """The installed versions of granphon and of each of ``packages``, found without importing them."""
+    """The installed versions of granphon and of each of ``packages``, found without importing
+    them.
+    """
     from importlib.metadata import version
 
     from granphon import __version__
@@ -392,22 +468,28 @@ def versions(*packages: str) -> dict[str, str]:
 
 
 def require_schema(what: object, found: Any, known: int) -> None:
-    """Raise :class:`~granphon.base.errors.SchemaError` unless the schema ``found`` in ``what`` is the one ``known``."""
+    """Raise :class:`~granphon.base.errors.SchemaError` unless the schema ``found`` in ``what`` is
+    the one ``known``.
+    """
     if isinstance(found, bool) or not isinstance(found, Integral) or found != known:
         why = f"granphon {versions()['granphon']} reads and writes schema {known}"
         mend = "Read it with the version that wrote it, or make it again"
         raise SchemaError(f"{what} has the schema {show(found)}", why, mend)
 
 
-# -- values in messages -----------------------------------------------------------------------------------------------
+# -- values in messages ----------------------------------------------------------------------------
 
 
 def show(value: Any) -> str:
-    """A value as messages show it: at most 60 characters, on one line, without control characters."""
+    """A value as messages show it: at most 60 characters, on one line, without control
+    characters.
+    """
     if isinstance(value, Mapping):
         return "a block of keys"
     if isinstance(value, list | tuple):
-        text = "[" + ", ".join(str(v) if isinstance(v, float) else brief(v) for v in value[:8]) + "]"
+        text = (
+            "[" + ", ".join(str(v) if isinstance(v, float) else brief(v) for v in value[:8]) + "]"
+        )
     elif value is None:
         return "nothing"
     elif isinstance(value, bool):
@@ -426,7 +508,9 @@ def closest(word: str, options: Iterable[str]) -> str | None:
 
 
 def suggest(word: str, options: Iterable[str]) -> str:
-    """What to write in place of an unknown word: the option that was probably meant, or else any of them."""
+    """What to write in place of an unknown word: the option that was probably meant, or else any of
+    them.
+    """
     meant = closest(word, options)
     return f"Did you mean {meant}?" if meant else "Use " + ", ".join(options)
 
@@ -437,30 +521,41 @@ def spell(name: str) -> str:
 
 
 def counted(number: int, one: str, many: str = "") -> str:
-    """A number of things in words: "1 ball", "2 balls"; ``many`` is the plural if it is more than an s."""
+    """A number of things in words: "1 ball", "2 balls"; ``many`` is the plural if it is more than
+    an s.
+    """
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
 def list_names(names: Iterable[object], most: int = 10) -> str:
-    """Names from a file as a message lists them: the first ones, and how many more there are; "none" if there are none."""
+    """Names from a file as a message lists them: the first ones, and how many more there are;
+    "none" if there are none.
+    """
     every = [str(name) for name in names]
-    shown = [name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 3] + "..." for name in every[:most]]
+    shown = [
+        name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 3] + "..."
+        for name in every[:most]
+    ]
     more = f" and {len(every) - most} more" if len(every) > most else ""
     return ", ".join(shown) + more or "none"
 
 
-# -- digests ----------------------------------------------------------------------------------------------------------
+# -- digests ---------------------------------------------------------------------------------------
 
 
 def seal(lines: list[str], place: int = 0) -> str:
-    """The text of ``lines`` with a comment line that holds their digest, inserted before ``lines[place]``."""
+    """The text of ``lines`` with a comment line that holds their digest, inserted before
+    ``lines[place]``.
+    """
     return "\n".join([*lines[:place], _SEAL + _digest_lines([*lines, ""]), *lines[place:], ""])
 
 
 def read_sealed(path: str | os.PathLike[str]) -> tuple[str, bool]:
-    """Read a file: return its text without the line that :func:`seal` gave it, and whether there was such a line.
+    """Read a file: return its text without the line that :func:`seal` gave it, and whether there
+    was such a line.
 
-    Raises :class:`~granphon.base.errors.InputError` if the digest is not that of the text, or the file cannot be read.
+    Raises :class:`~granphon.base.errors.InputError` if the digest is not that of the text, or the
+    file cannot be read.
     """
     return open_seal(path, read_utf8(path))
 
@@ -479,7 +574,8 @@ def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
 
 def _digest_lines(lines: list[str]) -> str:
     # line by line, so that a text of millions of lines is not held in memory a second time
-    found, between = hashlib.sha256(), ""
+    found = hashlib.sha256()
+    between = ""
     for line in lines:
         found.update(f"{between}{line}".encode("utf-8", "surrogatepass"))
         between = "\n"
@@ -487,23 +583,30 @@ def _digest_lines(lines: list[str]) -> str:
 
 
 def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
-    """The error for a damaged file: the digest that is found at ``where`` is not that of the data."""
-    what, why = f"{path} was damaged, or edited after granphon wrote it", f"Its digest ({where}) does not match its data"
+    """The error for a damaged file: the digest that is found at ``where`` is not that of the
+    data.
+    """
+    what = f"{path} was damaged, or edited after granphon wrote it"
+    why = f"Its digest ({where}) does not match its data"
     return InputError(what, why, "Make it again, or remove the digest to read it as it is")
 
 
 def warn_unverified(path: str | os.PathLike[str]) -> None:
-    """Issue :class:`~granphon.base.errors.UnverifiedFileWarning`, for a file without a digest, two callers up the stack."""
+    """Issue :class:`~granphon.base.errors.UnverifiedFileWarning`, for a file without a digest, two
+    callers up the stack.
+    """
     text = message(
-        f"{path} carries no digest", "Another program wrote it: damage would not be noticed",
+        f"{path} carries no digest",
+        "Another program wrote it: damage would not be noticed",
         "Make it again if in doubt",
-    )  # fmt: skip
+    )
     warnings.warn(text, UnverifiedFileWarning, stacklevel=3)
 
 
 @contextmanager
 def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
-    """Turn any exception of the block into an ``InputError``: the file at ``path`` is not a ``kind`` written by granphon.
+    """Turn any exception of the block into an ``InputError``: the file at ``path`` is not a
+    ``kind`` written by granphon.
 
     Only a :class:`~granphon.base.errors.SchemaError` passes as it is.
     """
@@ -511,7 +614,9 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
         yield
     except SchemaError:
         raise
-    except Exception as error:  # numbers of the wrong kind, size or shape, and whatever they trip over
+    except (
+        Exception
+    ) as error:  # numbers of the wrong kind, size or shape, and whatever they trip over
         why = "A number, a list or a block of keys stands where another of them is needed"
         if isinstance(error, GranphonError):
             why = str(error)
@@ -522,19 +627,29 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
 
 
 def digest(data: Any) -> str:
-    """The sha256 of plain data, the same after a round trip through JSON or YAML: see :func:`canonical`."""
+    """The sha256 of plain data, the same after a round trip through JSON or YAML: see
+    :func:`canonical`.
+    """
     return hashlib.sha256(canonical(data).encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def canonical(data: Any) -> str:
-    """Plain data as one text: mappings sorted, tuples as lists, whole numbers as the floats that they equal.
+    """Plain data as one text: mappings sorted, tuples as lists, whole numbers as the floats that
+    they equal.
 
     Takes mappings, lists, tuples, arrays, strings, numbers, booleans and None; raises
     :class:`~granphon.base.errors.InputError` for anything else.
     """
     if isinstance(data, Mapping):
-        return "{" + ",".join(sorted(f"{json.dumps(str(key))}:{canonical(value)}" for key, value in data.items())) + "}"
-    if hasattr(data, "tolist"):  # arrays and numbers of NumPy, which the command's help does without
+        return (
+            "{"
+            + ",".join(
+                sorted(f"{json.dumps(str(key))}:{canonical(value)}" for key, value in data.items())
+            )
+            + "}"
+        )
+    if hasattr(data, "tolist"):
+        # arrays and numbers of NumPy, which the command's help does without
         return canonical(data.tolist())
     if isinstance(data, list | tuple):
         return "[" + ",".join(map(canonical, data)) + "]"

@@ -1,7 +1,9 @@
-"""Pieces of numerical work that do not depend on each other, on all processors that this process may use; and its signals.
+"""Pieces of numerical work that do not depend on each other, on all processors that this process
+may use; and its signals.
 
-Other threads go on while numpy works on a large array. The libraries of linear algebra behind numpy start threads of their
-own for each product, which wait for each other longer than a small product takes: meanwhile each is held to one.
+Other threads go on while numpy works on a large array. The libraries of linear algebra behind numpy
+start threads of their own for each product, which wait for each other longer than a small product
+takes: meanwhile each is held to one.
 """
 
 from __future__ import annotations
@@ -25,14 +27,18 @@ _STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
 def count_processors() -> int:
-    """Return the number of processors that this process may use: one in a worker process, as others work beside it."""
+    """Return the number of processors that this process may use: one in a worker process, as others
+    work beside it.
+    """
     if multiprocessing.parent_process() is not None:
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def share_out(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Return the results of a function for all items, in their order, found by as many threads as there are processors."""
+    """Return the results of a function for all items, in their order, found by as many threads as
+    there are processors.
+    """
     listed = list(items)
     threads = min(count_processors(), len(listed))
     if threads < 2:
@@ -43,23 +49,24 @@ def share_out(function: Callable[[Item], Result], items: Iterable[Item]) -> list
 
 @contextmanager
 def naming_lost_workers(where: str) -> Iterator[None]:
-    """Raise :class:`~granphon.base.errors.GranphonError` where the executor of a user has lost a worker, and is broken.
+    """Raise :class:`~granphon.base.errors.GranphonError` where the executor of a user has lost a
+    worker, and is broken.
 
     ``where`` names the work in the message.
     """
     try:
         yield
     except BrokenExecutor:
-        what, why = (
-            f"{where}: a worker of the executor has ended, and with it all others",
-            "It was killed, or ran out of memory",
-        )
+        what = f"{where}: a worker of the executor has ended, and with it all others"
+        why = "It was killed, or ran out of memory"
         raise GranphonError(what, why, "Give workers more memory, or take fewer") from None
 
 
 @contextmanager
 def single_products() -> Iterator[None]:
-    """Hold the libraries of linear algebra to one thread, in all threads of this process; not without threadpoolctl."""
+    """Hold the libraries of linear algebra to one thread, in all threads of this process; not
+    without threadpoolctl.
+    """
     with ExitStack() as stack:
         with suppress(ImportError):
             from threadpoolctl import threadpool_limits
@@ -70,11 +77,17 @@ def single_products() -> Iterator[None]:
 
 @contextmanager
 def hold_back_signals() -> Iterator[None]:
-    """Hold back the signals that stop this process until the end of the block; processes started in it never take them."""
+    """Hold back the signals that stop this process until the end of the block; processes started in
+    it never take them.
+    """
     come, before = list[int](), dict[int, Any]()
     if threading.current_thread() is threading.main_thread():  # which alone handles signals
-        before = {kind: handler for kind in _STOPS if (handler := signal.getsignal(kind)) is not None}
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, ()) if hasattr(signal, "pthread_sigmask") else None
+        before = {
+            kind: handler for kind in _STOPS if (handler := signal.getsignal(kind)) is not None
+        }
+    mask = (
+        signal.pthread_sigmask(signal.SIG_BLOCK, ()) if hasattr(signal, "pthread_sigmask") else None
+    )
     try:
         for kind in before:
             signal.signal(kind, lambda number, _: come.append(number))

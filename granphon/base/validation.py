@@ -1,10 +1,11 @@
 """Rules: functions that check a value of any kind and return it in its proper type.
 
 Scenes, command lines and Python calls are checked by the same rules. A rule raises
-:class:`~granphon.base.errors.Refused`, which says what was found, what is allowed, and what was probably meant;
-:func:`require` adds the name of an argument, and the reader of scenes the place of a key. The checks of arguments, such as
-:data:`positive`, take the name of an argument, its value and the options of a rule. They return the value as a plain number,
-array or tuple, or raise :class:`~granphon.base.errors.InputError`.
+:class:`~granphon.base.errors.Refused`, which says what was found, what is allowed, and what was
+probably meant; :func:`require` adds the name of an argument, and the reader of scenes the place of
+a key. The checks of arguments, such as :data:`positive`, take the name of an argument, its value
+and the options of a rule. They return the value as a plain number, array or tuple, or raise
+:class:`~granphon.base.errors.InputError`.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ _DEEPEST = 64
 
 
 def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
-    """Read the value at ``key`` by its rule; if it is refused, put the key into the path of the refusal."""
+    """Read the value at ``key`` by its rule; if it is refused, put the key into the path of the
+    refusal.
+    """
     try:
         return rule(value)
     except Refused as refused:
@@ -42,7 +45,9 @@ def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
 
 
 def require(name: str, rule: Rule, value: Any) -> Any:
-    """Read an argument of a Python call by a rule; raise :class:`~granphon.base.errors.InputError` with its ``name``."""
+    """Read an argument of a Python call by a rule; raise :class:`~granphon.base.errors.InputError`
+    with its ``name``.
+    """
     try:
         return rule(value)
     except Refused as refused:
@@ -53,12 +58,17 @@ def refuse_unknown_key(key: str, known: Iterable[str], mend: str = "") -> Refuse
     """The refusal of a key that is not one of ``known``."""
     meant = closest(key, known)
     return Refused(
-        "an unknown key", ", ".join(known) or "none", mend or (f"Did you mean '{meant}'?" if meant else ""), (key,)
+        "an unknown key",
+        ", ".join(known) or "none",
+        mend or (f"Did you mean '{meant}'?" if meant else ""),
+        (key,),
     )
 
 
 def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> dict[str, Any]:
-    """Read a block of keys, each value by the rule of its key; the keys in ``needed`` must be given."""
+    """Read a block of keys, each value by the rule of its key; the keys in ``needed`` must be
+    given.
+    """
     allowed = f"a block of keys: {', '.join(rules) or 'none'}"
     if not isinstance(value, Mapping):
         raise Refused(show(value), allowed)
@@ -71,15 +81,21 @@ def block(value: Any, rules: Mapping[str, Rule], needed: Sequence[str] = ()) -> 
             try:  # the rule refuses None, and says what it allows
                 rules[key](None)
             except Refused as refused:
-                raise Refused("nothing, and it has no default", refused.allowed, path=(key,)) from None
+                raise Refused(
+                    "nothing, and it has no default", refused.allowed, path=(key,)
+                ) from None
             raise Refused("nothing, and it has no default", "a value", path=(key,))
     return read
 
 
 def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
-    """Read a list of one or more values, each by the same ``rule``; ``what`` is their name in messages."""
+    """Read a list of one or more values, each by the same ``rule``; ``what`` is their name in
+    messages.
+    """
     if not isinstance(value, list | tuple) or not value:
-        raise Refused(show(value) if value != [] else "an empty list", f"a list of one or more {what}")
+        raise Refused(
+            show(value) if value != [] else "an empty list", f"a list of one or more {what}"
+        )
     return tuple(read_inside(n, rule, one) for n, one in enumerate(value))
 
 
@@ -89,7 +105,9 @@ def is_one_of(value: object, options: Container[str]) -> bool:
 
 
 def choice(value: Any, options: Collection[str]) -> str:
-    """Read a word that must be one of the ``options``; those of a registry say which plug-ins have failed."""
+    """Read a word that must be one of the ``options``; those of a registry say which plug-ins have
+    failed.
+    """
     if is_one_of(value, options):
         return str(value)
     meant = closest(value, options) if isinstance(value, str) else None
@@ -105,12 +123,18 @@ def text(value: Any) -> str:
 
 
 def label(value: Any) -> str:
-    """A name that stands in tables: printable, without letters that have no width, and no formula to a spreadsheet."""
+    """A name that stands in tables: printable, without letters that have no width, and no formula
+    to a spreadsheet.
+    """
     found = text(value)
     if not found.isprintable():
         raise Refused(show(value), "a name of letters that can be seen")
     if normalize("NFKC", found).strip()[:1] in ("=", "+", "-", "@"):
-        raise Refused(show(value), "a name that does not begin with =, +, - or @", "Spreadsheets would compute it")
+        raise Refused(
+            show(value),
+            "a name that does not begin with =, +, - or @",
+            "Spreadsheets would compute it",
+        )
     return found
 
 
@@ -118,7 +142,8 @@ def text_list(given: Any) -> tuple[str, ...]:
     """One text, or a list or array of texts, as a tuple."""
     if isinstance(given, str):
         return (given,)
-    plain: Any = given.tolist() if isinstance(given, np.ndarray) else given  # masked entries become None, refused below
+    # masked entries become None, refused below
+    plain: Any = given.tolist() if isinstance(given, np.ndarray) else given
     if not isinstance(plain, Sequence) or not all(isinstance(one, str) for one in plain):
         raise Refused(brief(given), "a text, or a list of texts")
     return tuple(plain)
@@ -129,15 +154,21 @@ def truth(value: Any) -> bool:
     if isinstance(value, bool | np.bool_):
         return bool(value)
     word = value.strip().lower() if isinstance(value, str) else None
-    meant = "true" if word in ("yes", "on", "y", "true") else "false" if word in ("no", "off", "n", "false") else ""
+    meant = (
+        "true"
+        if word in ("yes", "on", "y", "true")
+        else "false"
+        if word in ("no", "off", "n", "false")
+        else ""
+    )
     raise Refused(show(value), "true or false", f"Did you mean {meant}?" if meant else "")
 
 
 def real_number(value: Any) -> float:
     """``value`` as a float; nan if it is not a real number, or is too large for a float.
 
-    Real numbers are those of Python and NumPy, fractions and decimals, and arrays without dimensions that hold one. Texts
-    and truth values do not count, though ``float`` takes them.
+    Real numbers are those of Python and NumPy, fractions and decimals, and arrays without
+    dimensions that hold one. Texts and truth values do not count, though ``float`` takes them.
     """
     if type(value) is float:
         return value
@@ -155,16 +186,22 @@ def _number_where(value: Any, allowed: str, holds: Callable[[float], bool]) -> f
     found = real_number(value)
     if holds(found):
         return found
-    raise Refused(show(value), allowed, "Write it without quotes or unit." if isinstance(value, str) else "")
+    raise Refused(
+        show(value), allowed, "Write it without quotes or unit." if isinstance(value, str) else ""
+    )
 
 
 def number(value: Any, low: float, high: float) -> float:
     """A plain number, without a unit, from ``low`` to ``high``."""
-    return _number_where(value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high)
+    return _number_where(
+        value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high
+    )
 
 
 def fraction(value: Any, largest: float) -> float:
-    """Read a plain number, or a text of one or of a fraction such as "1/3", of up to a ``largest`` size."""
+    """Read a plain number, or a text of one or of a fraction such as "1/3", of up to a ``largest``
+    size.
+    """
     if isinstance(value, str):
         if parts := re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value):
             return int(parts[1]) / int(parts[2])
@@ -174,16 +211,24 @@ def fraction(value: Any, largest: float) -> float:
 
 def above_zero(value: Any, unit: str = "") -> float:
     """A finite number above zero, in an SI ``unit``."""
-    return _number_where(value, "a finite number above zero" + (unit and f", {unit}"), lambda x: 0.0 < x < math.inf)
+    return _number_where(
+        value, "a finite number above zero" + (unit and f", {unit}"), lambda x: 0.0 < x < math.inf
+    )
 
 
 def zero_or_above(value: Any, unit: str = "") -> float:
     """A finite number, zero or above, in an SI ``unit``."""
-    return _number_where(value, "a finite number, zero or above" + (unit and f", {unit}"), lambda x: 0.0 <= x < math.inf)
+    return _number_where(
+        value,
+        "a finite number, zero or above" + (unit and f", {unit}"),
+        lambda x: 0.0 <= x < math.inf,
+    )
 
 
 def is_whole(value: Any) -> bool:
-    """Whether ``value`` is a whole number of Python or NumPy; truth values and spans of time do not count."""
+    """Whether ``value`` is a whole number of Python or NumPy; truth values and spans of time do not
+    count.
+    """
     return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
 
 
@@ -191,11 +236,17 @@ def whole(value: Any, low: int, high: int | None = None) -> int:
     """A whole number from ``low`` to ``high``; without an upper limit if ``high`` is None."""
     if is_whole(value) and low <= value <= (value if high is None else high):
         return int(value)
-    raise Refused(show(value), f"a whole number, {low} or more" if high is None else f"a whole number from {low} to {high}")
+    raise Refused(
+        show(value),
+        f"a whole number, {low} or more"
+        if high is None
+        else f"a whole number from {low} to {high}",
+    )
 
 
 def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tuple[int, ...]:
-    """As many whole numbers from ``low`` to ``high`` as there are periods: "64 64", [64, 64], (64, 64) or an array of two.
+    """As many whole numbers from ``low`` to ``high`` as there are periods: "64 64", [64, 64], (64,
+    64) or an array of two.
 
     If the ``example`` has more numbers, ones may follow up to its length.
     """
@@ -203,7 +254,13 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     ones = ("", " and a 1", " and two ones")[count - periods]
     wanted = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
     allowed = f"{wanted} from {low} to {high}{ones}, such as {example}"
-    words: Any = value.split() if isinstance(value, str) else value.tolist() if hasattr(value, "tolist") else value
+    words: Any = (
+        value.split()
+        if isinstance(value, str)
+        else value.tolist()
+        if hasattr(value, "tolist")
+        else value
+    )
     if not isinstance(words, list | tuple) or not periods <= len(words) <= count:
         raise Refused(show(value), allowed)
     if isinstance(value, str):
@@ -213,14 +270,19 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     for place, word in enumerate(words[periods:], periods):
         if word != 1:
             found = f"{show(value)}, whose {('second', 'third')[place - 1]} number is {word}"
-            raise Refused(found, allowed, ("The packing is one row.", "The packing is one layer.")[periods - 1])
+            raise Refused(
+                found,
+                allowed,
+                ("The packing is one row.", "The packing is one layer.")[periods - 1],
+            )
     if not all(low <= w <= high for w in words[:periods]):
         raise Refused(show(value), allowed)
     return tuple(map(int, words[:periods]))
 
 
 def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tuple[int, ...]:
-    """Whole numbers from ``low`` to ``high``, the lengths of an array along its ``periods``; see :func:`grid`.
+    """Whole numbers from ``low`` to ``high``, the lengths of an array along its ``periods``; see
+    :func:`grid`.
 
     Without ``periods`` there may be one to three. A single one may stand alone, without a list.
     """
@@ -229,17 +291,21 @@ def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tupl
     words = given.split() if isinstance(given, str) else given
     count = periods or (len(words) if hasattr(words, "__len__") else 0)
     if not 1 <= count <= 3:
-        raise Refused(show(value), f"one to three whole numbers from {low} to {high}, one for each period of the lattice")
+        raise Refused(
+            show(value),
+            f"one to three whole numbers from {low} to {high}, one for each period of the lattice",
+        )
     return grid(given, low, high, ("16384", "128 128", "24 24 24")[count - 1], count)
 
 
 def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     """Real numbers as an array of floats of any shape, finite or not.
 
-    An array that carries a unit, as of pint, astropy or xarray, must have the SI ``unit``; if that is not told, one that SI
-    has without a factor. Refuses what NumPy would turn into other numbers than were meant: complex numbers, whose imaginary
-    part would be dropped; masked entries, which would become numbers again; texts and truth values; numbers too large for a
-    float; lists of different lengths; and lists that contain themselves.
+    An array that carries a unit, as of pint, astropy or xarray, must have the SI ``unit``; if that
+    is not told, one that SI has without a factor. Refuses what NumPy would turn into other numbers
+    than were meant: complex numbers, whose imaginary part would be dropped; masked entries, which
+    would become numbers again; texts and truth values; numbers too large for a float; lists of
+    different lengths; and lists that contain themselves.
     """
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
@@ -248,39 +314,61 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
         mend = "Give plain numbers, as x.to_base_units().magnitude of pint."
         raise Refused(f"numbers in {own}", f"numbers in {unit or 'SI units'}", mend)
     if _is_masked(values):
-        why, mend = "which has masked entries", "Leave them out, as .compressed() does."
+        why = "which has masked entries"
+        mend = "Leave them out, as .compressed() does."
     else:
         try:
             given = np.asarray(values)
-            kind, each = given.dtype.kind, given.ravel().tolist() if given.dtype.kind == "O" else []
+            kind = given.dtype.kind
+            each = given.ravel().tolist() if given.dtype.kind == "O" else []
             # objects are Python's integers of more than 64 bits, fractions, decimals
             if kind in "iuf" or (kind == "O" and all(map(_is_real, each))):
                 with np.errstate(over="ignore"):
                     array = np.asarray(given, np.float64)
-                if given.dtype.itemsize <= array.dtype.itemsize or not np.any(np.isinf(array) & np.isfinite(given)):
+                if given.dtype.itemsize <= array.dtype.itemsize or not np.any(
+                    np.isinf(array) & np.isfinite(given)
+                ):
                     return array
                 why = "which is too large"
             elif kind == "c" or any(isinstance(one, complex | np.complexfloating) for one in each):
                 why = "which is complex"
         except OverflowError:
             why = "which is too large"
-        except (TypeError, ValueError):  # lists of different lengths, or a signalling nan among decimals
+        except (
+            TypeError,
+            ValueError,
+        ):
+            # lists of different lengths, or a signalling nan among decimals
             pass
     found = brief(values)
     found += f", {why}" if why and not found.endswith("too large") else ""
     large = "too large" in found
-    raise Refused(found, "what double precision can hold" if large else "a real number or an array of them", mend)
+    raise Refused(
+        found,
+        "what double precision can hold" if large else "a real number or an array of them",
+        mend,
+    )
 
 
 def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.float64]:
-    """One or more finite numbers in an SI ``unit``; ``low`` is "above zero", "zero or above", or empty for any sign."""
+    """One or more finite numbers in an SI ``unit``; ``low`` is "above zero", "zero or above", or
+    empty for any sign.
+    """
     array = real_numbers(values, unit)
-    holds = {"above zero": array > 0.0, "zero or above": array >= 0.0, "": True}[low] & np.isfinite(array)
+    holds = {"above zero": array > 0.0, "zero or above": array >= 0.0, "": True}[low] & np.isfinite(
+        array
+    )
     if array.size and np.all(holds):
         return array
     wrong = array[~holds]
-    found = f"{wrong[0]!s} among {array.size} numbers" if wrong.size and array.size > 1 else brief(values)
-    raise Refused(found, " ".join(filter(None, ("one or more finite numbers", low))) + (unit and f", {unit}"))
+    found = (
+        f"{wrong[0]!s} among {array.size} numbers"
+        if wrong.size and array.size > 1
+        else brief(values)
+    )
+    raise Refused(
+        found, " ".join(filter(None, ("one or more finite numbers", low))) + (unit and f", {unit}")
+    )
 
 
 def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
@@ -292,8 +380,12 @@ def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
     return np.atleast_1d(found).astype(np.intp)
 
 
-def frequencies(values: Any, low: str = "zero or above", in_order: bool = True) -> NDArray[np.float64]:
-    """Frequencies (n,), Hz, of which none is above :data:`HIGHEST_FREQUENCY`; ``in_order``: each above the one before."""
+def frequencies(
+    values: Any, low: str = "zero or above", in_order: bool = True
+) -> NDArray[np.float64]:
+    """Frequencies (n,), Hz, of which none is above :data:`HIGHEST_FREQUENCY`; ``in_order``: each
+    above the one before.
+    """
     array = finite_numbers(values, "Hz", low)
     if array.ndim > 1:
         raise Refused(f"frequencies of the shape {array.shape}", "a list of them, (n,)")
@@ -320,7 +412,9 @@ def finite_number_list(values: Any, unit: str = "", low: str = "") -> tuple[floa
 
 
 def find_unit_of(values: Any) -> str | None:
-    """The unit that an array carries: of pint (``units``) or astropy (``unit``), or as an attribute of xarray; else None."""
+    """The unit that an array carries: of pint (``units``) or astropy (``unit``), or as an attribute
+    of xarray; else None.
+    """
     if not hasattr(values, "__array__"):
         return None
     held = None if isinstance(values, np.ndarray) else getattr(values, "data", None)
@@ -333,17 +427,23 @@ def _is_real(value: Any) -> bool:
 
 
 def _is_masked(values: Any, depth: int = 0) -> bool:
-    """Whether an array, or a list of numbers and arrays, has a masked entry; lists without end are refused."""
+    """Whether an array, or a list of numbers and arrays, has a masked entry; lists without end are
+    refused.
+    """
     if isinstance(values, list | tuple):
         if depth == _DEEPEST:
             raise Refused(
-                f"a list nested more than {_DEEPEST} levels deep", "an array of numbers", "Does it contain itself?"
+                f"a list nested more than {_DEEPEST} levels deep",
+                "an array of numbers",
+                "Does it contain itself?",
             )
         return any(_is_masked(one, depth + 1) for one in values)
     return isinstance(values, np.ma.MaskedArray) and bool(np.ma.is_masked(values))
 
 
-def _named(rule: Callable[Concatenate[Any, Options], Value]) -> Callable[Concatenate[str, Any, Options], Value]:
+def _named(
+    rule: Callable[Concatenate[Any, Options], Value],
+) -> Callable[Concatenate[str, Any, Options], Value]:
     """A rule as a check that takes the name of the argument before its value."""
 
     def check(name: str, value: Any, /, *options: Options.args, **more: Options.kwargs) -> Value:

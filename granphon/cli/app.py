@@ -1,4 +1,6 @@
-"""The command ``granphon`` itself: its help, its version, and the options that several subcommands share."""
+"""The command ``granphon`` itself: its help, its version, and the options that several subcommands
+share.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,12 @@ from granphon.cli.terminal import say
 from granphon.runs import MOST_WORKERS
 
 #: groups of commands, in the order of the help
-GROUPS = SCENES, PICTURES, COMPARISONS, ABOUT = "Scenes", "Pictures", "Comparisons", "About granphon"
+GROUPS = SCENES, PICTURES, COMPARISONS, ABOUT = (
+    "Scenes",
+    "Pictures",
+    "Comparisons",
+    "About granphon",
+)
 #: group of the options that say who does the work
 WORK = "Work"
 #: what the option --force says
@@ -29,14 +36,17 @@ Exit codes:
 
 
 class _Grouped:
-    """Help in groups, as plain text: commands and options stand under the ``rich_help_panel`` that they name.
+    """Help in groups, as plain text: commands and options stand under the ``rich_help_panel`` that
+    they name.
 
-    Typer itself has groups only in the boxes that rich draws, which a screen reader and a file do not need, and rich would
-    be loaded for every help.
+    Typer itself has groups only in the boxes that rich draws, which a screen reader and a file do
+    not need, and rich would be loaded for every help.
     """
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, the options without a group, and then the other options and the subcommands by groups."""
+        """Write the arguments, the options without a group, and then the other options and the
+        subcommands by groups.
+        """
         entries: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
         for one in self.get_params(ctx):
             if record := one.get_help_record(ctx):
@@ -44,7 +54,11 @@ class _Grouped:
                 # the type of a value, as "<str>", says nothing beside its name
                 row = re.sub(r" <[\w\[\]]+>", "", record[0]), record[1]
                 entries.setdefault(getattr(one, "rich_help_panel", None) or plain, []).append(row)
-        found = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)} if hasattr(self, "commands") else {}
+        found = (
+            {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
+            if hasattr(self, "commands")
+            else {}
+        )
         room = formatter.width - 6 - max(map(len, found), default=0)
         for name, one in found.items():
             entries.setdefault(one.rich_help_panel, []).append((name, one.get_short_help_str(room)))
@@ -58,10 +72,13 @@ class _Grouped:
 _Command, _Group = (type("Grouped", (_Grouped, kind), {}) for kind in (TyperCommand, TyperGroup))
 #: the command ``granphon``; the modules beside this one add their subcommands to it
 app = typer.Typer(
-    cls=_Group, rich_markup_mode=None, pretty_exceptions_enable=False,
+    cls=_Group,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)  # fmt: skip
-#: what adds a subcommand to :data:`app`: a name, and the group of the help in which it stands, ``rich_help_panel``
+)
+#: what adds a subcommand to :data:`app`: a name, and the group of the help in which it stands,
+#: ``rich_help_panel``
 command = partial(app.command, cls=_Command)
 
 
@@ -77,10 +94,14 @@ def _print_version(wanted: bool) -> None:
 def _granphon(
     context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Show the version and exit."
+        ),
     ] = False,
 ) -> None:
-    """Vibrations and sound velocities of granular crystals: elastic balls in contact, rotations included.
+    """Vibrations and sound velocities of granular crystals: elastic balls in contact, rotations
+    included.
 
     \b
     Examples:
@@ -103,14 +124,19 @@ SceneFile = Annotated[str, typer.Argument(metavar="SCENE", help="The scene file.
 Workers = Annotated[
     int | None,
     typer.Option(
-        min=1, max=MOST_WORKERS, metavar="N", help="Processes that share the work; no more than it has tasks.",
+        min=1,
+        max=MOST_WORKERS,
+        metavar="N",
+        help="Processes that share the work; no more than it has tasks.",
         rich_help_panel=WORK,
     ),
-]  # fmt: skip
+]
 Scheduler = Annotated[
     str | None,
     typer.Option(
-        metavar="ADDRESS", help="A dask scheduler whose workers share the work, or local:N to start one with N processes.",
+        metavar="ADDRESS",
+        help="A dask scheduler whose workers share the work, or local:N to start one with N"
+        " processes.",
         rich_help_panel=WORK,
     ),
-]  # fmt: skip
+]

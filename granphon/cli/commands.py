@@ -1,4 +1,6 @@
-"""The command line: it runs a subcommand and turns errors and interruptions into messages and exit codes."""
+"""The command line: it runs a subcommand and turns errors and interruptions into messages and exit
+codes.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,13 @@ from typing import Any
 
 import typer
 
-from granphon.base.errors import CacheWarning, GranphonError, InputError, MissingPackageError, UnverifiedFileWarning
+from granphon.base.errors import (
+    CacheWarning,
+    GranphonError,
+    InputError,
+    MissingPackageError,
+    UnverifiedFileWarning,
+)
 from granphon.cli import doctor, pictures, scenes, studies  # noqa: F401  importing them adds their commands to app
 from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
@@ -21,28 +29,36 @@ from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
 # by groups, whatever the order in which the modules were imported
 app.registered_commands.sort(key=lambda one: GROUPS.index(one.rich_help_panel))
 
-#: the class ClickException, base of typer's usage errors; found by its name, as its module depends on the version of typer
+#: the class ClickException, base of typer's usage errors; found by its name, as its module depends
+#: on the version of typer
 _USAGE_ERROR = next(one for one in typer.BadParameter.__mro__ if one.__name__ == "ClickException")
 
 
 @contextmanager
 def _take_signals_and_warnings() -> Iterator[None]:
-    """Treat SIGTERM (a batch system's time limit, ``kill``) as an interruption, so that the work is cleaned up.
+    """Treat SIGTERM (a batch system's time limit, ``kill``) as an interruption, so that the work is
+    cleaned up.
 
-    A warning about a file that carries no digest, or about what numba keeps, is printed as one line; others are shown as
-    usual.
+    A warning about a file that carries no digest, or about what numba keeps, is printed as one
+    line; others are shown as usual.
     """
     show = warnings.showwarning
 
     def tell(
-        message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: Any = None,
+        line: Any = None,
     ) -> None:
         if issubclass(category, UnverifiedFileWarning | CacheWarning):
             warn([str(message)])
         else:
             show(message, category, filename, lineno, file, line)
 
-    is_main = threading.current_thread() is threading.main_thread()  # no other thread may set a handler
+    # no other thread may set a handler
+    is_main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGTERM, signal.default_int_handler) if is_main else None
     try:
         with warnings.catch_warnings():
@@ -57,11 +73,16 @@ def _take_signals_and_warnings() -> Iterator[None]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code, one of those listed in ``granphon --help``.
 
-    Errors of the input, the file system and the computation become messages; any other exception is a bug and is raised.
+    Errors of the input, the file system and the computation become messages; any other exception is
+    a bug and is raised.
     """
     try:
         with _take_signals_and_warnings():
-            code = app(args=None if argv is None else list(argv), prog_name="granphon", standalone_mode=False)
+            code = app(
+                args=None if argv is None else list(argv),
+                prog_name="granphon",
+                standalone_mode=False,
+            )
         if sys.stdout is not None:  # None if it was closed before Python started
             sys.stdout.flush()
         if code == 130:  # typer returns this code when it has caught the interruption
@@ -73,14 +94,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         return fail(str(error), 1)
     except MemoryError:
         return fail(
-            "there is not enough memory for this scene. Take a coarser mesh, or fewer points, loads, balls or samples.", 1
+            "there is not enough memory for this scene. Take a coarser mesh, or fewer points,"
+            " loads, balls or samples.",
+            1,
         )
     except Interrupted as interrupted:
         return fail(f"interrupted; {interrupted}", 130)
     except (KeyboardInterrupt, typer.Abort):
         return fail(f"interrupted; {NOTHING_WRITTEN}", 130)
     except BrokenPipeError:
-        # the reader of our output has gone: discard what the interpreter still flushes at exit, which would fail again
+        # the reader of our output has gone: discard what the interpreter still flushes at exit,
+        # which would fail again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
@@ -90,7 +114,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             said = error.format_message().rstrip(".")  # type: ignore[attr-defined]
             context = getattr(error, "ctx", None)
             return fail(
-                f"{said}{'' if said.endswith('?') else '.'} See '{context.command_path if context else 'granphon'} --help'.",
+                f"{said}{'' if said.endswith('?') else '.'} See"
+                f" '{context.command_path if context else 'granphon'} --help'.",
                 2,
             )
         raise

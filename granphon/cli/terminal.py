@@ -37,7 +37,9 @@ def say_table(rows: Sequence[tuple[str, str]]) -> None:
 
 
 def say(text: str) -> None:
-    """Print a line; what cannot be printed, and characters that the encoding of stdout lacks, are backslash escapes."""
+    """Print a line; what cannot be printed, and characters that the encoding of stdout lacks, are
+    backslash escapes.
+    """
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     print(one_line(text).encode(encoding, "backslashreplace").decode(encoding))
 
@@ -56,15 +58,20 @@ def fail(text: str, code: int) -> int:
 
 
 def require_name(option: str, path: str | None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the path given for ``option`` is empty, or is of dashes only.
+    """Raise :class:`~granphon.base.errors.InputError` if the path given for ``option`` is empty, or
+    is of dashes only.
 
     A single dash stands for a stream, and two end the options: none is meant as a name.
     """
     if path == "":
-        raise InputError(f"{option} is empty", mend="Name a file or folder; perhaps a shell variable is not set")
+        raise InputError(
+            f"{option} is empty", mend="Name a file or folder; perhaps a shell variable is not set"
+        )
     if path and not path.strip("-"):
         why = "Results are files, and none is written to the standard output" if path == "-" else ""
-        raise InputError(f"{option} is {path!r}", why, f"Name a file or folder; ./{path} if that is its name")
+        raise InputError(
+            f"{option} is {path!r}", why, f"Name a file or folder; ./{path} if that is its name"
+        )
 
 
 class Interrupted(Exception):
@@ -72,11 +79,14 @@ class Interrupted(Exception):
 
 
 @contextmanager
-def write_of_scene(scene: str, out: str, endings: Sequence[str], force: bool, one: str = "") -> Iterator[tuple[Scene, Path]]:
-    """Read a scene, and yield it with the place where the block writes the file ``out``, which arrives whole or not at all.
+def write_of_scene(
+    scene: str, out: str, endings: Sequence[str], force: bool, one: str = ""
+) -> Iterator[tuple[Scene, Path]]:
+    """Read a scene, and yield it with the place where the block writes the file ``out``, which
+    arrives whole or not at all.
 
-    Raises :class:`~granphon.base.errors.InputError` if the name has none of the ``endings``, or if the scene has several
-    states and the block, as ``one`` says, takes a single one.
+    Raises :class:`~granphon.base.errors.InputError` if the name has none of the ``endings``, or if
+    the scene has several states and the block, as ``one`` says, takes a single one.
     """
     from granphon.base.staging import ResultFiles
     from granphon.scene.scene import Scene
@@ -85,10 +95,16 @@ def write_of_scene(scene: str, out: str, endings: Sequence[str], force: bool, on
     target = Path(out)
     if target.suffix not in endings:
         what = f"--out is {out}, whose ending is not {' or '.join(endings)}"
-        mend = f"Use {' or '.join(endings)}" if len(endings) > 1 else f"Give a name that ends in {endings[0]}"
+        mend = (
+            f"Use {' or '.join(endings)}"
+            if len(endings) > 1
+            else f"Give a name that ends in {endings[0]}"
+        )
         raise InputError(what, mend=mend)
     read = Scene.from_yaml(scene)
-    with ResultFiles(target.parent, [target.name], force, inputs=read.origin.inputs).open() as locked:
+    with ResultFiles(
+        target.parent, [target.name], force, inputs=read.origin.inputs
+    ).open() as locked:
         if one and not read.is_single:
             mend = "Keep one load, one medium, and no block 'sweep'"
             raise InputError(f"{scene} has many states", one, mend)
@@ -99,7 +115,9 @@ def write_of_scene(scene: str, out: str, endings: Sequence[str], force: bool, on
 
 @contextmanager
 def tell_interruption(left: Callable[[], str]) -> Iterator[None]:
-    """Turn an interruption of the block into :class:`Interrupted`, with the text that ``left`` returns then."""
+    """Turn an interruption of the block into :class:`Interrupted`, with the text that ``left``
+    returns then.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -107,7 +125,9 @@ def tell_interruption(left: Callable[[], str]) -> Iterator[None]:
 
 
 def write_range(value: Any, unit: str) -> str:
-    """Text of a value, or of the least and the greatest of several, as :func:`write_quantity` writes them."""
+    """Text of a value, or of the least and the greatest of several, as :func:`write_quantity`
+    writes them.
+    """
     import numpy as np  # here alone, so that the command's help needs no numpy
 
     ends = np.unique([np.min(value), np.max(value)]).tolist()
@@ -115,10 +135,15 @@ def write_range(value: Any, unit: str) -> str:
 
 
 def _write(value: Any, unit: str) -> str:
-    """Text of a value of a table: a length, force, pressure or stiffness with a decimal prefix, all else as it is."""
+    """Text of a value of a table: a length, force, pressure or stiffness with a decimal prefix, all
+    else as it is.
+    """
     if unit in ("m", "Pa", "N", "N/m", "Hz"):
         return write_range(value, unit)
-    from granphon.base.results import describe_value  # with numpy, which the help of a command does not need
+    # with numpy, which the help of a command does not need
+    from granphon.base.results import (
+        describe_value,
+    )
 
     return f"{describe_value(value)}{write_unit(unit)}"
 
@@ -129,18 +154,29 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     if scene.is_single and scene.serving.chosen_automatically:
         serving = scene.serving
         error = float(serving.errors[0])
-        told = f"expected error {error:.2g} against {serving.truth}" if error else "exact for equal balls"
+        told = (
+            f"expected error {error:.2g} against {serving.truth}"
+            if error
+            else "exact for equal balls"
+        )
         rows.append(("chosen", f"{serving.medium.label}, {told}"))
     if not scene.is_single:
         sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
-        sizes += [(len(values), f"value of {name}", f"values of {name}") for name, values in scene.parameters]
+        sizes += [
+            (len(values), f"value of {name}", f"values of {name}")
+            for name, values in scene.parameters
+        ]
         states = math.prod(count for count, *_ in sizes)
         counts = " x ".join(counted(*one) for one in sizes)
         rows.append(("sweep", f"{counts} = {counted(states, 'state')}"))
     elif scene.serving.is_quick:
         state = scene.state()
         rows += [
-            ("contact", f"force {write_quantity(state.force, 'N')}, overlap {write_quantity(state.overlap, 'm')}"),
+            (
+                "contact",
+                f"force {write_quantity(state.force, 'N')}, overlap"
+                f" {write_quantity(state.overlap, 'm')}",
+            ),
             (
                 "stiffness",
                 f"normal {write_quantity(state.normal_stiffness, 'N/m')},"
@@ -166,12 +202,23 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
         one = result.entry(name)
         if one is not None and one.told and name in numbers:
             # a value, or the ends of several, with their standard errors if these are known
-            said, error = write_range(numbers[name], one.unit), numbers.get(f"{name}_error")
+            said = write_range(numbers[name], one.unit)
+            error = numbers.get(f"{name}_error")
             if error is not None:
-                values, errors = np.ravel(numbers[name]), np.ravel(error)
+                values = np.ravel(numbers[name])
+                errors = np.ravel(error)
                 several = f"{said} +/- {write_range(errors, one.unit)}"
-                said = write_uncertain(float(values[0]), float(errors[0]), one.unit) if len(values) == 1 else several
-            rows.append((one.label.lower(), said + (along if one.unit == "m/s" and one.cost != "surface" else "")))
+                said = (
+                    write_uncertain(float(values[0]), float(errors[0]), one.unit)
+                    if len(values) == 1
+                    else several
+                )
+            rows.append(
+                (
+                    one.label.lower(),
+                    said + (along if one.unit == "m/s" and one.cost != "surface" else ""),
+                )
+            )
     if (gaps := numbers.get("gaps")) is not None:
         widest = sorted(gaps, key=lambda one: one[0] - one[1])[:3]
         told = ", ".join(write_range(one, "Hz") for one in sorted(widest)) or "none"
@@ -188,11 +235,15 @@ def write_direction(given: Any) -> str:
 
 
 def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
-    """Rows of a fit: its parameters with their standard errors, the data, and how well they agree."""
+    """Rows of a fit: its parameters with their standard errors, the data, and how well they
+    agree.
+    """
     from granphon.balls.packing import PARAMETERS
 
     rows = []
-    for name, value, error in zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True):
+    for name, value, error in zip(
+        fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True
+    ):
         rows.append((spell(name), _write_valued(value, error, PARAMETERS[name] or "")))
         if name == "width":
             rows.append(("standard deviation", _write_valued(fit.std, fit.std_stderr, "m")))
@@ -202,7 +253,8 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, {known}")]
     if not fit.is_isotropic:
         rows.append(("direction", write_direction(fit.waves.direction)))
-    if fit.sigma_given:  # if sigma comes from the scatter, chi^2 equals the degrees of freedom by construction
+    if fit.sigma_given:
+        # if sigma comes from the scatter, chi^2 equals the degrees of freedom by construction
         rows.append(_judge_fit(fit))
     return rows
 
@@ -211,7 +263,11 @@ def _write_valued(value: float, error: float, unit: str) -> str:
     known = math.isfinite(error)
     if known and not unit:  # a number takes no prefix
         return f"{value:.4g} +/- {error:.2g}"
-    return write_uncertain(value, error, unit) if known else f"{write_quantity(value, unit)}, error not known"
+    return (
+        write_uncertain(value, error, unit)
+        if known
+        else f"{write_quantity(value, unit)}, error not known"
+    )
 
 
 def _judge_fit(fit: WidthFit | DampingFit) -> tuple[str, str]:
@@ -220,14 +276,23 @@ def _judge_fit(fit: WidthFit | DampingFit) -> tuple[str, str]:
 
 
 def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
-    """Rows of a fit to a transfer function: its parameters with their standard errors, the data, and how well they agree."""
+    """Rows of a fit to a transfer function: its parameters with their standard errors, the data,
+    and how well they agree.
+    """
     from granphon.fits.transfer import PARAMETERS
 
     units = [PARAMETERS[name].replace("1", "") for name in fit.parameters]
     each = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), units, strict=True)
-    rows = [(name.replace("_", " "), _write_valued(value, error, unit)) for name, value, error, unit in each]
+    rows = [
+        (name.replace("_", " "), _write_valued(value, error, unit))
+        for name, value, error, unit in each
+    ]
     what = "magnitudes" if fit.measured.phase is None else "magnitudes and phases"
-    source = "sigma given" if fit.sigma_given else f"sigma from the scatter, {fit.dof} degrees of freedom"
+    source = (
+        "sigma given"
+        if fit.sigma_given
+        else f"sigma from the scatter, {fit.dof} degrees of freedom"
+    )
     rows.append(("data", f"{len(fit.magnitude)} {what}, {source}"))
     return [*rows, _judge_fit(fit)] if fit.sigma_given else rows
 
@@ -236,7 +301,19 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
     """Lines of the table of a trade-off, of balls on a lattice of 1, 2 or 3 ``periods``."""
     from granphon.base.quantities import load_quantities  # with numpy, too
 
-    heads = ("method", "knob", "error", "+/-", "runs", "time", "+/-", "set-up", "memory", "floor", "")
+    heads = (
+        "method",
+        "knob",
+        "error",
+        "+/-",
+        "runs",
+        "time",
+        "+/-",
+        "set-up",
+        "memory",
+        "floor",
+        "",
+    )
     loads = write_range(result.loads, load_quantities(periods)[result.kind].unit)
     runs = counted(result.runs, "warm run")
     lines = [f"errors at {counted(len(result.loads), 'load')}, {loads}; {runs} each"]
@@ -245,12 +322,32 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
         if point.failure and not point.seconds:
             rows.append((point.method, point.knob, *[""] * 8, point.failure))
             continue
-        times = [write_quantity(one, "s") if one else "0 s" for one in (point.seconds, point.spread, point.setup)]
+        times = [
+            write_quantity(one, "s") if one else "0 s"
+            for one in (point.seconds, point.spread, point.setup)
+        ]
         error = f"{point.error:.2e}" if point.errors.size else "?"
         found = (error, f"{point.stderr:.0e}" if point.stderr else "", str(point.draws), *times)
-        rows.append((point.method, point.knob, *found, write_quantity(point.memory, "B"), f"{point.floor:.0e}", point.note))
+        rows.append(
+            (
+                point.method,
+                point.knob,
+                *found,
+                write_quantity(point.memory, "B"),
+                f"{point.floor:.0e}",
+                point.note,
+            )
+        )
     widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
     lines += ["", f"media (of {', '.join(result.observed)})"]
-    lines += ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines += [
+        "  "
+        + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
     lines += [f"  reference: {result.reference}"] * bool(result.reference)
-    return [*lines, "", f"took {write_quantity(result.seconds, 's')} of {write_quantity(result.budget, 's')}"]
+    return [
+        *lines,
+        "",
+        f"took {write_quantity(result.seconds, 's')} of {write_quantity(result.budget, 's')}",
+    ]

@@ -1,11 +1,13 @@
-"""All waves of a crystal at given frequencies: those that run across its layers, and those that decay.
+"""All waves of a crystal at given frequencies: those that run across its layers, and those that
+decay.
 
 Layers of balls follow each other across an axis, at one wave vector along them
-(:class:`granphon.dynamics.half_space.HalfSpace`).
-A motion u lambda^n of layer n obeys the sum over s of D_s lambda^s u = w u, w = omega^2, where D_s joins a layer to the s-th
-after it. That is an eigenproblem for lambda, twice as large as the layers to which contacts reach. |lambda| is one of waves
-that run; where it is less, they decay. Energy flows towards higher layers where dw/dk = -2 Im(u^H A u lambda) is above zero,
-A being the coupling from block to block (T. Ando, Phys. Rev. B 44, 8017, 1991).
+(:class:`granphon.dynamics.half_space.HalfSpace`). A motion u lambda^n of layer n obeys the sum over
+s of D_s lambda^s u = w u, w = omega^2, where D_s joins a layer to the s-th after it. That is an
+eigenproblem for lambda, twice as large as the layers to which contacts reach. |lambda| is one of
+waves that run; where it is less, they decay. Energy flows towards higher layers where dw/dk = -2
+Im(u^H A u lambda) is above zero, A being the coupling from block to block (T. Ando, Phys. Rev. B
+44, 8017, 1991).
 """
 
 from __future__ import annotations
@@ -18,17 +20,23 @@ from granphon.base.arrays import Array, Complex
 from granphon.base.errors import PrecisionError
 from granphon.base.memory import require_memory
 
-#: matrices of a block, twice as wide, that are held for each frequency, and rows of a contact where it loses energy
-_MATRICES, _ROWS = 7.0, 6.0
-#: point of the plane of lambda from which eigenvalues are found: one without symmetry, well inside of the unit circle
+#: matrices of a block, twice as wide, that are held for each frequency, and rows of a contact where
+#: it loses energy
+_MATRICES = 7.0
+_ROWS = 6.0
+#: point of the plane of lambda from which eigenvalues are found: one without symmetry, well inside
+#: of the unit circle
 _POINT = 0.31 + 0.17j
 #: distance from the unit circle up to which a wave runs; and of lambda, up to which waves are one
-_ON_CIRCLE, _TOGETHER = 1e-7, 1e-7
-#: angle of lambda up to which waves are long: the error of an eigenvalue is that of rounding over this angle
+_ON_CIRCLE = 1e-7
+_TOGETHER = 1e-7
+#: angle of lambda up to which waves are long: the error of an eigenvalue is that of rounding over
+#: this angle
 _LONG = 0.1
 #: eigenvalue of D of equal layers, over the largest, up to which it is the rounding of zero
 _FREE = 1e-13
-#: steps of Newton's method for long waves: each doubles the digits, of which the longest that are told apart start with one
+#: steps of Newton's method for long waves: each doubles the digits, of which the longest that are
+#: told apart start with one
 _NEWTON = 5
 #: singular value, over the largest, up to which a coupling has none
 _UNCOUPLED = 1e-12
@@ -36,22 +44,26 @@ _UNCOUPLED = 1e-12
 _ALIKE = 1e11
 #: part of a wave that the next layer must have, at least: that of a wave number with three digits
 LEAST_PART = 1e-12
-#: difference of lambda of two waves at the edge of a band, some roots of the rounding of w; and the least singular value of
-#: their motions, of length one, from which these are two
-_EDGE, _PARALLEL = 1e-6, 1e-5
+#: difference of lambda of two waves at the edge of a band, some roots of the rounding of w; and the
+#: least singular value of their motions, of length one, from which these are two
+_EDGE = 1e-6
+_PARALLEL = 1e-5
 #: w over the largest entry of D up to which two such waves are long, and have all digits
 _NEAR_ZERO = 1e-12
-#: what an error says of waves that are not told apart, and why and what to do at an edge, or if one decays too fast
+#: what an error says of waves that are not told apart, and why and what to do at an edge, or if one
+#: decays too fast
 _ALIKE_WAVES = "the waves at a frequency cannot be told apart"
 _AT_EDGE = "At the very edge of a band waves of both senses are one", "Shift it by a millionth"
 _TOO_FAST = "One decays too fast from layer to layer to have digits", "Take lower frequencies"
 
 
 class Couplings(NamedTuple):
-    """Blocks of D, (n, n) or (n_f, n, n), of the layers that contacts reach across: of one block, and of it with the next.
+    """Blocks of D, (n, n) or (n_f, n, n), of the layers that contacts reach across: of one block,
+    and of it with the next.
 
-    ``inner`` has contacts on both sides, of which ``tail`` is the part of those to the next block, ``head`` of those to the
-    one before; ``up`` joins a block to the next, ``down`` to the one before (its adjoint if nothing is lost).
+    ``inner`` has contacts on both sides, of which ``tail`` is the part of those to the next block,
+    ``head`` of those to the one before; ``up`` joins a block to the next, ``down`` to the one
+    before (its adjoint if nothing is lost).
     """
 
     inner: Complex
@@ -67,7 +79,8 @@ class BlochWaves(NamedTuple):
     Attributes
     ----------
     factors : (m,) lambda, from layer to layer; infinitely fast decay is left out.
-    vectors : (n, m) motions of a block; of waves that run, dw/dk from block to block is plus or minus one.
+    vectors : (n, m) motions of a block; of waves that run, dw/dk from block to block is plus or
+        minus one.
     running : number of waves that run.
     still : (n, n - m) motions of a block that reach no other block in this sense.
     """
@@ -78,34 +91,47 @@ class BlochWaves(NamedTuple):
     still: Complex
 
     def continue_by(self, steps: int) -> Complex:
-        """Return F (n, n), which makes the motions of a block those of the block so many layers on; below zero, back."""
+        """Return F (n, n), which makes the motions of a block those of the block so many layers on;
+        below zero, back.
+        """
         basis = np.concatenate([self.vectors, self.still], axis=1)
         ahead = np.pad(self.vectors * self.factors**steps, ((0, 0), (0, self.still.shape[1])))
         return np.asarray(np.linalg.solve(basis.T, ahead.T).T)
 
     def find_parts(self, motion: Complex) -> Complex:
-        """Return the amplitudes (running, ...) of the waves that run in a motion (n, ...) of a block."""
+        """Return the amplitudes (running, ...) of the waves that run in a motion (n, ...) of a
+        block.
+        """
         basis = np.concatenate([self.vectors, self.still], axis=1)
         return np.asarray(np.linalg.solve(basis, motion)[: self.running])
 
 
 def require_bloch_memory(count: int, size: int, contacts: int = 0) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if waves at ``count`` frequencies do not fit into memory.
+    """Raise :class:`~granphon.base.errors.InputError` if waves at ``count`` frequencies do not fit
+    into memory.
 
-    A block has ``size`` motions, and couplings that differ from frequency to frequency have so many ``contacts``.
+    A block has ``size`` motions, and couplings that differ from frequency to frequency have so many
+    ``contacts``.
     """
     needed = count * (_MATRICES * 16.0 * (2 * size) ** 2 + _ROWS * 32.0 * size * contacts)
-    require_memory(f"waves of {size:,} motions at {count:,} frequencies", needed, "Take fewer frequencies")
+    require_memory(
+        f"waves of {size:,} motions at {count:,} frequencies", needed, "Take fewer frequencies"
+    )
 
 
-def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[BlochWaves, BlochWaves]]:
-    """Find the waves at each w (n_f,), in the unit of the blocks: those towards higher layers, and towards lower ones.
+def find_bloch_waves(
+    blocks: Couplings, w: Array, layer: int
+) -> list[tuple[BlochWaves, BlochWaves]]:
+    """Find the waves at each w (n_f,), in the unit of the blocks: those towards higher layers, and
+    towards lower ones.
 
-    ``layer`` is the number of motions of a layer. Raises :class:`~granphon.base.errors.PrecisionError` where waves cannot be
-    told apart: at an edge of a band, where motions that reach no other layer resonate, where a wave decays so fast that it
-    has no digits, and at any frequency if some motions reach the next layers alone.
+    ``layer`` is the number of motions of a layer. Raises
+    :class:`~granphon.base.errors.PrecisionError` where waves cannot be told apart: at an edge of a
+    band, where motions that reach no other layer resonate, where a wave decays so fast that it has
+    no digits, and at any frequency if some motions reach the next layers alone.
     """
-    size, count = blocks.inner.shape[-1], len(w)
+    size = blocks.inner.shape[-1]
+    count = len(w)
     reach = size // layer
     each = [np.broadcast_to(one, (count, size, size)) for one in blocks]
     inner, _, _, up, down = each
@@ -113,7 +139,9 @@ def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[Bloc
     steps = [down[:, :layer, :layer]]
     steps += [inner[:, s * layer : (s + 1) * layer, :layer] for s in range(reach - 1, 0, -1)]
     steps += [inner[:, :layer, :layer] - w[:, None, None] * np.eye(layer)]
-    steps += [inner[:, :layer, s * layer : (s + 1) * layer] for s in range(1, reach)] + [up[:, :layer, :layer]]
+    steps += [inner[:, :layer, s * layer : (s + 1) * layer] for s in range(1, reach)] + [
+        up[:, :layer, :layer]
+    ]
     scale = np.max(np.abs(inner))
     one, other = np.zeros((2, count, 2 * size, 2 * size), complex)
     one[:, :-layer, layer:] = other[:, :-layer, :-layer] = np.eye(2 * size - layer)
@@ -123,17 +151,26 @@ def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[Bloc
     found = []
     for at in range(count):
         lost = [_null_space(coupling[at]) for coupling in (down, up)]
-        # a motion passed on and no further is one at any w, here at one below zero, where nothing resonates
+        # a motion passed on and no further is one at any w, here at one below zero, where nothing
+        # resonates
         between = lost[1].conj().T @ (inner[at] + scale * np.eye(size)) @ lost[0]
-        if between.size and np.linalg.matrix_rank(between, tol=_UNCOUPLED * scale) < min(between.shape):
+        if between.size and np.linalg.matrix_rank(between, tol=_UNCOUPLED * scale) < min(
+            between.shape
+        ):
             what = "some motions of a layer are passed on to the next ones and no further"
-            raise PrecisionError(what, "They decay infinitely fast, at any frequency", "Choose another axis")
-        # 1/(lambda - point): zero where the decay towards lower layers is infinitely fast, and -1/point towards higher ones
+            raise PrecisionError(
+                what, "They decay infinitely fast, at any frequency", "Choose another axis"
+            )
+        # 1/(lambda - point): zero where the decay towards lower layers is infinitely fast, and
+        # -1/point towards higher ones
         order = np.argsort(np.abs(inverse[at] + 1.0 / _POINT))
-        kept = np.setdiff1d(order[lost[0].shape[1] :], np.argsort(np.abs(inverse[at]))[: lost[1].shape[1]])
+        kept = np.setdiff1d(
+            order[lost[0].shape[1] :], np.argsort(np.abs(inverse[at]))[: lost[1].shape[1]]
+        )
         if np.min(np.abs(inverse[at, kept]), initial=1.0) < np.finfo(float).eps ** 2:
             raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
-        factors, motions = _POINT + 1.0 / inverse[at, kept], vectors[at][:size, kept]
+        factors = _POINT + 1.0 / inverse[at, kept]
+        motions = vectors[at][:size, kept]
         couplings = [one[at] for one in steps]
         couplings[reach] = couplings[reach] + w[at] * np.eye(layer)
         factors, motions = _sharpen_long(factors, motions, couplings, w[at])
@@ -143,46 +180,73 @@ def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[Bloc
     return found
 
 
-def _sharpen_long(factors: Complex, vectors: Complex, couplings: list[Complex], w: float) -> tuple[Complex, Complex]:
-    """Return lambda = exp(i theta) and the motions of a block, where long waves that run, undamped, have all their digits.
+def _sharpen_long(
+    factors: Complex, vectors: Complex, couplings: list[Complex], w: float
+) -> tuple[Complex, Complex]:
+    """Return lambda = exp(i theta) and the motions of a block, where long waves that run, undamped,
+    have all their digits.
 
-    The sum of D_s lambda^s, less w, is there a difference of near-equal numbers. Its part at lambda = 1 is zero on motions
-    that cost nothing if all layers move alike, and is left out for these; the rest is D_s (exp(i s theta) - 1). All other
-    motions follow from the free ones at each theta, which Newton's method finds. The shares of the free motions are kept:
-    theta depends on their error by its square.
+    The sum of D_s lambda^s, less w, is there a difference of near-equal numbers. Its part at lambda
+    = 1 is zero on motions that cost nothing if all layers move alike, and is left out for these;
+    the rest is D_s (exp(i s theta) - 1). All other motions follow from the free ones at each theta,
+    which Newton's method finds. The shares of the free motions are kept: theta depends on their
+    error by its square.
     """
-    reach, size = len(couplings) // 2, len(couplings[0])
-    long = np.flatnonzero((np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE) & (np.abs(np.angle(factors)) < _LONG))
+    reach = len(couplings) // 2
+    size = len(couplings[0])
+    long = np.flatnonzero(
+        (np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE) & (np.abs(np.angle(factors)) < _LONG)
+    )
     alike = np.sum(couplings, axis=0)
-    lossy = max(np.max(np.abs(one - other.conj().T)) for one, other in zip(couplings, couplings[::-1], strict=True))
+    lossy = max(
+        np.max(np.abs(one - other.conj().T))
+        for one, other in zip(couplings, couplings[::-1], strict=True)
+    )
     if not long.size or lossy > _FREE * np.max(np.abs(couplings[reach])):
         return factors, vectors
     values, modes = np.linalg.eigh(alike)
     costs = np.abs(values) > _FREE * np.max(np.abs(values))
-    free, other, stiff = modes[:, ~costs], modes[:, costs], values[costs]
-    factors, vectors, steps = factors.copy(), vectors.copy(), range(-reach, reach + 1)
+    free = modes[:, ~costs]
+    other = modes[:, costs]
+    stiff = values[costs]
+    factors = factors.copy()
+    vectors = vectors.copy()
+    steps = range(-reach, reach + 1)
     for n in long:
-        theta, along = float(np.angle(factors[n])), free.conj().T @ vectors[:size, n]
+        theta = float(np.angle(factors[n]))
+        along = free.conj().T @ vectors[:size, n]
         if np.linalg.norm(along) < 0.5 * np.linalg.norm(vectors[:size, n]):
             continue  # the edge of another band is near
         for _ in range(_NEWTON):
-            turned = sum(one * np.expm1(1j * s * theta) for s, one in zip(steps, couplings, strict=True))
-            slope = sum(one * 1j * s * np.exp(1j * s * theta) for s, one in zip(steps, couplings, strict=True))
+            turned = sum(
+                one * np.expm1(1j * s * theta) for s, one in zip(steps, couplings, strict=True)
+            )
+            slope = sum(
+                one * 1j * s * np.exp(1j * s * theta)
+                for s, one in zip(steps, couplings, strict=True)
+            )
             pulled = other.conj().T @ turned
             follow = np.linalg.solve(np.diag(stiff - w) + pulled @ other, -pulled @ (free @ along))
             v = free @ along + other @ follow
-            value = (v.conj() @ turned @ v).real + stiff @ np.abs(follow) ** 2 - w * np.linalg.norm(v) ** 2
+            value = (
+                (v.conj() @ turned @ v).real
+                + stiff @ np.abs(follow) ** 2
+                - w * np.linalg.norm(v) ** 2
+            )
             theta -= float(value / (v.conj() @ slope @ v).real)
         factors[n] = np.exp(1j * theta)
-        vectors[:, n] = np.concatenate([v * factors[n] ** layer for layer in range(len(vectors) // size)])
+        vectors[:, n] = np.concatenate(
+            [v * factors[n] ** layer for layer in range(len(vectors) // size)]
+        )
     return factors, vectors
 
 
 def _require_senses(factors: Complex, vectors: Complex) -> None:
-    """Raise :class:`~granphon.base.errors.PrecisionError` at the edge of a band, where waves of both senses are one.
+    """Raise :class:`~granphon.base.errors.PrecisionError` at the edge of a band, where waves of
+    both senses are one.
 
-    At a distance of Delta w from the edge their lambda differ by its root. Where rounding decides on which side of the edge
-    w is, it decides whether waves run, and how fast.
+    At a distance of Delta w from the edge their lambda differ by its root. Where rounding decides
+    on which side of the edge w is, it decides whether waves run, and how fast.
     """
     outer = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE)
     for place, wave in enumerate(outer):
@@ -201,7 +265,9 @@ def _null_space(coupling: Complex) -> Complex:
 def _sort_senses(
     factors: Complex, vectors: Complex, up: Complex, down: Complex, lost: list[Complex], reach: int
 ) -> tuple[BlochWaves, BlochWaves]:
-    """Sort waves by the sense in which they run or decay; those that run get a flux of one, each by itself."""
+    """Sort waves by the sense in which they run or decay; those that run get a flux of one, each by
+    itself.
+    """
     vectors = vectors / np.linalg.norm(vectors, axis=0)
     runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
     flux = np.zeros(len(factors))
@@ -210,8 +276,11 @@ def _sort_senses(
         group = left[np.abs(factors[left] - factors[left[0]]) < _TOGETHER]
         left = np.setdiff1d(left, group)
         if group.size > len(vectors):
-            raise PrecisionError(_ALIKE_WAVES, "Near zero waves of both senses are one", "Give a higher frequency")
-        basis, phase = np.linalg.qr(vectors[:, group])[0], factors[group[0]] ** reach
+            raise PrecisionError(
+                _ALIKE_WAVES, "Near zero waves of both senses are one", "Give a higher frequency"
+            )
+        basis = np.linalg.qr(vectors[:, group])[0]
+        phase = factors[group[0]] ** reach
         form = basis.conj().T @ (1j * (phase * up - down / phase)) @ basis
         flux[group], turned = np.linalg.eigh(0.5 * (form + form.conj().T))
         vectors[:, group] = basis @ turned / np.sqrt(np.abs(flux[group]))
@@ -225,10 +294,17 @@ def _sort_senses(
         decay = decay[np.argsort(-inwards[decay], kind="stable")]
         chosen = np.concatenate([run, decay])
         waves = BlochWaves(factors[chosen], vectors[:, chosen], run.size, still)
-        basis = np.concatenate([waves.vectors / np.linalg.norm(waves.vectors, axis=0), still], axis=1)
+        basis = np.concatenate(
+            [waves.vectors / np.linalg.norm(waves.vectors, axis=0), still], axis=1
+        )
         if basis.shape[0] != basis.shape[1] or np.linalg.cond(basis) > _ALIKE:
-            why = "At the edge of a band waves of both senses are one, and at some frequencies motions of a layer stay in it"
+            why = (
+                "At the edge of a band waves of both senses are one, and at some frequencies"
+                " motions of a layer stay in it"
+            )
             fast = np.any(inwards[decay] ** reach < LEAST_PART)
-            raise PrecisionError(_ALIKE_WAVES, *(_TOO_FAST if fast else (why, "Shift it by a millionth")))
+            raise PrecisionError(
+                _ALIKE_WAVES, *(_TOO_FAST if fast else (why, "Shift it by a millionth"))
+            )
         found.append(waves)
     return found[0], found[1]

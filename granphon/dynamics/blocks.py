@@ -1,14 +1,16 @@
 """Motions that contacts do not join to others, and their modes.
 
-Rows of C(q) and motions fall into blocks that have nothing in common: in the plane and out of it, or each direction of a
-chain. The modes of each block are found apart from those of the others. So motions of two blocks never mix, and the motions
-that cost nothing are known from the rank of each block.
+Rows of C(q) and motions fall into blocks that have nothing in common: in the plane and out of it,
+or each direction of a chain. The modes of each block are found apart from those of the others. So
+motions of two blocks never mix, and the motions that cost nothing are known from the rank of each
+block.
 
-A wave of displacements across the periods turns the balls along with it: on a membrane or a chain, phi = i q x u. The
-contacts feel only what differs from that rotation, (sin h - h cos h) instead of sin h, at the half angle h = q.(r_j - r_i)/2
-of a contact. In terms of the rotations themselves the columns of u and of phi are then nearly dependent, and C(q) loses the
-digits of the flexural branch, which goes as q^2 or q^3. Here the displacement is taken together with its local rotation,
-whose columns are summed in closed form: all digits are kept, down to |q|d = 1e-30.
+A wave of displacements across the periods turns the balls along with it: on a membrane or a chain,
+phi = i q x u. The contacts feel only what differs from that rotation, (sin h - h cos h) instead of
+sin h, at the half angle h = q.(r_j - r_i)/2 of a contact. In terms of the rotations themselves the
+columns of u and of phi are then nearly dependent, and C(q) loses the digits of the flexural branch,
+which goes as q^2 or q^3. Here the displacement is taken together with its local rotation, whose
+columns are summed in closed form: all digits are kept, down to |q|d = 1e-30.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from granphon.dynamics.linalg import (
     graded_eigh,
     graded_svd,
     lapack_svd,
-)  # fmt: skip
+)
 from granphon.dynamics.rows import WaveRows, bend
 
 #: number of motions from which those that cost nothing at any wave vector are split off by LAPACK
@@ -40,19 +42,25 @@ _DEGENERATE = 1e-9
 _STEP_BESIDE = 1e-3
 #: a frequency is zero if it is no larger than this multiple of the rounding of its own columns
 _ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
-#: relative error up to which the rotation of two balls about their middle leaves their contact undeformed
+#: relative error up to which the rotation of two balls about their middle leaves their contact
+#: undeformed
 _RIGID = 1e-12
 #: wave vectors, 1/d, without symmetry, at which the rank of C(q) is found
 GENERIC = np.array(
-    [[0.7390851, -1.2020569, 0.4669201], [1.9021605, 0.5772157, -0.9159656], [-0.2614972, 1.3247180, 2.5029079]]
+    [
+        [0.7390851, -1.2020569, 0.4669201],
+        [1.9021605, 0.5772157, -0.9159656],
+        [-0.2614972, 1.3247180, 2.5029079],
+    ]
 )
 
 
 class _Point(NamedTuple):
     """C(q) of a block at a stack of wave vectors.
 
-    ``rows`` (n_q, m, n) are those of its motions in a basis ``basis`` (n_q, n, n), unitary, or of the motions themselves if
-    it is None; ``triangle`` turns amplitudes in the basis into those of the tilted motions.
+    ``rows`` (n_q, m, n) are those of its motions in a basis ``basis`` (n_q, n, n), unitary, or of
+    the motions themselves if it is None; ``triangle`` turns amplitudes in the basis into those of
+    the tilted motions.
     """
 
     q: Array
@@ -64,18 +72,22 @@ class _Point(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Motions of the frame, and the rows of C(q) in which they take part, that nothing joins to others.
+    """Motions of the frame, and the rows of C(q) in which they take part, that nothing joins to
+    others.
 
     Attributes
     ----------
     columns : (n,) places of the motions in the frame.
     deforming : rows of K^1/2 C M^-1/2.
-    pushing, signs : rows of displacements across contacts times |f/a|^1/2, and the signs (rows, 1) of the static forces;
-        None without prestress.
-    bent : places in the block of the displacements across the periods that tilt the balls, at most two.
+    pushing, signs : rows of displacements across contacts times |f/a|^1/2, and the signs (rows, 1)
+        of the static forces; None without prestress.
+    bent : places in the block of the displacements across the periods that tilt the balls, at most
+        two.
     tilt : (bent, n, p) gradients, with respect to q, of the motions that go with each of them.
-    slack : part of the largest squared frequency by which others may be below zero, and are then zero.
-    turn : (n, n) unitary, to the motions of the frame from those of the rows, see :meth:`still`; None if they are the same.
+    slack : part of the largest squared frequency by which others may be below zero, and are then
+        zero.
+    turn : (n, n) unitary, to the motions of the frame from those of the rows, see :meth:`still`;
+        None if they are the same.
     """
 
     columns: NDArray[np.intp]
@@ -88,9 +100,11 @@ class Block:
     slack: float = 0.0
 
     def still(self) -> Block:
-        """Return the block in terms of motions of which some deform nothing at q = 0, if there are such besides sound.
+        """Return the block in terms of motions of which some deform nothing at q = 0, if there are
+        such besides sound.
 
-        Balls that turn like gears are an example. In other terms their columns would cancel near Gamma.
+        Balls that turn like gears are an example. In other terms their columns would cancel near
+        Gamma.
         """
         odd, even = (part.reshape(self.n_rows, self.size) for part in self.deforming[:2])
         inner = np.flatnonzero(np.any(even != 0.0, axis=0))
@@ -102,22 +116,31 @@ class Block:
             return self
         turn = np.eye(self.size, dtype=even.dtype)
         turn[np.ix_(inner, inner)] = np.concatenate([free, others], axis=1)
-        odd, even = self.deforming.odd @ turn, self.deforming.even @ turn
+        odd = self.deforming.odd @ turn
+        even = self.deforming.even @ turn
         still = inner[: free.shape[1]]
-        # both ends of a contact, or each of them where a motion deforms nothing at any q, such as the spin of a ball between
-        # two others, leave rounding alone. Gears whose arms differ a little leave more
+        # both ends of a contact, or each of them where a motion deforms nothing at any q, such as
+        # the spin of a ball between two others, leave rounding alone. Gears whose arms differ a
+        # little leave more
         rounding = _ROUNDING * np.linalg.norm(size, axis=1).reshape(*odd.shape[:2], 1)
         for part in (odd, even):
             part[..., still] = np.where(np.abs(part[..., still]) <= rounding, 0.0, part[..., still])
         tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
         pushing = self.pushing
-        if pushing is not None:  # static forces do not act on gears, but on the displacements of other such motions
+        if pushing is not None:
+            # static forces do not act on gears, but on the displacements of other such motions
             pushed = [part @ turn for part in pushing[:2]]
             lengths = sum(np.abs(part) for part in pushing[:2])
             rounding = _ROUNDING * np.linalg.norm(lengths, axis=2, keepdims=True)
             pushed = [np.where(np.abs(part) <= rounding, 0.0, part) for part in pushed]
             pushing = pushing._replace(odd=pushed[0], even=pushed[1])
-        return replace(self, deforming=self.deforming._replace(odd=odd, even=even), pushing=pushing, tilt=tilt, turn=turn)
+        return replace(
+            self,
+            deforming=self.deforming._replace(odd=odd, even=even),
+            pushing=pushing,
+            tilt=tilt,
+            turn=turn,
+        )
 
     @property
     def size(self) -> int:
@@ -136,7 +159,9 @@ class Block:
 
     @cached_property
     def rank(self) -> int:
-        """Generic rank of C(q): the number of its branches that do not vanish at every wave vector."""
+        """Generic rank of C(q): the number of its branches that do not vanish at every wave
+        vector.
+        """
         found = 0
         for q in GENERIC[:, None, : self.deforming.half.shape[1]]:
             rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
@@ -153,8 +178,9 @@ class Block:
     def keeps_digits(self) -> bool:
         """Whether tilted motions help, and leave the contacts undeformed at q = 0.
 
-        They do not help where branches of this block vanish for want of rows. Where the line between two balls is not along
-        the normal of their contact, a rotation of both about their middle deforms it.
+        They do not help where branches of this block vanish for want of rows. Where the line
+        between two balls is not along the normal of their contact, a rotation of both about their
+        middle deforms it.
         """
         if not self.bent or self.n_rows < self.size:
             return False
@@ -176,7 +202,9 @@ class Block:
         return moved if self.turn is None else self.turn @ moved
 
     def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
-        """Find frequencies, eigenvectors and group velocities (n_q, n, p); resolve degenerate sets along ``along``."""
+        """Find frequencies, eigenvectors and group velocities (n_q, n, p); resolve degenerate sets
+        along ``along``.
+        """
         point = self._compute(q)
         values, right = self._decompose(point)
         slopes = _Slopes(self, point, values)
@@ -194,16 +222,28 @@ class Block:
         return values, self._turn_back(point, right), velocities
 
     def _leave_zero(
-        self, point: _Point, at: int, values: Array, right: NDArray[Any], velocities: Array, along: Array
+        self,
+        point: _Point,
+        at: int,
+        values: Array,
+        right: NDArray[Any],
+        velocities: Array,
+        along: Array,
     ) -> None:
-        """Turn the modes (n, n) of zero frequency at one point, in place, into those that a path follows as it leaves it.
+        """Turn the modes (n, n) of zero frequency at one point, in place, into those that a path
+        follows as it leaves it.
 
-        Their velocities (n, p) become the limits along that direction. Beside the point their frequencies are cones: the
-        singular values of the change of C, less what the other motions can take up, as those of sound are beside Gamma.
+        Their velocities (n, p) become the limits along that direction. Beside the point their
+        frequencies are cones: the singular values of the change of C, less what the other motions
+        can take up, as those of sound are beside Gamma.
         """
         count = int(np.count_nonzero(values == 0.0))
-        motions, q = right if point.basis is None else point.basis[at] @ right, point.q[at : at + 1]
-        rows, slope = (np.concatenate([one.compute_rows(q, d)[0] for one in self._kinds]) for d in (False, True))
+        motions = right if point.basis is None else point.basis[at] @ right
+        q = point.q[at : at + 1]
+        rows, slope = (
+            np.concatenate([one.compute_rows(q, d)[0] for one in self._kinds])
+            for d in (False, True)
+        )
         half = np.concatenate([one.repeat_half_vectors() for one in self._kinds])
         others = rows @ motions[:, count:] / values[count:]
         change = half.T[:, :, None] * (slope @ motions[:, :count])
@@ -212,12 +252,18 @@ class Block:
             taken = np.linalg.qr(others)[0]
             change, ahead = (one - taken @ (taken.conj().T @ one) for one in (change, ahead))
             forms = change.conj().swapaxes(1, 2) @ ahead
-            _, speeds, turn = np.linalg.svd(np.pad(ahead, ((0, max(0, count - len(ahead))), (0, 0))), full_matrices=False)
-            speeds, turn = speeds[::-1], turn[::-1].conj().T
+            _, speeds, turn = np.linalg.svd(
+                np.pad(ahead, ((0, max(0, count - len(ahead))), (0, 0))), full_matrices=False
+            )
+            speeds = speeds[::-1]
+            turn = turn[::-1].conj().T
         else:
             weight = np.concatenate([np.ones((self.n_rows, 1)), -self.signs])
             pull, pull_ahead = (others.conj().T @ (weight * one) for one in (change, ahead))
-            forms = change.conj().swapaxes(1, 2) @ (weight * ahead) - pull.conj().swapaxes(1, 2) @ pull_ahead
+            forms = (
+                change.conj().swapaxes(1, 2) @ (weight * ahead)
+                - pull.conj().swapaxes(1, 2) @ pull_ahead
+            )
             squares, turn = np.linalg.eigh(np.tensordot(along, forms, 1))
             speeds = np.sqrt(np.maximum(squares, 0.0))
         speeds = np.where(speeds <= self._limit * self._largest, 0.0, speeds)
@@ -227,42 +273,72 @@ class Block:
             turn[:, part] = turn[:, part] @ (u @ vh).conj().T
         right[:, :count] = right[:, :count] @ turn
         found = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
-        velocities[:count] = found * np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)[:, None] + 0.0
+        velocities[:count] = (
+            found * np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)[:, None]
+            + 0.0
+        )
 
-    def _resolve(self, point: _Point, right: NDArray[Any], slopes: _Slopes, joined: NDArray[np.bool_], along: Array) -> None:
-        """Turn the vectors of each degenerate set, in place, into those of the branches along a direction."""
+    def _resolve(
+        self,
+        point: _Point,
+        right: NDArray[Any],
+        slopes: _Slopes,
+        joined: NDArray[np.bool_],
+        along: Array,
+    ) -> None:
+        """Turn the vectors of each degenerate set, in place, into those of the branches along a
+        direction.
+        """
         alike: list[tuple[NDArray[np.intp], slice]] = []
         for points, part in _find_runs(joined):
             block = right[points, :, part]
-            slope, turn = np.linalg.eigh(slopes.compute_along(points, block, part.start, along[points]))
+            slope, turn = np.linalg.eigh(
+                slopes.compute_along(points, block, part.start, along[points])
+            )
             right[points, :, part] = block @ turn
             for rows, within in _find_runs(np.diff(slope, axis=1) <= 1e-9):
-                alike.append((points[rows], slice(part.start + within.start, part.start + within.stop)))
+                alike.append(
+                    (points[rows], slice(part.start + within.start, part.start + within.stop))
+                )
         if not alike:
             return
-        # branches of equal slope separate at second order only: use the modes one step further on, where the length of the
-        # step, not LAPACK's error, limits the accuracy. Those that do not separate there have no vectors of their own
+        # branches of equal slope separate at second order only: use the modes one step further on,
+        # where the length of the step, not LAPACK's error, limits the accuracy. Those that do not
+        # separate there have no vectors of their own
         points = np.unique(np.concatenate([some for some, _ in alike]))
         beside = point.q[points] + _STEP_BESIDE * along[points]
         factors = self.deforming.compute_rows(beside)
-        matrices = self._make_matrix(factors, None if self.pushing is None else self.pushing.compute_rows(beside))
+        matrices = self._make_matrix(
+            factors, None if self.pushing is None else self.pushing.compute_rows(beside)
+        )
         squares = np.linalg.eigvalsh(matrices)
         for some, part in alike:
             place = np.searchsorted(points, some)
-            split = squares[place, part.stop - 1] - squares[place, part.start] > _DEGENERATE * squares[place, part.stop - 1]
+            split = (
+                squares[place, part.stop - 1] - squares[place, part.start]
+                > _DEGENERATE * squares[place, part.stop - 1]
+            )
             if np.any(split):
                 here = right[some[split], :, part]
                 vectors = here if point.basis is None else point.basis[some[split]] @ here
-                own = factors[place[split]] if self.pushing is None else factorise(matrices[place[split]], self.slack)
-                u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ lapack_svd(own)[1][:, :, part])
+                own = (
+                    factors[place[split]]
+                    if self.pushing is None
+                    else factorise(matrices[place[split]], self.slack)
+                )
+                u, _, vh = np.linalg.svd(
+                    vectors.conj().swapaxes(1, 2) @ lapack_svd(own)[1][:, :, part]
+                )
                 right[some[split], :, part] = here @ (u @ vh)
 
     def _make_matrix(self, rows: NDArray[Any], across: NDArray[Any] | None) -> NDArray[Any]:
         """Return D(q) from rows of C(q), and of displacements across contacts under prestress."""
         own = rows.conj().swapaxes(1, 2) @ rows
-        return np.asarray(own if across is None else own - across.conj().swapaxes(1, 2) @ (self.signs * across))
+        return np.asarray(
+            own if across is None else own - across.conj().swapaxes(1, 2) @ (self.signs * across)
+        )
 
-    # -- C(q) -------------------------------------------------------------------------------------------------------
+    # -- C(q) --------------------------------------------------------------------------------------
 
     def _compute(self, q: Array) -> _Point:
         rows = self.deforming.compute_rows(q)
@@ -275,13 +351,17 @@ class Block:
         motions = np.eye(self.size)[:, self._order] + np.zeros((len(q), 1, 1), self.tilt.dtype)
         motions[:, :, :count] += np.einsum("kna,qa->qnk", self.tilt, q)
         basis, triangle = np.linalg.qr(motions)
-        # A rigid rotation of two balls about the middle of their centres deforms no contact. That takes the place of the
-        # rows in which sine and cosine would cancel
+        # A rigid rotation of two balls about the middle of their centres deforms no contact. That
+        # takes the place of the rows in which sine and cosine would cancel
         own, turned, half = self._tilted
         angle = q @ half.T
-        tilted = bend(angle)[..., None] * own + np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turned, q)
+        tilted = bend(angle)[..., None] * own + np.sin(angle)[..., None] * np.einsum(
+            "mka,qa->qmk", turned, q
+        )
         own = tilted @ np.linalg.inv(triangle[:, :count, :count])
-        return _Point(q, np.concatenate([own, rows @ basis[:, :, count:]], axis=2), None, basis, triangle)
+        return _Point(
+            q, np.concatenate([own, rows @ basis[:, :, count:]], axis=2), None, basis, triangle
+        )
 
     @cached_property
     def _order(self) -> list[int]:
@@ -289,11 +369,17 @@ class Block:
 
     @cached_property
     def _tilted(self) -> tuple[NDArray[Any], NDArray[Any], Array]:
-        """Factors of the tilted columns: (m, bent) of sin h - h cos h, (m, bent, p) of q sin h; and half vectors (m, p)."""
+        """Factors of the tilted columns: (m, bent) of sin h - h cos h, (m, bent, p) of q sin h; and
+        half vectors (m, p).
+        """
         odd = self.deforming.odd.reshape(self.n_rows, self.size)
-        return odd[:, self.bent], np.einsum("mn,kna->mka", odd, self.tilt), self.deforming.repeat_half_vectors()
+        return (
+            odd[:, self.bent],
+            np.einsum("mn,kna->mka", odd, self.tilt),
+            self.deforming.repeat_half_vectors(),
+        )
 
-    # -- frequencies ------------------------------------------------------------------------------------------------
+    # -- frequencies -------------------------------------------------------------------------------
 
     def _decompose(self, point: _Point) -> tuple[Array, NDArray[Any]]:
         """Find frequencies and eigenvectors in the basis of the point."""
@@ -302,12 +388,15 @@ class Block:
             self._drop_rounding(point.q, pushed)
         apart = None
         if self.free and self.size > _MANY_FREE:
-            # motions that cost nothing are split off: to tell them from the softest, plane rotations would take minutes
+            # motions that cost nothing are split off: to tell them from the softest, plane
+            # rotations would take minutes
             if pushed is None:
                 apart = lapack_svd(point.rows)[1]
             else:  # a negative square, of a lattice that buckles, stays among the others
                 own_squares, apart = np.linalg.eigh(pushed)
-                apart = np.take_along_axis(apart, np.argsort(np.abs(own_squares), axis=1)[:, None], 2)
+                apart = np.take_along_axis(
+                    apart, np.argsort(np.abs(own_squares), axis=1)[:, None], 2
+                )
         rest = None if apart is None else apart[:, :, self.free :]
         if pushed is None:
             values, right = graded_svd(point.rows if rest is None else point.rows @ rest)
@@ -326,10 +415,16 @@ class Block:
                 own, turned, half = self._tilted
                 angle = np.abs(point.q[doubtful] @ half.T)[..., None]
                 drift = np.abs(np.einsum("mka,qa->qmk", turned, point.q[doubtful]))
-                tilted = np.sum((np.minimum(angle, angle**3) * np.abs(own) + angle * drift) ** 2, axis=1)
-                squares = np.concatenate([tilted, squares[:, self._order[len(self.bent) :]]], axis=1)
+                tilted = np.sum(
+                    (np.minimum(angle, angle**3) * np.abs(own) + angle * drift) ** 2, axis=1
+                )
+                squares = np.concatenate(
+                    [tilted, squares[:, self._order[len(self.bent) :]]], axis=1
+                )
             some = values[doubtful]
-            rounding = self._limit * np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(right[doubtful]) ** 2))
+            rounding = self._limit * np.sqrt(
+                np.einsum("qn,qnb->qb", squares, np.abs(right[doubtful]) ** 2)
+            )
             some[some <= rounding] = 0.0
             some[:, : self.free] = 0.0
             values[doubtful] = some
@@ -340,20 +435,30 @@ class Block:
         return values, right
 
     def _drop_rounding(self, q: Array, matrices: NDArray[Any]) -> None:
-        """Set diagonal entries of D(q) (n_q, n, n) that are rounding of zero, and may be below it, to zero, in place."""
-        squares, whole = np.einsum("qii->qi", matrices), self._measure_columns(q)
+        """Set diagonal entries of D(q) (n_q, n, n) that are rounding of zero, and may be below it,
+        to zero, in place.
+        """
+        squares = np.einsum("qii->qi", matrices)
+        whole = self._measure_columns(q)
         points, columns = np.nonzero((squares != 0.0) & (np.abs(squares) <= _ROUNDING * whole))
         # entries beside one that is zero are zero, too, unless the lattice buckles
-        beside = np.abs(matrices[points, columns]) ** 2 <= _ROUNDING * whole[points, columns][:, None] * whole[points]
+        beside = (
+            np.abs(matrices[points, columns]) ** 2
+            <= _ROUNDING * whole[points, columns][:, None] * whole[points]
+        )
         alone = np.all(beside, axis=1)
         squares[points[alone], columns[alone]] = 0.0
 
     def _measure_columns(self, q: Array) -> Array:
-        """Return squares (n_q, n) of the lengths of columns of C(q), as if nothing cancelled; rounding is in proportion."""
+        """Return squares (n_q, n) of the lengths of columns of C(q), as if nothing cancelled;
+        rounding is in proportion.
+        """
         squares: Any = 0.0
         for waves in self._kinds:
-            odd, even = np.abs(waves.odd), np.abs(waves.even)
-            even = np.where(even > 0.0, even + odd, 0.0)  # where two ends cancel, their difference is rounding of both
+            odd = np.abs(waves.odd)
+            even = np.abs(waves.even)
+            # where two ends cancel, their difference is rounding of both
+            even = np.where(even > 0.0, even + odd, 0.0)
             size = np.abs(q @ waves.half.T)[:, None, :, None] * odd + even
             squares = squares + np.sum(size**2, axis=(1, 2))
         return np.asarray(squares)
@@ -366,16 +471,27 @@ class Block:
     @cached_property
     def _largest(self) -> float:
         """An upper bound of the lengths of columns."""
-        return 4.0 * float(sum(np.linalg.norm(part) for waves in self._kinds for part in (waves.odd, waves.even)))
+        return 4.0 * float(
+            sum(np.linalg.norm(part) for waves in self._kinds for part in (waves.odd, waves.even))
+        )
 
 
 class _Slopes:
     """<v_b| dD/dq |v_c>, D = C^H C, as 2 Re <C v_b| dC/dq |v_c>, which is exact near Gamma too."""
 
     def __init__(self, block: Block, point: _Point, values: Array) -> None:
-        self.block, self.point, self.values = block, point, values
-        #: rows, their derivatives with respect to the half angle, and the half vectors, with the sign of the term
-        self.kinds = [(point.rows, block.deforming.compute_rows(point.q, True), block.deforming.repeat_half_vectors())]
+        self.block = block
+        self.point = point
+        self.values = values
+        #: rows, their derivatives with respect to the half angle, and the half vectors, with the
+        #: sign of the term
+        self.kinds = [
+            (
+                point.rows,
+                block.deforming.compute_rows(point.q, True),
+                block.deforming.repeat_half_vectors(),
+            )
+        ]
         if block.pushing is not None and point.across is not None:
             half = -np.asarray(block.signs) * block.pushing.repeat_half_vectors()
             self.kinds.append((point.across, block.pushing.compute_rows(point.q, True), half))
@@ -383,12 +499,18 @@ class _Slopes:
             # gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)
             own, turned, half = block._tilted
             angle = (point.q @ half.T)[..., None]
-            inner = angle * np.sin(angle) * own + np.cos(angle) * np.einsum("mka,qa->qmk", turned, point.q)
+            inner = angle * np.sin(angle) * own + np.cos(angle) * np.einsum(
+                "mka,qa->qmk", turned, point.q
+            )
             outer = np.sin(angle)[:, None] * np.moveaxis(turned, 2, 0)
             self.tilted = half.T[:, :, None] * inner[:, None] + outer
 
-    def compute_along(self, points: NDArray[np.intp], vectors: NDArray[Any], first: int, along: Array) -> NDArray[Any]:
-        """Return the matrices (points, b, b) of the slopes of omega^2 along directions, between degenerate vectors."""
+    def compute_along(
+        self, points: NDArray[np.intp], vectors: NDArray[Any], first: int, along: Array
+    ) -> NDArray[Any]:
+        """Return the matrices (points, b, b) of the slopes of omega^2 along directions, between
+        degenerate vectors.
+        """
         if self.point.basis is not None:
             left, right = self._tilt(points, vectors, self.values[points, first])
             one = np.einsum("qxb,qaxc,qa->qbc", left.conj(), right, along)
@@ -396,8 +518,11 @@ class _Slopes:
             one = 0.0
             for rows, slope, half in self.kinds:
                 if len(points) < len(rows):
-                    rows, slope = rows[points], slope[points]
-                one = one + (rows @ vectors).conj().swapaxes(1, 2) * (along @ half.T)[:, None] @ (slope @ vectors)
+                    rows = rows[points]
+                    slope = slope[points]
+                one = one + (rows @ vectors).conj().swapaxes(1, 2) * (along @ half.T)[:, None] @ (
+                    slope @ vectors
+                )
         return np.asarray(one + one.conj().swapaxes(1, 2))
 
     def compute_gradients(self, vectors: NDArray[Any]) -> Array:
@@ -410,12 +535,18 @@ class _Slopes:
             total = total + 2.0 * half.T @ ((rows @ vectors).conj() * (slope @ vectors)).real
         return np.asarray(total.swapaxes(1, 2))
 
-    def _tilt(self, points: Any, vectors: NDArray[Any], values: Array) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return C v, and dC/dq v (with the change of the tilted motions' lengths), of amplitudes v in the basis.
+    def _tilt(
+        self, points: Any, vectors: NDArray[Any], values: Array
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return C v, and dC/dq v (with the change of the tilted motions' lengths), of amplitudes v
+        in the basis.
 
-        The squares of frequencies are the eigenvalues of (C T)^H C T in the metric T^H T of the tilted motions T.
+        The squares of frequencies are the eigenvalues of (C T)^H C T in the metric T^H T of the
+        tilted motions T.
         """
-        block, point, count = self.block, self.point, len(self.block.bent)
+        block = self.block
+        point = self.point
+        count = len(self.block.bent)
         tilted = np.linalg.solve(point.triangle[points], vectors)  # type: ignore[index]
         rows, slope, half = self.kinds[0]
         motion = np.zeros_like(tilted)
@@ -432,8 +563,8 @@ class _Slopes:
 def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
     """Return L^H of D = L L^H.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative, by more than ``slack`` of the
-    largest; by less it is taken for zero.
+    Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative, by
+    more than ``slack`` of the largest; by less it is taken for zero.
     """
     try:
         return cholesky_factor(matrices)
@@ -441,12 +572,15 @@ def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
         squares, vectors = np.linalg.eigh(matrices)
         if not slack or np.any(squares[:, 0] < -slack * squares[:, -1]):
             raise InstabilityError("a squared frequency is negative") from None
-        return np.asarray(np.sqrt(np.maximum(squares, 0.0))[..., None] * vectors.conj().swapaxes(1, 2))
+        return np.asarray(
+            np.sqrt(np.maximum(squares, 0.0))[..., None] * vectors.conj().swapaxes(1, 2)
+        )
 
 
 def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     """Find the sets of columns of a matrix of effects (rows, n) that no row joins to others."""
-    left, found = np.ones(effects.shape[1], bool), []
+    left = np.ones(effects.shape[1], bool)
+    found = []
     if effects.all(axis=1).any():  # one row joins all
         return [np.flatnonzero(left)]
     while np.any(left):
@@ -461,7 +595,9 @@ def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
 
 
 def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]]:
-    """Find runs of items; ``joined`` (n, m - 1) says whether item j + 1 belongs with item j. Equal runs are together."""
+    """Find runs of items; ``joined`` (n, m - 1) says whether item j + 1 belongs with item j. Equal
+    runs are together.
+    """
     count, width = joined.shape
     padded = np.zeros((count, width + 2), np.int8)
     padded[:, 1:-1] = joined
@@ -471,4 +607,6 @@ def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]
     if not rows.size:
         return []
     kinds, which = np.unique(start * (width + 2) + stop, return_inverse=True)
-    return [(rows[which == k], slice(*divmod(int(kind), width + 2))) for k, kind in enumerate(kinds)]
+    return [
+        (rows[which == k], slice(*divmod(int(kind), width + 2))) for k, kind in enumerate(kinds)
+    ]

@@ -1,4 +1,6 @@
-"""Branches followed along a path by the overlap of their eigenvectors, and the pulses that travel on them."""
+"""Branches followed along a path by the overlap of their eigenvectors, and the pulses that travel
+on them.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,11 @@ from granphon.dynamics.contact_lattice import ContactLattice
 
 #: number of points, from Gamma to the edge of the zone, at which branches are followed
 _PATH_POINTS = 128
-#: number of these points that are solved together; after each such group, directions that have reached their frequency are
-#: dropped
+#: number of these points that are solved together; after each such group, directions that have
+#: reached their frequency are dropped
 _POINTS_TOGETHER = 16
-#: relative difference of frequencies, and of slopes along the path, below which branches are one but for rounding
+#: relative difference of frequencies, and of slopes along the path, below which branches are one
+#: but for rounding
 _ONE_BRANCH = 1e-9
 
 
@@ -29,12 +32,14 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
 
     Parameters
     ----------
-    eigenvectors : (n_q, n_dof, n_branches), columns in any order at each point. Points where branches touch must carry the
-        eigenvectors of the limit along the path, as :meth:`ContactLattice.modes` gives them.
+    eigenvectors : (n_q, n_dof, n_branches), columns in any order at each point. Points where
+        branches touch must carry the eigenvectors of the limit along the path, as
+        :meth:`ContactLattice.modes` gives them.
 
     Returns
     -------
-    (n_q, n_branches): ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts up.
+    (n_q, n_branches): ``np.take_along_axis(frequencies, order, 1)`` is smooth; the first row counts
+    up.
     """
     vectors = np.asarray(eigenvectors)
     overlap = np.abs(vectors[:-1].conj().swapaxes(1, 2) @ vectors[1:]) ** 2
@@ -46,7 +51,9 @@ def connect_branches(eigenvectors: ArrayLike) -> NDArray[np.intp]:
 
 
 def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
-    """Find the distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (p,) or in each of (n, p)."""
+    """Find the distance from Gamma to the edge of the Brillouin zone, 1/d, in a direction (p,) or
+    in each of (n, p).
+    """
     along = as_direction(direction, lattice.periods)
     # no point of the zone is farther from Gamma than half the sum of the reciprocal cell's edges
     longest = float(np.linalg.norm(lattice.reciprocal, axis=1).sum())
@@ -54,7 +61,9 @@ def find_zone_boundary(lattice: ContactLattice, direction: ArrayLike) -> Any:
     squared = np.sum(vectors**2, axis=1)
     ahead = along @ vectors.T
     forward = ahead > 1e-9 * np.sqrt(squared)
-    return np.min(np.where(forward, squared / np.where(forward, 2.0 * ahead, 1.0), np.inf), axis=-1)[()]
+    return np.min(
+        np.where(forward, squared / np.where(forward, 2.0 * ahead, 1.0), np.inf), axis=-1
+    )[()]
 
 
 @dataclass(frozen=True)
@@ -81,19 +90,25 @@ class AcousticBranch:
         return float(self.frequencies[-1])
 
     def find_pulse(self, frequency: ArrayLike) -> tuple[Array, Array]:
-        """Find the wavenumber (1/d) and the group velocity (n, p), a vector, at each angular frequency (n,), to rounding.
+        """Find the wavenumber (1/d) and the group velocity (n, p), a vector, at each angular
+        frequency (n,), to rounding.
 
         Raises :class:`~granphon.base.errors.UnreachableFrequencyError` above the top of the branch.
         """
         target = np.atleast_1d(real_array("frequency", frequency))
         if np.any(target > self.top):
             raise UnreachableFrequencyError(
-                f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below {float(target.max()):.10g}",
+                f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below"
+                f" {float(target.max()):.10g}",
                 mend="Choose lower frequencies",
             )
         right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
-        known, lattice = (self.wavenumbers, self.frequencies), self.lattice
-        q, omega = (np.stack([np.where(right > 0, values[right - 1], 0.0), values[right]]) for values in known)
+        known = (self.wavenumbers, self.frequencies)
+        lattice = self.lattice
+        q, omega = (
+            np.stack([np.where(right > 0, values[right - 1], 0.0), values[right]])
+            for values in known
+        )
         along = np.broadcast_to(self.direction, (target.size, lattice.periods))
         return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[right], self.name)
 
@@ -101,19 +116,28 @@ class AcousticBranch:
 def _find_nearest(
     lattice: ContactLattice, wavenumbers: Array, along: Array, references: NDArray[np.complex128]
 ) -> tuple[Array, Array]:
-    """Find frequencies (n,) and group velocities (n, p) of the modes nearest to the reference eigenvectors (n, n_dof).
+    """Find frequencies (n,) and group velocities (n, p) of the modes nearest to the reference
+    eigenvectors (n, n_dof).
 
-    Where branches coincide along the whole direction, as both transverse ones do on an axis of symmetry, the velocity is the
-    mean of theirs: the velocity of each depends on the side from which the axis is approached.
+    Where branches coincide along the whole direction, as both transverse ones do on an axis of
+    symmetry, the velocity is the mean of theirs: the velocity of each depends on the side from
+    which the axis is approached.
     """
     modes = lattice.modes(wavenumbers[:, None] * along, along)
     overlap = np.abs(np.einsum("qm,qmb->qb", references.conj(), modes.eigenvectors))
-    row, pick = np.arange(len(wavenumbers)), np.argmax(overlap, axis=1)
-    frequencies, velocities = modes.frequencies[row, pick], modes.group_velocities[row, pick]
-    if lattice.periods == 3:  # in the plane and on a line no axis of symmetry makes acoustic branches coincide
-        ahead = np.einsum("qbp,qp->qb", modes.group_velocities, np.broadcast_to(along, (len(wavenumbers), 3)))
+    row = np.arange(len(wavenumbers))
+    pick = np.argmax(overlap, axis=1)
+    frequencies = modes.frequencies[row, pick]
+    velocities = modes.group_velocities[row, pick]
+    if lattice.periods == 3:
+        # in the plane and on a line no axis of symmetry makes acoustic branches coincide
+        ahead = np.einsum(
+            "qbp,qp->qb", modes.group_velocities, np.broadcast_to(along, (len(wavenumbers), 3))
+        )
         one = np.abs(modes.frequencies - frequencies[:, None]) <= _ONE_BRANCH * frequencies[:, None]
-        one &= np.abs(ahead - ahead[row, pick][:, None]) <= _ONE_BRANCH * np.max(np.abs(ahead), axis=1, keepdims=True)
+        one &= np.abs(ahead - ahead[row, pick][:, None]) <= _ONE_BRANCH * np.max(
+            np.abs(ahead), axis=1, keepdims=True
+        )
         several = np.flatnonzero(np.count_nonzero(one, axis=1) > 1)
         parts = one[several, :, None] * modes.group_velocities[several]
         velocities[several] = parts.sum(axis=1) / np.count_nonzero(one[several], axis=1)[:, None]
@@ -129,22 +153,30 @@ def _solve_wavenumbers(
     references: NDArray[np.complex128],
     name: str,
 ) -> tuple[Array, Array]:
-    """Solve for wavenumbers (n,) and group velocities (n, p) at ``target`` (n,), between two points (2, n) of a branch."""
+    """Solve for wavenumbers (n,) and group velocities (n, p) at ``target`` (n,), between two points
+    (2, n) of a branch.
+    """
     (low, high), (low_f, high_f) = wavenumbers.copy(), frequencies
-    # below the first point the branch is nearly straight, so linear interpolation starts close to the root at any scale
+    # below the first point the branch is nearly straight, so linear interpolation starts close to
+    # the root at any scale
     x = low + (high - low) * (target - low_f) / (high_f - low_f)
     value, vector = _find_nearest(lattice, x, along, references)
     going = np.arange(x.size)
     for _ in range(200):
-        goal, here, at = target[going], x[going], value[going]
+        goal = target[going]
+        here = x[going]
+        at = value[going]
         high[going] = np.where(at >= goal, here, high[going])
         low[going] = np.where(at <= goal, here, low[going])
         slope = np.sum(vector[going] * along[going], axis=1)
         step = np.divide(at - goal, slope, out=np.full_like(here, np.inf), where=slope > 0.0)
         inside = (here - step >= low[going]) & (here - step <= high[going])
         x[going] = np.where(inside, here - step, 0.5 * (low[going] + high[going]))
-        value[going], vector[going] = _find_nearest(lattice, x[going], along[going], references[going])
-        # Newton's method converges quadratically: after a step as small as this only rounding is left
+        value[going], vector[going] = _find_nearest(
+            lattice, x[going], along[going], references[going]
+        )
+        # Newton's method converges quadratically: after a step as small as this only rounding is
+        # left
         going = going[np.abs(x[going] - here) > 1e-13 * here]
         if not going.size:
             break
@@ -162,14 +194,17 @@ def _solve_wavenumbers(
 class AcousticBranches:
     """All acoustic branches along many directions, from Gamma up to the frequencies asked for.
 
-    There are n_u of them, in the order of the lattice's ``wave_names``: in the plane the longitudinal, then the transverse.
+    There are n_u of them, in the order of the lattice's ``wave_names``: in the plane the
+    longitudinal, then the transverse.
 
     Attributes
     ----------
     directions : (n, p) unit vectors.
     wavenumbers : (n, n_points), 1/d.
-    frequencies : (n_u, n, n_points), (k/M)^1/2, ascending up to the last point before the maximum, then +inf.
-    rising : (n_u, n), number of points before the first maximum, among those at which the branch was followed.
+    frequencies : (n_u, n, n_points), (k/M)^1/2, ascending up to the last point before the maximum,
+        then +inf.
+    rising : (n_u, n), number of points before the first maximum, among those at which the branch
+        was followed.
     falls : (n_u, n), whether the branch has a maximum after these points.
     vectors : (n_u, n, n_points, n_dof), eigenvectors.
     """
@@ -183,30 +218,52 @@ class AcousticBranches:
     vectors: NDArray[np.complex128]
 
     @classmethod
-    def follow(cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf) -> AcousticBranches:
-        """Follow the branches through crossings, each until it reaches its target (n_u, n), falls, or meets the edge."""
-        count, size, waves = len(directions), lattice.n_branches, len(lattice.wave_names)
+    def follow(
+        cls, lattice: ContactLattice, directions: Array, targets: ArrayLike = np.inf
+    ) -> AcousticBranches:
+        """Follow the branches through crossings, each until it reaches its target (n_u, n), falls,
+        or meets the edge.
+        """
+        count = len(directions)
+        size = lattice.n_branches
+        waves = len(lattice.wave_names)
         wanted = np.broadcast_to(np.asarray(targets, float), (waves, count))
-        grid = find_zone_boundary(lattice, directions)[:, None] * np.arange(1, _PATH_POINTS + 1) / _PATH_POINTS
+        grid = (
+            find_zone_boundary(lattice, directions)[:, None]
+            * np.arange(1, _PATH_POINTS + 1)
+            / _PATH_POINTS
+        )
         frequencies = np.full((waves, count, _PATH_POINTS), np.inf)
         vectors = np.zeros((waves, count, _PATH_POINTS, size), complex)
-        rising, falls = np.zeros((waves, count), int), np.zeros((waves, count), bool)
+        rising = np.zeros((waves, count), int)
+        falls = np.zeros((waves, count), bool)
         _, polarisations = lattice.sound_velocities(directions)
         start = lattice.modes(1e-6 * grid[:, :1] * directions, directions)
-        # sound moves the centre of mass; other motions of zero frequency at Gamma, such as balls turning like gears, do not
+        # sound moves the centre of mass; other motions of zero frequency at Gamma, such as balls
+        # turning like gears, do not
         motion = start.eigenvectors.reshape(count, lattice.n_balls, lattice.motions.count, size)
         drift = np.einsum(
-            "i,niab,nak->nkb", np.sqrt(lattice.masses), motion[:, :, lattice.motions.translating], polarisations
+            "i,niab,nak->nkb",
+            np.sqrt(lattice.masses),
+            motion[:, :, lattice.motions.translating],
+            polarisations,
         )
-        column, last = _assign_columns(np.abs(drift) ** 2).T, start.eigenvectors
+        column = _assign_columns(np.abs(drift) ** 2).T
+        last = start.eigenvectors
         going = np.arange(count)
         for first in range(0, _PATH_POINTS, _POINTS_TOGETHER):
             part = slice(first, first + _POINTS_TOGETHER)
-            q, along = grid[going, part], directions[going]
+            q = grid[going, part]
+            along = directions[going]
             at = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
             modes = lattice.modes(at, np.repeat(along, q.shape[1], axis=0))
-            values, here = modes.frequencies.reshape(*q.shape, size), modes.eigenvectors.reshape(*q.shape, size, size)
-            ahead = np.einsum("npba,na->npb", modes.group_velocities.reshape(*q.shape, size, -1), along)
+            values, here = (
+                modes.frequencies.reshape(*q.shape, size),
+                modes.eigenvectors.reshape(*q.shape, size, size),
+            )
+            ahead = np.einsum(
+                "npba,na->npb", modes.group_velocities.reshape(*q.shape, size, -1), along
+            )
             chain = np.concatenate([last[:, None], here], axis=1)
             overlap = np.abs(np.einsum("npma,npmb->npab", chain[:, :-1].conj(), chain[:, 1:])) ** 2
             row = np.arange(len(going))
@@ -219,37 +276,57 @@ class AcousticBranches:
                 frequencies[:, going, place] = np.where(climbs, values[row, point, column], np.inf)
                 rising[:, going] += climbs
                 vectors[:, going, place] = here[row, point, :, column]
-            reached = frequencies[:, going, :][np.arange(waves)[:, None], row, np.maximum(rising[:, going] - 1, 0)]
+            reached = frequencies[:, going, :][
+                np.arange(waves)[:, None], row, np.maximum(rising[:, going] - 1, 0)
+            ]
             left = np.any(~falls[:, going] & (reached < wanted[:, going]), axis=0)
-            going, column, last = going[left], column[:, left], here[left, -1]
+            going = going[left]
+            column = column[:, left]
+            last = here[left, -1]
             if not going.size:
                 break
         return cls(lattice, directions, grid, frequencies, rising, falls, vectors)
 
     def take_branch(self, which: int, direction: int) -> AcousticBranch:
-        """Take one branch, an index in the lattice's ``wave_names``, in one direction, cut at its first maximum."""
+        """Take one branch, an index in the lattice's ``wave_names``, in one direction, cut at its
+        first maximum.
+        """
         count = int(self.rising[which, direction])
         fallen = bool(self.falls[which, direction])
         part = slice(0, count + fallen)
-        lattice, along, name = self.lattice, self.directions[direction], self.lattice.wave_names[which]
-        q, omega = self.wavenumbers[direction, part].copy(), self.frequencies[which, direction, part].copy()
+        lattice = self.lattice
+        along = self.directions[direction]
+        name = self.lattice.wave_names[which]
+        q = self.wavenumbers[direction, part].copy()
+        omega = self.frequencies[which, direction, part].copy()
         vectors = self.vectors[which, direction, part]
         if fallen:
             # the maximum lies before the last point, and takes its place
-            reference, low, high = vectors[count][None], q[count - 1] if count else 0.0, q[count]
+            reference = vectors[count][None]
+            low = q[count - 1] if count else 0.0
+            high = q[count]
             while high - low > 4e-16 * high:
                 points = np.linspace(low, high, 34)[1:-1]
-                _, velocities = _find_nearest(lattice, points, along, np.broadcast_to(reference, (32, reference.shape[1])))
+                _, velocities = _find_nearest(
+                    lattice, points, along, np.broadcast_to(reference, (32, reference.shape[1]))
+                )
                 first = int(np.argmin(np.append(velocities @ along > 0.0, False)))
                 edges = np.concatenate([[low], points, [high]])
                 if (edges[first], edges[first + 1]) == (low, high):
                     break
-                low, high = float(edges[first]), float(edges[first + 1])
-            q[count], omega[count] = low, _find_nearest(lattice, np.array([low]), along, reference)[0][0]
+                low = float(edges[first])
+                high = float(edges[first + 1])
+            q[count], omega[count] = (
+                low,
+                _find_nearest(lattice, np.array([low]), along, reference)[0][0],
+            )
         return AcousticBranch(lattice, along, name, q, omega, vectors)
 
-    def find_wavenumber(self, which: int, direction: NDArray[np.intp], target: Array) -> tuple[Array, Array]:
-        """Find wavenumbers (m,) and group velocities (m, p) at ``target`` (m,) of one branch in directions of these indices.
+    def find_wavenumber(
+        self, which: int, direction: NDArray[np.intp], target: Array
+    ) -> tuple[Array, Array]:
+        """Find wavenumbers (m,) and group velocities (m, p) at ``target`` (m,) of one branch in
+        directions of these indices.
 
         ``target`` must not be above the last point before the maximum.
         """
@@ -262,11 +339,15 @@ class AcousticBranches:
         )
         references = self.vectors[which, direction, right]
         name = self.lattice.wave_names[which]
-        return _solve_wavenumbers(self.lattice, self.directions[direction], target, q, omega, references, name)
+        return _solve_wavenumbers(
+            self.lattice, self.directions[direction], target, q, omega, references, name
+        )
 
 
 def _assign_columns(overlap: Array) -> NDArray[np.intp]:
-    """Find a column (n, m) for each of m branches, none twice, from its overlaps (n, m, n_branches) with all columns."""
+    """Find a column (n, m) for each of m branches, none twice, from its overlaps (n, m, n_branches)
+    with all columns.
+    """
     # if the columns of largest overlap are different for all branches, they are the best assignment
     best: NDArray[np.intp] = np.argmax(overlap, axis=2)
     clear = np.all(np.diff(np.sort(best, axis=1), axis=1) > 0, axis=1)
@@ -277,8 +358,12 @@ def _assign_columns(overlap: Array) -> NDArray[np.intp]:
     return best
 
 
-def follow_acoustic_branches(lattice: ContactLattice, direction: ArrayLike) -> dict[str, AcousticBranch]:
-    """Follow the acoustic branches along ``direction`` through crossings; their names are those of the long waves."""
+def follow_acoustic_branches(
+    lattice: ContactLattice, direction: ArrayLike
+) -> dict[str, AcousticBranch]:
+    """Follow the acoustic branches along ``direction`` through crossings; their names are those of
+    the long waves.
+    """
     along = one_direction(direction, lattice.periods)
     every = AcousticBranches.follow(lattice, along[None])
     return {name: every.take_branch(which, 0) for which, name in enumerate(lattice.wave_names)}

@@ -1,8 +1,10 @@
-"""The compatibility matrix: the deformations of all contacts of a lattice from the motions of all its balls.
+"""The compatibility matrix: the deformations of all contacts of a lattice from the motions of all
+its balls.
 
-Every quantity of the lattice follows from it. Its rows C are those of :mod:`granphon.dynamics.rows`. With K the stiffnesses
-and M the masses, D(q) = M^-1/2 C(q)^H K C(q) M^-1/2. All of it is in reduced units: length d, stiffness k, mass M. A ball's
-rotation is carried by w = R_g phi, R_g = (I/M)^1/2, so that its mass is the ball's own.
+Every quantity of the lattice follows from it. Its rows C are those of
+:mod:`granphon.dynamics.rows`. With K the stiffnesses and M the masses, D(q) = M^-1/2 C(q)^H K C(q)
+M^-1/2. All of it is in reduced units: length d, stiffness k, mass M. A ball's rotation is carried
+by w = R_g phi, R_g = (I/M)^1/2, so that its mass is the ball's own.
 """
 
 from __future__ import annotations
@@ -21,17 +23,26 @@ from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, not_negative, real_array
-from granphon.dynamics.rows import Row, WaveRows, carry_rows, contact_rows, push_rows, split_pairs, weigh_rows
+from granphon.dynamics.rows import (
+    Row,
+    WaveRows,
+    carry_rows,
+    contact_rows,
+    push_rows,
+    split_pairs,
+    weigh_rows,
+)
 from granphon.networks.network import ContactNetwork
 
 #: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
 GYRATION = float(1.0 / np.sqrt(10.0))
-#: number of reciprocal vectors from Gamma at which a wave vector has no digit left between its copies
+#: number of reciprocal vectors from Gamma at which a wave vector has no digit left between its
+#: copies
 _FARTHEST = 1e15
 #: most memory of a wave vector, bytes
 MOST_BYTES = 2**33
-#: part of the largest square by which D lowers others, where static tangential forces act: a tenth of this was seen where
-#: overlaps are d/50
+#: part of the largest square by which D lowers others, where static tangential forces act: a tenth
+#: of this was seen where overlaps are d/50
 _WITHOUT_POTENTIAL = 1e-5
 #: distance, over the size of the cell, up to which balls are at one place
 _PLACE = 1e-9
@@ -40,20 +51,27 @@ _ALIKE = 8.0 * float(np.finfo(np.float64).eps)
 
 
 def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
-    """Wave vectors as (n_q, p), from any (..., p); :class:`~granphon.base.errors.InputError` if p is not ``periods``."""
+    """Wave vectors as (n_q, p), from any (..., p); :class:`~granphon.base.errors.InputError` if p
+    is not ``periods``.
+    """
     q = real_array("wavevectors", wavevectors)
     if q.shape[-1:] != (periods,):
-        raise InputError(f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})")
+        raise InputError(
+            f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})"
+        )
     return q.reshape(-1, periods)
 
 
 def require_digits(fractions: Array) -> None:
-    """Raise :class:`~granphon.base.errors.PrecisionError` for wave vectors, in reciprocal vectors, too far from Gamma."""
+    """Raise :class:`~granphon.base.errors.PrecisionError` for wave vectors, in reciprocal vectors,
+    too far from Gamma.
+    """
     farthest = float(np.max(np.abs(fractions), initial=0.0))
     if farthest > _FARTHEST:
         raise PrecisionError(
             f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
-            f"Beyond {_FARTHEST:.0e} nothing is left of the digits that say where it is between two of them",
+            f"Beyond {_FARTHEST:.0e} nothing is left of the digits that say where it is"
+            f" between two of them",
             "Leave whole reciprocal vectors out",
         )
 
@@ -63,21 +81,25 @@ class Compatibility:
 
     Parameters
     ----------
-    cell : (p, d) lattice vectors as rows: p periods in d dimensions. One period lies along x, two lie in the xy plane.
+    cell : (p, d) lattice vectors as rows: p periods in d dimensions. One period lies along x, two
+        lie in the xy plane.
     positions : (n, d) centres.
-    contacts : the table of contacts, in the same unit of length. A ball j = n is a body that does not move; its contacts
-        have no vector, and no columns of C for that end.
+    contacts : the table of contacts, in the same unit of length. A ball j = n is a body that does
+        not move; its contacts have no vector, and no columns of C for that end.
     mindlin_ratio : eta, stiffness of slip over that of elongation; a number, or (n_c,).
     stiffness : (n_c,) normal stiffness of each contact; 1 by default.
-    prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the paper's limit.
+    prestress : (n_c,) compressive force over spacing of each contact; 0 by default, which is the
+        paper's limit.
     masses : (n,) masses; 1 by default.
     gyration : (n,) radii of gyration; d/sqrt(10) by default.
     torsion : stiffness of twist over that of elongation times d^2; a number, or (n_c,).
     bending : stiffness of rolling, over the same; a number, or (n_c,).
-    tangential_force : (n_c, d) static forces across contacts, with which ball i acts on ball j; none by default. They act
-        on motions as in :func:`~granphon.dynamics.rows.carry_rows`, but for the part that has no potential.
+    tangential_force : (n_c, d) static forces across contacts, with which ball i acts on ball j;
+        none by default. They act on motions as in :func:`~granphon.dynamics.rows.carry_rows`, but
+        for the part that has no potential.
     distance : (n_c,) of the centres, by default the length of the vectors of the contacts.
-    motions : of each ball; those of the plane by default. Balls do not turn if no contact resists it.
+    motions : of each ball; those of the plane by default. Balls do not turn if no contact resists
+        it.
     name : of the lattice, in messages.
 
     Raises
@@ -86,11 +108,23 @@ class Compatibility:
     """
 
     def __init__(
-        self, cell: ArrayLike, positions: ArrayLike, contacts: ContactTable, mindlin_ratio: ArrayLike,
-        stiffness: ArrayLike = 1.0, prestress: ArrayLike = 0.0, masses: ArrayLike = 1.0, gyration: ArrayLike = GYRATION, *,
-        torsion: ArrayLike = 0.0, bending: ArrayLike = 0.0, tangential_force: ArrayLike = 0.0,
-        distance: ArrayLike | None = None, motions: Motions = IN_PLANE, name: str = "of these contacts",
-    ) -> None:  # fmt: skip
+        self,
+        cell: ArrayLike,
+        positions: ArrayLike,
+        contacts: ContactTable,
+        mindlin_ratio: ArrayLike,
+        stiffness: ArrayLike = 1.0,
+        prestress: ArrayLike = 0.0,
+        masses: ArrayLike = 1.0,
+        gyration: ArrayLike = GYRATION,
+        *,
+        torsion: ArrayLike = 0.0,
+        bending: ArrayLike = 0.0,
+        tangential_force: ArrayLike = 0.0,
+        distance: ArrayLike | None = None,
+        motions: Motions = IN_PLANE,
+        name: str = "of these contacts",
+    ) -> None:
         self.name = name
         self.cell: Array = read_only(real_array("cell", cell))
         self.positions: Array = read_only(real_array("positions", positions))
@@ -100,16 +134,29 @@ class Compatibility:
         self.bending = self._read_ratio("bending", bending)
         self.named_motions = motions
         self.motions = select_motions(self.mindlin_ratio, self.torsion, self.bending, motions)
-        self.stiffness: Array = read_only(np.broadcast_to(real_array("stiffness", stiffness), len(contacts)))
-        self.prestress: Array = read_only(np.broadcast_to(real_array("prestress", prestress), len(contacts)))
+        self.stiffness: Array = read_only(
+            np.broadcast_to(real_array("stiffness", stiffness), len(contacts))
+        )
+        self.prestress: Array = read_only(
+            np.broadcast_to(real_array("prestress", prestress), len(contacts))
+        )
         across = real_array("tangential_force", tangential_force)
         self.tangential_force: Array = read_only(np.broadcast_to(across, contacts.normal.shape))
-        apart = np.linalg.norm(contacts.vector, axis=1) if distance is None else real_array("distance", distance)
+        apart = (
+            np.linalg.norm(contacts.vector, axis=1)
+            if distance is None
+            else real_array("distance", distance)
+        )
         self.distance: Array = read_only(np.broadcast_to(apart, len(contacts)))
         self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
-        self.gyration: Array = read_only(np.broadcast_to(real_array("gyration", gyration), self.n_balls))
+        self.gyration: Array = read_only(
+            np.broadcast_to(real_array("gyration", gyration), self.n_balls)
+        )
         if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
-            raise InputError("a mass or a contact stiffness is not above zero", mend="Leave such balls and contacts out")
+            raise InputError(
+                "a mass or a contact stiffness is not above zero",
+                mend="Leave such balls and contacts out",
+            )
 
     def _read_ratio(self, name: str, given: Any) -> float | Array:
         """Return a ratio of stiffnesses, zero or above: a float, or an array (n_c,)."""
@@ -118,7 +165,7 @@ class Compatibility:
         each = finite_array(name, given, low="zero or above") if given.size else given
         return read_only(np.broadcast_to(each, len(self.contacts)))
 
-    # -- sizes ------------------------------------------------------------------------------------------------------
+    # -- sizes -------------------------------------------------------------------------------------
 
     @property
     def n_balls(self) -> int:
@@ -142,21 +189,31 @@ class Compatibility:
 
     @cached_property
     def bytes_per_wavevector(self) -> int:
-        """Estimate of the memory, bytes, that is taken at most while the modes at one wave vector are found."""
-        contacts, n = len(self.contacts), self.n_branches
+        """Estimate of the memory, bytes, that is taken at most while the modes at one wave vector
+        are found.
+        """
+        contacts = len(self.contacts)
+        n = self.n_branches
         return 16 * n * (6 * len(self.rows) * contacts + 10 * n)
 
     def _require_memory(self, needed: float) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if a wave vector needs more memory, bytes, than is reasonable."""
+        """Raise :class:`~granphon.base.errors.InputError` if a wave vector needs more memory,
+        bytes, than is reasonable.
+        """
         if needed > MOST_BYTES:
             what = f"the cell of {self.n_balls} balls has {self.n_branches} branches"
-            why = f"One wave vector takes {needed / 2**30:.2g} GiB of memory, more than {MOST_BYTES >> 30}"
+            why = (
+                f"One wave vector takes {needed / 2**30:.2g} GiB of memory, more than"
+                f" {MOST_BYTES >> 30}"
+            )
             mend = "Take a smaller cell, or gp.Waves(network), whose matrices are sparse"
             raise InputError(what, why, mend)
 
     @cached_property
     def is_held(self) -> bool:
-        """Whether balls touch bodies that do not move: there is no sound then, as no motion of all balls is free."""
+        """Whether balls touch bodies that do not move: there is no sound then, as no motion of all
+        balls is free.
+        """
         return bool(np.any(self.contacts.j == self.n_balls))
 
     @cached_property
@@ -176,10 +233,11 @@ class Compatibility:
 
     @property
     def slack(self) -> float:
-        """Part of the largest squared frequency by which D may be below zero where balls are at rest.
+        """Part of the largest squared frequency by which D may be below zero where balls are at
+        rest.
 
-        D lacks the part of static tangential forces that has no potential. That lowers what costs nothing, as the spin of a
-        ball about its two contacts, by the second order of the forces.
+        D lacks the part of static tangential forces that has no potential. That lowers what costs
+        nothing, as the spin of a ball about its two contacts, by the second order of the forces.
         """
         return _WITHOUT_POTENTIAL if self.has_tangential_force else 0.0
 
@@ -189,11 +247,16 @@ class Compatibility:
         return bool(np.any(self.tangential_force != 0.0))
 
     def wavevectors(self, fractions: ArrayLike) -> Array:
-        """Return Cartesian wave vectors (..., p), 1/d, from fractions (..., p), or (..., 3), of the reciprocal cell."""
-        q, count = real_array("fractions", fractions), self.periods
+        """Return Cartesian wave vectors (..., p), 1/d, from fractions (..., p), or (..., 3), of the
+        reciprocal cell.
+        """
+        q = real_array("fractions", fractions)
+        count = self.periods
         if q.shape[-1:] not in ((count,), (3,)):
             wanted = f"(..., {count})" + " or (..., 3)" * (count < 3)
-            raise InputError(f"the fractions have the shape {q.shape}", mend=f"Give an array {wanted}")
+            raise InputError(
+                f"the fractions have the shape {q.shape}", mend=f"Give an array {wanted}"
+            )
         if np.any(q[..., count:]):
             raise InputError(
                 "a wave vector has a component across the lattice",
@@ -204,7 +267,8 @@ class Compatibility:
         return np.asarray(q[..., :count] @ self.reciprocal)
 
     def _fold(self, wavevectors: ArrayLike) -> tuple[Array, Array]:
-        """Return the wave vectors (n_q, p) moved near Gamma, and the reciprocal vectors that were subtracted.
+        """Return the wave vectors (n_q, p) moved near Gamma, and the reciprocal vectors that were
+        subtracted.
 
         At a copy of Gamma the half angles are multiples of pi, whose sines are rounding errors.
         """
@@ -225,9 +289,11 @@ class Compatibility:
         return f"q = ({', '.join(f'{one:.6g}' for one in np.round(fractions, 12) + 0.0)})"
 
     def explain_buckling(self, where: str, motion: ArrayLike) -> InstabilityError:
-        """Return the error of a lattice that static forces make buckle, ``where`` in words, by a ``motion`` (n_u, ...).
+        """Return the error of a lattice that static forces make buckle, ``where`` in words, by a
+        ``motion`` (n_u, ...).
 
-        The motion is displacements in the order of the translations; those across the periods have a reason of their own.
+        The motion is displacements in the order of the translations; those across the periods have
+        a reason of their own.
         """
         size = np.sum(np.abs(np.reshape(motion, (len(self.motions.translations), -1))) ** 2, axis=1)
         across = np.array(self.motions.translations) >= self.periods
@@ -235,23 +301,30 @@ class Compatibility:
         mend = "Lower the load, or leave finite_overlap off"
         is_flat = not np.any(self.contacts.normal[:, self.periods :])
         if is_flat and size[across].sum() > size[~across].sum():
-            array, line, inner = ("flat layer", "plane", "in_plane")
+            array = "flat layer"
+            line = "plane"
+            inner = "in_plane"
             if self.periods == 1:
-                array, line, inner = ("straight chain", "line", "longitudinal")
+                array = "straight chain"
+                line = "line"
+                inner = "longitudinal"
             why = (
-                f"Under pressure a {array} of balls does so at any load: each contact pushes balls that leave the {line}"
+                f"Under pressure a {array} of balls does so at any load: each contact pushes"
+                f" balls that leave the {line}"
                 " farther out, with the stiffness -f/a, and nothing else acts on long waves"
             )
             mend = f"Use the motions {inner}, or leave finite_overlap off"
         return InstabilityError(f"the lattice {self.name} buckles: {where}", why, mend)
 
-    # -- the compatibility matrix -----------------------------------------------------------------------------------
+    # -- the compatibility matrix ------------------------------------------------------------------
 
     @cached_property
     def _frame(self) -> Array:
-        """(n, n) orthogonal matrix whose first column is the motion of the centre of mass in mass-weighted coordinates.
+        """(n, n) orthogonal matrix whose first column is the motion of the centre of mass in
+        mass-weighted coordinates.
 
-        In this frame the long-wave motion is one column, of half-angle sines, instead of a difference between n columns.
+        In this frame the long-wave motion is one column, of half-angle sines, instead of a
+        difference between n columns.
         """
         self._require_memory(self.bytes_per_wavevector)
         return self._complete(np.sqrt(self.masses / self.masses.sum()))
@@ -262,16 +335,18 @@ class Compatibility:
         basis = np.eye(len(first))
         basis[:, 0] = first
         frame, _ = np.linalg.qr(basis)
-        # each column is normal to the balls before its own, the first apart; rounding would couple it to their contacts
+        # each column is normal to the balls before its own, the first apart; rounding would couple
+        # it to their contacts
         frame[1:, 1:] = np.tril(frame[1:, 1:])
         return np.asarray(frame * np.sign(frame[0, 0] * first[0]))
 
     def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
         """Return K^1/2 C(q) M^-1/2 at each wave vector.
 
-        Rows are the elongations of all contacts, then their slips (twists, rolls). Columns are the mass-weighted motions
-        ((x, y, w) in the plane) in the frame whose first vector is the centre of mass, rotations divided by i. With one ball
-        in the cell, whose contacts have equal arms, the matrix is real.
+        Rows are the elongations of all contacts, then their slips (twists, rolls). Columns are the
+        mass-weighted motions ((x, y, w) in the plane) in the frame whose first vector is the centre
+        of mass, rotations divided by i. With one ball in the cell, whose contacts have equal arms,
+        the matrix is real.
 
         Parameters
         ----------
@@ -283,55 +358,92 @@ class Compatibility:
         (n_q, n_rows, n_branches), or (n_q, p, n_rows, n_branches) for the gradient.
         """
         rows = self._own_waves.compute_rows(as_wavevectors(wavevectors, self.periods), derivative)
-        return rows[:, None] * self._own_waves.repeat_half_vectors().T[None, :, :, None] if derivative else rows
+        return (
+            rows[:, None] * self._own_waves.repeat_half_vectors().T[None, :, :, None]
+            if derivative
+            else rows
+        )
 
     @cached_property
     def rows(self) -> list[Row]:
-        """Deformations of the contacts, as coefficients of the motions of their two balls; rotations are carried by w."""
-        table, gyration = self.contacts, np.append(self.gyration, 1.0)  # the last of a body that does not move
+        """Deformations of the contacts, as coefficients of the motions of their two balls;
+        rotations are carried by w.
+        """
+        table = self.contacts
+        gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
         found = contact_rows(
-            table.normal, table.arm_i, table.arm_j, self.motions, slip=self.mindlin_ratio, twist=self.torsion,
-            roll=self.bending, gyration_i=gyration[table.i], gyration_j=gyration[table.j],
-        )  # fmt: skip
-        # where the motions deform no contact, as out of the plane without friction, a row of zeros stands for none
+            table.normal,
+            table.arm_i,
+            table.arm_j,
+            self.motions,
+            slip=self.mindlin_ratio,
+            twist=self.torsion,
+            roll=self.bending,
+            gyration_i=gyration[table.i],
+            gyration_j=gyration[table.j],
+        )
+        # where the motions deform no contact, as out of the plane without friction, a row of zeros
+        # stands for none
         nothing = np.zeros((len(table), self.motions.count))
         return found or [Row("elongation", 1.0, nothing, nothing)]
 
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:
-        """Rows on which static forces act, and their stiffness (n_c,): -f/a of displacements across contacts.
+        """Rows on which static forces act, and their stiffness (n_c,): -f/a of displacements across
+        contacts.
 
-        Tangential forces T have three pairs of rows, of which each is the difference of two squares.
+        Tangential forces T have three pairs of rows, of which each is the difference of two
+        squares.
         """
-        table, normal, across = self.contacts, np.zeros((len(self.contacts), 3)), np.zeros((len(self.contacts), 3))
+        table = self.contacts
+        normal = np.zeros((len(self.contacts), 3))
+        across = np.zeros((len(self.contacts), 3))
         found = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
         if not self.has_tangential_force:
             return found
-        normal[:, : table.normal.shape[1]], across[:, : table.normal.shape[1]] = table.normal, self.tangential_force
-        size, gyration = np.linalg.norm(across, axis=1), np.append(self.gyration, 1.0)
+        normal[:, : table.normal.shape[1]], across[:, : table.normal.shape[1]] = (
+            table.normal,
+            self.tangential_force,
+        )
+        size = np.linalg.norm(across, axis=1)
+        gyration = np.append(self.gyration, 1.0)
         across = np.divide(across, size[:, None], out=across, where=size[:, None] > 0.0)
         pairs = carry_rows(
-            normal, across, self.distance, table.arm_i, table.arm_j, self.motions, gyration[table.i], gyration[table.j]
+            normal,
+            across,
+            self.distance,
+            table.arm_i,
+            table.arm_j,
+            self.motions,
+            gyration[table.i],
+            gyration[table.j],
         )
         return found + [(row, sign * size) for row, sign in split_pairs(pairs)]
 
     def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
         """Return rows, and the square roots (kinds, n_c) of their stiffness.
 
-        With ``prestress`` the rows are :attr:`static_rows`, and the roots those of the sizes of their stiffness.
+        With ``prestress`` the rows are :attr:`static_rows`, and the roots those of the sizes of
+        their stiffness.
         """
         if prestress:
             rows = [row for row, _ in self.static_rows]
             sizes = [np.abs(stiffness) for _, stiffness in self.static_rows]
             return rows, np.sqrt(sizes).reshape(len(rows), len(self.contacts))
-        rows, stiffness = self.rows, self.stiffness
-        return rows, np.sqrt([row.stiffness * stiffness for row in rows]).reshape(len(rows), len(self.contacts))
+        rows = self.rows
+        stiffness = self.stiffness
+        return rows, np.sqrt([row.stiffness * stiffness for row in rows]).reshape(
+            len(rows), len(self.contacts)
+        )
 
-    def _combine_ends(self, rows: list[Row], root: Array, frame: Array | None = None) -> tuple[Array, Array]:
-        """Return the difference and the sum of the effects of each motion of a frame at the two ends of each contact.
+    def _combine_ends(
+        self, rows: list[Row], root: Array, frame: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return the difference and the sum of the effects of each motion of a frame at the two
+        ends of each contact.
 
-        Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the deformation at q = 0; for
-        displacements of the centre of mass it is exactly zero.
+        Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the
+        deformation at q = 0; for displacements of the centre of mass it is exactly zero.
         """
         motion = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
         motion[:, 0] = 1.0 / np.sqrt(self.masses.sum())
@@ -340,22 +452,33 @@ class Compatibility:
         head = np.reshape([row.head for row in rows], shape) * motion[self.contacts.j][:, :, None]
         tail = np.reshape([row.tail for row in rows], shape) * motion[self.contacts.i][:, :, None]
         gap, total = (root[:, :, None, None] * both for both in (head - tail, head + tail))
-        return gap.reshape(*root.shape, self.n_branches), total.reshape(*root.shape, self.n_branches)
+        return gap.reshape(*root.shape, self.n_branches), total.reshape(
+            *root.shape, self.n_branches
+        )
 
     def _make_waves(self, prestress: bool = False) -> WaveRows:
-        """Return rows of C(q), real for one ball in the cell; with ``prestress`` those of displacements across contacts."""
-        # For a motion z exp(i q.r) a row is cos(half angle) times the difference of the two ends plus i sin(half angle)
-        # times their sum. Rotations and rows are divided by i. Then both terms are real for one ball in the cell, because
-        # the difference vanishes for a displacement, and the sum for the rotation in a slip. Rows of rotations alone (twist,
+        """Return rows of C(q), real for one ball in the cell; with ``prestress`` those of
+        displacements across contacts.
+        """
+        # For a motion z exp(i q.r) a row is cos(half angle) times the difference of the two ends
+        # plus i sin(half angle) times their sum. Rotations and rows are divided by i. Then both
+        # terms are real for one ball in the cell, because the difference vanishes for a
+        # displacement, and the sum for the rotation in a slip. Rows of rotations alone (twist,
         # roll) are divided by i once more.
         rows, root = self._weight_rows(prestress)
         frame = self._wave_frame
         gap, total = self._combine_ends(rows, root, frame.real + frame.imag)
-        of_rows = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])[:, None, None]
-        phase = of_rows * np.kron(np.where(np.any(frame.imag, axis=0), 1.0j, 1.0), self.motions.phases)
-        odd, even = 1j * phase * total, phase * gap
+        of_rows = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])[
+            :, None, None
+        ]
+        phase = of_rows * np.kron(
+            np.where(np.any(frame.imag, axis=0), 1.0j, 1.0), self.motions.phases
+        )
+        odd = 1j * phase * total
+        even = phase * gap
         half = 0.5 * self.contacts.vector[:, : self.periods]
-        # the arms of a contact differ, or a body that does not move holds the ball, where one ball has complex rows
+        # the arms of a contact differ, or a body that does not move holds the ball, where one ball
+        # has complex rows
         if self.n_balls > 1 or np.any(odd.imag) or np.any(even.imag):
             return WaveRows(odd, even, half)
         return WaveRows(odd.real.copy(), even.real.copy(), half)
@@ -366,21 +489,30 @@ class Compatibility:
 
     @cached_property
     def _images(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]] | None:
-        """An inversion that leaves the lattice the same, if there is one: the image of each ball, contacts, their images.
+        """An inversion that leaves the lattice the same, if there is one: the image of each ball,
+        contacts, their images.
 
-        The image of a contact i, j joins the images of j and i by the same vector. A contact that is its own image is left
-        out.
+        The image of a contact i, j joins the images of j and i by the same vector. A contact that
+        is its own image is left out.
         """
-        table, p, n = self.contacts, self.periods, self.n_balls
+        table = self.contacts
+        p = self.periods
+        n = self.n_balls
         if self.is_held or not len(table):
             return None
-        size, inverse = np.abs(self.positions).max() + np.abs(self.cell).max(), np.linalg.inv(self.cell[:, :p])
-        ratios = [np.broadcast_to(one, len(table)) for one in (self.mindlin_ratio, self.torsion, self.bending)]
+        size = np.abs(self.positions).max() + np.abs(self.cell).max()
+        inverse = np.linalg.inv(self.cell[:, :p])
+        ratios = [
+            np.broadcast_to(one, len(table))
+            for one in (self.mindlin_ratio, self.torsion, self.bending)
+        ]
         same = np.column_stack([table.arm_i, table.arm_j, self.stiffness, self.prestress, *ratios])
         opposite = np.column_stack([table.vector, table.normal, self.tangential_force])
         # centres are rounded as far as they lie from the origin
         largest = [max(size, 1.0), 1.0, float(np.max(np.abs(self.tangential_force), initial=0.0))]
-        rounding = _ALIKE * np.repeat(largest, [one.shape[1] for one in (table.vector, table.normal, self.tangential_force)])
+        rounding = _ALIKE * np.repeat(
+            largest, [one.shape[1] for one in (table.vector, table.normal, self.tangential_force)]
+        )
         keys = np.column_stack([table.i, table.j, table.shift]).tolist()
         places = {tuple(key): c for c, key in enumerate(keys)}
         balls = np.column_stack([self.masses, self.gyration])
@@ -396,15 +528,23 @@ class Compatibility:
                     break
             else:
                 across = cells[np.arange(n), image].astype(np.intp)
-                if np.any(np.abs(balls[image] - balls) > _ALIKE * balls) or np.any(image[image] != np.arange(n)):
+                if np.any(np.abs(balls[image] - balls) > _ALIKE * balls) or np.any(
+                    image[image] != np.arange(n)
+                ):
                     continue
-                i, j, shift = image[table.j], image[table.i], table.shift + across[table.i] - across[table.j]
-                wanted, turned = np.column_stack([i, j, shift]).tolist(), np.column_stack([j, i, -shift]).tolist()
+                i = image[table.j]
+                j = image[table.i]
+                shift = table.shift + across[table.i] - across[table.j]
+                wanted = np.column_stack([i, j, shift]).tolist()
+                turned = np.column_stack([j, i, -shift]).tolist()
                 straight = np.array([places.get(tuple(key), -1) for key in wanted])
-                found = np.where(straight < 0, [places.get(tuple(key), -1) for key in turned], straight)
+                found = np.where(
+                    straight < 0, [places.get(tuple(key), -1) for key in turned], straight
+                )
                 if np.any(found < 0) or np.any(found[found] != np.arange(len(table))):
                     continue
-                sign, swapped = np.where(straight < 0, -1.0, 1.0)[:, None], same.copy()
+                sign = np.where(straight < 0, -1.0, 1.0)[:, None]
+                swapped = same.copy()
                 swapped[straight >= 0, :2] = same[straight >= 0, 1::-1]
                 differs = np.abs(swapped[found] - same) > _ALIKE * np.abs(same)
                 if np.any(differs) or np.any(np.abs(sign * opposite[found] - opposite) > rounding):
@@ -415,21 +555,29 @@ class Compatibility:
 
     @cached_property
     def _wave_frame(self) -> NDArray[Any]:
-        """(n, n) unitary frame of vibrations: :attr:`_frame`, or where balls are images of others, even and odd motions.
+        """(n, n) unitary frame of vibrations: :attr:`_frame`, or where balls are images of others,
+        even and odd motions.
 
-        The first column is the motion of the centre of mass in both. Odd ones are multiplied by i, so that rows of a contact
-        and of its image are complex conjugates.
+        The first column is the motion of the centre of mass in both. Odd ones are multiplied by i,
+        so that rows of a contact and of its image are complex conjugates.
         """
-        self._require_memory(self.bytes_per_wavevector)  # also before images are sought among many contacts
+        # also before images are sought among many contacts
+        self._require_memory(self.bytes_per_wavevector)
         n = self.n_balls
         if self._images is None or np.array_equal(self._images[0], np.arange(n)):
             return self._frame
         image = self._images[0]
-        fixed, pair = np.flatnonzero(image == np.arange(n)), np.flatnonzero(image > np.arange(n))
-        unit, count = np.eye(n), len(pair)
-        even = np.concatenate([unit[:, fixed], np.sqrt(0.5) * (unit[:, pair] + unit[:, image[pair]])], axis=1)
+        fixed = np.flatnonzero(image == np.arange(n))
+        pair = np.flatnonzero(image > np.arange(n))
+        unit = np.eye(n)
+        count = len(pair)
+        even = np.concatenate(
+            [unit[:, fixed], np.sqrt(0.5) * (unit[:, pair] + unit[:, image[pair]])], axis=1
+        )
         frame = np.zeros((n, n), complex)
-        frame[:, : n - count] = even @ self._complete(even.T @ np.sqrt(self.masses / self.masses.sum()))
+        frame[:, : n - count] = even @ self._complete(
+            even.T @ np.sqrt(self.masses / self.masses.sum())
+        )
         frame[:, n - count :] = 1j * np.sqrt(0.5) * (unit[:, pair] - unit[:, image[pair]])
         return frame
 
@@ -443,10 +591,11 @@ class Compatibility:
         return found
 
     def _make_real_waves(self, prestress: bool = False) -> WaveRows:
-        """Return rows with the same C^H C as those of :meth:`_make_waves`, but real if each contact has an image.
+        """Return rows with the same C^H C as those of :meth:`_make_waves`, but real if each contact
+        has an image.
 
-        The row of an image is plus or minus the complex conjugate of the contact's row. Both are replaced by 2^1/2 times the
-        real part and 2^1/2 times the imaginary part of one.
+        The row of an image is plus or minus the complex conjugate of the contact's row. Both are
+        replaced by 2^1/2 times the real part and 2^1/2 times the imaginary part of one.
         """
         waves = self._make_waves(prestress)
         if self.n_balls == 1 or self._images is None:
@@ -454,8 +603,11 @@ class Compatibility:
         _, first, image = self._images
         paired = np.ones((len(self.contacts), 1))
         paired[[first, image]] = np.sqrt(2.0)
-        odd, even = waves.odd.real * paired, waves.even.real * paired
-        odd[:, image], even[:, image] = (np.sqrt(2.0) * part.imag[:, first] for part in (waves.odd, waves.even))
+        odd = waves.odd.real * paired
+        even = waves.even.real * paired
+        odd[:, image], even[:, image] = (
+            np.sqrt(2.0) * part.imag[:, first] for part in (waves.odd, waves.even)
+        )
         return WaveRows(odd, even, waves.half[self._wave_contacts])
 
     @cached_property
@@ -469,11 +621,15 @@ class Compatibility:
     @cached_property
     def static_signs(self) -> Array:
         """(kinds, n_c) sign with which the square of each row of :attr:`static_rows` lowers D."""
-        return -np.sign([stiffness for _, stiffness in self.static_rows]).reshape(-1, len(self.contacts))
+        return -np.sign([stiffness for _, stiffness in self.static_rows]).reshape(
+            -1, len(self.contacts)
+        )
 
     @cached_property
     def _push_signs(self) -> Array:
-        """(kinds, n_c) the same of the rows in which contacts and their images have changed places."""
+        """(kinds, n_c) the same of the rows in which contacts and their images have changed
+        places.
+        """
         return self.static_signs[:, self._wave_contacts]
 
     def _compute_frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
@@ -487,10 +643,14 @@ class Compatibility:
             matrix = matrix - across.conj().swapaxes(1, 2) @ (signs * across)
         return np.asarray(matrix)
 
-    def damped_matrices(self, wavevectors: ArrayLike, times: Array, losses: Array) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return D(q) with complex stiffnesses, and that of dashpots, (n_q, n_branches, n_branches), in a common frame.
+    def damped_matrices(
+        self, wavevectors: ArrayLike, times: Array, losses: Array
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return D(q) with complex stiffnesses, and that of dashpots, (n_q, n_branches,
+        n_branches), in a common frame.
 
-        ``wavevectors`` are (n_q, p), 1/d; ``times``, in (M/k)^1/2, and ``losses`` are (2, n_c), those of
+        ``wavevectors`` are (n_q, p), 1/d; ``times``, in (M/k)^1/2, and ``losses`` are (2, n_c),
+        those of
         :class:`granphon.dynamics.damping.ContactDamping`.
         """
         rows = self.compatibility(wavevectors)
@@ -500,24 +660,29 @@ class Compatibility:
 
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:
-        """(n_branches, n_branches) transformation from the frame, with rotations divided by i, to each ball's motions."""
+        """(n_branches, n_branches) transformation from the frame, with rotations divided by i, to
+        each ball's motions.
+        """
         return np.asarray(np.kron(self._wave_frame, np.diag(self.motions.phases)), complex)
 
     def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
-        """Return the Hermitian D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), in units of k/M.
+        """Return the Hermitian D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), in
+        units of k/M.
 
-        Degrees of freedom run over the motions, (x, y, w) in the plane, of ball after ball; phases are taken at the
-        positions of the balls, as in phonopy.
-        ``wavevectors`` (n_q, p) are in 1/d.
+        Degrees of freedom run over the motions, (x, y, w) in the plane, of ball after ball; phases
+        are taken at the positions of the balls, as in phonopy. ``wavevectors`` (n_q, p) are in 1/d.
         """
-        return np.asarray(self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T)
+        return np.asarray(
+            self._to_balls @ self._compute_frame_matrix(wavevectors) @ self._to_balls.conj().T
+        )
 
-    # -- in SI ------------------------------------------------------------------------------------------------------
+    # -- in SI -------------------------------------------------------------------------------------
 
     def contact_network(
         self, units: Units, normal_force: ArrayLike = 0.0, radii: ArrayLike = 0.5, **more: Any
     ) -> ContactNetwork:
-        """Return balls and contacts of one cell as a :class:`~granphon.networks.network.ContactNetwork`, in SI.
+        """Return balls and contacts of one cell as a
+        :class:`~granphon.networks.network.ContactNetwork`, in SI.
 
         Parameters
         ----------
@@ -526,26 +691,46 @@ class Compatibility:
         radii : (n,) d.
         more : further fields of the network.
         """
-        table, d, p, count = self.contacts, units.length, self.periods, len(self.contacts)
-        cell, positions = np.zeros((3, 3)), np.zeros((self.n_balls, 3))
-        normal, shift = np.zeros((count, 3)), np.zeros((count, 3), np.intp)
+        table = self.contacts
+        d = units.length
+        p = self.periods
+        count = len(self.contacts)
+        cell = np.zeros((3, 3))
+        positions = np.zeros((self.n_balls, 3))
+        normal = np.zeros((count, 3))
+        shift = np.zeros((count, 3), np.intp)
         cell[:p, : self.dimension] = d * self.cell
         positions[:, : self.dimension] = d * self.positions
         normal[:, : table.normal.shape[1]], shift[:, :p] = table.normal, table.shift
-        masses, spring = units.mass * self.masses, units.stiffness * self.stiffness
+        masses = units.mass * self.masses
+        spring = units.stiffness * self.stiffness
         if self.is_prestressed:
             across = np.zeros((count, 3))
             across[:, : self.tangential_force.shape[1]] = units.force * self.tangential_force
             more = {"tangential_force": across, **more}
         given = {
-            "motions": self.named_motions.name, "prestress": self.is_prestressed, "pbc": (p > 0, p > 1, p > 2),
-            "positions": positions, **more,
-        }  # fmt: skip
+            "motions": self.named_motions.name,
+            "prestress": self.is_prestressed,
+            "pbc": (p > 0, p > 1, p > 2),
+            "positions": positions,
+            **more,
+        }
         return ContactNetwork(
-            cell=cell, radii=d * np.broadcast_to(radii, self.n_balls), masses=masses,
-            inertias=masses * (d * self.gyration) ** 2, i=table.i, j=table.j, shift=shift, normal=normal,
-            normal_force=units.stiffness * d * np.broadcast_to(normal_force, count), normal_stiffness=spring,
-            shear_stiffness=self.mindlin_ratio * spring, torsion_stiffness=self.torsion * d * d * spring,
-            bending_stiffness=self.bending * d * d * spring, arm_i=d * table.arm_i, arm_j=d * table.arm_j,
-            dimension=self.dimension, **given,
-        )  # fmt: skip
+            cell=cell,
+            radii=d * np.broadcast_to(radii, self.n_balls),
+            masses=masses,
+            inertias=masses * (d * self.gyration) ** 2,
+            i=table.i,
+            j=table.j,
+            shift=shift,
+            normal=normal,
+            normal_force=units.stiffness * d * np.broadcast_to(normal_force, count),
+            normal_stiffness=spring,
+            shear_stiffness=self.mindlin_ratio * spring,
+            torsion_stiffness=self.torsion * d * d * spring,
+            bending_stiffness=self.bending * d * d * spring,
+            arm_i=d * table.arm_i,
+            arm_j=d * table.arm_j,
+            dimension=self.dimension,
+            **given,
+        )

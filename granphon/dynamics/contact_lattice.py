@@ -1,9 +1,9 @@
 """The lattice of contacts and its vibrations, among them the motions that cost nothing.
 
-The frequencies are the singular values of K^1/2 C(q) M^-1/2. Motions fall into blocks that no contact joins to others, and
-each block is solved by itself (:mod:`granphon.dynamics.blocks`). A block has as many branches that vanish at every wave
-vector as it has motions more than the generic rank of its rows. Everything is in reduced units: length d, stiffness k, mass
-M.
+The frequencies are the singular values of K^1/2 C(q) M^-1/2. Motions fall into blocks that no
+contact joins to others, and each block is solved by itself (:mod:`granphon.dynamics.blocks`). A
+block has as many branches that vanish at every wave vector as it has motions more than the generic
+rank of its rows. Everything is in reduced units: length d, stiffness k, mass M.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ from granphon.dynamics.rows import find_gyration
 from granphon.networks.network import ContactNetwork
 
 _Found = TypeVar("_Found")
-#: |q|d at which modes are computed for their limits at Gamma; nearer to it, each branch is a power of |q|
+#: |q|d at which modes are computed for their limits at Gamma; nearer to it, each branch is a power
+#: of |q|
 _NEAR_GAMMA = 1e-30
 #: |q|d at which the branches that are zero at Gamma are told apart
 _BESIDE_GAMMA = 1e-4
@@ -54,15 +55,16 @@ class Modes(Result):
     ----------
     wavevectors : (n_q, p), 1/d.
     frequencies : (n_q, n_branches), angular, (k/M)^1/2.
-    eigenvectors : (n_q, n_dof, n_branches), complex, mass-weighted, orthonormal. Degrees of freedom run over the motions of
-        ball after ball: (x, y, w) in the plane, or (x, y) without friction; (x, y, z, w_x, w_y, w_z) in space. The
-        displacement of a ball at r is its eigenvector times exp(i q.r).
+    eigenvectors : (n_q, n_dof, n_branches), complex, mass-weighted, orthonormal. Degrees of freedom
+        run over the motions of ball after ball: (x, y, w) in the plane, or (x, y) without friction;
+        (x, y, z, w_x, w_y, w_z) in space. The displacement of a ball at r is its eigenvector times
+        exp(i q.r).
     group_velocities : (n_q, n_branches, p), d (k/M)^1/2.
     rotational_fraction : (n_q, n_branches), the part of the kinetic energy that is rotation.
-    longitudinal_fraction : (n_q, n_branches), the part of the kinetic energy that moves along q (at Gamma, along the given
-        direction).
-    out_of_plane_fraction : (n_q, n_branches), the part of the kinetic energy that moves across a plane of balls; 0 on a line
-        and in space. The transverse part is the rest.
+    longitudinal_fraction : (n_q, n_branches), the part of the kinetic energy that moves along q (at
+        Gamma, along the given direction).
+    out_of_plane_fraction : (n_q, n_branches), the part of the kinetic energy that moves across a
+        plane of balls; 0 on a line and in space. The transverse part is the rest.
     """
 
     wavevectors: Annotated[Array, "q p", "1/d", "finite"]
@@ -75,7 +77,9 @@ class Modes(Result):
 
     @property
     def transverse_fraction(self) -> Array:
-        """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q; in a plane, within it."""
+        """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q; in a
+        plane, within it.
+        """
         rest = self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
         return np.clip(1.0 - rest, 0.0, 1.0)
 
@@ -83,8 +87,8 @@ class Modes(Result):
 class ContactLattice(LongWaves):
     """Balls in contact on a periodic lattice, in reduced units: bands, velocities, moduli.
 
-    :meth:`of` makes the lattice of equal balls, and :meth:`from_network` the lattice of any network with periods. The
-    constructor takes any table of contacts.
+    :meth:`of` makes the lattice of equal balls, and :meth:`from_network` the lattice of any network
+    with periods. The constructor takes any table of contacts.
     """
 
     @classmethod
@@ -99,67 +103,100 @@ class ContactLattice(LongWaves):
         bending: float = 0.0,
         motions: Motions | None = None,
     ) -> ContactLattice:
-        """Make the contact lattice of equal balls on ``lattice``, whose contacts have the ``mindlin_ratio`` eta.
+        """Make the contact lattice of equal balls on ``lattice``, whose contacts have the
+        ``mindlin_ratio`` eta.
 
-        ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the paper drops: the spacing
-        itself, the lever arm a/2 and the sideways push of the static force. With the default values these terms are dropped.
-        ``torsion`` and ``bending`` are the stiffness of a contact against twist and rolling over k d^2. ``motions`` are the
-        motions of each ball, by default the first that the lattice has.
+        ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the
+        paper drops: the spacing itself, the lever arm a/2 and the sideways push of the static
+        force. With the default values these terms are dropped. ``torsion`` and ``bending`` are the
+        stiffness of a contact against twist and rolling over k d^2. ``motions`` are the motions of
+        each ball, by default the first that the lattice has.
 
-        Raises :class:`~granphon.base.errors.InputError` for a number that is not finite, or out of range.
+        Raises :class:`~granphon.base.errors.InputError` for a number that is not finite, or out of
+        range.
         """
         apart = positive("spacing", spacing)
         if apart >= 2.0:
-            raise InputError(f"spacing is {apart:g}", "The distance of touching balls, in diameters, must be below 2")
-        eta, load = not_negative("mindlin_ratio", mindlin_ratio), not_negative("prestress", prestress)
+            raise InputError(
+                f"spacing is {apart:g}",
+                "The distance of touching balls, in diameters, must be below 2",
+            )
+        eta = not_negative("mindlin_ratio", mindlin_ratio)
+        load = not_negative("prestress", prestress)
         structure = find_lattice(lattice)
-        moving = next(iter(allowed_motions(structure.dimension).values())) if motions is None else motions
-        twist, roll = not_negative("torsion", torsion), not_negative("bending", bending)
+        moving = (
+            next(iter(allowed_motions(structure.dimension).values()))
+            if motions is None
+            else motions
+        )
+        twist = not_negative("torsion", torsion)
+        roll = not_negative("bending", bending)
         return cls._make_of_equal_balls(structure, moving, (eta, apart, load, twist, roll))
 
     @classmethod
     @lru_cache(maxsize=128)
-    def _make_of_equal_balls(cls, structure: Lattice, motions: Motions, numbers: tuple[float, ...]) -> ContactLattice:
-        # cached, because velocities, moduli and validity of one state all start from it; it is never changed
+    def _make_of_equal_balls(
+        cls, structure: Lattice, motions: Motions, numbers: tuple[float, ...]
+    ) -> ContactLattice:
+        # cached, because velocities, moduli and validity of one state all start from it; it is
+        # never changed
         mindlin_ratio, spacing, prestress, torsion, bending = numbers
         return cls(
-            structure.vectors * spacing, structure.positions * spacing, structure.contacts.scale(spacing),
-            mindlin_ratio, prestress=prestress, torsion=torsion, bending=bending, motions=motions,
+            structure.vectors * spacing,
+            structure.positions * spacing,
+            structure.contacts.scale(spacing),
+            mindlin_ratio,
+            prestress=prestress,
+            torsion=torsion,
+            bending=bending,
+            motions=motions,
             name=structure.name,
-        )  # fmt: skip
+        )
 
     @classmethod
     def from_network(cls, network: ContactNetwork) -> Self:
-        """Make the contact lattice of a network that repeats along one, two or three axes, in its own reduced units.
+        """Make the contact lattice of a network that repeats along one, two or three axes, in its
+        own reduced units.
 
-        The units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of gyration, each contact its own
-        stiffnesses, arms and, with ``prestress``, normal force. Bodies that do not move hold the balls that touch them. They
-        have no motions, and the balls of the lattice are the moving ones, in the order of the network. If the periods do not
-        lie along x, or in the xy plane, the network is turned: its first period is then along x, the second in the xy plane.
-        The network keeps the lattice, with what that has found.
+        The units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
+        gyration, each contact its own stiffnesses, arms and, with ``prestress``, normal force.
+        Bodies that do not move hold the balls that touch them. They have no motions, and the balls
+        of the lattice are the moving ones, in the order of the network. If the periods do not lie
+        along x, or in the xy plane, the network is turned: its first period is then along x, the
+        second in the xy plane. The network keeps the lattice, with what that has found.
 
-        With ``prestress`` its tangential forces act as well, but for the part that has no potential: D is that of
-        :class:`granphon.Waves`.
+        With ``prestress`` its tangential forces act as well, but for the part that has no
+        potential: D is that of :class:`granphon.Waves`.
 
-        Raises :class:`~granphon.base.errors.InputError` for a network without a period, without contacts or balls that move.
+        Raises :class:`~granphon.base.errors.InputError` for a network without a period, without
+        contacts or balls that move.
         """
         return network.cached(cls._make_of_network)
 
     @classmethod
     def _make_of_network(cls, network: ContactNetwork) -> Self:
-        axes, dimension = np.flatnonzero(network.pbc), network.dimension
+        axes = np.flatnonzero(network.pbc)
+        dimension = network.dimension
         if not axes.size:
-            why, mend = "Bands and sound are those of balls that repeat without end", "Use gp.Waves, or give pbc and a cell"
+            why = "Bands and sound are those of balls that repeat without end"
+            mend = "Use gp.Waves, or give pbc and a cell"
             raise InputError("the network repeats along no axis", why, mend)
-        moving, units, count = network.moving, network.scales, int(np.count_nonzero(network.moving))
+        moving = network.moving
+        units = network.scales
+        count = int(np.count_nonzero(network.moving))
         number = np.full(network.n_balls, count)
         number[moving] = np.arange(count)
         kept = np.flatnonzero(moving[network.i] | moving[network.j])
         # of a contact with a body that does not move, ball i is the one that moves
         swapped = ~moving[network.i[kept]]
-        i, j = (np.where(swapped, one[kept], other[kept]) for one, other in ((network.j, network.i), (network.i, network.j)))
-        arms = [np.where(swapped, one[kept], other[kept]) for one, other in
-                ((network.arm_j, network.arm_i), (network.arm_i, network.arm_j))]  # fmt: skip
+        i, j = (
+            np.where(swapped, one[kept], other[kept])
+            for one, other in ((network.j, network.i), (network.i, network.j))
+        )
+        arms = [
+            np.where(swapped, one[kept], other[kept])
+            for one, other in ((network.arm_j, network.arm_i), (network.arm_i, network.arm_j))
+        ]
         held = swapped | ~moving[j]
         turn = find_axes(network.cell[axes, :dimension])
         pushes, force = (forces[kept] for forces in network.static_forces)
@@ -168,9 +205,13 @@ class ContactLattice(LongWaves):
         normal, vector, positions, cell, across = (
             vectors[:, :dimension] @ turn.T
             for vectors in (
-                network.normal[kept], network.vector[kept], network.positions[moving], network.cell[axes], force,
+                network.normal[kept],
+                network.vector[kept],
+                network.positions[moving],
+                network.cell[axes],
+                force,
             )
-        )  # fmt: skip
+        )
         normal[swapped] *= -1.0
         across[swapped] *= -1.0
         vector[held] = 0.0
@@ -185,24 +226,35 @@ class ContactLattice(LongWaves):
         table = ContactTable(
             *map(read_only, (number[i], number[j], shift, normal, vector / units.length)),
             *(read_only(arm / units.length) for arm in arms),
-        )  # fmt: skip
+        )
         return cls(
-            cell / units.length, positions / units.length, table, network.shear_stiffness[kept] / spring,
-            stiffness=spring / units.stiffness, prestress=load, masses=network.masses[moving] / units.mass,
-            gyration=find_gyration(network)[moving] / units.length, torsion=twist, bending=roll,
-            tangential_force=across / units.force, distance=network.distance[kept] / units.length,
-            motions=allowed_motions(dimension)[network.motions], name="of this network",
-        )  # fmt: skip
+            cell / units.length,
+            positions / units.length,
+            table,
+            network.shear_stiffness[kept] / spring,
+            stiffness=spring / units.stiffness,
+            prestress=load,
+            masses=network.masses[moving] / units.mass,
+            gyration=find_gyration(network)[moving] / units.length,
+            torsion=twist,
+            bending=roll,
+            tangential_force=across / units.force,
+            distance=network.distance[kept] / units.length,
+            motions=allowed_motions(dimension)[network.motions],
+            name="of this network",
+        )
 
-    # -- vibrations -------------------------------------------------------------------------------------------------
+    # -- vibrations --------------------------------------------------------------------------------
 
     def frequencies(self, wavevectors: ArrayLike) -> Array:
-        """Angular frequencies (n_q, n_branches), (k/M)^1/2, ascending; accurate to rounding near Gamma.
+        """Angular frequencies (n_q, n_branches), (k/M)^1/2, ascending; accurate to rounding near
+        Gamma.
 
-        ``wavevectors`` are (n_q, p), 1/d. Branches that vanish at every q, and modes that vanish at this one, are exactly
-        zero.
+        ``wavevectors`` are (n_q, p), 1/d. Branches that vanish at every q, and modes that vanish at
+        this one, are exactly zero.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency negative.
+        Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared
+        frequency negative.
         """
         q, _ = self._fold(wavevectors)
         self._require_room(len(q), 1)
@@ -210,17 +262,24 @@ class ContactLattice(LongWaves):
         faint = _is_faint(q)
         if np.any(faint):
             near = _NEAR_GAMMA * as_direction(q[faint], self.periods)
-            values[faint] = _follow_powers(q[faint], near, *self._solve_with_velocities(near, near / _NEAR_GAMMA))[0]
+            values[faint] = _follow_powers(
+                q[faint], near, *self._solve_with_velocities(near, near / _NEAR_GAMMA)
+            )[0]
         return values
 
     @cached_property
     def top_frequency(self) -> float:
-        """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh that holds Gamma, K, M and X.
+        """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh that holds Gamma, K, M and
+        X.
 
-        In a large cell the mesh is coarser, because other points of the smaller zone fold onto its own; in one of hundreds
-        of balls it is Gamma alone.
+        In a large cell the mesh is coarser, because other points of the smaller zone fold onto its
+        own; in one of hundreds of balls it is Gamma alone.
         """
-        fractions = np.arange(12) / 12.0 if self.n_balls <= 8 else np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
+        fractions = (
+            np.arange(12) / 12.0
+            if self.n_balls <= 8
+            else np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
+        )
         if self.n_balls > _MANY_BALLS:
             fractions = np.zeros(1)
         grid = np.stack(np.meshgrid(*[fractions] * self.periods), axis=-1).reshape(-1, self.periods)
@@ -232,8 +291,9 @@ class ContactLattice(LongWaves):
         Parameters
         ----------
         wavevectors : (n_q, p), 1/d.
-        direction : (p,) or (n_q, p). Where branches touch, a path in this direction decides the modes. At Gamma, and
-            wherever a mode vanishes, velocities are the limit along it. By default, the direction of q.
+        direction : (p,) or (n_q, p). Where branches touch, a path in this direction decides the
+            modes. At Gamma, and wherever a mode vanishes, velocities are the limit along it. By
+            default, the direction of q.
 
         Raises
         ------
@@ -247,12 +307,18 @@ class ContactLattice(LongWaves):
         elif np.all(np.any(asked != 0.0, axis=1)):
             along = as_direction(asked, self.periods)
         else:
-            raise InputError("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
+            raise InputError(
+                "modes at Gamma need a direction",
+                "Group velocities there depend on it",
+                "Give direction",
+            )
         parts = self._share_out(lambda part: self._find_modes(asked[part], along[part]), len(asked))
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def _require_room(self, points: int, numbers: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if so many numbers of each branch do not fit into memory."""
+        """Raise :class:`~granphon.base.errors.InputError` if so many numbers of each branch do not
+        fit into memory.
+        """
         what = f"{self.n_branches:,} branches at {points:,} wave vectors"
         needed = (16.0 if numbers == 1 else 48.0) * points * self.n_branches * numbers
         require_memory(what, needed, "Take fewer wave vectors, or leave eigenvectors out")
@@ -260,15 +326,19 @@ class ContactLattice(LongWaves):
     def _find_modes(self, asked: Array, along: Array) -> tuple[NDArray[Any], ...]:
         """Return what :class:`Modes` holds, at a few wave vectors."""
         q, taken = self._fold(asked)
-        # at Gamma itself everything is its limit along the direction, and very near it the limit along q
-        at_gamma, faint = np.all(q == 0.0, axis=1), _is_faint(q)
+        # at Gamma itself everything is its limit along the direction, and very near it the limit
+        # along q
+        at_gamma = np.all(q == 0.0, axis=1)
+        faint = _is_faint(q)
         near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
         if np.any(faint):
             near[faint] = _NEAR_GAMMA * as_direction(q[faint], self.periods)
         values, vectors, velocities = self._solve_with_velocities(near, along)
         limit = at_gamma | faint
         if np.any(limit):
-            found = _follow_powers(q[limit], near[limit], values[limit], vectors[limit], velocities[limit])
+            found = _follow_powers(
+                q[limit], near[limit], values[limit], vectors[limit], velocities[limit]
+            )
             values[limit], vectors[limit], velocities[limit] = found
         # the phase of a displacement is that of the wave vector asked for
         phase = np.exp(-1j * (taken @ self.positions[:, : self.periods].T))[:, :, None, None]
@@ -279,7 +349,12 @@ class ContactLattice(LongWaves):
         toward = np.zeros((len(q), 3))
         toward[:, : self.periods] = as_direction(ahead, self.periods)
         displacement = motion[:, :, self.motions.translating]
-        parallel = np.abs(np.einsum("qiab,qa->qib", displacement, toward[:, list(self.motions.translations)])) ** 2
+        parallel = (
+            np.abs(
+                np.einsum("qiab,qa->qib", displacement, toward[:, list(self.motions.translations)])
+            )
+            ** 2
+        )
         beside = np.zeros_like(values)
         if self.periods == 2 and 2 in self.motions.translations:
             beside = kinetic[:, :, self.motions.translations.index(2)].sum(axis=1)
@@ -299,7 +374,9 @@ class ContactLattice(LongWaves):
         return values[0] if len(values) == 1 else np.sort(np.concatenate(values, axis=1), axis=1)
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
-        """Find frequencies, motions of balls, and group velocities; resolve degenerate sets along ``along``."""
+        """Find frequencies, motions of balls, and group velocities; resolve degenerate sets along
+        ``along``.
+        """
         if self._large is not None and len(q) == 1:
             alone = self._large.solve_with_velocities(q[0])
             if alone is not None:
@@ -311,7 +388,10 @@ class ContactLattice(LongWaves):
         if len(found) == 1:
             return found[0][0], self._to_balls @ found[0][1], found[0][2]
         values, velocities = (np.concatenate([one[i] for one in found], axis=1) for i in (0, 2))
-        vectors = np.zeros((len(values), self.n_branches, self.n_branches), np.result_type(*(one[1] for one in found)))
+        vectors = np.zeros(
+            (len(values), self.n_branches, self.n_branches),
+            np.result_type(*(one[1] for one in found)),
+        )
         first = 0
         for block, (_, own, _) in zip(self._blocks, found, strict=True):
             vectors[:, block.columns, first : first + block.size] = own
@@ -326,19 +406,31 @@ class ContactLattice(LongWaves):
         return values, self._to_balls @ vectors, velocities
 
     def _find_buckling(self, q: Array) -> InstabilityError:
-        """Return the error that names the wave vector, among ``q``, of the lowest squared frequency, which is negative."""
+        """Return the error that names the wave vector, among ``q``, of the lowest squared
+        frequency, which is negative.
+        """
         squared, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
         place = int(np.argmin(squared[:, 0]))
-        where = f"a squared frequency at {self.name_place(q[place])} is negative, {squared[place, 0]:.3g} k/M"
-        motion = (self._to_balls @ vectors[place, :, 0]).reshape(self.n_balls, -1)[:, self.motions.translating]
+        where = (
+            f"a squared frequency at {self.name_place(q[place])} is negative,"
+            f" {squared[place, 0]:.3g} k/M"
+        )
+        motion = (self._to_balls @ vectors[place, :, 0]).reshape(self.n_balls, -1)[
+            :, self.motions.translating
+        ]
         return self.explain_buckling(where, motion.T)
 
     def _share_out(self, find: Callable[[slice], _Found], count: int) -> list[_Found]:
-        """Return what is found of slices of ``count`` wave vectors, each small enough for the memory (about 64 MB an array).
+        """Return what is found of slices of ``count`` wave vectors, each small enough for the
+        memory (about 64 MB an array).
 
         Those of large cells are found on all processors.
         """
-        size = 1 if self._large is not None else max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
+        size = (
+            1
+            if self._large is not None
+            else max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
+        )
         parts = [slice(start, start + size) for start in range(0, max(count, 1), size)]
         if self._large is None:
             return [find(part) for part in parts]
@@ -347,15 +439,19 @@ class ContactLattice(LongWaves):
 
     @cached_property
     def _large(self) -> LargeCell | None:
-        """The cell as one of many balls; None if it has few, whose matrices are best taken together."""
+        """The cell as one of many balls; None if it has few, whose matrices are best taken
+        together.
+        """
         if self.n_branches <= MANY_COLUMNS:
             return None
         self._require_memory(BYTES * self.n_branches**2)
         return LargeCell(
-            self, [self._weight_rows(static) for static in (False, True)[: 1 + self.is_prestressed]], self._images
+            self,
+            [self._weight_rows(static) for static in (False, True)[: 1 + self.is_prestressed]],
+            self._images,
         )
 
-    # -- motions that nothing joins to others -----------------------------------------------------------------------------
+    # -- motions that nothing joins to others ------------------------------------------------------
 
     @cached_property
     def _blocks(self) -> list[Block]:
@@ -363,7 +459,8 @@ class ContactLattice(LongWaves):
         kinds = [self._deforming, self._pushing] if self.is_prestressed else [self._deforming]
         effects = [waves.find_effects() for waves in kinds]
         joined = np.concatenate([effect.reshape(-1, self.n_branches) for effect in effects])
-        motions, p = self.motions, self.periods
+        motions = self.motions
+        p = self.periods
         weights = self._wave_frame.conj() * np.sqrt(self.masses / self.masses.sum())[:, None]
         found = []
         for columns in find_blocks(joined):
@@ -373,15 +470,18 @@ class ContactLattice(LongWaves):
             waves = [one.select(rows, columns) for one, rows in zip(kinds, own, strict=True)]
             if self.is_prestressed:
                 signs = np.broadcast_to(self._push_signs, own[1].shape)[own[1]]
-                found.append(Block(columns, waves[0], waves[1], signs[:, None], slack=self.slack).still())
+                found.append(
+                    Block(columns, waves[0], waves[1], signs[:, None], slack=self.slack).still()
+                )
                 continue
-            # displacements across the periods, and what goes with each as the balls tilt with it: a displacement u of the
-            # centre of mass turns the balls by phi = i q x u, and moves those that lie off the middle of the layer, by the
-            # distance z along u, by -i q z
+            # displacements across the periods, and what goes with each as the balls tilt with it: a
+            # displacement u of the centre of mass turns the balls by phi = i q x u, and moves those
+            # that lie off the middle of the layer, by the distance z along u, by -i q z
             bent = [
-                one for one in np.flatnonzero(columns < len(motions.translations))
+                one
+                for one in np.flatnonzero(columns < len(motions.translations))
                 if motions.translations[columns[one]] >= p and not self.is_held
-            ]  # fmt: skip
+            ]
             tilt = np.zeros((len(bent), len(columns), p), complex)
             for number, place in enumerate(bent):
                 axis = motions.translations[columns[place]]
@@ -390,67 +490,100 @@ class ContactLattice(LongWaves):
                 for along in range(p):
                     turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
                     moved = np.zeros((self.n_balls, motions.count), complex)
-                    moved[:, motions.turning] = self.gyration[:, None] * turn[list(motions.rotations)]
+                    moved[:, motions.turning] = (
+                        self.gyration[:, None] * turn[list(motions.rotations)]
+                    )
                     if along in motions.translations:
                         moved[:, motions.translations.index(along)] = -1.0j * off
                     tilt[number, :, along] = (weights.T @ moved).ravel()[columns]
             gradients = tilt.real.copy() if np.issubdtype(waves[0].odd.dtype, np.floating) else tilt
             used = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
-            block = Block(columns, waves[0], bent=tuple(int(bent[one]) for one in used), tilt=gradients[used])
+            block = Block(
+                columns, waves[0], bent=tuple(int(bent[one]) for one in used), tilt=gradients[used]
+            )
             found.append((block if block.keeps_digits else Block(columns, waves[0])).still())
         return found
 
     @cached_property
     def elongating_blocks(self) -> list[Block]:
-        """Those blocks whose motions lengthen or shorten contacts; other motions do not act on static forces."""
-        lengthens = self._deforming.find_effects()[0].any(axis=0)  # elongations come first among the kinds of rows
+        """Those blocks whose motions lengthen or shorten contacts; other motions do not act on
+        static forces.
+        """
+        # elongations come first among the kinds of rows
+        lengthens = self._deforming.find_effects()[0].any(axis=0)
         return [block for block in self._blocks if np.any(lengthens[block.columns])]
 
-    # -- branches that vanish at every wave vector -----------------------------------------------------------------------
+    # -- branches that vanish at every wave vector -------------------------------------------------
 
     @cached_property
     def free_branches(self) -> int:
-        """Number of branches that vanish at every wave vector: branches less the generic rank of C(q)."""
+        """Number of branches that vanish at every wave vector: branches less the generic rank of
+        C(q).
+        """
         free = None if self._large is None else self._large.free_branches
         return sum(block.free for block in self._blocks) if free is None else free
 
     @cached_property
     def free_branch_warnings(self) -> tuple[str, ...]:
-        """A sentence that counts the branches that vanish at every wave vector and says what would stop them, or none."""
+        """A sentence that counts the branches that vanish at every wave vector and says what would
+        stop them, or none.
+        """
         count = self.free_branches
         if not count:
             return ()
         vanish, them = ("vanishes", "it") if count == 1 else ("vanish", "them")
         return (
-            f"{count} of {self.n_branches} branches {vanish} at every wave vector, as these motions deform no contact;"
+            f"{count} of {self.n_branches} branches {vanish} at every wave vector, as these"
+            f" motions deform no contact;"
             f" to stop {them}, {self.find_remedy(lambda other: other.free_branches == 0)}",
         )
 
     def find_remedy(self, stops: Callable[[Self], bool]) -> str:
-        """Return what would stop a motion that costs nothing, in words: the fewest kinds of stiffness that do.
+        """Return what would stop a motion that costs nothing, in words: the fewest kinds of
+        stiffness that do.
 
-        ``stops`` says whether the motion costs energy on the lattice that it is given, which has more kinds of stiffness.
+        ``stops`` says whether the motion costs energy on the lattice that it is given, which has
+        more kinds of stiffness.
         """
-        stiffness = {"friction": self.mindlin_ratio, "torsion": self.torsion, "bending": self.bending}
+        stiffness = {
+            "friction": self.mindlin_ratio,
+            "torsion": self.torsion,
+            "bending": self.bending,
+        }
         missing = [name for name, present in stiffness.items() if not np.any(present)]
         for several in range(1, len(missing) + 1):
-            enough = [names for names in itertools.combinations(missing, several) if stops(self._add(names))]
+            enough = [
+                names
+                for names in itertools.combinations(missing, several)
+                if stops(self._add(names))
+            ]
             if enough:
-                return "add " + ", or ".join(", ".join((*names[:-2], " and ".join(names[-2:]))) for names in enough)
+                return "add " + ", or ".join(
+                    ", ".join((*names[:-2], " and ".join(names[-2:]))) for names in enough
+                )
         return "use a lattice with more contacts"
 
     def _add(self, names: tuple[str, ...]) -> Self:
-        """Return the lattice whose contacts have stiffness of these kinds too; without static forces."""
+        """Return the lattice whose contacts have stiffness of these kinds too; without static
+        forces.
+        """
         return type(self)(
-            self.cell, self.positions, self.contacts, 1.0 if "friction" in names else self.mindlin_ratio,
-            masses=self.masses, gyration=self.gyration, torsion=1.0 if "torsion" in names else self.torsion,
-            bending=1.0 if "bending" in names else self.bending, motions=self.named_motions,
-        )  # fmt: skip
+            self.cell,
+            self.positions,
+            self.contacts,
+            1.0 if "friction" in names else self.mindlin_ratio,
+            masses=self.masses,
+            gyration=self.gyration,
+            torsion=1.0 if "torsion" in names else self.torsion,
+            bending=1.0 if "bending" in names else self.bending,
+            motions=self.named_motions,
+        )
 
-    # -- modes that vanish at some wave vectors --------------------------------------------------------------------------
+    # -- modes that vanish at some wave vectors ----------------------------------------------------
 
     def soft_mode_warnings(self, wavevectors: ArrayLike, frequencies: ArrayLike) -> tuple[str, ...]:
-        """Return a sentence that counts the modes that vanish at some of the wave vectors and names the first, or none.
+        """Return a sentence that counts the modes that vanish at some of the wave vectors and names
+        the first, or none.
 
         Neither sound at Gamma nor the branches that vanish everywhere count.
 
@@ -470,11 +603,19 @@ class ContactLattice(LongWaves):
         first = int(np.argmax(soft > 0))
         asked = np.reshape(real_array("wavevectors", wavevectors), (-1, self.periods))[first]
         several = int(soft.sum())
-        modes, points = ("mode" if several == 1 else "modes"), np.count_nonzero(soft)
+        modes = "mode" if several == 1 else "modes"
+        points = np.count_nonzero(soft)
         vanish = "vanishes" if several == 1 else "vanish"
-        where = f"at 1 of {len(q)} wave vectors" if points == 1 else f"at {points} of {len(q)} wave vectors"
+        where = (
+            f"at 1 of {len(q)} wave vectors"
+            if points == 1
+            else f"at {points} of {len(q)} wave vectors"
+        )
         place = self.name_place(asked)
-        return (f"{several} {modes} {vanish} {where}, the first at {place}: these motions deform no contact there",)
+        return (
+            f"{several} {modes} {vanish} {where}, the first at {place}: these motions deform"
+            f" no contact there",
+        )
 
     @cached_property
     def _zeros_at_gamma(self) -> int:
@@ -491,16 +632,29 @@ class ContactLattice(LongWaves):
             place = np.zeros((self.n_balls, 3))
             place[:, : self.dimension] = self.positions
             off = place - self.masses @ place / self.masses.sum()
-            moved = np.concatenate([1.0j * np.cross([1.0, 0.0, 0.0], off), self.gyration[:, None] * np.eye(3)[:1]], axis=1)
+            moved = np.concatenate(
+                [1.0j * np.cross([1.0, 0.0, 0.0], off), self.gyration[:, None] * np.eye(3)[:1]],
+                axis=1,
+            )
             chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
             turned = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ moved[:, chosen]
-            rigid = np.column_stack([rigid, turned.ravel() / max(float(np.linalg.norm(turned)), np.finfo(float).tiny)])
+            rigid = np.column_stack(
+                [rigid, turned.ravel() / max(float(np.linalg.norm(turned)), np.finfo(float).tiny)]
+            )
         if self._large is not None and not self.free_branches:
             return int(np.linalg.matrix_rank(rigid, tol=_APART))
         total = 0
         for block in self._blocks:
-            free = block.solve(_BESIDE_GAMMA * direction)[1][0][:, : block.free] if block.free else np.zeros((block.size, 0))
-            total += int(np.linalg.matrix_rank(np.concatenate([rigid[block.columns], free], axis=1), tol=_APART))
+            free = (
+                block.solve(_BESIDE_GAMMA * direction)[1][0][:, : block.free]
+                if block.free
+                else np.zeros((block.size, 0))
+            )
+            total += int(
+                np.linalg.matrix_rank(
+                    np.concatenate([rigid[block.columns], free], axis=1), tol=_APART
+                )
+            )
         return total
 
 
@@ -510,23 +664,34 @@ def _is_faint(q: Array) -> NDArray[np.bool_]:
     return np.asarray((size > 0.0) & (size < _NEAR_GAMMA))
 
 
-def _sort_branches(values: Array, vectors: NDArray[Any], velocities: Array) -> tuple[Array, NDArray[Any], Array]:
+def _sort_branches(
+    values: Array, vectors: NDArray[Any], velocities: Array
+) -> tuple[Array, NDArray[Any], Array]:
     """Return frequencies, eigenvectors and velocities with the frequencies ascending."""
     order = np.argsort(values, axis=1, kind="stable")
     return (
-        np.take_along_axis(values, order, 1), np.take_along_axis(vectors, order[:, None], 2),
+        np.take_along_axis(values, order, 1),
+        np.take_along_axis(vectors, order[:, None], 2),
         np.take_along_axis(velocities, order[..., None], 1),
-    )  # fmt: skip
+    )
 
 
 def _follow_powers(
     q: Array, near: Array, values: Array, vectors: NDArray[Any], velocities: Array
 ) -> tuple[Array, NDArray[Any], Array]:
-    """Return frequencies, eigenvectors and velocities at ``q`` (n_q, p), from those at ``near``, longer but as directed.
+    """Return frequencies, eigenvectors and velocities at ``q`` (n_q, p), from those at ``near``,
+    longer but as directed.
 
-    There each branch is a power of |q|: the first for sound, the second or third for a flexural branch, none for others.
+    There each branch is a power of |q|: the first for sound, the second or third for a flexural
+    branch, none for others.
     """
     slope = np.einsum("qa,qba->qb", near, velocities)
-    power = np.maximum(np.rint(np.divide(slope, values, out=np.zeros_like(values), where=values > 0.0)), 0.0)
+    power = np.maximum(
+        np.rint(np.divide(slope, values, out=np.zeros_like(values), where=values > 0.0)), 0.0
+    )
     ratio = (np.max(np.abs(q), axis=1) / np.max(np.abs(near), axis=1))[:, None]
-    return _sort_branches(values * ratio**power, vectors, velocities * (ratio ** np.maximum(power - 1.0, 0.0))[..., None])
+    return _sort_branches(
+        values * ratio**power,
+        vectors,
+        velocities * (ratio ** np.maximum(power - 1.0, 0.0))[..., None],
+    )

@@ -1,13 +1,14 @@
 """Contacts that lose energy: dashpots beside their springs, and loss factors; damped modes.
 
-In a motion exp(i omega t) a contact resists a deformation e of stiffness k by the force (k (1 + i eta) + i omega c) e. c is
-the viscosity of its dashpot, and eta the loss factor of its material, which does not depend on the frequency (L. Cremer
-and M. Heckl, Structure-Borne Sound). With tau = c/k, the dynamical matrix of a network becomes
+In a motion exp(i omega t) a contact resists a deformation e of stiffness k by the force (k (1 + i
+eta) + i omega c) e. c is the viscosity of its dashpot, and eta the loss factor of its material,
+which does not depend on the frequency (L. Cremer and M. Heckl, Structure-Borne Sound). With tau =
+c/k, the dynamical matrix of a network becomes
 
     D(omega) = C^T K (1 + i eta + i omega tau) C + static forces.
 
-Where tau and eta are the same in all deformations of all contacts, and no static forces act, this is D times a number, and
-all motions follow from the undamped problem at complex omega^2.
+Where tau and eta are the same in all deformations of all contacts, and no static forces act, this
+is D times a number, and all motions follow from the undamped problem at complex omega^2.
 """
 
 from __future__ import annotations
@@ -25,13 +26,16 @@ from granphon.base.results import Result
 from granphon.base.validation import Rule, finite_numbers, require
 from granphon.networks.network import ContactNetwork
 
-#: greatest loss factor, and damping, s, far above any of a contact: their powers stay within the range of floats
+#: greatest loss factor, and damping, s, far above any of a contact: their powers stay within the
+#: range of floats
 LARGEST_LOSSES = {"damping": 1e30, "loss_factor": 1e6}
 #: relative difference of times, or loss factors, that are the same but for rounding
 _ALIKE = 1e-12
-#: damping, over the square root of the largest stiffness, above which slow rates are less than the rounding of fast ones
+#: damping, over the square root of the largest stiffness, above which slow rates are less than the
+#: rounding of fast ones
 _STRONGEST = 3e4
-#: part of the top frequency up to which a frequency, or its real part, is zero: the root of rounding, as zeros come in pairs
+#: part of the top frequency up to which a frequency, or its real part, is zero: the root of
+#: rounding, as zeros come in pairs
 _STILL = 1e-6
 
 
@@ -54,14 +58,18 @@ class ContactDamping:
 
         Parameters
         ----------
-        damping : tau = c/k of all deformations, s, a number or (n_c,); or a tuple of that of normal motion and of others.
-        loss_factor : eta, a number or (n_c,); or a tuple of that of normal motion, and of all other.
+        damping : tau = c/k of all deformations, s, a number or (n_c,); or a tuple of that of normal
+            motion and of others.
+        loss_factor : eta, a number or (n_c,); or a tuple of that of normal motion, and of all
+            other.
 
         Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above
         :data:`LARGEST_LOSSES`, and for arrays of another length.
         """
         pairs = (("damping", damping, "s"), ("loss_factor", loss_factor, ""))
-        return cls(*(_read_pair(name, given, network.n_contacts, unit) for name, given, unit in pairs))
+        return cls(
+            *(_read_pair(name, given, network.n_contacts, unit) for name, given, unit in pairs)
+        )
 
     @property
     def is_none(self) -> bool:
@@ -69,10 +77,12 @@ class ContactDamping:
         return not (np.any(self.times) or np.any(self.losses))
 
     def find_warnings(self, highest: float) -> tuple[str, ...]:
-        """Return one sentence if contacts are more viscous than stiff at the ``highest`` frequency in use, Hz; else nothing.
+        """Return one sentence if contacts are more viscous than stiff at the ``highest`` frequency
+        in use, Hz; else nothing.
 
-        A damping is a time. Its product with the angular frequency is above 1 where it was meant as a loss factor.
-        Of modes, the frequency is that of the same motion without losses: strong dashpots make it lower, or zero.
+        A damping is a time. Its product with the angular frequency is above 1 where it was meant as
+        a loss factor. Of modes, the frequency is that of the same motion without losses: strong
+        dashpots make it lower, or zero.
         """
         viscous = 2.0 * np.pi * highest * float(np.max(self.times, initial=0.0))
         if viscous <= 1.0:
@@ -81,11 +91,18 @@ class ContactDamping:
         return (f"{what}: the damping is a time, in s, and no loss factor.",)
 
     def soften(self, omega: Array) -> tuple[Complex, Complex]:
-        """Return the factors (n_f, n_c) of the stiffness in a motion exp(-i omega t): normal, and all other."""
-        return tuple(1.0 - 1j * (omega[:, None] * tau + eta) for tau, eta in zip(self.times, self.losses, strict=True))
+        """Return the factors (n_f, n_c) of the stiffness in a motion exp(-i omega t): normal, and
+        all other.
+        """
+        return tuple(
+            1.0 - 1j * (omega[:, None] * tau + eta)
+            for tau, eta in zip(self.times, self.losses, strict=True)
+        )
 
     def find_even(self, network: ContactNetwork) -> tuple[float, float] | None:
-        """Return (eta, tau) if all contacts have these in all deformations that they resist, without static forces."""
+        """Return (eta, tau) if all contacts have these in all deformations that they resist,
+        without static forces.
+        """
         if self.is_none:
             return 0.0, 0.0
         resisted = np.stack([network.normal_stiffness > 0.0, network.shear_stiffness > 0.0])
@@ -97,40 +114,55 @@ class ContactDamping:
 
 
 def read_loss(name: str, value: Any, rule: Rule) -> Any:
-    """Read a damping or a loss factor, one or more, by a rule; refuse what is above :data:`LARGEST_LOSSES`."""
-    found, largest = rule(value), LARGEST_LOSSES[name]
+    """Read a damping or a loss factor, one or more, by a rule; refuse what is above
+    :data:`LARGEST_LOSSES`.
+    """
+    found = rule(value)
+    largest = LARGEST_LOSSES[name]
     if (most := float(np.max(found))) > largest:
         raise Refused(f"{most:g}", f"{name} up to {largest:g}{' s' * (name == 'damping')}")
     return found
 
 
 def _read_pair(name: str, given: Any, contacts: int, unit: str) -> Array:
-    """Return numbers (2, n_c), zero or above, from a number or (n_c,), or a tuple of two of these."""
+    """Return numbers (2, n_c), zero or above, from a number or (n_c,), or a tuple of two of
+    these.
+    """
     pair = given if isinstance(given, tuple) else (given, given)
     if len(pair) != 2:
         raise InputError(f"{name} is {brief(given)}", mend="Give a number, or (normal, tangential)")
     found = np.empty((2, contacts))
     for row, one in zip(found, pair, strict=True):
-        values = require(name, partial(read_loss, name, rule=partial(finite_numbers, unit=unit, low="zero or above")), one)
+        values = require(
+            name,
+            partial(read_loss, name, rule=partial(finite_numbers, unit=unit, low="zero or above")),
+            one,
+        )
         if values.shape not in ((), (contacts,)):
             what = f"{name} has the shape {values.shape}, and there are {contacts} contacts"
-            raise InputError(what, mend="Give a number, one for each contact, or a tuple (normal, tangential)")
+            raise InputError(
+                what, mend="Give a number, one for each contact, or a tuple (normal, tangential)"
+            )
         row[:] = values
     return found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DampedModes(Result, array="frequencies"):
-    """Modes that lose energy, u exp(2 pi i f t) with complex f; ``np.asarray`` of it is ``frequencies``.
+    """Modes that lose energy, u exp(2 pi i f t) with complex f; ``np.asarray`` of it is
+    ``frequencies``.
 
     Attributes
     ----------
-    frequencies : (m,) complex Hz of a network, or (n_q, n_branches) of what repeats; ascending in their real part, and where
-        these are equal in the imaginary one. A mode decays as exp(-2 pi Im f t); one that creeps has a real part of zero,
-        and its slower rate. So modes that creep are the lowest, and the slowest of them is the first.
-    vectors : (m, n_balls, motions) complex, of norm one, weighted with masses; None of what repeats.
+    frequencies : (m,) complex Hz of a network, or (n_q, n_branches) of what repeats; ascending in
+        their real part, and where these are equal in the imaginary one. A mode decays as exp(-2 pi
+        Im f t); one that creeps has a real part of zero, and its slower rate. So modes that creep
+        are the lowest, and the slowest of them is the first.
+    vectors : (m, n_balls, motions) complex, of norm one, weighted with masses; None of what
+        repeats.
     qpoints : (n_q, 3) wave vectors, fractions of the reciprocal cell; None of a network.
-    warnings : one sentence where contacts are more viscous than stiff in the highest of the modes, as a damping is a time.
+    warnings : one sentence where contacts are more viscous than stiff in the highest of the modes,
+        as a damping is a time.
     """
 
     frequencies: Annotated[Complex, "q m|m", "Hz"]
@@ -140,37 +172,49 @@ class DampedModes(Result, array="frequencies"):
 
     @property
     def quality(self) -> Array:
-        """Q = Re f/(2 Im f), of the shape of the frequencies: infinite without loss, zero of a mode that creeps."""
-        real, lost = self.frequencies.real, 2.0 * self.frequencies.imag
+        """Q = Re f/(2 Im f), of the shape of the frequencies: infinite without loss, zero of a mode
+        that creeps.
+        """
+        real = self.frequencies.real
+        lost = 2.0 * self.frequencies.imag
         return np.asarray(np.divide(real, lost, out=np.full(real.shape, np.inf), where=lost > 0.0))
 
     @property
     def decay(self) -> Array:
-        """2 pi Im f, 1/s, the rate at which the amplitude decays, of the shape of the frequencies."""
+        """2 pi Im f, 1/s, the rate at which the amplitude decays, of the shape of the
+        frequencies.
+        """
         return np.asarray(2.0 * np.pi * self.frequencies.imag)
 
 
 def damp_evenly(omega: Array, loss_factor: float, time: float) -> Complex:
-    """Return complex omega of modes whose undamped one is ``omega``, with eta and tau the same in all contacts."""
-    squared, creep = omega**2 * (1.0 + 1j * loss_factor), 0.5 * time * omega**2
+    """Return complex omega of modes whose undamped one is ``omega``, with eta and tau the same in
+    all contacts.
+    """
+    squared = omega**2 * (1.0 + 1j * loss_factor)
+    creep = 0.5 * time * omega**2
     root = np.sqrt(squared - creep**2)
     found = 1j * creep + root
     # of the two rates of a mode that creeps, whose product is the square, the slower one
     slow = (squared.real < creep**2) & (loss_factor == 0.0)
-    return np.asarray(np.where(slow, np.divide(-squared, found, out=np.zeros_like(found), where=slow), found))
+    return np.asarray(
+        np.where(slow, np.divide(-squared, found, out=np.zeros_like(found), where=slow), found)
+    )
 
 
 def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Complex, Complex]:
-    """Return the modes of x'' + G x' + D x = 0 for stacks of matrices D = ``stiffness`` and G = ``viscous`` (..., n, n).
+    """Return the modes of x'' + G x' + D x = 0 for stacks of matrices D = ``stiffness`` and G =
+    ``viscous`` (..., n, n).
 
     Returns
     -------
-    omega : (..., n) complex, of x exp(i omega t), ascending in their real part, then in the imaginary one: of each pair
-        omega and -conj(omega) the one with a real part above zero, one of each pair of zeros, and the slowest of those that
-        creep, whose real part is zero.
+    omega : (..., n) complex, of x exp(i omega t), ascending in their real part, then in the
+        imaginary one: of each pair omega and -conj(omega) the one with a real part above zero, one
+        of each pair of zeros, and the slowest of those that creep, whose real part is zero.
     vectors : (..., n, n) columns of norm one.
 
-    Raises :class:`~granphon.base.errors.PrecisionError` for a damping so strong that modes which creep have no digit.
+    Raises :class:`~granphon.base.errors.PrecisionError` for a damping so strong that modes which
+    creep have no digit.
     """
     n = stiffness.shape[-1]
     scale = np.sqrt(np.max(np.abs(stiffness), axis=(-2, -1), keepdims=True))
@@ -185,16 +229,21 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     whole[..., n:, :n], whole[..., n:, n:] = -stiffness / scale**2, -viscous / scale
     rates, vectors = np.linalg.eig(whole)
     omega = -1j * rates
-    still, ahead = np.abs(omega) <= _STILL, omega.real > _STILL
+    still = np.abs(omega) <= _STILL
+    ahead = omega.real > _STILL
     creeps = ~still & (np.abs(omega.real) <= _STILL)
     omega = np.where(creeps, 1j * omega.imag, omega)
     kinds = np.select([ahead, still, creeps], [0, 1, 2], 3)
     order = np.lexsort((np.where(still, -omega.real, omega.imag), kinds))
-    omega, still = np.take_along_axis(omega, order, -1), np.take_along_axis(still, order, -1)
+    omega = np.take_along_axis(omega, order, -1)
+    still = np.take_along_axis(still, order, -1)
     spare = still & (2 * np.cumsum(still, axis=-1) > np.sum(still, axis=-1, keepdims=True) + 1)
     kept = np.argsort(spare, axis=-1, kind="stable")[..., :n]
     own = np.take_along_axis(omega, kept, -1)
     kept = np.take_along_axis(kept, np.lexsort((own.imag, own.real)), -1)
-    omega, place = np.take_along_axis(omega, kept, -1), np.take_along_axis(order, kept, -1)
+    omega = np.take_along_axis(omega, kept, -1)
+    place = np.take_along_axis(order, kept, -1)
     vectors = np.take_along_axis(vectors[..., :n, :], place[..., None, :], -1)
-    return omega * scale[..., 0], np.asarray(vectors / np.linalg.norm(vectors, axis=-2, keepdims=True), complex)
+    return omega * scale[..., 0], np.asarray(
+        vectors / np.linalg.norm(vectors, axis=-2, keepdims=True), complex
+    )

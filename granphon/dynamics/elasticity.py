@@ -1,4 +1,6 @@
-"""Elastic tensors in Voigt order: their symmetry, their averages over all directions, and the long waves that they carry."""
+"""Elastic tensors in Voigt order: their symmetry, their averages over all directions, and the long
+waves that they carry.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,15 @@ from granphon.base.results import read_only
 from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
 
 #: pairs of axes in Voigt order, for one, two and three periods
-_VOIGT = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}
+_VOIGT = {
+    1: ((0, 0),),
+    2: ((0, 0), (1, 1), (0, 1)),
+    3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)),
+}
 #: tolerance of positions, in spacings
 _TOLERANCE = 1e-6
-#: greatest difference, over the largest constant, between elastic constants that are equal but for rounding
+#: greatest difference, over the largest constant, between elastic constants that are equal but for
+#: rounding
 _ROUNDED = 1e-10
 #: number of periods of a lattice whose elastic tensor has so many rows
 _PERIODS = {1: 1, 3: 2, 6: 3}
@@ -40,7 +47,9 @@ def voigt_names(periods: int) -> tuple[str, ...]:
 
 
 def take_voigt(c: Array) -> Array:
-    """Return c_ijkl (..., p, p, p, p), made symmetric in i, j and in k, l, as (..., n, n) in Voigt order."""
+    """Return c_ijkl (..., p, p, p, p), made symmetric in i, j and in k, l, as (..., n, n) in Voigt
+    order.
+    """
     c = 0.5 * (c + c.swapaxes(-4, -3))
     c = 0.5 * (c + c.swapaxes(-2, -1))
     i, j = np.transpose(_VOIGT[c.shape[-1]])
@@ -50,25 +59,33 @@ def take_voigt(c: Array) -> Array:
 def name_strain(strains: Array) -> str:
     """Return a plain strain as text with the names of its parts, the largest part being one.
 
-    ``strains`` (n, m) are orthonormal columns xx, yy, xy sqrt 2, ... in Voigt order, of which every sum is meant. Shown is
-    what they have of the strain that is most theirs.
+    ``strains`` (n, m) are orthonormal columns xx, yy, xy sqrt 2, ... in Voigt order, of which every
+    sum is meant. Shown is what they have of the strain that is most theirs.
     """
     pairs = _VOIGT[_PERIODS[len(strains)]]
     most = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
     strain = strains @ strains[most] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
     names = ", ".join(("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs)
-    shown = ", ".join(f"{part:g}" for part in np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0)
+    shown = ", ".join(
+        f"{part:g}" for part in np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0
+    )
     return f"({names}) = ({shown})"
 
 
 def find_unstable_strains(tensor: Array) -> Array | None:
-    """Return the strains of :func:`name_strain` whose modulus under elastic tensors (..., n, n) is farthest below zero.
+    """Return the strains of :func:`name_strain` whose modulus under elastic tensors (..., n, n) is
+    farthest below zero.
 
-    None if no modulus is. Under static stress a crystal is stable if the symmetric part of its coefficients between stress
-    and strain is positive (J. Wang, J. Li, S. Yip, D. Wolf, Phys. Rev. B 52, 12627, 1995).
+    None if no modulus is. Under static stress a crystal is stable if the symmetric part of its
+    coefficients between stress and strain is positive (J. Wang, J. Li, S. Yip, D. Wolf, Phys. Rev.
+    B 52, 12627, 1995).
     """
-    unit = np.array([1.0 if a == b else np.sqrt(2.0) for a, b in _VOIGT[_PERIODS[tensor.shape[-1]]]])
-    values, vectors = np.linalg.eigh(0.5 * (tensor + tensor.swapaxes(-1, -2)) * unit[:, None] * unit)
+    unit = np.array(
+        [1.0 if a == b else np.sqrt(2.0) for a, b in _VOIGT[_PERIODS[tensor.shape[-1]]]]
+    )
+    values, vectors = np.linalg.eigh(
+        0.5 * (tensor + tensor.swapaxes(-1, -2)) * unit[:, None] * unit
+    )
     values = values / np.max(np.abs(values), axis=-1, keepdims=True)
     worst = np.unravel_index(np.argmin(values[..., 0]), values.shape[:-1])
     lowest = values[worst]
@@ -78,22 +95,28 @@ def find_unstable_strains(tensor: Array) -> Array | None:
 
 
 def find_stress_part(stress: Array) -> Array:
-    """Return what a Cauchy stress (..., p, p) adds to the second derivatives of the energy by strain, (..., n, n).
+    """Return what a Cauchy stress (..., p, p) adds to the second derivatives of the energy by
+    strain, (..., n, n).
 
     The sums are the coefficients between stress and strain (F. Birch, Phys. Rev. 71, 809, 1947).
     """
     one = np.eye(stress.shape[-1])
-    return take_voigt(np.einsum("...ik,jl->...ijkl", stress, one) - np.einsum("...ij,kl->...ijkl", stress, one))
+    return take_voigt(
+        np.einsum("...ik,jl->...ijkl", stress, one) - np.einsum("...ij,kl->...ijkl", stress, one)
+    )
 
 
-# -- symmetry and averages -------------------------------------------------------------------------------------------
+# -- symmetry and averages -------------------------------------------------------------------------
 
 
 @lru_cache(maxsize=64)
 def point_group(lattice: Lattice) -> Array:
-    """Return the rotations and reflections (n, p, p) that, with some shift, carry a lattice with its balls into itself."""
+    """Return the rotations and reflections (n, p, p) that, with some shift, carry a lattice with
+    its balls into itself.
+    """
     p = lattice.periods
-    cell, balls = lattice.vectors[:, :p], lattice.positions
+    cell = lattice.vectors[:, :p]
+    balls = lattice.positions
     gram = cell @ cell.T
     # lattice vectors onto which each vector of the cell may be carried: they are as long
     reach = steps_within(cell, float(np.sqrt(gram.diagonal().max())) + _TOLERANCE) @ cell
@@ -102,9 +125,11 @@ def point_group(lattice: Lattice) -> Array:
     chosen = np.array([np.stack(rows) for rows in itertools.product(*images)])
     kept = chosen[np.max(np.abs(chosen @ chosen.swapaxes(1, 2) - gram), axis=(1, 2)) < _TOLERANCE]
     found = []
-    for turn in (np.linalg.inv(cell) @ kept).swapaxes(1, 2):  # carries each row of the cell to its image
+    for turn in (np.linalg.inv(cell) @ kept).swapaxes(1, 2):
+        # carries each row of the cell to its image
         turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
-        for shift in balls - turned[0]:  # along the periods: it carries balls to balls, up to lattice vectors
+        for shift in balls - turned[0]:
+            # along the periods: it carries balls to balls, up to lattice vectors
             apart = (turned + shift)[:, None] - balls
             along = apart[..., :p] @ np.linalg.inv(cell)
             apart[..., :p] = (along - np.rint(along)) @ cell
@@ -115,19 +140,24 @@ def point_group(lattice: Lattice) -> Array:
 
 
 def symmetrise(tensor: Array, lattice: Lattice) -> Array:
-    """Return the mean of elastic tensors (..., n, n) in Voigt order over the :func:`point_group` of a lattice."""
+    """Return the mean of elastic tensors (..., n, n) in Voigt order over the :func:`point_group` of
+    a lattice.
+    """
     a, b = np.transpose(voigt_pairs(lattice.periods))
     place = np.empty((lattice.periods,) * 2, int)
     place[a, b] = place[b, a] = np.arange(len(a))
     whole = tensor[..., place[:, :, None, None], place[None, None]]
     turns = point_group(lattice)
-    mean = np.einsum("gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, whole, optimize=True) / len(turns)
+    mean = np.einsum(
+        "gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, whole, optimize=True
+    ) / len(turns)
     return np.asarray(mean[..., a[:, None], b[:, None], a[None], b[None]])
 
 
 @lru_cache(maxsize=64)
 def has_cubic_axes(lattice: Lattice) -> bool:
-    """Whether the symmetry of a lattice is that of a square or cube with edges along x, y, z, so that C11, C12, C44 are all.
+    """Whether the symmetry of a lattice is that of a square or cube with edges along x, y, z, so
+    that C11, C12, C44 are all.
 
     False of a line, and of the triangular lattice, on which an elastic tensor is isotropic.
     """
@@ -139,11 +169,13 @@ def has_cubic_axes(lattice: Lattice) -> bool:
 
 
 def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
-    """Whether an elastic tensor (n, n) is that of a square or cube with edges along x, y, z, and not isotropic.
+    """Whether an elastic tensor (n, n) is that of a square or cube with edges along x, y, z, and
+    not isotropic.
 
     ``tolerance`` is relative to its largest entry.
     """
-    n, p = len(tensor), _PERIODS[len(tensor)]
+    n = len(tensor)
+    p = _PERIODS[len(tensor)]
     if n == 1:
         return False
     wanted = np.zeros((n, n))
@@ -158,8 +190,8 @@ def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
 def shears(tensor: Array) -> Array:
     """Return the shear moduli of an elastic tensor under an orthonormal set of shears.
 
-    They are (..., 2), of xx - yy and xy, of tensors (..., 3, 3); and (..., 5), of 2zz - xx - yy, xx - yy, yz, xz, xy, of
-    tensors (..., 6, 6). A line has none: (..., 0).
+    They are (..., 2), of xx - yy and xy, of tensors (..., 3, 3); and (..., 5), of 2zz - xx - yy, xx
+    - yy, yz, xz, xy, of tensors (..., 6, 6). A line has none: (..., 0).
     """
     c = tensor
     if c.shape[-1] == 1:
@@ -173,57 +205,70 @@ def shears(tensor: Array) -> Array:
 
 
 def bulk_and_shear(tensor: Array) -> Array:
-    """Return (..., 2) K and G of elastic tensors (..., n, n): averages over all directions (W. Voigt, 1889).
+    """Return (..., 2) K and G of elastic tensors (..., n, n): averages over all directions (W.
+    Voigt, 1889).
 
     Of a line K is its modulus, and G is zero.
     """
     p = _PERIODS[tensor.shape[-1]]
-    bulk, each = np.sum(tensor[..., :p, :p], axis=(-2, -1)) / p**2, shears(tensor)
+    bulk = np.sum(tensor[..., :p, :p], axis=(-2, -1)) / p**2
+    each = shears(tensor)
     return np.stack([bulk, np.mean(each, axis=-1) if p > 1 else np.zeros_like(bulk)], axis=-1)
 
 
 def anisotropy(shear: Array) -> Array:
-    """Return the anisotropy (...) of cubic elastic constants from :func:`shears` (..., 2) or (..., 5): 2 C44/(C11 - C12).
+    """Return the anisotropy (...) of cubic elastic constants from :func:`shears` (..., 2) or (...,
+    5): 2 C44/(C11 - C12).
 
-    In the plane it is 2 C33/(C11 - C12), of xy over xx - yy; it is 1 of an isotropic tensor (C. Zener, Phys. Rev. 71, 846,
-    1947).
+    In the plane it is 2 C33/(C11 - C12), of xy over xx - yy; it is 1 of an isotropic tensor (C.
+    Zener, Phys. Rev. 71, 846, 1947).
     """
     axial = shear.shape[-1] // 2  # shears along the axes come first
     return np.asarray(np.mean(shear[..., axial:], axis=-1) / np.mean(shear[..., :axial], axis=-1))
 
 
 def longitudinal_modulus(tensor: Array) -> Array:
-    """Return the modulus of longitudinal waves over all directions, (...): K + G in the plane, K + 4G/3 in space."""
+    """Return the modulus of longitudinal waves over all directions, (...): K + G in the plane, K +
+    4G/3 in space.
+    """
     p = _PERIODS[tensor.shape[-1]]
     bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
     return np.asarray(bulk + 2.0 * (p - 1) / p * shear)
 
 
-# -- waves -----------------------------------------------------------------------------------------------------------
+# -- waves -----------------------------------------------------------------------------------------
 
 
 def name_waves(axes: tuple[int, ...], periods: int) -> tuple[str, ...]:
-    """Return the names of the long waves of balls that move along these ``axes``, on a lattice with ``periods``.
+    """Return the names of the long waves of balls that move along these ``axes``, on a lattice with
+    ``periods``.
 
-    They are "longitudinal", then "transverse", or "transverse_slow" and "transverse_fast"; on a plane of balls that also
-    move across it, "out_of_plane" is the last.
+    They are "longitudinal", then "transverse", or "transverse_slow" and "transverse_fast"; on a
+    plane of balls that also move across it, "out_of_plane" is the last.
     """
     ahead = ("longitudinal",) * (set(range(periods)) <= set(axes))
     across = ("out_of_plane",) * (periods == 2 and 2 in axes)
     rest = len(axes) - len(ahead) - len(across)
-    return (*ahead, *(("transverse",) if rest == 1 else ("transverse_slow", "transverse_fast")[:rest]), *across)
+    return (
+        *ahead,
+        *(("transverse",) if rest == 1 else ("transverse_slow", "transverse_fast")[:rest]),
+        *across,
+    )
 
 
 def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return velocities (..., n_u) and polarisations (..., n_u, n_u), columns, in the order of :func:`name_waves`.
+    """Return velocities (..., n_u) and polarisations (..., n_u, n_u), columns, in the order of
+    :func:`name_waves`.
 
-    ``along`` (..., p) are the directions, unit vectors; ``factor`` (..., n, n_u) are factors of the acoustic tensors, whose
-    eigenvalues are the squares of velocities.
+    ``along`` (..., p) are the directions, unit vectors; ``factor`` (..., n, n_u) are factors of the
+    acoustic tensors, whose eigenvalues are the squares of velocities.
     """
     values, right = jacobi_svd(factor)
     periods = along.shape[-1]
     if len(axes) == 3:
-        right = _settle_vectors(np.pad(along, [(0, 0)] * (along.ndim - 1) + [(0, 3 - periods)]), values, right)
+        right = _settle_vectors(
+            np.pad(along, [(0, 0)] * (along.ndim - 1) + [(0, 3 - periods)]), values, right
+        )
     names = name_waves(axes, periods)
     toward = np.zeros((*along.shape[:-1], len(axes)))
     for axis in set(range(periods)) & set(axes):
@@ -236,14 +281,17 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
         ahead = len(axes) - 1 - np.argmax(tied[..., ::-1], axis=-1)
         np.put_along_axis(rank, ahead[..., None], -1.0, -1)
     if names[-1] == "out_of_plane":
-        across = np.argmax(np.where(rank < 0.0, -1.0, np.abs(right[..., axes.index(2), :])), axis=-1)
+        across = np.argmax(
+            np.where(rank < 0.0, -1.0, np.abs(right[..., axes.index(2), :])), axis=-1
+        )
         np.put_along_axis(rank, across[..., None], 1.0, -1)
     order = np.argsort(rank, axis=-1, kind="stable")
     return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
 
 
 def _settle_vectors(along: Array, values: Array, vectors: Array) -> Array:
-    """Return polarisations (..., 3, 3), columns, that rounding does not decide: those of equal velocities, and their signs.
+    """Return polarisations (..., 3, 3), columns, that rounding does not decide: those of equal
+    velocities, and their signs.
 
     ``along`` (..., 3) is the direction; ``values`` (..., 3) are the velocities, ascending.
     """
@@ -255,7 +303,8 @@ def _settle_vectors(along: Array, values: Array, vectors: Array) -> Array:
     for pair, third in ((0, 2), (1, 0)):
         here = tied[..., pair] & (~triple if pair else True)
         apart = vectors[here][..., third]
-        # the first vector, without its part along the third: the direction, or an axis far from the third vector
+        # the first vector, without its part along the third: the direction, or an axis far from the
+        # third vector
         ahead = along[here] - np.sum(along[here] * apart, axis=-1, keepdims=True) * apart
         axis = np.eye(3)[np.argmin(np.round(np.abs(apart), 9), axis=-1)]
         aside = axis - np.sum(axis * apart, axis=-1, keepdims=True) * apart
@@ -266,23 +315,30 @@ def _settle_vectors(along: Array, values: Array, vectors: Array) -> Array:
     part = np.einsum("...i,...ib->...b", along, vectors)
     largest = np.argmax(np.round(np.abs(vectors), 9), axis=-2)
     own = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
-    return vectors * np.where(np.where(np.abs(part) > _TIED_ALONG, part, own) < 0.0, -1.0, 1.0)[..., None, :]
+    return (
+        vectors
+        * np.where(np.where(np.abs(part) > _TIED_ALONG, part, own) < 0.0, -1.0, 1.0)[..., None, :]
+    )
 
 
 def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
-    """Find the long waves of elastic tensors (..., n, n) along ``direction`` (p,) or (n, p), without prestress.
+    """Find the long waves of elastic tensors (..., n, n) along ``direction`` (p,) or (n, p),
+    without prestress.
 
     Returns
     -------
-    velocities : (..., p), or (..., n, p), in the order of :func:`~granphon.dynamics.elasticity.name_waves`, in the root
-        of the tensor's unit: over the root of the density they are velocities.
+    velocities : (..., p), or (..., n, p), in the order of
+        :func:`~granphon.dynamics.elasticity.name_waves`, in the root of the tensor's unit: over the
+        root of the density they are velocities.
     polarisations : (..., p, p), or (..., n, p, p), unit vectors as columns.
 
     Raises :class:`~granphon.base.errors.InstabilityError` if a tensor is not positive.
     """
     periods = _PERIODS[tensor.shape[-1]]
-    along, pairs = as_direction(direction, periods), voigt_pairs(periods)
-    strain = np.zeros((*along.shape, len(pairs)))  # of a wave with a unit displacement along each axis
+    along = as_direction(direction, periods)
+    pairs = voigt_pairs(periods)
+    # of a wave with a unit displacement along each axis
+    strain = np.zeros((*along.shape, len(pairs)))
     for place, (a, b) in enumerate(pairs):
         strain[..., a, place] += along[..., b]
         if a != b:
@@ -292,5 +348,7 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
         factor = cholesky_factor(strain @ stiffness @ strain.swapaxes(-1, -2))
     except np.linalg.LinAlgError:
         what = "a squared sound velocity is negative"
-        raise InstabilityError(what, "The elastic tensor is not positive", "Raise the load") from None
+        raise InstabilityError(
+            what, "The elastic tensor is not positive", "Raise the load"
+        ) from None
     return decompose_waves(along, factor, tuple(range(periods)))

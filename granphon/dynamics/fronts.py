@@ -1,12 +1,14 @@
-"""Factors of large sparse matrices of balls that touch their neighbours: a multifrontal Cholesky decomposition.
+"""Factors of large sparse matrices of balls that touch their neighbours: a multifrontal Cholesky
+decomposition.
 
-The balls are cut in two halves by a layer of balls, each half likewise, and so on (nested dissection, A. George, SIAM J.
-Numer. Anal. 10, 345, 1973). A front is such a layer with the balls outside that its halves touch. Its matrix is dense, so
-that LAPACK does all of the work, and what is left of it once the layer has been eliminated goes to the layer that cuts off
-both (I. S. Duff and J. K. Reid, ACM Trans. Math. Softw. 9, 302, 1983).
+The balls are cut in two halves by a layer of balls, each half likewise, and so on (nested
+dissection, A. George, SIAM J. Numer. Anal. 10, 345, 1973). A front is such a layer with the balls
+outside that its halves touch. Its matrix is dense, so that LAPACK does all of the work, and what is
+left of it once the layer has been eliminated goes to the layer that cuts off both (I. S. Duff and
+J. K. Reid, ACM Trans. Math. Softw. 9, 302, 1983).
 
-Motions that cost nothing, or hardly anything, have no pivot. They are set aside, with all of their couplings, until all
-others have been eliminated: they are the only ones that are left.
+Motions that cost nothing, or hardly anything, have no pivot. They are set aside, with all of their
+couplings, until all others have been eliminated: they are the only ones that are left.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from granphon.base.progress import Progress, silent
 
 #: most balls that are not cut any more
 _FEW_BALLS = 24
-#: pivot, over the diagonal, below which a motion is set aside: pivots lose half of their digits to it at most
+#: pivot, over the diagonal, below which a motion is set aside: pivots lose half of their digits to
+#: it at most
 _SOFT_PIVOT = 1e-8
 #: and below which it is rounding, with all of its couplings
 _NO_PIVOT = 1e-13
@@ -33,7 +36,9 @@ _FRONTS_BYTES = 24.0
 
 
 class Layer(NamedTuple):
-    """Balls that are eliminated together, those that are left and touch them or what they cut off, and what they cut."""
+    """Balls that are eliminated together, those that are left and touch them or what they cut off,
+    and what they cut.
+    """
 
     balls: Index
     beyond: Index
@@ -41,7 +46,9 @@ class Layer(NamedTuple):
 
 
 class _Front(NamedTuple):
-    """Motions that have been eliminated, those with which they were coupled, and both parts of the factor L."""
+    """Motions that have been eliminated, those with which they were coupled, and both parts of the
+    factor L.
+    """
 
     own: Index
     rest: Index
@@ -50,7 +57,8 @@ class _Front(NamedTuple):
 
 
 def dissect(places: Array, i: Index, j: Index) -> list[Layer]:
-    """Cut balls at ``places`` (n, d), which contacts join, into layers; halves come before the layer that cuts them.
+    """Cut balls at ``places`` (n, d), which contacts join, into layers; halves come before the
+    layer that cuts them.
 
     Along a period a place counts within the cell. The last layer cuts all that contacts join.
     """
@@ -71,7 +79,8 @@ def dissect(places: Array, i: Index, j: Index) -> list[Layer]:
         if balls.size > _FEW_BALLS:
             axis = int(np.argmax(np.ptp(places[balls], axis=0)))
             order = balls[np.argsort(places[balls, axis], kind="stable")]
-            low, high = order[: order.size // 2], order[order.size // 2 :]
+            low = order[: order.size // 2]
+            high = order[order.size // 2 :]
             layers_between = []
             for one, other in ((low, high), (high, low)):
                 mark[other] = True
@@ -79,9 +88,11 @@ def dissect(places: Array, i: Index, j: Index) -> list[Layer]:
                 mark[other] = False
                 layers_between.append(between)
             if np.count_nonzero(layers_between[0]) <= np.count_nonzero(layers_between[1]):
-                layer, low = low[layers_between[0]], low[~layers_between[0]]
+                layer = low[layers_between[0]]
+                low = low[~layers_between[0]]
             else:
-                layer, high = high[layers_between[1]], high[~layers_between[1]]
+                layer = high[layers_between[1]]
+                high = high[~layers_between[1]]
             halves = tuple(cut(half) for half in (low, high) if half.size)
         gone[layer] = True
         parts = [find_neighbours(layer), *(layers[half].beyond for half in halves)]
@@ -96,15 +107,22 @@ def dissect(places: Array, i: Index, j: Index) -> list[Layer]:
 class Fronts:
     """The factors of a symmetric matrix (n, n), sparse by rows, whose diagonal is one or zero.
 
-    ``layers`` are those of :func:`dissect`; each ball has ``count`` motions, one ball after the other. ``left`` are the
-    motions that have been set aside. If nothing but these can make the matrix indefinite, it is so where what is left of it
-    is. Then :meth:`solve` is for the others alone.
+    ``layers`` are those of :func:`dissect`; each ball has ``count`` motions, one ball after the
+    other. ``left`` are the motions that have been set aside. If nothing but these can make the
+    matrix indefinite, it is so where what is left of it is. Then :meth:`solve` is for the others
+    alone.
     """
 
-    def __init__(self, matrix: Any, layers: list[Layer], count: int, progress: Progress = silent) -> None:
+    def __init__(
+        self, matrix: Any, layers: list[Layer], count: int, progress: Progress = silent
+    ) -> None:
         needed = max(1.0, _FRONTS_BYTES * count**2 * sum(map(_count_entries, layers)))
         balls = f"{matrix.shape[0] // count:,} balls"
-        require_memory(f"factors of the contacts of {balls}", needed, "Take fewer balls, or a part of the network")
+        require_memory(
+            f"factors of the contacts of {balls}",
+            needed,
+            "Take fewer balls, or a part of the network",
+        )
         self._fronts: list[_Front] = []
         places = np.full(matrix.shape[0], -1)
         left: list[Index] = []
@@ -133,10 +151,15 @@ class Fronts:
                         passed[half] = None
                 places[every] = -1
                 lower, order, rank = _factorise(front[: own.size, : own.size])
-                kept, soft = order[:rank], order[rank:]
+                kept = order[:rank]
+                soft = order[rank:]
                 after = np.concatenate([soft, np.arange(own.size, every.size)])
                 below = np.ascontiguousarray(_divide(lower, front[np.ix_(after, kept)]))
-                remains = front[np.ix_(after, after)] - below @ below.T if after.size else np.zeros((0, 0))
+                remains = (
+                    front[np.ix_(after, after)] - below @ below.T
+                    if after.size
+                    else np.zeros((0, 0))
+                )
                 # a motion that is coupled with nothing any more needs no place in the fronts above
                 nothing = np.max(np.abs(remains[: soft.size]), axis=1, initial=0.0) <= _NO_PIVOT
                 handed_on = np.concatenate([~nothing, np.ones(rest.size, bool)])
@@ -165,11 +188,15 @@ class Fronts:
         found[self.left] = 0.0
         for front in reversed(fronts):
             own = found[front.own] - front.below.T @ found[front.rest]
-            found[front.own] = solve_triangular(front.lower, own, lower=True, trans="T", check_finite=False)
+            found[front.own] = solve_triangular(
+                front.lower, own, lower=True, trans="T", check_finite=False
+            )
         return found
 
     def follow(self) -> Array:
-        """Return the motions (n, k) of all balls, without forces on them, as each of ``left`` (k,) alone moves by one."""
+        """Return the motions (n, k) of all balls, without forces on them, as each of ``left`` (k,)
+        alone moves by one.
+        """
         from scipy.linalg import solve_triangular
 
         found = np.zeros((self._is_left.size, self.left.size))
@@ -178,11 +205,14 @@ class Fronts:
             if not front.own.size:
                 continue
             moved = found[front.rest]
-            some = np.flatnonzero(np.any(moved != 0.0, axis=0))  # most of those that are left move a few balls alone
+            # most of those that are left move a few balls alone
+            some = np.flatnonzero(np.any(moved != 0.0, axis=0))
             if not some.size:
                 continue
             own = -(front.below.T @ moved[:, some])
-            found[front.own[:, None], some] = solve_triangular(front.lower, own, lower=True, trans="T", check_finite=False)
+            found[front.own[:, None], some] = solve_triangular(
+                front.lower, own, lower=True, trans="T", check_finite=False
+            )
         return found
 
 
@@ -192,7 +222,9 @@ def _count_entries(layer: Layer) -> int:
 
 
 def _factorise(matrix: Array) -> tuple[Array, Index, int]:
-    """Return L (r, r), the order of motions, and the number r of those that have a pivot; they come first."""
+    """Return L (r, r), the order of motions, and the number r of those that have a pivot; they come
+    first.
+    """
     from scipy.linalg.lapack import dpotrf, dpstrf
 
     n = len(matrix)

@@ -1,11 +1,14 @@
-"""Vibrations of cells of hundreds of balls and more: C(q) and D(q) as sparse matrices, of which D alone is made dense.
+"""Vibrations of cells of hundreds of balls and more: C(q) and D(q) as sparse matrices, of which D
+alone is made dense.
 
-The motions are those of each ball. A contact joins two balls, so that D costs next to nothing, and LAPACK's eigenvalues take
-nearly all of the time. If an inversion leaves the cell the same, even motions and odd ones times i make D real.
+The motions are those of each ball. A contact joins two balls, so that D costs next to nothing, and
+LAPACK's eigenvalues take nearly all of the time. If an inversion leaves the cell the same, even
+motions and odd ones times i make D real.
 
-An eigenvalue of D has the error of rounding of the largest. The few that are far below it are found again, by Lanczos with
-sparse factors, as squares of singular values of C. What has no digits so either, as sound very near Gamma, and modes that
-touch, are left to the blocks of :mod:`granphon.dynamics.blocks`, whose matrices are dense and keep all digits.
+An eigenvalue of D has the error of rounding of the largest. The few that are far below it are found
+again, by Lanczos with sparse factors, as squares of singular values of C. What has no digits so
+either, as sound very near Gamma, and modes that touch, are left to the blocks of
+:mod:`granphon.dynamics.blocks`, whose matrices are dense and keep all digits.
 """
 
 from __future__ import annotations
@@ -38,7 +41,8 @@ _NO_SQUARE = 1e-12
 _SHIFT = 1e-8
 #: error of eigenvalues, over the largest, that tells that one is missing
 _MISSED = 1e-11
-#: memory of one wave vector over the square of the number of branches, bytes: D, LAPACK's copy and its work
+#: memory of one wave vector over the square of the number of branches, bytes: D, LAPACK's copy and
+#: its work
 BYTES = 38.0
 #: most eigenvalues that are found again
 _MOST = 100
@@ -47,7 +51,9 @@ _DEGENERATE = 1e-9
 
 
 class _Ends(NamedTuple):
-    """Sparse effects (kinds x n_c, n) of the motions of the two balls of each contact, and the signs of their squares."""
+    """Sparse effects (kinds x n_c, n) of the motions of the two balls of each contact, and the
+    signs of their squares.
+    """
 
     head: Any
     tail: Any
@@ -58,21 +64,34 @@ class _Ends(NamedTuple):
 class LargeCell:
     """The vibrations of a lattice with many balls in its cell, in reduced units.
 
-    ``rows`` are those of C with the roots (kinds, n_c) of their stiffness, and then those on which static forces act;
-    ``images`` an inversion that leaves the cell the same: the image of each ball first.
+    ``rows`` are those of C with the roots (kinds, n_c) of their stiffness, and then those on which
+    static forces act; ``images`` an inversion that leaves the cell the same: the image of each ball
+    first.
     """
 
-    def __init__(self, lattice: Compatibility, rows: list[tuple[list[Row], Array]], images: tuple[Any, ...] | None) -> None:
+    def __init__(
+        self,
+        lattice: Compatibility,
+        rows: list[tuple[list[Row], Array]],
+        images: tuple[Any, ...] | None,
+    ) -> None:
         from scipy.sparse import eye_array, hstack, kron
 
-        table, n = lattice.contacts, lattice.n_balls
-        self.size, self.pressed, self.is_real = lattice.n_branches, lattice.is_prestressed, images is not None
+        table = lattice.contacts
+        n = lattice.n_balls
+        self.size = lattice.n_branches
+        self.pressed = lattice.is_prestressed
+        self.is_real = images is not None
         #: (n, n) to the motions of balls from those in which D is real
         self.frame: Any = eye_array(self.size, dtype=complex, format="csr")
         if images is not None:
-            image, root, unit = images[0], np.sqrt(0.5), eye_array(n, format="csc")
-            pair, fixed = np.flatnonzero(image > np.arange(n)), np.flatnonzero(image == np.arange(n))
-            one, other = unit[:, pair], unit[:, image[pair]]
+            image = images[0]
+            root = np.sqrt(0.5)
+            unit = eye_array(n, format="csc")
+            pair = np.flatnonzero(image > np.arange(n))
+            fixed = np.flatnonzero(image == np.arange(n))
+            one = unit[:, pair]
+            other = unit[:, image[pair]]
             of_balls = hstack([unit[:, fixed], root * (one + other), 1j * root * (one - other)])
             self.frame = kron(of_balls, np.diag(lattice.motions.phases)).tocsr()
         #: fewest frequencies of zero at any wave vector so far
@@ -85,12 +104,15 @@ class LargeCell:
             self.kinds.append(_Ends(ends[0], ends[1], half, signs.ravel()))
 
     def find_frequencies(self, q: Array) -> Array | None:
-        """Find frequencies (n,), ascending, at one wave vector (p,); None if digits would be lost."""
+        """Find frequencies (n,), ascending, at one wave vector (p,); None if digits would be
+        lost.
+        """
         found = self._solve(q, False)
         return None if found is None else np.sort(found[0])
 
     def solve_with_velocities(self, q: Array) -> tuple[Array, NDArray[Any], Array] | None:
-        """Find frequencies (n,), motions of balls (n, n), as columns, and group velocities (n, p) at one wave vector (p,).
+        """Find frequencies (n,), motions of balls (n, n), as columns, and group velocities (n, p)
+        at one wave vector (p,).
 
         Return None if digits would be lost, or branches touch.
         """
@@ -98,16 +120,25 @@ class LargeCell:
         if found is None:
             return None
         order = np.argsort(found[0], kind="stable")
-        values, vectors = found[0][order], found[1][:, order]
-        if values[0] < _LEAST_OF_MODES * values[-1] or np.any(np.diff(values) <= _DEGENERATE * values[1:]):
+        values = found[0][order]
+        vectors = found[1][:, order]
+        if values[0] < _LEAST_OF_MODES * values[-1] or np.any(
+            np.diff(values) <= _DEGENERATE * values[1:]
+        ):
             return None
         gradients = np.zeros((self.size, len(q)))
         for ends in self.kinds:
-            ahead, behind = ends.head @ vectors, ends.tail @ vectors
+            ahead = ends.head @ vectors
+            behind = ends.tail @ vectors
             phase = np.exp(1j * (ends.half @ q))[:, None]
-            ahead, behind = phase * ahead, phase.conj() * behind
+            ahead = phase * ahead
+            behind = phase.conj() * behind
             # 2 Re <C v| S dC/dq |v>, dC/dq = i half (head + tail)
-            gradients -= 2.0 * (((ahead - behind).conj() * (ahead + behind)).imag * ends.signs[:, None]).T @ ends.half
+            gradients -= (
+                2.0
+                * (((ahead - behind).conj() * (ahead + behind)).imag * ends.signs[:, None]).T
+                @ ends.half
+            )
         return values, self.frame @ vectors, gradients / (2.0 * values[:, None])
 
     @property
@@ -123,14 +154,18 @@ class LargeCell:
         for ends in self.kinds:
             phase = np.exp(1j * (ends.half @ q))[:, None]
             rows.append((ends.head.multiply(phase) - ends.tail.multiply(phase.conj())).tocsr())
-        matrix = sum(one.conj().T @ one.multiply(ends.signs[:, None]) for one, ends in zip(rows, self.kinds, strict=True))
+        matrix = sum(
+            one.conj().T @ one.multiply(ends.signs[:, None])
+            for one, ends in zip(rows, self.kinds, strict=True)
+        )
         matrix = (matrix.real if self.is_real else matrix).tocsr()
         return rows[0], matrix, float(abs(matrix).sum(axis=1).max())
 
     def _solve(self, q: Array, wanted: bool) -> tuple[Array, NDArray[Any]] | None:
         """Find frequencies, in any order, and eigenvectors if they are wanted."""
         rows, matrix, top = self._compute(q)
-        values, vectors = np.zeros(self.size), np.zeros((self.size,) * 2 if wanted else (0, 0), matrix.dtype)
+        values = np.zeros(self.size)
+        vectors = np.zeros((self.size,) * 2 if wanted else (0, 0), matrix.dtype)
         for part in _split(matrix):
             own = matrix[part][:, part]
             if wanted:
@@ -138,7 +173,9 @@ class LargeCell:
             else:
                 squares = np.linalg.eigvalsh(own.toarray())
             sizes = np.sqrt(np.maximum(squares, 0.0))
-            low = int(np.count_nonzero(squares <= (_LEAST_SQUARE if self.pressed else WELL_ABOVE) * top))
+            low = int(
+                np.count_nonzero(squares <= (_LEAST_SQUARE if self.pressed else WELL_ABOVE) * top)
+            )
             if self.pressed:  # squares are rounded, and nothing helps
                 nothing = np.abs(squares[:low]) <= _NO_SQUARE * top
                 lost = not np.all(nothing)
@@ -146,7 +183,9 @@ class LargeCell:
                 sizes[:low] = _sharpen(own, rows[:, part], low, top) if low else 0.0
                 nothing = sizes[:low] <= _NOTHING * np.sqrt(top)
                 lost = not np.all(nothing | (sizes[:low] >= _LEAST * np.sqrt(top)))
-                lost = lost or bool(np.any(np.abs(sizes[:low] ** 2 - squares[:low]) > _MISSED * top))
+                lost = lost or bool(
+                    np.any(np.abs(sizes[:low] ** 2 - squares[:low]) > _MISSED * top)
+                )
             else:
                 nothing = sizes[:low] <= 0.0
                 lost = not np.all(nothing & (own.count_nonzero() == 0))
@@ -168,11 +207,15 @@ def _split(matrix: Any) -> list[NDArray[np.intp]]:
 
 
 def _sharpen(matrix: Any, rows: Any, count: int, top: float) -> Array:
-    """Find the lowest singular values (count,) of sparse rows A, ascending; ``matrix`` is A^H A, ``top`` bounds it."""
+    """Find the lowest singular values (count,) of sparse rows A, ascending; ``matrix`` is A^H A,
+    ``top`` bounds it.
+    """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import splu
 
     shift = _SHIFT * top
-    factors = splu((matrix + shift * eye_array(matrix.shape[0])).tocsc(), permc_spec="MMD_AT_PLUS_A")
+    factors = splu(
+        (matrix + shift * eye_array(matrix.shape[0])).tocsc(), permc_spec="MMD_AT_PLUS_A"
+    )
     _, vectors = find_nearest(matrix, count, -shift, factors.solve)
     return np.asarray(np.linalg.svd(rows @ np.linalg.qr(vectors)[0], compute_uv=False)[::-1])

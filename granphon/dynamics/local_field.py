@@ -1,19 +1,21 @@
 """The local-field factor of the effective medium: how stiffly a lattice carries one of its balls.
 
-Put a unit tension on every contact of one ball, its *star*. The contacts of an unloaded lattice can take up only such
-deformations as its balls can make by moving, the range of K^1/2 C, so the star responds by its projection on that range,
+Put a unit tension on every contact of one ball, its *star*. The contacts of an unloaded lattice can
+take up only such deformations as its balls can make by moving, the range of K^1/2 C, so the star
+responds by its projection on that range,
 
     e = P t,    P = C D^-1 C^T K,    D^-1 the lattice's Green's function.
 
-Its mean elongation u_1 = t^T P t / z gives Xi = 1/u_1 - 1 in any lattice. In an array without friction the overlaps of
-contacts deviate, to first order, by 1 - P times what they would be with balls held at their sites. So 1 - u_1 = Xi/(1 + Xi)
-is, in any lattice, the part of their variance that is left once the balls have moved, and with it the second order of the
-force.
+Its mean elongation u_1 = t^T P t / z gives Xi = 1/u_1 - 1 in any lattice. In an array without
+friction the overlaps of contacts deviate, to first order, by 1 - P times what they would be with
+balls held at their sites. So 1 - u_1 = Xi/(1 + Xi) is, in any lattice, the part of their variance
+that is left once the balls have moved, and with it the second order of the force.
 
-On the triangular lattice two more elongations give all results: those of the contacts between the corona and the second
-neighbours on top of it and at its bridges. The tension of the star is balanced on the central ball. It is the load with
-which the paper's appendix begins: unit radial forces on the corona, in the whole lattice with the contacts of the central
-ball. That ball does not move, and u_1 is the radial displacement of the corona. Reduced units: length d, stiffness k.
+On the triangular lattice two more elongations give all results: those of the contacts between the
+corona and the second neighbours on top of it and at its bridges. The tension of the star is
+balanced on the central ball. It is the load with which the paper's appendix begins: unit radial
+forces on the corona, in the whole lattice with the contacts of the central ball. That ball does not
+move, and u_1 is the radial displacement of the corona. Reduced units: length d, stiffness k.
 """
 
 from __future__ import annotations
@@ -33,10 +35,11 @@ from granphon.base.validation import not_negative
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries
 
-#: numbers of points along each edge of the quadrature's triangles (two periods) and tetrahedra (three), tried in turn until
-#: two successive results agree; with one period Xi is zero
+#: numbers of points along each edge of the quadrature's triangles (two periods) and tetrahedra
+#: (three), tried in turn until two successive results agree; with one period Xi is zero
 _ORDERS = {2: (12, 16, 24, 36, 54, 81), 3: (6, 8, 11, 15, 20, 28)}
-#: required relative agreement of these results; errors fall geometrically, so that of the finer one is far smaller
+#: required relative agreement of these results; errors fall geometrically, so that of the finer one
+#: is far smaller
 _AGREEMENT = {2: 1e-9, 3: 1e-8}
 #: least value of 1 - u_1 that doubles hold to that relative accuracy
 _LEAST_HELD = 1e-6
@@ -52,9 +55,11 @@ class LocalField(Result):
 
     Attributes
     ----------
-    alpha, beta : radial displacements of the on-top and the bridge second neighbours, over the displacement of the corona
-        (equations 32 and 43); None on lattices other than the triangular one.
-    xi : Xi of equations (34) and (44), the stiffness with which the rest of the lattice holds the corona, in units of k.
+    alpha, beta : radial displacements of the on-top and the bridge second neighbours, over the
+        displacement of the corona (equations 32 and 43); None on lattices other than the triangular
+        one.
+    xi : Xi of equations (34) and (44), the stiffness with which the rest of the lattice holds the
+        corona, in units of k.
     mindlin_ratio : eta, tangential over normal stiffness.
     lattice : name of the lattice.
     bending, torsion : stiffness of a contact against rolling and against twist, over k d^2.
@@ -70,73 +75,96 @@ class LocalField(Result):
 
     @property
     def compliance(self) -> float:
-        """Compliance u_1 = 1/(1 + Xi), 1/k: the radial displacement of the corona under unit radial forces."""
+        """Compliance u_1 = 1/(1 + Xi), 1/k: the radial displacement of the corona under unit radial
+        forces.
+        """
         return 1.0 / (1.0 + self.xi)
 
     @property
     def is_determinate(self) -> bool:
-        """Whether Xi is zero: the load alone then fixes the force of every contact, whatever the diameters of the balls."""
+        """Whether Xi is zero: the load alone then fixes the force of every contact, whatever the
+        diameters of the balls.
+        """
         return self.xi == 0.0
 
 
 def compute_xi(alpha: float, beta: float, mindlin_ratio: float) -> float:
-    """Return Xi from the equilibrium of a corona ball (equations 35 and 45) on the triangular lattice."""
+    """Return Xi from the equilibrium of a corona ball (equations 35 and 45) on the triangular
+    lattice.
+    """
     bridge = _TRIANGLE_HEIGHT * beta
     return 2.5 - alpha - bridge + mindlin_ratio * (1.5 - bridge)
 
 
 def paper_local_field(mindlin_ratio: float) -> LocalField:
-    """Return the printed alpha and beta (A14), used at every eta as in the paper, with Xi from equation 45.
+    """Return the printed alpha and beta (A14), used at every eta as in the paper, with Xi from
+    equation 45.
 
-    They do not satisfy their own definition (see the errata); they are kept to reproduce the paper's curves.
+    They do not satisfy their own definition (see the errata); they are kept to reproduce the
+    paper's curves.
     """
     eta = not_negative("mindlin_ratio", mindlin_ratio)
-    alpha, beta = 0.585405, 0.232971
+    alpha = 0.585405
+    beta = 0.232971
     return LocalField(alpha, beta, compute_xi(alpha, beta, eta), eta, TRIANGULAR.name)
 
 
 def local_field(
-    lattice: str | Lattice = TRIANGULAR, mindlin_ratio: float = 0.0, bending: float = 0.0, torsion: float = 0.0
+    lattice: str | Lattice = TRIANGULAR,
+    mindlin_ratio: float = 0.0,
+    bending: float = 0.0,
+    torsion: float = 0.0,
 ) -> LocalField:
-    """Find the local field of a lattice of equal balls, with all motions relaxed, to 1e-8 or better (1e-10 in the plane).
+    """Find the local field of a lattice of equal balls, with all motions relaxed, to 1e-8 or better
+    (1e-10 in the plane).
 
-    At eta = 0 the triangular lattice has closed forms: Xi = (2 pi + 3 sqrt(3)) / D, alpha = (12 pi - 39 sqrt(3)/2) / D,
-    beta = (18 - 8 pi/sqrt(3)) / D, D = 4 pi - 3 sqrt(3). At eta = 1, u_1 = 5/6 - sqrt(3)/pi (to 13 digits). On a chain Xi is
-    exactly zero: all its contacts carry the same force. All motions that act on static forces take part: u_x on a line, u_x,
-    u_y and phi_z in a plane, all six in space.
+    At eta = 0 the triangular lattice has closed forms: Xi = (2 pi + 3 sqrt(3)) / D, alpha = (12 pi
+    - 39 sqrt(3)/2) / D, beta = (18 - 8 pi/sqrt(3)) / D, D = 4 pi - 3 sqrt(3). At eta = 1, u_1 = 5/6
+    - sqrt(3)/pi (to 13 digits). On a chain Xi is exactly zero: all its contacts carry the same
+    force. All motions that act on static forces take part: u_x on a line, u_x, u_y and phi_z in a
+    plane, all six in space.
 
     Parameters
     ----------
-    lattice : any lattice of equal balls. Where contacts or balls are not equivalent, u_1 is the mean over all contacts.
+    lattice : any lattice of equal balls. Where contacts or balls are not equivalent, u_1 is the
+        mean over all contacts.
     mindlin_ratio : eta, zero or above.
-    bending, torsion : stiffness of a contact against rolling and against twist, over k d^2. Without friction they change
-        nothing, as the tension of the star turns no ball. The torsion of a Hertz contact that does not slip is of the order
-        delta/d, which the medium leaves out: take 0 for it.
+    bending, torsion : stiffness of a contact against rolling and against twist, over k d^2. Without
+        friction they change nothing, as the tension of the star turns no ball. The torsion of a
+        Hertz contact that does not slip is of the order delta/d, which the medium leaves out: take
+        0 for it.
 
     Returns
     -------
-    Xi = 1/u_1 - 1; alpha and beta by equations (32) and (43) on the triangular lattice, in any of its cells.
+    Xi = 1/u_1 - 1; alpha and beta by equations (32) and (43) on the triangular lattice, in any of
+    its cells.
 
     Raises
     ------
     InputError : a stiffness is below zero or not finite, or the lattice is unknown.
-    MechanismError : the lattice has a motion that costs no energy, so that nothing holds the corona: sc, bcc, square,
-        honeycomb, kagome and diamond without friction, honeycomb and diamond also with friction alone.
-    PrecisionError : friction, torsion or bending is so weak, on a lattice that needs it, or so strong, that the integral
-        over q does not settle.
+    MechanismError : the lattice has a motion that costs no energy, so that nothing holds the
+        corona: sc, bcc, square, honeycomb, kagome and diamond without friction, honeycomb and
+        diamond also with friction alone.
+    PrecisionError : friction, torsion or bending is so weak, on a lattice that needs it, or so
+        strong, that the integral over q does not settle.
     """
     given = {"mindlin_ratio": mindlin_ratio, "bending": bending, "torsion": torsion}
-    return _compute_local_field(find_lattice(lattice), *(not_negative(name, value) for name, value in given.items()))
+    return _compute_local_field(
+        find_lattice(lattice), *(not_negative(name, value) for name, value in given.items())
+    )
 
 
 @lru_cache(maxsize=256)
-def _compute_local_field(structure: Lattice, eta: float, bending: float, torsion: float) -> LocalField:
+def _compute_local_field(
+    structure: Lattice, eta: float, bending: float, torsion: float
+) -> LocalField:
     medium = ContactLattice.of(structure, eta, torsion=torsion, bending=bending)
     try:
         medium.require_rigid()
     except MechanismError as error:
         raise MechanismError(
-            f"Xi of lattice {medium.name!r} does not exist: it is the stiffness with which the rest of the lattice holds the"
+            f"Xi of lattice {medium.name!r} does not exist: it is the stiffness with which"
+            f" the rest of the lattice holds the"
             f" neighbours of a ball, and some motions of the rest cost nothing; {error}"
         ) from None
 
@@ -146,22 +174,31 @@ def _compute_local_field(structure: Lattice, eta: float, bending: float, torsion
     blocks = medium.elongating_blocks
     if all(block.rank == block.n_rows for block in blocks):
         return make_field(0.0)  # the contacts can take up any deformation
-    # mean elongations under a unit tension of one ball's star: of the star, then on top and at the bridges
-    before, find = np.zeros(0), _make_response(medium)
+    # mean elongations under a unit tension of one ball's star: of the star, then on top and at the
+    # bridges
+    before = np.zeros(0)
+    find = _make_response(medium)
     for order in _ORDERS[medium.periods]:
         zone = divide_zone(medium.reciprocal, order, _find_operations(medium))
         values = np.asarray(sum(weights @ find(q) for q, weights in zone))
-        # u_1 is small at strong friction and near one at weak friction. Both u_1 and Xi = 1/u_1 - 1 must be accurate, so 1 -
-        # u_1 must be well above rounding
+        # u_1 is small at strong friction and near one at weak friction. Both u_1 and Xi = 1/u_1 - 1
+        # must be accurate, so 1 - u_1 must be well above rounding
         accepted = _AGREEMENT[medium.periods] * values[0] * (1.0 - values[0])
-        if before.size and 1.0 - values[0] > _LEAST_HELD and np.max(np.abs(values - before)) <= accepted:
+        if (
+            before.size
+            and 1.0 - values[0] > _LEAST_HELD
+            and np.max(np.abs(values - before)) <= accepted
+        ):
             break
         before = values
     else:
-        shown = ", ".join(f"{name} {getattr(medium, name):g}" for name in ("mindlin_ratio", "torsion", "bending"))
+        shown = ", ".join(
+            f"{name} {getattr(medium, name):g}" for name in ("mindlin_ratio", "torsion", "bending")
+        )
         raise PrecisionError(
             f"the local field of lattice {medium.name!r} at {shown} does not converge",
-            "Stiffnesses are so unequal that some of its motions cost almost no energy beside others",
+            "Stiffnesses are so unequal that some of its motions cost almost no energy beside"
+            " others",
             "Use stiffnesses nearer to that of compression",
         )
     star, *second = values.tolist()
@@ -173,7 +210,7 @@ def _compute_local_field(structure: Lattice, eta: float, bending: float, torsion
     return make_field(xi, 1.0 + on_top / star, float((1.0 + 2.0 * bridge / star) / np.sqrt(3.0)))
 
 
-# -- the response of the lattice ------------------------------------------------------------------------------------
+# -- the response of the lattice -------------------------------------------------------------------
 
 
 @lru_cache(maxsize=16)
@@ -183,15 +220,19 @@ def _find_operations(medium: ContactLattice) -> list[Operation]:
 
 
 def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
-    """Return the function that takes q (n_q, p) and finds s^H P t (n_q, kinds), the mean over the contacts of each kind.
+    """Return the function that takes q (n_q, p) and finds s^H P t (n_q, kinds), the mean over the
+    contacts of each kind.
 
-    The kinds are the star of a ball, and, on the triangular lattice, the contacts on top of it and at its bridges: a lattice
-    in the plane with six contacts at every ball is triangular, in whatever cell.
+    The kinds are the star of a ball, and, on the triangular lattice, the contacts on top of it and
+    at its bridges: a lattice in the plane with six contacts at every ball is triangular, in
+    whatever cell.
     """
-    table, p = medium.contacts, medium.periods
+    table = medium.contacts
+    p = medium.periods
     triangular = medium.dimension == 2 and len(table) == 3 * medium.n_balls
     middle = medium.positions[table.i] + 0.5 * table.vector
-    # for each kind and each ball of the cell: midpoints along the periods, and which contacts of the table they belong to
+    # for each kind and each ball of the cell: midpoints along the periods, and which contacts of
+    # the table they belong to
     tensions: list[list[tuple[Array, Array]]] = [[] for _ in range(3 if triangular else 1)]
     for ball, centre in enumerate(medium.positions):
         spokes = np.concatenate([table.vector[table.i == ball], -table.vector[table.j == ball]])
@@ -204,7 +245,9 @@ def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
             where = centre + off
             offset = where[:, None] - middle
             steps = offset[..., :p] @ np.linalg.inv(medium.cell[:, :p])
-            apart = np.max(np.abs(np.concatenate([steps - np.rint(steps), offset[..., p:]], axis=-1)), axis=-1)
+            apart = np.max(
+                np.abs(np.concatenate([steps - np.rint(steps), offset[..., p:]], axis=-1)), axis=-1
+            )
             found.append((where[:, :p], (apart < 1e-3).astype(float)))
     counts = [sum(len(where) for where, _ in found) for found in tensions]
     columns = np.concatenate([block.columns for block in medium.elongating_blocks])
@@ -212,21 +255,31 @@ def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
     size = max(1, _ENTRIES // (len(medium.rows) * len(medium.contacts) * len(columns)))
 
     def find(q: Array) -> Array:
-        return np.concatenate([find_part(q[start : start + size]) for start in range(0, len(q), size)])
+        return np.concatenate(
+            [find_part(q[start : start + size]) for start in range(0, len(q), size)]
+        )
 
     def find_part(q: Array) -> Array:
         rows = medium.compatibility(q)[..., columns]
-        if rank == rows.shape[2]:  # the QR factor does not depend on the scale of the columns: small near Gamma
+        if rank == rows.shape[2]:
+            # the QR factor does not depend on the scale of the columns: small near Gamma
             basis = np.linalg.qr(rows)[0]
         else:
             lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-            basis = np.linalg.svd(rows / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)[0][..., :rank]
-        adjoint = basis[:, : len(medium.contacts)].conj().swapaxes(1, 2)  # of an orthonormal basis of the range: P = Q Q^H
+            basis = np.linalg.svd(
+                rows / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False
+            )[0][..., :rank]
+        # of an orthonormal basis of the range: P = Q Q^H
+        adjoint = basis[:, : len(medium.contacts)].conj().swapaxes(1, 2)
         moved = [
             # the Fourier transforms (n_q, n_c, n_balls) of the tensions
-            adjoint @ np.stack([np.exp(-1j * (q @ where.T)) @ which for where, which in found], axis=2)
+            adjoint
+            @ np.stack([np.exp(-1j * (q @ where.T)) @ which for where, which in found], axis=2)
             for found in tensions
         ]
-        return np.stack([np.einsum("qrb,qrb->q", one.conj(), moved[0]).real for one in moved], axis=1) / counts
+        return (
+            np.stack([np.einsum("qrb,qrb->q", one.conj(), moved[0]).real for one in moved], axis=1)
+            / counts
+        )
 
     return find

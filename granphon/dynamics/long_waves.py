@@ -1,15 +1,19 @@
-"""Long waves: the compatibility matrix in the limit q -> 0, with rotations and inner motions relaxed.
+"""Long waves: the compatibility matrix in the limit q -> 0, with rotations and inner motions
+relaxed.
 
-Elastic moduli, sound velocities and mechanisms follow from the same rows as the bands; all are in reduced units.
+Elastic moduli, sound velocities and mechanisms follow from the same rows as the bands; all are in
+reduced units.
 
-Terms of finite overlap are of relative order e = delta/d, and so is their effect on sound: the limit of small overlap comes
-before that of long waves. This matters for balls that turn like gears. On a lattice without odd rings they cost nothing; but
-where overlaps differ, so do the lever arms of a ball, and gears then have an energy of order e^2 and a coupling with strain
-of order e. If they were relaxed, the square of this over that would be of order one: a strain would turn the balls by 1/e
-times itself, and the crystal would be soft. Gears keep up with sound only if it is slower than they are. Their frequency is
-about e (k/M)^1/2, so that this is at wavelengths above d/e, hundreds of metres for balls of 8 mm at e = 1e-5. In all shorter
-waves they stay behind, and are an optical wave of their own, as the bands show. So inner motions relax if they cost an
-energy of order one or e; those that cost none to that order do not (:meth:`LongWaves._find_relaxing`).
+Terms of finite overlap are of relative order e = delta/d, and so is their effect on sound: the
+limit of small overlap comes before that of long waves. This matters for balls that turn like gears.
+On a lattice without odd rings they cost nothing; but where overlaps differ, so do the lever arms of
+a ball, and gears then have an energy of order e^2 and a coupling with strain of order e. If they
+were relaxed, the square of this over that would be of order one: a strain would turn the balls by
+1/e times itself, and the crystal would be soft. Gears keep up with sound only if it is slower than
+they are. Their frequency is about e (k/M)^1/2, so that this is at wavelengths above d/e, hundreds
+of metres for balls of 8 mm at e = 1e-5. In all shorter waves they stay behind, and are an optical
+wave of their own, as the bands show. So inner motions relax if they cost an energy of order one or
+e; those that cost none to that order do not (:meth:`LongWaves._find_relaxing`).
 """
 
 from __future__ import annotations
@@ -42,39 +46,51 @@ from granphon.dynamics.linalg import MANY_COLUMNS, cholesky_factor, is_independe
 from granphon.dynamics.rows import Row, push_rows, strain_rows
 from granphon.dynamics.sparse_relaxation import SparseRelaxation, compose_ends
 
-#: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a mechanism
+#: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a
+#: mechanism
 _SOFT = 1e-12
-#: relative difference of the lever arms of a ball up to which it is rounding, and up to which overlaps explain it: beyond
-#: that Hertz's law does not hold, (contact radius / ball radius)^2 being overlap over diameter
-_ROUNDED_ARM, _UNEVEN_ARM = 1e-14, MOST_CONTACT_RADIUS**2
+#: relative difference of the lever arms of a ball up to which it is rounding, and up to which
+#: overlaps explain it: beyond that Hertz's law does not hold, (contact radius / ball radius)^2
+#: being overlap over diameter
+_ROUNDED_ARM = 1e-14
+_UNEVEN_ARM = MOST_CONTACT_RADIUS**2
 #: eigenvalue of the energy of inner motions, over the largest, up to which it is rounding
 _NO_ENERGY = 1e-13
-#: coupling of free inner motions with sound, over its largest possible value, above which it counts as coupling
+#: coupling of free inner motions with sound, over its largest possible value, above which it counts
+#: as coupling
 _COUPLED = 1e-9
-#: greatest difference, over the constant c_xxxx, between elastic constants that are equal in an isotropic lattice; it allows
-#: for rounding
+#: greatest difference, over the constant c_xxxx, between elastic constants that are equal in an
+#: isotropic lattice; it allows for rounding
 _ISOTROPIC = 1e-10
 #: numbers of directions up to which their long waves are kept
 _FEW_NUMBERS = 12
 
 
 class LongWaves(Compatibility):
-    """Elastic moduli and sound velocities of balls in contact on a periodic lattice, in reduced units."""
+    """Elastic moduli and sound velocities of balls in contact on a periodic lattice, in reduced
+    units.
+    """
 
     def _deform_uniformly(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
-        """Return the deformations at q = 0, times ``root``, under displacement gradients and under inner motions.
+        """Return the deformations at q = 0, times ``root``, under displacement gradients and under
+        inner motions.
 
-        Their shapes are (n_rows, n_u p), for the gradients u_a,b (in the plane u_x,x u_x,y u_y,x u_y,y), and (n_rows,
-        n_inner). Inner motions are rotations, and the shifts of several balls in the cell.
+        Their shapes are (n_rows, n_u p), for the gradients u_a,b (in the plane u_x,x u_x,y u_y,x
+        u_y,y), and (n_rows, n_inner). Inner motions are rotations, and the shifts of several balls
+        in the cell.
         """
-        gradient = [strain_rows(row, self.contacts.vector[:, : self.periods], self.motions) for row in rows]
+        gradient = [
+            strain_rows(row, self.contacts.vector[:, : self.periods], self.motions) for row in rows
+        ]
         affine = root[..., None] * np.reshape(gradient, (*root.shape, self._n_gradients))
         return affine.reshape(root.size, self._n_gradients), self._find_inner_ends(rows, root)[0]
 
     def _find_inner_ends(self, rows: list[Row], root: Array) -> tuple[Any, Any]:
-        """Return the difference and the sum of the effects of inner motions at both ends of contacts, (n_rows, n_inner).
+        """Return the difference and the sum of the effects of inner motions at both ends of
+        contacts, (n_rows, n_inner).
 
-        In a cell of many balls they are sparse, and those of all motions of each ball, the shift of all balls among them.
+        In a cell of many balls they are sparse, and those of all motions of each ball, the shift of
+        all balls among them.
         """
         if self._is_large:
             head, tail = compose_ends(self, rows, root)
@@ -86,15 +102,17 @@ class LongWaves(Compatibility):
     def _is_large(self) -> bool:
         """Whether there are so many motions in the cell that sparse factors are faster.
 
-        They relax all motions that deform contacts. Where some of these stay behind, as gears whose arms differ a little,
-        dense matrices tell them apart.
+        They relax all motions that deform contacts. Where some of these stay behind, as gears whose
+        arms differ a little, dense matrices tell them apart.
         """
         if self.n_branches <= MANY_COLUMNS:
             return False
         return self._touching is self or self._sparse.free.shape[1] >= self._touching._free.shape[1]
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
-        """Do the long work that moduli and sound share, and report how far it has come; the lattice keeps what it finds."""
+        """Do the long work that moduli and sound share, and report how far it has come; the lattice
+        keeps what it finds.
+        """
         if self.n_branches > MANY_COLUMNS and not self.is_held and "_sparse" not in vars(self):
             vars(self)["_sparse"] = self._make_sparse(progress)
 
@@ -114,11 +132,15 @@ class LongWaves(Compatibility):
 
     @property
     def _n_gradients(self) -> int:
-        """Number of displacement gradients u_a,b: a any displacement of a ball, b along the periods."""
+        """Number of displacement gradients u_a,b: a any displacement of a ball, b along the
+        periods.
+        """
         return len(self.motions.translations) * self.periods
 
     def _select_inner(self, columns: Array) -> Array:
-        """Return the columns (n_rows, n_inner) of inner motions, from all columns (kinds, n_c, n_branches)."""
+        """Return the columns (n_rows, n_inner) of inner motions, from all columns (kinds, n_c,
+        n_branches).
+        """
         return columns.reshape(-1, self.n_branches)[:, len(self.motions.translations) :]
 
     @cached_property
@@ -128,36 +150,43 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _inner_sizes(self) -> Array:
-        """(n_inner,) lengths that the columns of inner motions would have if nothing cancelled between the ends of contacts.
+        """(n_inner,) lengths that the columns of inner motions would have if nothing cancelled
+        between the ends of contacts.
 
-        Gears of nearly equal balls may be almost one column. Divided by its own length, which is that small difference, it
-        would have rounding that is large, and gears would cost as much.
+        Gears of nearly equal balls may be almost one column. Divided by its own length, which is
+        that small difference, it would have rounding that is large, and gears would cost as much.
         """
         gap, total = self._find_inner_ends(*self._weight_rows())
         return np.asarray(np.linalg.norm(np.hypot(gap, total), axis=0))
 
     @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
-        """Effect on the contacts of the inner motions: rotations, and the shifts of several balls in the cell.
+        """Effect on the contacts of the inner motions: rotations, and the shifts of several balls
+        in the cell.
 
-        The first array (n_rows, n_stiff) is an orthonormal basis of the deformations that they can make; the second
-        (n_inner, n_free) holds the inner motions that deform no contact.
+        The first array (n_rows, n_stiff) is an orthonormal basis of the deformations that they can
+        make; the second (n_inner, n_free) holds the inner motions that deform no contact.
         """
         _, inner = self._strain_rows
         count = inner.shape[1]
         if not count:
             return np.zeros((len(inner), 0)), np.zeros((0, 0))
         size = self._inner_sizes
-        # a column that is only rounding, compared with others of its kind, belongs to a motion that deforms nothing
+        # a column that is only rounding, compared with others of its kind, belongs to a motion that
+        # deforms nothing
         turns = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
-        of_kind = np.where(turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0))
+        of_kind = np.where(
+            turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0)
+        )
         still = size <= _SOFT * of_kind
         left, free, scale = _split_columns(np.where(still, 0.0, inner), size)
         return left, free / scale[:, None]
 
     @cached_property
     def _free(self) -> Array:
-        """(n_inner, n_free) orthonormal inner motions that deform no contact; Cholesky's factors tell if there are none."""
+        """(n_inner, n_free) orthonormal inner motions that deform no contact; Cholesky's factors
+        tell if there are none.
+        """
         if self._relaxation is not None:
             return self._relaxation.free
         inner = self._strain_rows[1]
@@ -168,9 +197,12 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _touching(self) -> Self:
-        """The lattice as overlaps vanish, as far as it tells which inner motions are free: each ball has one lever arm."""
+        """The lattice as overlaps vanish, as far as it tells which inner motions are free: each
+        ball has one lever arm.
+        """
         table = self.contacts
-        ends, arms = np.concatenate([table.i, table.j]), np.concatenate([table.arm_i, table.arm_j])
+        ends = np.concatenate([table.i, table.j])
+        arms = np.concatenate([table.arm_i, table.arm_j])
         mean = np.bincount(ends, arms) / np.maximum(np.bincount(ends), 1)
         most = np.zeros(len(mean))
         np.maximum.at(most, ends, np.abs(arms - mean[ends]))
@@ -179,20 +211,29 @@ class LongWaves(Compatibility):
             return self
         arm_i, arm_j = np.split(np.where(evened[ends], mean[ends], arms), 2)
         return type(self)(
-            self.cell, self.positions, replace(table, arm_i=read_only(arm_i), arm_j=read_only(arm_j)), self.mindlin_ratio,
-            stiffness=self.stiffness, masses=self.masses, gyration=self.gyration, torsion=self.torsion, bending=self.bending,
-            motions=self.named_motions, name=self.name,
-        )  # fmt: skip
+            self.cell,
+            self.positions,
+            replace(table, arm_i=read_only(arm_i), arm_j=read_only(arm_j)),
+            self.mindlin_ratio,
+            stiffness=self.stiffness,
+            masses=self.masses,
+            gyration=self.gyration,
+            torsion=self.torsion,
+            bending=self.bending,
+            motions=self.named_motions,
+            name=self.name,
+        )
 
     def _find_relaxing(self, push: Array | None = None) -> Array:
         """Return an orthonormal basis (n_inner, n) of the inner motions that relax in a long wave.
 
-        Those that stay behind deform no contact of the :attr:`_touching` lattice, and static forces do not act on them:
-        their energy under these is the form ``push`` (n_inner, n_inner). Inner motions are in mass-weighted coordinates, so
-        that the two kinds are not coupled by inertia.
+        Those that stay behind deform no contact of the :attr:`_touching` lattice, and static forces
+        do not act on them: their energy under these is the form ``push`` (n_inner, n_inner). Inner
+        motions are in mass-weighted coordinates, so that the two kinds are not coupled by inertia.
         """
         idle = self._touching._free
-        if self._touching._is_large:  # of balls, not of the frame in which the first one is the shift of all
+        if self._touching._is_large:
+            # of balls, not of the frame in which the first one is the shift of all
             in_frame = self._frame.T @ idle.reshape(self.n_balls, -1)
             idle = in_frame.reshape(idle.shape)[len(self.motions.translations) :]
         if push is not None and idle.size:
@@ -204,7 +245,9 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _relaxing(self) -> Array:
-        """(n_rows, n) orthonormal basis of the deformations that inner motions can make in a long wave."""
+        """(n_rows, n) orthonormal basis of the deformations that inner motions can make in a long
+        wave.
+        """
         if self._touching is self:
             return self._inner_modes[0]
         relaxing = self._find_relaxing()
@@ -212,7 +255,9 @@ class LongWaves(Compatibility):
         return _split_columns(self._strain_rows[1] @ relaxing, size)[0]
 
     def _relax(self, rows: Array) -> Array:
-        """Return the part of deformations (n_rows, ...) that remains once the inner motions have relaxed."""
+        """Return the part of deformations (n_rows, ...) that remains once the inner motions have
+        relaxed.
+        """
         if self._relaxation is not None:
             return self._relaxation.relax(rows)
         left = self._relaxing
@@ -220,17 +265,20 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _relaxed_rows(self) -> Array:
-        """(n_rows, n_u p) deformations under each displacement gradient, with the inner motions relaxed.
+        """(n_rows, n_u p) deformations under each displacement gradient, with the inner motions
+        relaxed.
 
-        A gradient of a displacement across the periods is a rotation of the whole lattice, which deforms no contact once the
-        balls turn along: its column is exactly zero.
+        A gradient of a displacement across the periods is a rotation of the whole lattice, which
+        deforms no contact once the balls turn along: its column is exactly zero.
         """
-        relaxed, p = self._relax(self._strain_rows[0]), self.periods
+        relaxed = self._relax(self._strain_rows[0])
+        p = self.periods
         return np.where(np.repeat(self._is_across, p), 0.0, relaxed)
 
     @cached_property
     def _sound_rows(self) -> Array:
-        """:attr:`_relaxed_rows`, or of a large cell a few rows (n_u p, n_u p) with the same lengths and products of columns.
+        """:attr:`_relaxed_rows`, or of a large cell a few rows (n_u p, n_u p) with the same lengths
+        and products of columns.
 
         Products of very long columns are rounded too much to be made orthogonal by rotations.
         """
@@ -244,34 +292,45 @@ class LongWaves(Compatibility):
 
     @cached_property
     def is_twisted_by_sound(self) -> bool:
-        """Whether a uniform strain twists contacts, or makes balls roll, once the inner motions have relaxed.
+        """Whether a uniform strain twists contacts, or makes balls roll, once the inner motions
+        have relaxed.
 
-        If not, the elastic constants are the same at any torsion and bending above zero. So it is in cells of one ball, and
-        where inversion exchanges both balls, as in hcp and diamond.
+        If not, the elastic constants are the same at any torsion and bending above zero. So it is
+        in cells of one ball, and where inversion exchanges both balls, as in hcp and diamond.
         """
         relaxed = self._relaxed_rows
-        turning = np.repeat([row.kind in ("twist", "roll") for row in self.rows], len(self.contacts))
-        return bool(np.max(np.abs(relaxed[turning]), initial=0.0) > _COUPLED * np.max(np.abs(relaxed), initial=0.0))
+        turning = np.repeat(
+            [row.kind in ("twist", "roll") for row in self.rows], len(self.contacts)
+        )
+        return bool(
+            np.max(np.abs(relaxed[turning]), initial=0.0)
+            > _COUPLED * np.max(np.abs(relaxed), initial=0.0)
+        )
 
     @cached_property
     def _with_sound(self) -> tuple[bool, Array]:
-        """Whether inner motions that cost no energy at Gamma take part in sound, and the part of the mass that sound moves.
+        """Whether inner motions that cost no energy at Gamma take part in sound, and the part of
+        the mass that sound moves.
 
-        In a wave, their energy is of second order in q, as that of sound is. Where they do not couple with sound to that
-        order, they are separate waves; this is always so for antiphase motions in a cell that holds several smaller cells.
-        Motions that deform nothing to this order stay behind: a ball that touches no other shifts against the rest. What
-        they have of the shift of all balls is missing from the mass, (n_u, n_u) of one if none do.
+        In a wave, their energy is of second order in q, as that of sound is. Where they do not
+        couple with sound to that order, they are separate waves; this is always so for antiphase
+        motions in a cell that holds several smaller cells. Motions that deform nothing to this
+        order stay behind: a ball that touches no other shifts against the rest. What they have of
+        the shift of all balls is missing from the mass, (n_u, n_u) of one if none do.
         """
         if self._touching is not self:
             return self._touching._with_sound
-        free, count = self._free, len(self.motions.translations)
+        free = self._free
+        count = len(self.motions.translations)
         if not free.size:
             return False, np.eye(count)
-        # to first order in q the deformations of both sound and inner motions are i times real numbers
+        # to first order in q the deformations of both sound and inner motions are i times real
+        # numbers
         weighted = self._weight_rows()
         gap, total = self._find_inner_ends(*weighted)
         half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(weighted[0]), 1))
-        # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding alone
+        # a motion that deforms nothing at any q, such as the spin of a ball between two others, is
+        # left with rounding alone
         effects = abs(gap) + abs(total)
         size = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
         change = total @ free
@@ -284,11 +343,15 @@ class LongWaves(Compatibility):
             coupling = np.einsum("rij,rlm->ijlm", sound, waves)
             coupling = coupling + coupling.swapaxes(1, 2)
             # what remains of a wave that has relaxed is rounding of the whole
-            return bool(np.max(np.abs(coupling), initial=0.0) > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(whole))
+            return bool(
+                np.max(np.abs(coupling), initial=0.0)
+                > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(whole)
+            )
 
         if not couple(waves):
             return False, np.eye(count)
-        moved = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())  # as inner motions are, per root of mass
+        # as inner motions are, per root of mass
+        moved = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
         together = np.concatenate([moved, waves], axis=2).reshape(-1, count + free.shape[1])
         still = _find_null(together)
         rest = waves @ _find_null(still[:, count:], 1.0).T
@@ -296,13 +359,16 @@ class LongWaves(Compatibility):
         return couple(rest), np.where(np.abs(part) > _COUPLED, part, 0.0)
 
     def require_rigid(self) -> None:
-        """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`.
+        """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a
+        :attr:`mechanism`.
 
         Raises :class:`~granphon.base.errors.InputError` if bodies that do not move hold the balls.
         """
         if self.is_held:
             why = "Long waves move all balls together, which these bodies hold"
-            raise InputError("the balls touch bodies that do not move", why, "Use gp.Phonons or gp.Waves")
+            raise InputError(
+                "the balls touch bodies that do not move", why, "Use gp.Phonons or gp.Waves"
+            )
         if self.mechanism:
             mend = "Use bending, or a lattice with more contacts"
             if not np.any(self.mindlin_ratio):
@@ -311,29 +377,37 @@ class LongWaves(Compatibility):
 
     @cached_property
     def mechanism(self) -> str:
-        """The motion that costs no energy and that long waves meet, in words; empty if there is none.
+        """The motion that costs no energy and that long waves meet, in words; empty if there is
+        none.
 
-        Such a motion is a uniform strain along the periods, or a motion inside the cell that couples with sound. A motion
-        that does not couple, such as balls turning in opposite senses in a cell that holds several smaller cells, belongs to
-        another wave vector of the smaller cell.
+        Such a motion is a uniform strain along the periods, or a motion inside the cell that
+        couples with sound. A motion that does not couple, such as balls turning in opposite senses
+        in a cell that holds several smaller cells, belongs to another wave vector of the smaller
+        cell.
         """
         if self._touching is not self:
             return self._touching.mechanism
         if self._with_sound[0]:
             how = " (as gears do, on a lattice without odd rings)" if self.motions.rotate else ""
-            return f"The balls of a cell can shift or turn against each other without a cost in energy{how}"
+            return (
+                f"The balls of a cell can shift or turn against each other without a cost in"
+                f" energy{how}"
+            )
         if not self._strains.size:
             return ""
         values, right = jacobi_svd(self._sound_rows @ self._strains)
         if values[0] <= _SOFT * values[-1]:
             soft = right[:, values <= _SOFT * values[-1]]
-            why = "" if self.motions.rotate else "; without friction contacts resist compression only"
+            why = (
+                "" if self.motions.rotate else "; without friction contacts resist compression only"
+            )
             return f"The strain {name_strain(soft)} costs no energy{why}"
         return ""
 
     @cached_property
     def _strains(self) -> Array:
-        """(n_u p, n_strains) matrix to displacement gradients from the strains xx, yy, xy sqrt 2, ... along the periods.
+        """(n_u p, n_strains) matrix to displacement gradients from the strains xx, yy, xy sqrt 2,
+        ... along the periods.
 
         There are none where the motions lack a displacement along a period.
         """
@@ -343,23 +417,27 @@ class LongWaves(Compatibility):
         for a, b in voigt_pairs(self.periods):
             gradient = np.zeros((len(self.motions.translations), self.periods))
             for one, other in ((a, b), (b, a)):
-                gradient[self.motions.translations.index(one), other] = 1.0 if a == b else np.sqrt(0.5)
+                gradient[self.motions.translations.index(one), other] = (
+                    1.0 if a == b else np.sqrt(0.5)
+                )
             found.append(gradient.ravel())
         return np.stack(found, axis=1)
 
     def gradient_stiffness(self, prestress: ArrayLike | None = None) -> Array:
-        """Return the second derivative of a cell's energy with respect to the displacement gradient, inner motions relaxed.
+        """Return the second derivative of a cell's energy with respect to the displacement
+        gradient, inner motions relaxed.
 
         Parameters
         ----------
-        prestress : (...) compressive force over spacing, the same in every contact; by default the lattice's own.
+        prestress : (...) compressive force over spacing, the same in every contact; by default the
+            lattice's own.
 
         Returns
         -------
         (..., n_u, p, n_u, p), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k.
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes an inner motion unstable that the gradient
-        moves.
+        Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes an inner motion
+        unstable that the gradient moves.
         """
         shape = (len(self.motions.translations), self.periods) * 2
         if prestress is None and not self.is_prestressed:
@@ -368,14 +446,17 @@ class LongWaves(Compatibility):
         if prestress is not None and self._is_large and np.ndim(prestress):
             return np.stack([self.gradient_stiffness(one) for one in np.asarray(prestress)])
         each, push = self._find_load(prestress)
-        own, mixed, block = (spring - each * held for spring, held in zip(self._spring_forms, push[:3], strict=True))
+        own, mixed, block = (
+            spring - each * held for spring, held in zip(self._spring_forms, push[:3], strict=True)
+        )
         if self._relaxation is not None:
             own = self._relaxation.eliminate(own, mixed, block)
         else:
             own = self._eliminate(own, mixed, block, self._find_relaxing(push[2]))
         stiffness = np.asarray(own.reshape(*own.shape[:-2], *shape))
         across = self._is_across
-        # a gradient of displacements across the periods costs the work of the static stress, nothing else
+        # a gradient of displacements across the periods costs the work of the static stress,
+        # nothing else
         if across.any() and not self.has_tangential_force:
             stiffness[..., across, :, :, :] = 0.0
             stiffness[..., :, :, across, :] = 0.0
@@ -384,9 +465,11 @@ class LongWaves(Compatibility):
         return stiffness
 
     def _eliminate(self, own: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
-        """Return forms ``own`` (..., m, m) less what the ``relaxing`` inner motions (n_inner, n) take from them.
+        """Return forms ``own`` (..., m, m) less what the ``relaxing`` inner motions (n_inner, n)
+        take from them.
 
-        ``mixed`` (..., n_inner, m) and ``block`` (..., n_inner, n_inner) are the parts of the forms with inner motions.
+        ``mixed`` (..., n_inner, m) and ``block`` (..., n_inner, n_inner) are the parts of the forms
+        with inner motions.
         """
         if not relaxing.size:
             return own
@@ -394,18 +477,24 @@ class LongWaves(Compatibility):
         moved = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
         top = np.max(np.abs(values), axis=-1, keepdims=True)
         most = np.sqrt(np.linalg.norm(own, axis=(-2, -1))[..., None] * top)
-        self._require_stable_cell(values, np.max(np.abs(moved), axis=-1) > _SOFT * most, relaxing @ vectors)
-        # static forces without a potential lack a part, so that energies a little below zero are none
+        self._require_stable_cell(
+            values, np.max(np.abs(moved), axis=-1) > _SOFT * most, relaxing @ vectors
+        )
+        # static forces without a potential lack a part, so that energies a little below zero are
+        # none
         none = (values <= _NO_ENERGY * top) & (values >= -max(_NO_ENERGY, self.slack) * top)
         inverse = np.divide(1.0, values, out=np.zeros_like(values), where=~none)
         return np.asarray(own - moved.swapaxes(-1, -2) @ (inverse[..., None] * moved))
 
-    def _require_stable_cell(self, values: Array, is_moved: NDArray[np.bool_], vectors: Array) -> None:
-        """Raise :class:`~granphon.base.errors.InstabilityError` if a strain moves an inner motion of negative energy.
+    def _require_stable_cell(
+        self, values: Array, is_moved: NDArray[np.bool_], vectors: Array
+    ) -> None:
+        """Raise :class:`~granphon.base.errors.InstabilityError` if a strain moves an inner motion
+        of negative energy.
 
-        ``values`` (..., n) are the energies of ``vectors`` (..., n_inner, n), and ``is_moved`` (..., n) says whether a
-        gradient moves them. A motion that none moves belongs to another wave vector of a smaller cell, or is a wave of its
-        own, whose frequency the bands have.
+        ``values`` (..., n) are the energies of ``vectors`` (..., n_inner, n), and ``is_moved``
+        (..., n) says whether a gradient moves them. A motion that none moves belongs to another
+        wave vector of a smaller cell, or is a wave of its own, whose frequency the bands have.
         """
         rounding = max(_NO_ENERGY, self.slack) * np.max(np.abs(values), axis=-1, keepdims=True)
         soft = is_moved & (values < -rounding)
@@ -418,10 +507,13 @@ class LongWaves(Compatibility):
         raise self.explain_buckling(where, of_balls[:, self.motions.translating].T)
 
     def _find_load(self, prestress: ArrayLike | None) -> tuple[Any, tuple[Array, ...]]:
-        """Return a factor (..., 1, 1), and what it multiplies: :meth:`_compute_push_forms`, and the sum of f r r/a."""
+        """Return a factor (..., 1, 1), and what it multiplies: :meth:`_compute_push_forms`, and the
+        sum of f r r/a.
+        """
         if prestress is None:
             rows, root = self._weight_rows(prestress=True)
-            vector, across = self.contacts.vector[:, : self.periods], self.tangential_force[:, : self.periods]
+            vector = self.contacts.vector[:, : self.periods]
+            across = self.tangential_force[:, : self.periods]
             stress = vector.T @ (self.prestress[:, None] * vector)
             if self.has_tangential_force:
                 turned = across.T @ vector
@@ -432,42 +524,59 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _spring_forms(self) -> tuple[Array, Array, Array]:
-        """Energy of the springs as forms of two gradients, of an inner motion and a gradient, and of two inner motions."""
+        """Energy of the springs as forms of two gradients, of an inner motion and a gradient, and
+        of two inner motions.
+        """
         affine, inner = self._strain_rows
         return affine.T @ affine, inner.T @ affine, inner.T @ inner
 
     @cached_property
     def _even_push_forms(self) -> tuple[Array, ...]:
-        push, vector = push_rows(self.contacts.normal, self.motions), self.contacts.vector[:, : self.periods]
-        return (*self._compute_push_forms(push, np.ones((len(push), len(self.contacts)))), vector.T @ vector)
+        push = push_rows(self.contacts.normal, self.motions)
+        vector = self.contacts.vector[:, : self.periods]
+        return (
+            *self._compute_push_forms(push, np.ones((len(push), len(self.contacts)))),
+            vector.T @ vector,
+        )
 
     def _compute_push_forms(self, rows: list[Row], load: Array) -> tuple[Array, ...]:
-        """Return the forms of :attr:`_spring_forms` for rows of static forces, weighted by ``load`` (kinds, n_c)."""
+        """Return the forms of :attr:`_spring_forms` for rows of static forces, weighted by ``load``
+        (kinds, n_c).
+        """
         across, inner = self._deform_uniformly(rows, np.ones(load.shape))
         weight = load.reshape(-1, 1)
         return across.T @ (weight * across), inner.T @ (weight * across), inner.T @ (inner * weight)
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
-        """Return the acoustic tensor A(q^), (..., n_u, n_u), k d^2/M: the small-q limit of D/q^2 with rotations eliminated.
+        """Return the acoustic tensor A(q^), (..., n_u, n_u), k d^2/M: the small-q limit of D/q^2
+        with rotations eliminated.
 
-        Its eigenvalues are the squared sound velocities. ``direction`` is (p,), or (n, p) for an axis of directions after
-        the axes of ``prestress``, which is as in :meth:`gradient_stiffness`.
+        Its eigenvalues are the squared sound velocities. ``direction`` is (p,), or (n, p) for an
+        axis of directions after the axes of ``prestress``, which is as in
+        :meth:`gradient_stiffness`.
         """
         along = as_direction(direction, self.periods)
         many = along.reshape(-1, self.periods)
-        tensor = np.einsum("...ijkl,nj,nl->...nik", self.gradient_stiffness(prestress), many, many) / self.masses.sum()
+        tensor = (
+            np.einsum("...ijkl,nj,nl->...nik", self.gradient_stiffness(prestress), many, many)
+            / self.masses.sum()
+        )
         tensor = self._per_mass @ tensor @ self._per_mass
         return np.asarray(tensor if along.ndim > 1 else tensor[..., 0, :, :])
 
-    def sound_velocities(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> tuple[Array, Array]:
-        """Find the velocities of long waves along ``direction`` (p,) or (n, p), in the order of :attr:`wave_names`.
+    def sound_velocities(
+        self, direction: ArrayLike, prestress: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Find the velocities of long waves along ``direction`` (p,) or (n, p), in the order of
+        :attr:`wave_names`.
 
         Returns
         -------
         velocities : (..., n_u), d (k/M)^1/2; (..., n, n_u) for directions (n, p).
-        polarisations : (..., n_u, n_u), or (..., n, n_u, n_u), unit vectors as columns. Where three displacements have two
-            equal velocities, the first vector of the pair is along the direction as far as the pair has such a part, else
-            along the first of the axes x, y, z that are farthest from the third vector.
+        polarisations : (..., n_u, n_u), or (..., n, n_u, n_u), unit vectors as columns. Where three
+            displacements have two equal velocities, the first vector of the pair is along the
+            direction as far as the pair has such a part, else along the first of the axes x, y, z
+            that are farthest from the third vector.
 
         Raises
         ------
@@ -479,7 +588,11 @@ class LongWaves(Compatibility):
         if prestress is None and not self.is_prestressed:
             # at every load of every state the same few directions are asked for
             few = along.size <= _FEW_NUMBERS
-            return self._waves_along(along.shape, tuple(along.ravel().tolist())) if few else self._compute_waves(along)
+            return (
+                self._waves_along(along.shape, tuple(along.ravel().tolist()))
+                if few
+                else self._compute_waves(along)
+            )
         tensor = self.acoustic_tensor(along, prestress)
         try:
             factor = cholesky_factor(tensor)
@@ -487,19 +600,28 @@ class LongWaves(Compatibility):
             squared, vectors = np.linalg.eigh(tensor)
             worst = np.unravel_index(np.argmin(squared[..., 0]), squared.shape[:-1])
             way = along if along.ndim == 1 else along[worst[-1]]
-            where = f"a squared sound velocity in direction ({', '.join(f'{one:.6g}' for one in way)}) is negative"
+            where = (
+                f"a squared sound velocity in direction"
+                f" ({', '.join(f'{one:.6g}' for one in way)}) is negative"
+            )
             raise self.explain_buckling(where, vectors[worst][:, 0]) from None
         return decompose_waves(along, factor, self.motions.translations)
 
     @lru_cache(maxsize=256)  # noqa: B019 (lattices are kept by a cache of their own)
-    def _waves_along(self, shape: tuple[int, ...], numbers: tuple[float, ...]) -> tuple[Array, Array]:
-        """Return :meth:`sound_velocities` along a few unit vectors, without prestress; read-only."""
+    def _waves_along(
+        self, shape: tuple[int, ...], numbers: tuple[float, ...]
+    ) -> tuple[Array, Array]:
+        """Return :meth:`sound_velocities` along a few unit vectors, without prestress;
+        read-only.
+        """
         values, vectors = self._compute_waves(np.reshape(numbers, shape))
         return read_only(values), read_only(vectors)
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
         rows = self._sound_rows.reshape(-1, len(self.motions.translations), self.periods)
-        factor = np.einsum("rij,...j->...ri", rows, along) @ self._per_mass / np.sqrt(self.masses.sum())
+        factor = (
+            np.einsum("rij,...j->...ri", rows, along) @ self._per_mass / np.sqrt(self.masses.sum())
+        )
         return decompose_waves(along, factor, self.motions.translations)
 
     @property
@@ -510,19 +632,23 @@ class LongWaves(Compatibility):
             return ()
         part = left / len(self.motions.translations)
         return (
-            f"balls that are not held, {part:.2g} of the mass, have no part in the moduli, and stay behind in sound waves",
+            f"balls that are not held, {part:.2g} of the mass, have no part in the moduli,"
+            f" and stay behind in sound waves",
         )
 
     @cached_property
     def _per_mass(self) -> Array:
-        """(n_u, n_u) the root of all mass over that which sound moves; zero along displacements that move none of it."""
+        """(n_u, n_u) the root of all mass over that which sound moves; zero along displacements
+        that move none of it.
+        """
         values, vectors = np.linalg.eigh(self._with_sound[1])
         inverse = np.divide(1.0, values, out=np.zeros_like(values), where=values > _COUPLED)
         return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)
 
     @cached_property
     def wave_names(self) -> tuple[str, ...]:
-        """Names of the long waves: "longitudinal", then "transverse", or "transverse_slow" and "transverse_fast".
+        """Names of the long waves: "longitudinal", then "transverse", or "transverse_slow" and
+        "transverse_fast".
 
         On a plane of balls that also move across it, "out_of_plane" is the last.
         """
@@ -530,21 +656,30 @@ class LongWaves(Compatibility):
 
     @property
     def runs_twist(self) -> bool:
-        """Whether balls of a straight chain turn about it, so that a twist runs along it where contacts resist torsion."""
-        return self.periods == 1 and 0 in self.motions.rotations and not np.any(self.contacts.normal[:, 1:])
+        """Whether balls of a straight chain turn about it, so that a twist runs along it where
+        contacts resist torsion.
+        """
+        return (
+            self.periods == 1
+            and 0 in self.motions.rotations
+            and not np.any(self.contacts.normal[:, 1:])
+        )
 
     def elastic_tensor(self, prestress: ArrayLike | None = None) -> Array:
-        """Return the stiffness, change of stress over strain, in units of k d^(2-p); (..., 3, 3) in the plane.
+        """Return the stiffness, change of stress over strain, in units of k d^(2-p); (..., 3, 3) in
+        the plane.
 
-        Its rows and columns are in Voigt order: xx, yy, xy in the plane; xx, yy, zz, yz, xz, xy in space, (..., 6, 6); xx on
-        a line, (..., 1, 1).
+        Its rows and columns are in Voigt order: xx, yy, xy in the plane; xx, yy, zz, yz, xz, xy in
+        space, (..., 6, 6); xx on a line, (..., 1, 1).
 
-        Under prestress these are the coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947;
-        D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2 keep their usual relation (equation 16).
+        Under prestress these are the coefficients between Cauchy stress and strain (F. Birch, Phys.
+        Rev. 71, 809, 1947; D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2
+        keep their usual relation (equation 16).
 
         Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods,
         :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`, and
-        :class:`~granphon.base.errors.InstabilityError` if prestress leaves a strain that the stiffness does not resist.
+        :class:`~granphon.base.errors.InstabilityError` if prestress leaves a strain that the
+        stiffness does not resist.
         """
         self.require_rigid()
         plain = prestress is None and not self.is_prestressed
@@ -552,14 +687,18 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _own_tensor(self) -> Array:
-        """:meth:`elastic_tensor` without prestress, which every load of every state asks for; read-only."""
+        """:meth:`elastic_tensor` without prestress, which every load of every state asks for;
+        read-only.
+        """
         return read_only(self._find_elasticity(None))
 
     def _find_elasticity(self, prestress: ArrayLike | None) -> Array:
-        p, axes = self.periods, self.motions.translations
+        p = self.periods
+        axes = self.motions.translations
         if not set(range(p)) <= set(axes):
             raise InputError(
-                f"the motions {self.motions.name!r} have no elastic moduli", "The balls do not move along the lattice"
+                f"the motions {self.motions.name!r} have no elastic moduli",
+                "The balls do not move along the lattice",
             )
         own = [axes.index(axis) for axis in range(p)]
         c = self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure
@@ -568,31 +707,41 @@ class LongWaves(Compatibility):
             tensor = take_voigt(c) + find_stress_part(-each * push[3] / self.measure)
             strains = find_unstable_strains(tensor)
             if strains is not None:
-                raise self.explain_buckling(f"the strain {name_strain(strains)} has a modulus below zero", [])
+                raise self.explain_buckling(
+                    f"the strain {name_strain(strains)} has a modulus below zero", []
+                )
             return tensor
         return take_voigt(c)
 
     @cached_property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions."""
-        c, p = self.elastic_tensor(), self.periods
-        alike = np.diag([c[0, 0]] * p + [(c[0, 0] - c[0, -1 if p == 1 else 1]) / 2.0] * (len(c) - p))
+        c = self.elastic_tensor()
+        p = self.periods
+        alike = np.diag(
+            [c[0, 0]] * p + [(c[0, 0] - c[0, -1 if p == 1 else 1]) / 2.0] * (len(c) - p)
+        )
         alike[:p, :p][~np.eye(p, dtype=bool)] = c[0, 1] if p > 1 else 0.0
         return bool(np.max(np.abs(c - alike)) <= _ISOTROPIC * c[0, 0])
 
     def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
-        """Return (omega_0^2, c) of the long-wave rotational branch omega^2 = omega_0^2 (1 - c q^2), one ball in the cell.
+        """Return (omega_0^2, c) of the long-wave rotational branch omega^2 = omega_0^2 (1 - c q^2),
+        one ball in the cell.
 
-        ``direction`` is a vector (p,) of any length. On the triangular lattice omega_0^2 = 30 eta k/M and c = d^2/10;
-        equation (15) prints d^2/20 (see the errata).
+        ``direction`` is a vector (p,) of any length. On the triangular lattice omega_0^2 = 30 eta
+        k/M and c = d^2/10; equation (15) prints d^2/20 (see the errata).
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
-            raise InputError("there is no single rotational branch", "It needs friction, and a cell of one ball")
+            raise InputError(
+                "there is no single rotational branch", "It needs friction, and a cell of one ball"
+            )
         ahead = self.contacts.vector[:, : self.periods] @ one_direction(direction, self.periods)
         rows, root = self._weight_rows()
         gap, total = self._combine_ends(rows, root)
-        # effect on the contacts of the rotation (times cos of the half angle) and of the displacements (times sin)
-        turn, shift = gap[..., self.motions.turning], total[..., self.motions.translating]
+        # effect on the contacts of the rotation (times cos of the half angle) and of the
+        # displacements (times sin)
+        turn = gap[..., self.motions.turning]
+        shift = total[..., self.motions.translating]
         squared = float(np.sum(turn**2))
         narrowing = float(np.sum(turn**2 * ahead[:, None] ** 2)) / 4.0
         # coupling with the displacements, which lowers the branch at second order
@@ -601,7 +750,9 @@ class LongWaves(Compatibility):
 
 
 def _find_null(matrix: Array, size: float = 0.0) -> Array:
-    """Return an orthonormal basis, as rows, of the vectors that a matrix, of this ``size`` or larger, takes to zero."""
+    """Return an orthonormal basis, as rows, of the vectors that a matrix, of this ``size`` or
+    larger, takes to zero.
+    """
     _, values, right = np.linalg.svd(
         np.pad(matrix, ((0, max(0, matrix.shape[1] - len(matrix))), (0, 0))), full_matrices=False
     )
@@ -611,12 +762,15 @@ def _find_null(matrix: Array, size: float = 0.0) -> Array:
 def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
     """Return an orthonormal basis (m, rank) of columns (m, n), and what takes them to zero.
 
-    That is an orthonormal basis (n, n - rank) of vectors that take the columns to zero once these are divided by the third
-    array returned (n,). The lengths ``size`` (n,) are those of the columns if nothing cancelled in them.
+    That is an orthonormal basis (n, n - rank) of vectors that take the columns to zero once these
+    are divided by the third array returned (n,). The lengths ``size`` (n,) are those of the columns
+    if nothing cancelled in them.
     """
     scale = np.where(np.any(columns != 0.0, axis=0), size, 1.0)
     # with fewer rows than columns some vectors are free: add a row of zeros for each missing row
     lacking = max(0, columns.shape[1] - len(columns))
-    left, values, right = np.linalg.svd(np.pad(columns / scale, ((0, lacking), (0, 0))), full_matrices=False)
+    left, values, right = np.linalg.svd(
+        np.pad(columns / scale, ((0, lacking), (0, 0))), full_matrices=False
+    )
     free = values <= _SOFT * np.max(values, initial=0.0)
     return np.asarray(left[: len(columns), ~free]), np.asarray(right[free].T), scale

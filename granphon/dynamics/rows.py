@@ -1,18 +1,20 @@
 """The deformations of contacts, as coefficients of the motions of the two balls that touch.
 
-A contact of normal n, at distances ``arm_i`` and ``arm_j`` from the centres of balls i and j, deforms by
+A contact of normal n, at distances ``arm_i`` and ``arm_j`` from the centres of balls i and j,
+deforms by
 
     elongation  (u_j - u_i).n
     slip        (1 - nn)(u_j - u_i) - (arm_i phi_i + arm_j phi_j) x n
     twist       (phi_j - phi_i).n
     roll        (1 - nn)(phi_j - phi_i)
 
-Slip and roll have two components, along the tangents of :func:`~granphon.balls.contact_table.contact_frames`. Each is
-``head . x_j - tail . x_i``, where x are the motions of a ball. Everything linear in the dynamics of contacts is made of
-these rows: C(q), force constants, strains, the stencils of an array.
+Slip and roll have two components, along the tangents of
+:func:`~granphon.balls.contact_table.contact_frames`. Each is ``head . x_j - tail . x_i``, where x
+are the motions of a ball. Everything linear in the dynamics of contacts is made of these rows:
+C(q), force constants, strains, the stencils of an array.
 
-In a wave the two ends of a contact move with phases that differ by q.(r_j - r_i). Taken about the middle of the contact, a
-row of C(q) is a cosine and a sine of half that angle: :class:`WaveRows`.
+In a wave the two ends of a contact move with phases that differ by q.(r_j - r_i). Taken about the
+middle of the contact, a row of C(q) is a cosine and a sine of half that angle: :class:`WaveRows`.
 """
 
 from __future__ import annotations
@@ -43,10 +45,10 @@ class Row(NamedTuple):
 
     Attributes
     ----------
-    kind : "elongation", "slip", "twist", "roll"; "push", a displacement across the contact; "turn", a sum of rotations; or
-        "carry", what a static tangential force acts on.
-    stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll; a number, or one per
-        contact.
+    kind : "elongation", "slip", "twist", "roll"; "push", a displacement across the contact; "turn",
+        a sum of rotations; or "carry", what a static tangential force acts on.
+    stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll;
+        a number, or one per contact.
     head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
     """
 
@@ -69,144 +71,205 @@ def contact_rows(
     gyration_i: ArrayLike = 1.0,
     gyration_j: ArrayLike = 1.0,
 ) -> list[Row]:
-    """Return the deformations that are resisted and that the motions can make: elongation, slip, twist, roll, in this order.
+    """Return the deformations that are resisted and that the motions can make: elongation, slip,
+    twist, roll, in this order.
 
     Parameters
     ----------
     normal : (n_c, d) unit vectors from ball i to ball j, d = 1, 2 or 3.
     arm_i, arm_j : (n_c,) distances from the centres to the contact.
     motions : of each ball. Deformations that none of them makes in any contact are left out.
-    elongation, slip, twist, roll : relative stiffness, each a number or (n_c,); kinds without stiffness are left out.
-    gyration_i, gyration_j : radii of gyration R_g, (n_c,), for coefficients of w = R_g phi; by default those of phi.
+    elongation, slip, twist, roll : relative stiffness, each a number or (n_c,); kinds without
+        stiffness are left out.
+    gyration_i, gyration_j : radii of gyration R_g, (n_c,), for coefficients of w = R_g phi; by
+        default those of phi.
     """
     n, t, b = contact_frames(normal)
     none = [np.zeros(len(normal))] * 3
     one_i, one_j = 1.0 / np.asarray(gyration_i), 1.0 / np.asarray(gyration_j)
-    at_i, at_j = arm_i * one_i, arm_j * one_j
-    # each entry: kind, stiffness, axis of u, axis of phi, and the factors of phi_j and phi_i. As b = n x t, (phi x n).t is
-    # phi.b, and (phi x n).b is -phi.t
+    at_i = arm_i * one_i
+    at_j = arm_j * one_j
+    # each entry: kind, stiffness, axis of u, axis of phi, and the factors of phi_j and phi_i. As b
+    # = n x t, (phi x n).t is phi.b, and (phi x n).b is -phi.t
     return _keep_resisted(
         [
             ("elongation", elongation, n, none, one_j, one_i),
-            ("slip", slip, t, b, -at_j, at_i), ("slip", slip, b, t, at_j, -at_i),
+            ("slip", slip, t, b, -at_j, at_i),
+            ("slip", slip, b, t, at_j, -at_i),
             ("twist", twist, none, n, one_j, one_i),
-            ("roll", roll, none, t, one_j, one_i), ("roll", roll, none, b, one_j, one_i),
+            ("roll", roll, none, t, one_j, one_i),
+            ("roll", roll, none, b, one_j, one_i),
         ],
         motions,
-    )  # fmt: skip
+    )
 
 
 def find_gyration(network: ContactNetwork) -> Array:
-    """Return (n,) radii of gyration R_g of the balls of a network, m; one of bodies that do not move."""
-    return np.sqrt(np.divide(network.inertias, network.masses, out=np.ones(network.n_balls), where=network.moving))
+    """Return (n,) radii of gyration R_g of the balls of a network, m; one of bodies that do not
+    move.
+    """
+    return np.sqrt(
+        np.divide(
+            network.inertias, network.masses, out=np.ones(network.n_balls), where=network.moving
+        )
+    )
 
 
 def network_rows(network: ContactNetwork) -> list[Row]:
-    """Return the deformations of the contacts of a network by u and w = R_g phi of its balls; their stiffness is in N/m.
+    """Return the deformations of the contacts of a network by u and w = R_g phi of its balls; their
+    stiffness is in N/m.
 
     Raises :class:`~granphon.base.errors.InputError` if there are none.
     """
-    gyration, motions = find_gyration(network), network.ball_motions
+    gyration = find_gyration(network)
+    motions = network.ball_motions
     found = contact_rows(
-        network.normal[:, : network.dimension], network.arm_i, network.arm_j, motions,
-        elongation=network.normal_stiffness, slip=network.shear_stiffness, twist=network.torsion_stiffness,
-        roll=network.bending_stiffness, gyration_i=gyration[network.i], gyration_j=gyration[network.j],
-    )  # fmt: skip
+        network.normal[:, : network.dimension],
+        network.arm_i,
+        network.arm_j,
+        motions,
+        elongation=network.normal_stiffness,
+        slip=network.shear_stiffness,
+        twist=network.torsion_stiffness,
+        roll=network.bending_stiffness,
+        gyration_i=gyration[network.i],
+        gyration_j=gyration[network.j],
+    )
     if not found:
         raise InputError(f"the motions {motions.name!r} deform no contact of this network")
     return found
 
 
 def push_rows(normal: Array, motions: Motions) -> list[Row]:
-    """Return the displacements of ball j relative to ball i along the tangents of each contact; prestress acts on these."""
+    """Return the displacements of ball j relative to ball i along the tangents of each contact;
+    prestress acts on these.
+    """
     _, t, b = contact_frames(normal)
     none = [np.zeros(len(normal))] * 3
     return _keep_resisted([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
 
 
 def carry_rows(
-    normal: Array, force: Array, distance: Array, arm_i: Array, arm_j: Array, motions: Motions,
-    gyration_i: Array, gyration_j: Array,
-) -> list[tuple[Row, Row]]:  # fmt: skip
-    """Return the stiffness that static forces T = ``force`` (n_c, 3) across contacts have: the sum of pull^T move.
+    normal: Array,
+    force: Array,
+    distance: Array,
+    arm_i: Array,
+    arm_j: Array,
+    motions: Motions,
+    gyration_i: Array,
+    gyration_j: Array,
+) -> list[tuple[Row, Row]]:
+    """Return the stiffness that static forces T = ``force`` (n_c, 3) across contacts have: the sum
+    of pull^T move.
 
-    T, with which ball i acts on ball j, stays across the normal, and its lever arms change by half of the elongation e:
+    T, with which ball i acts on ball j, stays across the normal, and its lever arms change by half
+    of the elongation e:
 
         dF_j = -dF_i = -(T.dn) n,    dM_i = -arm_i dn x T - (e/2) n x T,    dn = v/r
 
-    where v is the displacement across the contact and r the ``distance``; and dM_j, with its own arm, likewise. That has no
-    potential: the sum is not symmetric. T does not turn about n with the balls. ``normal`` is (n_c, 3), the rest as for
-    :func:`contact_rows`.
+    where v is the displacement across the contact and r the ``distance``; and dM_j, with its own
+    arm, likewise. That has no potential: the sum is not symmetric. T does not turn about n with the
+    balls. ``normal`` is (n_c, 3), the rest as for :func:`contact_rows`.
     """
-    n, beside = normal, np.cross(normal, force)
-    one_i, one_j = 1.0 / gyration_i, 1.0 / gyration_j
+    n = normal
+    beside = np.cross(normal, force)
+    one_i = 1.0 / gyration_i
+    one_j = 1.0 / gyration_j
     none = list(np.zeros((3, len(n))))
 
     def push(vector: Array) -> Row:
-        return _make_row("push", 1.0, list((vector / distance[:, None]).T), none, one_j, one_i, motions)
+        return _make_row(
+            "push", 1.0, list((vector / distance[:, None]).T), none, one_j, one_i, motions
+        )
 
     def turn(vector: Array, at_j: Array, at_i: Array) -> Row:
         return _make_row("turn", 1.0, none, list(vector.T), at_j * one_j, -at_i * one_i, motions)
 
-    along, unit = _make_row("elongation", 1.0, list(n.T), none, one_j, one_i, motions), np.ones(len(n))
+    along = _make_row("elongation", 1.0, list(n.T), none, one_j, one_i, motions)
+    unit = np.ones(len(n))
     # v x T is along n
     turned = turn(n, arm_j, arm_i), push(-beside)
     return [(along, push(force)), turned, (turn(0.5 * beside, unit, unit), along)]
 
 
 def split_pairs(pairs: Sequence[tuple[Row, Row]]) -> list[tuple[Row, float]]:
-    """Return rows, with signs: the sum of signs times squares is the symmetric part of pull^T move of ``pairs``."""
+    """Return rows, with signs: the sum of signs times squares is the symmetric part of pull^T move
+    of ``pairs``.
+    """
     return [
-        (Row("carry", 1.0, 0.5 * (pull.head + sign * move.head), 0.5 * (pull.tail + sign * move.tail)), sign)
+        (
+            Row(
+                "carry",
+                1.0,
+                0.5 * (pull.head + sign * move.head),
+                0.5 * (pull.tail + sign * move.tail),
+            ),
+            sign,
+        )
         for pull, move in pairs
         for sign in (1.0, -1.0)
-    ]  # fmt: skip
+    ]
 
 
 def weigh_rows(rows: Sequence[Row], weights: NDArray[Any]) -> NDArray[Any]:
-    """Return (kinds, ..., n_c) weights of rows, given those (2, ..., n_c) of elongation, and of all other deformations."""
+    """Return (kinds, ..., n_c) weights of rows, given those (2, ..., n_c) of elongation, and of all
+    other deformations.
+    """
     return weights[[int(row.kind != "elongation") for row in rows]]
 
 
 def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
-    """Return (n_c, n_u, d) derivatives of a row's deformation with respect to the displacement gradient u_a,b.
+    """Return (n_c, n_u, d) derivatives of a row's deformation with respect to the displacement
+    gradient u_a,b.
 
-    ``vector`` (n_c, d) joins the centres of the two balls, which do not turn; n_u is the number of displacements of a ball.
+    ``vector`` (n_c, d) joins the centres of the two balls, which do not turn; n_u is the number of
+    displacements of a ball.
     """
     return np.asarray(row.head[:, motions.translating, None] * vector[:, None, :])
 
 
-def _make_row(kind: str, stiffness: Any, moved: _Axes, turned: _Axes, at_j: Any, at_i: Any, motions: Motions) -> Row:
-    """Return the row ``moved.(u_j - u_i) + turned.(at_j phi_j - at_i phi_i)`` in terms of the motions."""
-    moves, turns = [moved[axis] for axis in motions.translations], [turned[axis] for axis in motions.rotations]
+def _make_row(
+    kind: str, stiffness: Any, moved: _Axes, turned: _Axes, at_j: Any, at_i: Any, motions: Motions
+) -> Row:
+    """Return the row ``moved.(u_j - u_i) + turned.(at_j phi_j - at_i phi_i)`` in terms of the
+    motions.
+    """
+    moves = [moved[axis] for axis in motions.translations]
+    turns = [turned[axis] for axis in motions.rotations]
     # the transposed array keeps the contacts of one motion contiguous in memory
     head, tail = (np.array(moves + [at * turn for turn in turns]).T for at in (at_j, at_i))
     return Row(kind, stiffness, head, tail)
 
 
-def _keep_resisted(deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, Any]], motions: Motions) -> list[Row]:
+def _keep_resisted(
+    deformations: list[tuple[str, ArrayLike, _Axes, _Axes, Any, Any]], motions: Motions
+) -> list[Row]:
     """Return the rows of some deformations.
 
-    Rows without effect are left out: those without stiffness, and those that no motion makes in any contact. If there are no
-    contacts, the second rule does not apply.
+    Rows without effect are left out: those without stiffness, and those that no motion makes in any
+    contact. If there are no contacts, the second rule does not apply.
     """
     rows = []
     for kind, stiffness, moved, turned, at_j, at_i in deformations:
         if not (stiffness.any() if isinstance(stiffness, np.ndarray) else stiffness):
             continue
-        parts = [moved[axis] for axis in motions.translations] + [turned[axis] for axis in motions.rotations]
+        parts = [moved[axis] for axis in motions.translations] + [
+            turned[axis] for axis in motions.rotations
+        ]
         if any(part.any() or not len(part) for part in parts):
             rows.append(_make_row(kind, stiffness, moved, turned, at_j, at_i, motions))
     return rows
 
 
-# -- rows in a wave ---------------------------------------------------------------------------------------------------
+# -- rows in a wave --------------------------------------------------------------------------------
 
 
 class WaveRows(NamedTuple):
-    """Rows of C(q): ``odd`` times the sine plus ``even`` times the cosine of the half angle q.(r_j - r_i)/2 of a contact.
+    """Rows of C(q): ``odd`` times the sine plus ``even`` times the cosine of the half angle q.(r_j
+    - r_i)/2 of a contact.
 
-    ``odd`` and ``even`` are (kinds, n_c, n); ``half`` (n_c, p) holds (r_j - r_i)/2 along the periods.
+    ``odd`` and ``even`` are (kinds, n_c, n); ``half`` (n_c, p) holds (r_j - r_i)/2 along the
+    periods.
     """
 
     odd: NDArray[Any]
@@ -214,12 +277,16 @@ class WaveRows(NamedTuple):
     half: Array
 
     def compute_rows(self, wavevectors: Array, derivative: bool = False) -> NDArray[Any]:
-        """Return (n_q, kinds * n_c, n) rows, or their derivatives with respect to the half angle."""
+        """Return (n_q, kinds * n_c, n) rows, or their derivatives with respect to the half
+        angle.
+        """
         angle = wavevectors @ self.half.T
-        sine, cosine = np.sin(angle), np.cos(angle)
+        sine = np.sin(angle)
+        cosine = np.cos(angle)
         if derivative:
             sine, cosine = cosine, -sine
-        # view complex numbers as pairs of reals: the factors are real, and a real product is cheaper
+        # view complex numbers as pairs of reals: the factors are real, and a real product is
+        # cheaper
         rows = sine[:, None, :, None] * self.odd.view(np.float64)
         rows += cosine[:, None, :, None] * self.even.view(np.float64)
         kinds, contacts, columns = self.odd.shape
@@ -237,10 +304,13 @@ class WaveRows(NamedTuple):
         """Return the ``rows`` (kinds, n_c) that are marked, of the motions ``columns``."""
         if np.all(rows) and len(columns) == self.odd.shape[2]:
             return self
-        kinds, contacts = np.any(rows, axis=1), np.any(rows, axis=0)
+        kinds = np.any(rows, axis=1)
+        contacts = np.any(rows, axis=0)
         if np.all(rows[np.ix_(kinds, contacts)]):
             place: Any = np.ix_(kinds, contacts, columns)
-            odd, even, half = self.odd[place], self.even[place], self.half[contacts]
+            odd = self.odd[place]
+            even = self.even[place]
+            half = self.half[contacts]
         else:
             odd, even = (part[rows][None, :, columns] for part in (self.odd, self.even))
             half = self.half[np.nonzero(rows)[1]]
@@ -249,9 +319,15 @@ class WaveRows(NamedTuple):
 
 
 def bend(angle: Array) -> Array:
-    """Return sin h - h cos h, to rounding of itself: h^3/3 at small angles. Its derivative is h sin h."""
+    """Return sin h - h cos h, to rounding of itself: h^3/3 at small angles. Its derivative is h sin
+    h.
+    """
     square = np.square(angle)
     series = np.zeros_like(angle)
     for coefficient in reversed(_BEND):
         series = series * square + coefficient
-    return np.asarray(np.where(np.abs(angle) < _SERIES, angle * square * series, np.sin(angle) - angle * np.cos(angle)))
+    return np.asarray(
+        np.where(
+            np.abs(angle) < _SERIES, angle * square * series, np.sin(angle) - angle * np.cos(angle)
+        )
+    )

@@ -1,13 +1,14 @@
 """The inner motions of cells of many balls, relaxed by sparse factors.
 
-Under a strain balls turn and shift until no force is left on them: the least squares of what remains of the deformations of
-all contacts. The normal equations are sparse, and factorised by :mod:`granphon.dynamics.fronts`. That takes half of the
-digits, and two corrections with the deformations themselves give them back (the corrected seminormal equations, A. Bjorck,
-Linear Algebra Appl. 88/89, 31, 1987).
+Under a strain balls turn and shift until no force is left on them: the least squares of what
+remains of the deformations of all contacts. The normal equations are sparse, and factorised by
+:mod:`granphon.dynamics.fronts`. That takes half of the digits, and two corrections with the
+deformations themselves give them back (the corrected seminormal equations, A. Bjorck, Linear
+Algebra Appl. 88/89, 31, 1987).
 
-Motions that cost nothing, or so little that the factors cannot tell, are set aside by these. They are few, and are told
-apart by the singular values of the deformations that they make once all others have relaxed: so they have the digits that a
-dense decomposition gives them.
+Motions that cost nothing, or so little that the factors cannot tell, are set aside by these. They
+are few, and are told apart by the singular values of the deformations that they make once all
+others have relaxed: so they have the digits that a dense decomposition gives them.
 """
 
 from __future__ import annotations
@@ -25,9 +26,11 @@ from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.fronts import Fronts, Layer, dissect
 from granphon.dynamics.rows import Row
 
-#: ratio of the lowest to the highest eigenvalue of a matrix with prestress below which it is rounding
+#: ratio of the lowest to the highest eigenvalue of a matrix with prestress below which it is
+#: rounding
 _NO_SQUARE = 1e-12
-#: coupling of an inner motion with strains, over its largest possible value, up to which it is rounding
+#: coupling of an inner motion with strains, over its largest possible value, up to which it is
+#: rounding
 _UNCOUPLED = 1e-12
 #: length that vectors of length one have left, if they depend on others, but for rounding
 _DEPENDENT = 1e-9
@@ -36,34 +39,48 @@ _CORRECTIONS = 1
 
 
 def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[Any, Any]:
-    """Return the effects of the mass-weighted motions of balls j, and of balls i, on contacts: (kinds x n_c, n_branches).
+    """Return the effects of the mass-weighted motions of balls j, and of balls i, on contacts:
+    (kinds x n_c, n_branches).
 
-    The rows are multiplied by ``root`` (kinds, n_c). At q = 0 the deformations are the difference of both, in sparse rows.
+    The rows are multiplied by ``root`` (kinds, n_c). At q = 0 the deformations are the difference
+    of both, in sparse rows.
     """
     from scipy.sparse import coo_array
 
-    table, n, count = lattice.contacts, lattice.n_balls, lattice.motions.count
+    table = lattice.contacts
+    n = lattice.n_balls
+    count = lattice.motions.count
     ends: list[Any] = []
-    for balls, coefficients in ((table.j, [row.head for row in rows]), (table.i, [row.tail for row in rows])):
+    for balls, coefficients in (
+        (table.j, [row.head for row in rows]),
+        (table.i, [row.tail for row in rows]),
+    ):
         there = np.flatnonzero(balls < n)  # not a body that does not move
         weight = root[:, there, None] * np.asarray(coefficients)[:, there]
         weight = weight / np.sqrt(lattice.masses[balls[there]])[:, None]
         line = (np.arange(len(rows))[:, None] * len(table) + there)[..., None]
         column = (balls[there] * count)[:, None] + np.arange(count)
         where = tuple(np.broadcast_to(each, weight.shape).ravel() for each in (line, column))
-        ends.append(coo_array((weight.ravel(), where), shape=(len(rows) * len(table), lattice.n_branches)).tocsr())
+        ends.append(
+            coo_array(
+                (weight.ravel(), where), shape=(len(rows) * len(table), lattice.n_branches)
+            ).tocsr()
+        )
     return ends[0], ends[1]
 
 
 class SparseRelaxation:
-    """Inner motions of the balls of a cell, which relax under the deformations of its contacts; reduced units.
+    """Inner motions of the balls of a cell, which relax under the deformations of its contacts;
+    reduced units.
 
-    ``gap`` and ``total`` (n_rows, n_branches) are the difference and the sum of the effects that the mass-weighted motions
-    of all balls have at both ends of contacts, sparse by rows. A motion costs nothing if its singular value, over the
-    largest, is up to ``soft``.
+    ``gap`` and ``total`` (n_rows, n_branches) are the difference and the sum of the effects that
+    the mass-weighted motions of all balls have at both ends of contacts, sparse by rows. A motion
+    costs nothing if its singular value, over the largest, is up to ``soft``.
     """
 
-    def __init__(self, lattice: Compatibility, gap: Any, total: Any, soft: float, progress: Progress = silent) -> None:
+    def __init__(
+        self, lattice: Compatibility, gap: Any, total: Any, soft: float, progress: Progress = silent
+    ) -> None:
         self.lattice = lattice
         with single_products():
             self._factorise(gap, soft, progress)
@@ -73,7 +90,8 @@ class SparseRelaxation:
     def layers(self) -> list[Layer]:
         """Layers of balls that cut the cell into halves."""
         lattice = self.lattice
-        p, table = lattice.periods, lattice.contacts
+        p = lattice.periods
+        table = lattice.contacts
         places = lattice.positions.copy()
         along = places[:, :p] @ np.linalg.inv(lattice.cell[:, :p])
         places[:, :p] = (along - np.floor(along)) * np.linalg.norm(lattice.cell, axis=1)
@@ -83,11 +101,15 @@ class SparseRelaxation:
     def _factorise(self, gap: Any, soft: float, progress: Progress) -> None:
         from scipy.sparse import diags_array
 
-        lattice, motions = self.lattice, self.lattice.motions
+        lattice = self.lattice
+        motions = self.lattice.motions
         size = np.sqrt(np.asarray(gap.power(2).sum(axis=0)))
-        # a column that is only rounding, compared with others of its kind, belongs to a motion that deforms nothing
+        # a column that is only rounding, compared with others of its kind, belongs to a motion that
+        # deforms nothing
         turns = np.tile(motions.is_rotation, lattice.n_balls)
-        of_kind = np.where(turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0))
+        of_kind = np.where(
+            turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0)
+        )
         still = size <= soft * of_kind
         self._scale = np.where(still, 1.0, size)
         self._rows: Any = (gap @ diags_array(np.where(still, 0.0, 1.0 / self._scale))).tocsr()
@@ -97,19 +119,26 @@ class SparseRelaxation:
         self._fronts = Fronts(matrix, self.layers, motions.count, progress)
 
     def _find_free(self, total: Any, soft: float) -> None:
-        """Tell motions that cost nothing from soft ones among those that the factors have set aside.
+        """Tell motions that cost nothing from soft ones among those that the factors have set
+        aside.
 
-        Most of the first kind move a few balls, and change nothing in a wave either. Of these, no more is of interest than
-        what they have of the shift of all balls: ``free`` holds this, and all others.
+        Most of the first kind move a few balls, and change nothing in a wave either. Of these, no
+        more is of interest than what they have of the shift of all balls: ``free`` holds this, and
+        all others.
         """
         from scipy.sparse import csc_array, diags_array
 
         left = csc_array(self._fronts.follow())
-        lengths, limit = np.sqrt(left.power(2).sum(axis=0)), soft * np.sqrt(self._top)
+        lengths = np.sqrt(left.power(2).sum(axis=0))
+        limit = soft * np.sqrt(self._top)
         costless = np.sqrt((self._rows @ left).power(2).sum(axis=0)) <= limit * lengths
         moved = (diags_array(1.0 / self._scale) @ left).tocsc()
         change = (total @ moved).tocoo()
-        rounding = soft * np.sqrt(total.power(2).sum(axis=1))[change.row] * np.sqrt(moved.power(2).sum(axis=0))[change.col]
+        rounding = (
+            soft
+            * np.sqrt(total.power(2).sum(axis=1))[change.row]
+            * np.sqrt(moved.power(2).sum(axis=0))[change.col]
+        )
         alone = costless
         alone[change.col[np.abs(change.data) > rounding]] = False
         others = left[:, ~alone].toarray()
@@ -121,19 +150,28 @@ class SparseRelaxation:
         self._left = deformations[:, ~free]
         apart = _leave_out(moved[:, alone], basis @ right[free].T / self._scale[:, None])
         shifts = self._shifts
-        every = np.concatenate([_orthonormalise(shifts - _leave_out(moved[:, alone], shifts)), apart], axis=1)
+        every = np.concatenate(
+            [_orthonormalise(shifts - _leave_out(moved[:, alone], shifts)), apart], axis=1
+        )
         self.free: Array = _orthonormalise(every - shifts @ (shifts.T @ every))
 
     @property
     def _shifts(self) -> Array:
-        """(n_branches, n_u) the shifts of all balls, orthonormal; none if bodies that do not move hold them."""
-        lattice, count = self.lattice, len(self.lattice.motions.translations)
+        """(n_branches, n_u) the shifts of all balls, orthonormal; none if bodies that do not move
+        hold them.
+        """
+        lattice = self.lattice
+        count = len(self.lattice.motions.translations)
         shifts = np.zeros((lattice.n_balls, lattice.motions.count, count))
-        shifts[:, np.arange(count), np.arange(count)] = np.sqrt(lattice.masses / lattice.masses.sum())[:, None]
+        shifts[:, np.arange(count), np.arange(count)] = np.sqrt(
+            lattice.masses / lattice.masses.sum()
+        )[:, None]
         return shifts.reshape(lattice.n_branches, count)[:, : 0 if lattice.is_held else count]
 
     def relax(self, deformations: Array) -> Array:
-        """Return the part of deformations (n_rows, ...) that remains once the inner motions have relaxed."""
+        """Return the part of deformations (n_rows, ...) that remains once the inner motions have
+        relaxed.
+        """
         found = deformations.reshape(len(deformations), -1)
         with single_products():
             for _ in range(1 + _CORRECTIONS):
@@ -143,10 +181,12 @@ class SparseRelaxation:
         return found.reshape(deformations.shape)
 
     def eliminate(self, own: Array, mixed: Array, block: Any) -> Array:
-        """Return the form ``own`` (m, m) less what inner motions take from it as they relax, with prestress.
+        """Return the form ``own`` (m, m) less what inner motions take from it as they relax, with
+        prestress.
 
-        ``mixed`` (n_branches, m) and the sparse ``block`` (n_branches, n_branches) are its parts with inner motions. Raises
-        :class:`~granphon.base.errors.InstabilityError` if one of these costs less than nothing.
+        ``mixed`` (n_branches, m) and the sparse ``block`` (n_branches, n_branches) are its parts
+        with inner motions. Raises :class:`~granphon.base.errors.InstabilityError` if one of these
+        costs less than nothing.
         """
         from scipy.sparse import diags_array
 
@@ -163,12 +203,17 @@ class SparseRelaxation:
             values, vectors = np.linalg.eigh(0.5 * (costs + costs.T))
             top = _bound(block)
             motions = basis @ vectors
-            coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / np.sqrt(np.linalg.norm(own) * top)
+            coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / np.sqrt(
+                np.linalg.norm(own) * top
+            )
             # one that no strain moves belongs to another wave vector of a smaller cell
-            unstable = np.flatnonzero((values < -max(_NO_SQUARE, lattice.slack) * top) & (coupling > _UNCOUPLED))
+            unstable = np.flatnonzero(
+                (values < -max(_NO_SQUARE, lattice.slack) * top) & (coupling > _UNCOUPLED)
+            )
             if unstable.size:
                 raise self._explain_buckling(block, motions[:, unstable[0]])
-            # of static forces without a potential a part is missing that leaves nothing on motions that cost nothing
+            # of static forces without a potential a part is missing that leaves nothing on motions
+            # that cost nothing
             stiff = values > _NO_SQUARE * top
             free = motions[:, ~stiff]
             mixed = mixed - free @ (free.T @ mixed)
@@ -182,7 +227,10 @@ class SparseRelaxation:
     def _explain_buckling(self, block: Any, motion: Array) -> InstabilityError:
         lattice = self.lattice
         squared = float(motion @ (block @ motion) / (motion @ motion))
-        where = f"a squared frequency at {lattice.name_place(np.zeros(lattice.periods))} is {squared:.3g} k/M or below"
+        where = (
+            f"a squared frequency at {lattice.name_place(np.zeros(lattice.periods))} is"
+            f" {squared:.3g} k/M or below"
+        )
         moved = motion.reshape(lattice.n_balls, -1)[:, lattice.motions.translating]
         return lattice.explain_buckling(where, moved.T)
 
@@ -193,7 +241,9 @@ def _bound(matrix: Any) -> float:
 
 
 def _leave_out(basis: Any, vectors: Array) -> Array:
-    """Return vectors (n, m) without what they have of the sparse, independent columns of a ``basis`` (n, k)."""
+    """Return vectors (n, m) without what they have of the sparse, independent columns of a
+    ``basis`` (n, k).
+    """
     products = (basis.T @ basis).toarray()
     return np.asarray(vectors - basis @ np.linalg.solve(products, basis.T @ vectors))
 

@@ -1,10 +1,12 @@
 """Means over the Brillouin zone of functions that depend on direction at the points q = -q.
 
-Projections on the motions of a lattice are such functions: bounded, and smooth but for these points, where the direction of
-approach matters. It matters at Gamma, and, where balls can roll like gears, at others. The zone is cut into simplices that
-have these points as corners: two segments, eight triangles or 48 tetrahedra about each of the 2, 4 or 8 points. Each is the
-image of a cube with p edges (Duffy's map, q = corner + s (e_1 + t (e_2 + w e_3))), in which the function is smooth: Gauss's
-rule converges geometrically. Lines from one corner to another along the axes are resolved too, as that from M to R of sc.
+Projections on the motions of a lattice are such functions: bounded, and smooth but for these
+points, where the direction of approach matters. It matters at Gamma, and, where balls can roll like
+gears, at others. The zone is cut into simplices that have these points as corners: two segments,
+eight triangles or 48 tetrahedra about each of the 2, 4 or 8 points. Each is the image of a cube
+with p edges (Duffy's map, q = corner + s (e_1 + t (e_2 + w e_3))), in which the function is smooth:
+Gauss's rule converges geometrically. Lines from one corner to another along the axes are resolved
+too, as that from M to R of sc.
 """
 
 from __future__ import annotations
@@ -20,13 +22,16 @@ from granphon.balls.contact_table import steps_within
 from granphon.base.arrays import Array
 
 #: fractions of a wave vector without symmetry, at which functions are compared with their images
-_PROBES = np.array([[0.1376, 0.2891, -0.0643], [-0.3217, 0.0811, 0.4129], [0.2239, -0.4462, 0.1783]])
+_PROBES = np.array(
+    [[0.1376, 0.2891, -0.0643], [-0.3217, 0.0811, 0.4129], [0.2239, -0.4462, 0.1783]]
+)
 #: greatest relative difference of values that are equal but for rounding
 _EQUAL = 1e-10
 
 
 class Operation(NamedTuple):
-    """A turn of the zone into itself: coordinate k becomes ``signs[k]`` times coordinate ``order[k]``.
+    """A turn of the zone into itself: coordinate k becomes ``signs[k]`` times coordinate
+    ``order[k]``.
 
     Coordinates are fractions of :func:`shortest_vectors`.
     """
@@ -37,16 +42,21 @@ class Operation(NamedTuple):
     def after(self, other: Operation) -> Operation:
         """Return the operation that acts as ``other`` and then as this one."""
         order = tuple(other.order[axis] for axis in self.order)
-        signs = tuple(sign * other.signs[axis] for sign, axis in zip(self.signs, self.order, strict=True))
+        signs = tuple(
+            sign * other.signs[axis] for sign, axis in zip(self.signs, self.order, strict=True)
+        )
         return Operation(order, signs)
 
 
-#: a part of the zone, by its corner and the operation that turns s_1 > s_2 > ... > 0 into its sides: corner/2 + s/4
+#: a part of the zone, by its corner and the operation that turns s_1 > s_2 > ... > 0 into its
+#: sides: corner/2 + s/4
 _Simplex = tuple[tuple[int, ...], Operation]
 
 
 def shortest_vectors(reciprocal: Array) -> Array:
-    """Return p shortest independent vectors (p, p) of a reciprocal lattice; the given ones come first among equals."""
+    """Return p shortest independent vectors (p, p) of a reciprocal lattice; the given ones come
+    first among equals.
+    """
     longest = float(np.linalg.norm(reciprocal, axis=1).max())
     found = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
     lengths = np.round(np.linalg.norm(found, axis=1) / longest, 9)
@@ -60,12 +70,14 @@ def shortest_vectors(reciprocal: Array) -> Array:
 
 
 def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> list[Operation]:
-    """Find a group of operations that leave a function of q unchanged, by its values at wave vectors without symmetry.
+    """Find a group of operations that leave a function of q unchanged, by its values at wave
+    vectors without symmetry.
 
     ``function`` takes wave vectors (n_q, p) and returns (n_q, ...).
     """
     basis = shortest_vectors(reciprocal)
-    every, fractions = _list_operations(len(basis)), _PROBES[:, : len(basis)]
+    every = _list_operations(len(basis))
+    fractions = _PROBES[:, : len(basis)]
     turned = np.stack([fractions[:, one.order] * one.signs for one in every])
     values = function(turned.reshape(fractions.size // len(basis) * len(every), -1) @ basis)
     values = values.reshape(len(every), len(fractions), -1)
@@ -73,7 +85,8 @@ def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> li
     allowed = {one for one, same in zip(every, alike, strict=True) if same}
     group = {every[0]}
     for one in every:
-        # in a lattice that is symmetric but for rounded numbers, some products of alike operations are not alike
+        # in a lattice that is symmetric but for rounded numbers, some products of alike operations
+        # are not alike
         if one not in allowed or one in group:
             continue
         grown = group | {one}
@@ -85,20 +98,34 @@ def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> li
 
 
 def _list_operations(periods: int) -> list[Operation]:
-    """List all changes of order and signs of the coordinates; the first is the identity, the last of its order -1."""
+    """List all changes of order and signs of the coordinates; the first is the identity, the last
+    of its order -1.
+    """
     orders = itertools.permutations(range(periods))
-    return [Operation(order, signs) for order in orders for signs in itertools.product((1, -1), repeat=periods)]
+    return [
+        Operation(order, signs)
+        for order in orders
+        for signs in itertools.product((1, -1), repeat=periods)
+    ]
 
 
 @lru_cache(maxsize=64)
-def _take_one_of_each(symmetries: tuple[Operation, ...], periods: int) -> list[tuple[_Simplex, int]]:
-    """Return one simplex of each set of simplices that the symmetries turn into each other, and the size of the set."""
+def _take_one_of_each(
+    symmetries: tuple[Operation, ...], periods: int
+) -> list[tuple[_Simplex, int]]:
+    """Return one simplex of each set of simplices that the symmetries turn into each other, and the
+    size of the set.
+    """
     corners = itertools.product((0, 1), repeat=periods)
-    left: dict[_Simplex, None] = dict.fromkeys(itertools.product(corners, _list_operations(periods)))
+    left: dict[_Simplex, None] = dict.fromkeys(
+        itertools.product(corners, _list_operations(periods))
+    )
     found = []
     while left:
         corner, sides = first = next(iter(left))
-        images = {(tuple(corner[axis] for axis in one.order), one.after(sides)) for one in symmetries}
+        images = {
+            (tuple(corner[axis] for axis in one.order), one.after(sides)) for one in symmetries
+        }
         for one in images:
             del left[one]
         found.append((first, len(images)))
@@ -108,20 +135,28 @@ def _take_one_of_each(symmetries: tuple[Operation, ...], periods: int) -> list[t
 def divide_zone(
     reciprocal: Array, order: int, symmetries: Sequence[Operation] | None = None
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield wave vectors (n_q, p) and weights (n_q,), in parts, for the mean of a function over the Brillouin zone.
+    """Yield wave vectors (n_q, p) and weights (n_q,), in parts, for the mean of a function over the
+    Brillouin zone.
 
     Parameters
     ----------
     reciprocal : (p, p) reciprocal vectors as rows, of any cell.
     order : number of points along each edge of the cube that is mapped to a simplex.
-    symmetries : the group of operations that leave the function unchanged; by default those of an even function.
+    symmetries : the group of operations that leave the function unchanged; by default those of an
+        even function.
     """
     basis = shortest_vectors(reciprocal)
     periods = len(basis)
     if symmetries is None:
-        symmetries = [_list_operations(periods)[0], Operation(tuple(range(periods)), (-1,) * periods)]
+        symmetries = [
+            _list_operations(periods)[0],
+            Operation(tuple(range(periods)), (-1,) * periods),
+        ]
     cube, gauss = (  # (n^p, p), all combinations of points from 0 to 1, and of their weights
-        np.stack(np.meshgrid(*[0.5 * values] * periods, indexing="ij"), axis=-1).reshape(-1, periods) + start
+        np.stack(np.meshgrid(*[0.5 * values] * periods, indexing="ij"), axis=-1).reshape(
+            -1, periods
+        )
+        + start
         for values, start in zip(np.polynomial.legendre.leggauss(order), (0.5, 0.0), strict=True)
     )
     away = np.cumprod(cube, axis=1)  # distances from the corner along the axes, in descending order
@@ -134,8 +169,8 @@ def divide_zone(
 def grid_zone(reciprocal: Array, points: int) -> tuple[Array, Array]:
     """Return a uniform grid over the zone, half a step off Gamma, for the mean of an even function.
 
-    It has ``points`` along each period. One of q and -q stands for both: returned are the wave vectors (n_q, p), and how
-    many of the points each stands for (n_q,).
+    It has ``points`` along each period. One of q and -q stands for both: returned are the wave
+    vectors (n_q, p), and how many of the points each stands for (n_q,).
     """
     ticks = (np.arange(points) + 0.5) / points
     axes = [ticks[ticks <= 0.5], *[ticks] * (len(reciprocal) - 1)]

@@ -1,8 +1,10 @@
-"""Figures of bands and densities of states, and drawings of the Brillouin zone with a path through it.
+"""Figures of bands and densities of states, and drawings of the Brillouin zone with a path through
+it.
 
-Every function draws on an Axes and returns it; units change only here. matplotlib's global state is left alone and no window
-is needed: :func:`bands_figure` makes a plain ``matplotlib.figure.Figure``, which :func:`~granphon.figures.style.save_figure`
-saves. Translation is dark blue and rotation orange throughout, on a scale that is uniform to the eye, in grey as well.
+Every function draws on an Axes and returns it; units change only here. matplotlib's global state is
+left alone and no window is needed: :func:`bands_figure` makes a plain ``matplotlib.figure.Figure``,
+which :func:`~granphon.figures.style.save_figure` saves. Translation is dark blue and rotation
+orange throughout, on a scale that is uniform to the eye, in grey as well.
 """
 
 from __future__ import annotations
@@ -44,7 +46,9 @@ _EDGES = (BLUE, VERMILION, "0.75")
 
 
 def find_reciprocal(bands: Bands) -> Array:
-    """Return the reciprocal vectors of the cell of ``bands`` as rows, (p, p), in units of 2 pi/d, for p periods."""
+    """Return the reciprocal vectors of the cell of ``bands`` as rows, (p, p), in units of 2 pi/d,
+    for p periods.
+    """
     return np.asarray(np.linalg.inv(bands.cell[: bands.periods, : bands.periods]).T)
 
 
@@ -55,7 +59,9 @@ def print_label(label: str) -> str:
 
 
 def name_corners(ax: Axes, corners: Array, labels: Sequence[str], **options: Any) -> None:
-    """Make the x axis that of a path: lines at the corners inside it, and the names of all, whose ``options`` these are."""
+    """Make the x axis that of a path: lines at the corners inside it, and the names of all, whose
+    ``options`` these are.
+    """
     for corner in corners[1:-1].tolist():
         ax.axvline(corner, color=FRAME, linewidth=0.5, zorder=0.5)
     ax.set_xticks(corners, [print_label(label) for label in labels], **options)
@@ -66,16 +72,19 @@ def name_corners(ax: Axes, corners: Array, labels: Sequence[str], **options: Any
 def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     """Draw the Brillouin zone of the bands' cell, with the path and the names of its corners.
 
-    The axes are in units of 2 pi/d and hidden. In space the zone is seen from ``view``, by default one from which the
-    corners of the path lie apart on the paper and on the near side; far edges are thin and light. On a line the zone is a
-    line with two ends. It is that of the periods along which the cell repeats: the zone of a ribbon is a line.
+    The axes are in units of 2 pi/d and hidden. In space the zone is seen from ``view``, by default
+    one from which the corners of the path lie apart on the paper and on the near side; far edges
+    are thin and light. On a line the zone is a line with two ends. It is that of the periods along
+    which the cell repeats: the zone of a ribbon is a line.
 
-    Raises :class:`~granphon.base.errors.InputError` for a cluster, which repeats along none and has no zone.
+    Raises :class:`~granphon.base.errors.InputError` for a cluster, which repeats along none and has
+    no zone.
     """
     repeats = np.asarray(bands.pbc)
     if not np.any(repeats):
         raise InputError("the balls repeat along no period", "A cluster has no Brillouin zone")
-    reciprocal, periods = find_reciprocal(bands), int(np.sum(repeats))
+    reciprocal = find_reciprocal(bands)
+    periods = int(np.sum(repeats))
     if not np.all(repeats):  # in Cartesian axes of the vectors along which the cell repeats
         vectors = bands.cell[: bands.periods, : bands.periods][repeats]
         axes, upper = np.linalg.qr(vectors.T)
@@ -91,10 +100,15 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
             look = look if front else {"edge": "0.75", "width": 0.4, "face": "none"}
             painter.add_polygon(face, float(front), **look)
         painter.draw(ax, "zone")
-        outline, ends = view.project(np.concatenate(faces)), view.project(ends)
+        outline = view.project(np.concatenate(faces))
+        ends = view.project(ends)
     elif periods == 2:
         outline = zone_polygon(reciprocal)
-        ax.add_patch(Polygon(outline, closed=True, facecolor="white", edgecolor="0.3", linewidth=0.7, gid="zone"))
+        ax.add_patch(
+            Polygon(
+                outline, closed=True, facecolor="white", edgecolor="0.3", linewidth=0.7, gid="zone"
+            )
+        )
     else:
         half = 0.5 * float(abs(reciprocal[0, 0]))
         outline = np.array([[-half, 0.0], [half, 0.0]])
@@ -102,11 +116,21 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
         bars = outline[:, None] + np.array([[0.0, -0.08], [0.0, 0.08]]) * half
         style: dict[str, Any] = {"colors": "0.3", "linewidths": 0.7}
         ax.add_collection(LineCollection([outline, *bars], **style, gid="zone"), autolim=False)
-    ax.add_collection(LineCollection(list(ends), colors="black", linewidths=1.2, zorder=2.5, gid="path"), autolim=False)
+    ax.add_collection(
+        LineCollection(list(ends), colors="black", linewidths=1.2, zorder=2.5, gid="path"),
+        autolim=False,
+    )
     middle = outline.mean(axis=0)
-    names = {print_label(bands.labels[s + e].split("|")[e - 1]): ends[s, e] for s in range(len(ends)) for e in (0, 1)}
-    # in space a label stands in the one of these directions in which the lines of the path are farthest
-    lines = (ends[:, 0] + np.linspace(0.0, 1.0, 41)[:, None, None] * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
+    names = {
+        print_label(bands.labels[s + e].split("|")[e - 1]): ends[s, e]
+        for s in range(len(ends))
+        for e in (0, 1)
+    }
+    # in space a label stands in the one of these directions in which the lines of the path are
+    # farthest
+    lines = (
+        ends[:, 0] + np.linspace(0.0, 1.0, 41)[:, None, None] * (ends[:, 1] - ends[:, 0])
+    ).reshape(-1, 2)
     ways = np.stack([turn(2.0 * np.pi * np.arange(32) / 32.0) for turn in (np.cos, np.sin)], axis=1)
     around = 0.15 * float(np.ptp(lines, axis=0).max()) * ways[:, None]
     for name, place in names.items():
@@ -120,31 +144,41 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
         if not name.startswith("("):
             x, y = (7.0 * away / max(float(np.linalg.norm(away)), 1e-9)).tolist()
             ax.annotate(
-                name, place, (x, y), textcoords="offset points", ha="center",
-                va="center", zorder=3.0, path_effects=[HALO],
-            )  # fmt: skip
+                name,
+                place,
+                (x, y),
+                textcoords="offset points",
+                ha="center",
+                va="center",
+                zorder=3.0,
+                path_effects=[HALO],
+            )
     points = np.vstack([outline, *ends])
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     hide_axes(ax, low - 0.2 * np.max(high - low), high + 0.2 * np.max(high - low))
     return ax
 
 
 def _choose_view(corners: Array, faces: list[Array]) -> View:
-    """Choose the view in which the corners (n, 3) of a path lie far apart on the paper, on the near side, and no face is
-    seen along its plane.
+    """Choose the view in which the corners (n, 3) of a path lie far apart on the paper, on the near
+    side, and no face is seen along its plane.
     """
-    apart, middles = np.unique(np.round(corners, 9), axis=0), np.array([face.mean(axis=0) for face in faces])
+    apart = np.unique(np.round(corners, 9), axis=0)
+    middles = np.array([face.mean(axis=0) for face in faces])
     # the middle of a face is not always on its normal, but near enough to it
     normals = middles / np.linalg.norm(middles, axis=1, keepdims=True)
     one, two = np.triu_indices(len(apart), 1)
-    best, found = -np.inf, View()
+    best = -np.inf
+    found = View()
     for azimuth, elevation in itertools.product(range(0, 360, 6), (10, 16, 22, 28)):  # degrees
         view = View(azimuth, elevation)
         flat = view.project(apart)
         distance = float(np.linalg.norm(flat[one] - flat[two], axis=1).min(initial=np.inf))
         score = distance * min(float(np.abs(view.nearness(normals)).min()), 0.15)
         if score > best and view.nearness(apart).mean() >= 0.0:
-            best, found = score, view
+            best = score
+            found = view
     return found
 
 
@@ -159,21 +193,27 @@ def plot_bands(
     unit: HertzPrefix | None = None,
     colorbar: bool = True,
 ) -> Axes:
-    """Draw bands, each branch followed through its crossings and coloured by its rotational fraction.
+    """Draw bands, each branch followed through its crossings and coloured by its rotational
+    fraction.
 
-    A LineCollection for each segment of the path and each branch: piece i runs through point i of the segment, and its
-    colour is that of the point. Where branches coincide the lower one is drawn wider, so that all remain visible. Without
-    friction nothing rotates: the colour is then the longitudinal fraction. Bands of balls with a single motion have one
-    colour. So have bands without eigenvectors, whose branches are not followed where they cross.
+    A LineCollection for each segment of the path and each branch: piece i runs through point i of
+    the segment, and its colour is that of the point. Where branches coincide the lower one is drawn
+    wider, so that all remain visible. Without friction nothing rotates: the colour is then the
+    longitudinal fraction. Bands of balls with a single motion have one colour. So have bands
+    without eigenvectors, whose branches are not followed where they cross.
 
     Parameters
     ----------
     asymptotes : draw the long waves too, see :func:`plot_asymptotes`.
-    gaps : (n, 2) intervals without a branch, Hz, such as those of ``Phonons.gaps()``; they are shaded.
-    bulk : (s, p, b, 2) lowest and highest frequency of each branch of the crystal at each point, Hz, such as
-        ``[surface.continuum(segment) for segment in bands.qpoints]``: a grey field behind the bands of a cut.
-    edges : whether colours are those of the energy at the lower edge of a cut and at the upper one, mixed with grey.
-    unit : unit of frequency; by default the decimal unit of hertz in which the top frequency lies between 1 and 1000.
+    gaps : (n, 2) intervals without a branch, Hz, such as those of ``Phonons.gaps()``; they are
+        shaded.
+    bulk : (s, p, b, 2) lowest and highest frequency of each branch of the crystal at each point,
+        Hz, such as ``[surface.continuum(segment) for segment in bands.qpoints]``: a grey field
+        behind the bands of a cut.
+    edges : whether colours are those of the energy at the lower edge of a cut and at the upper one,
+        mixed with grey.
+    unit : unit of frequency; by default the decimal unit of hertz in which the top frequency lies
+        between 1 and 1000.
     colorbar : whether to draw the colour bar, above the axes.
     """
     unit = _choose_unit(bands) if unit is None else unit
@@ -183,9 +223,10 @@ def plot_bands(
     # of balls with a single motion every branch would have the same colour
     if coloured := followed and bands.motions.count > 1:
         part, colours, words = (
-            (bands.rotational_fraction, ROTATION, "Rotational") if bands.motions.rotate
+            (bands.rotational_fraction, ROTATION, "Rotational")
+            if bands.motions.rotate
             else (bands.longitudinal_fraction, POLARISATION, "Longitudinal")
-        )  # fmt: skip
+        )
         fraction = np.take_along_axis(part, bands.connection, 2)
     if edges:
         weight = bands.edge_weight
@@ -195,14 +236,20 @@ def plot_bands(
     if bulk is not None:
         field = real_array("bulk", bulk) / unit.hertz
         if field.ndim != 4 or field.shape[:2] != values.shape[:2] or field.shape[3] != 2:
-            raise InputError(f"bulk has the shape {field.shape}", mend=f"Give {values.shape[:2]}, branches and 2")
+            raise InputError(
+                f"bulk has the shape {field.shape}", mend=f"Give {values.shape[:2]}, branches and 2"
+            )
         for s, b in np.ndindex(field.shape[0], field.shape[2]):
-            ax.fill_between(bands.distances[s], *field[s, :, b].T, color=_GAP, linewidth=0.0, zorder=0.1)
+            ax.fill_between(
+                bands.distances[s], *field[s, :, b].T, color=_GAP, linewidth=0.0, zorder=0.1
+            )
     for s, x in enumerate(bands.distances):
-        # what is closer than this is one line in print: each later branch here and at a neighbour is a step wider
+        # what is closer than this is one line in print: each later branch here and at a neighbour
+        # is a step wider
         close = np.abs(values[s, :, :, None] - values[s, :, None, :]) <= 1e-6 * values.max()
         both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
-        widths = 1.5 * (1.0 + np.minimum(np.triu(both[1:] | both[:-1], 1).sum(axis=2), 3))  # (p, b), in points
+        # (p, b), in points
+        widths = 1.5 * (1.0 + np.minimum(np.triu(both[1:] | both[:-1], 1).sum(axis=2), 3))
         for b in range(bands.n_branches):
             points = np.stack([x, values[s, :, b]], axis=1)
             middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
@@ -212,23 +259,43 @@ def plot_bands(
             if coloured:
                 shades = {"array": fraction[s, :, b], "cmap": colours, "norm": Normalize(0.0, 1.0)}
             if edges:
-                shades = {"colors": paint[s, :, b].clip(0.0, 1.0), "zorder": 2.0 + weight[s, :, b].sum(axis=-1).max()}
-            lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades)
+                shades = {
+                    "colors": paint[s, :, b].clip(0.0, 1.0),
+                    "zorder": 2.0 + weight[s, :, b].sum(axis=-1).max(),
+                }
+            lines = LineCollection(
+                pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades
+            )
             ax.add_collection(lines, autolim=False)
     corners = np.append(bands.distances[:, 0], bands.distances[-1, -1])
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
-    slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if max(map(len, bands.labels)) > 5 else {}
-    # where corners are so close that names may touch, the two names at a jump of the path stand one above the other
+    slant: dict[str, Any] = (
+        {"rotation": 30, "ha": "right"} if max(map(len, bands.labels)) > 5 else {}
+    )
+    # where corners are so close that names may touch, the two names at a jump of the path stand one
+    # above the other
     crowded = np.min(np.diff(corners), initial=np.inf) < 0.1 * (corners[-1] - corners[0])
     name_corners(ax, corners, bands.labels, **slant)
     if crowded:
         ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
-    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * values.max(), 1.05 * values.max()))
+    ax.set(
+        ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * values.max(), 1.05 * values.max())
+    )
     intervals = np.zeros((0, 2)) if gaps is None else real_array("gaps", gaps)
     if intervals.ndim != 2 or intervals.shape[1] != 2 or not np.all(np.isfinite(intervals)):
-        raise InputError(f"gaps have the shape {intervals.shape}", mend="Give (n, 2) finite frequencies in Hz")
+        raise InputError(
+            f"gaps have the shape {intervals.shape}", mend="Give (n, 2) finite frequencies in Hz"
+        )
     for number, (low, high) in enumerate((intervals / unit.hertz).tolist()):
-        ax.axhspan(low, high, color=_GAP, linewidth=0.0, zorder=0.2, label="_" * bool(number) + "gap", gid=f"gap-{number}")
+        ax.axhspan(
+            low,
+            high,
+            color=_GAP,
+            linewidth=0.0,
+            zorder=0.2,
+            label="_" * bool(number) + "gap",
+            gid=f"gap-{number}",
+        )
     if asymptotes is not None:
         plot_asymptotes(bands, asymptotes, ax, unit=unit)
     if edges:
@@ -240,28 +307,48 @@ def plot_bands(
 
 
 def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
-    there = result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
+    there = (
+        result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
+    )
     return HertzPrefix.for_top(float(there.max()))
 
 
 def plot_asymptotes(
-    bands: Bands, velocities: Asymptotes, ax: Axes, *, unit: HertzPrefix | None = None, reach: float = 0.5
+    bands: Bands,
+    velocities: Asymptotes,
+    ax: Axes,
+    *,
+    unit: HertzPrefix | None = None,
+    reach: float = 0.5,
 ) -> Axes:
-    """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 = omega_0^2 (1 - c q^2).
+    """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 =
+    omega_0^2 (1 - c q^2).
 
-    ``velocities`` are those of sound, the same in every direction, at one load (:class:`~granphon.base.errors.InputError`
-    for several); or the lattice itself (``Phonons.lattice``), which gives them for each direction, and its rotational branch
-    if there is one ball in the cell. ``unit`` is as in :func:`plot_bands`; ``reach`` is the part of each segment from or to
-    Gamma along which the long waves are drawn. Waves without a velocity, such as flexural waves, are left out.
+    ``velocities`` are those of sound, the same in every direction, at one load
+    (:class:`~granphon.base.errors.InputError` for several); or the lattice itself
+    (``Phonons.lattice``), which gives them for each direction, and its rotational branch if there
+    is one ball in the cell. ``unit`` is as in :func:`plot_bands`; ``reach`` is the part of each
+    segment from or to Gamma along which the long waves are drawn. Waves without a velocity, such as
+    flexural waves, are left out.
     """
     unit = _choose_unit(bands) if unit is None else unit
     if isinstance(velocities, SoundVelocities) and np.ndim(velocities.longitudinal):
-        raise InputError("the velocities are those of several loads", mend="Give the velocities at the load of the bands")
+        raise InputError(
+            "the velocities are those of several loads",
+            mend="Give the velocities at the load of the bands",
+        )
     reciprocal = find_reciprocal(bands)
     if isinstance(velocities, SoundVelocities) and len(reciprocal) == 3:
-        raise InputError("the velocities are those of one direction", "In space they depend on it", "Give Phonons.lattice")
-    scales, label = bands.scales, "long waves"
-    for s, near, far in ((s, *ends) for s in range(len(bands.qpoints)) for ends in ((0, -1), (-1, 0))):
+        raise InputError(
+            "the velocities are those of one direction",
+            "In space they depend on it",
+            "Give Phonons.lattice",
+        )
+    scales = bands.scales
+    label = "long waves"
+    for s, near, far in (
+        (s, *ends) for s in range(len(bands.qpoints)) for ends in ((0, -1), (-1, 0))
+    ):
         start = bands.qpoints[s, near]
         if not np.allclose(start, np.round(start), rtol=0.0, atol=1e-9):
             continue
@@ -271,31 +358,60 @@ def plot_asymptotes(
             named = {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
             speeds = {name: v / scales.velocity for name, v in named.items() if v is not None}
         else:
-            speeds = dict(zip(velocities.wave_names, velocities.sound_velocities(way)[0].tolist(), strict=True))
-        waves = {name: v * q for name, v in speeds.items() if v > 1e-9 * max(speeds.values())}  # less is rounding of zero
-        if isinstance(velocities, ContactLattice) and len(velocities.motions.rotations) == velocities.n_balls == 1:
+            speeds = dict(
+                zip(
+                    velocities.wave_names, velocities.sound_velocities(way)[0].tolist(), strict=True
+                )
+            )
+        # less is rounding of zero
+        waves = {name: v * q for name, v in speeds.items() if v > 1e-9 * max(speeds.values())}
+        if (
+            isinstance(velocities, ContactLattice)
+            and len(velocities.motions.rotations) == velocities.n_balls == 1
+        ):
             squared, curvature = velocities.optical_branch(way)
             inside = 1.0 - curvature * q**2
             waves["optical"] = np.sqrt(squared * np.where(inside >= 0.0, inside, np.nan))
-        x = bands.distances[s, near] + np.sign(bands.distances[s, far] - bands.distances[s, near]) * q / (2.0 * np.pi)
+        x = bands.distances[s, near] + np.sign(
+            bands.distances[s, far] - bands.distances[s, near]
+        ) * q / (2.0 * np.pi)
         for name, y in waves.items():
-            style: dict[str, Any] = {"color": "black", "linewidth": 0.8, "dashes": (3.5, 1.8), "zorder": 3.0}
-            ax.plot(x, y * scales.frequency / unit.hertz, **style, label=label, gid=f"asymptote-{name}-{s}")
+            style: dict[str, Any] = {
+                "color": "black",
+                "linewidth": 0.8,
+                "dashes": (3.5, 1.8),
+                "zorder": 3.0,
+            }
+            ax.plot(
+                x,
+                y * scales.frequency / unit.hertz,
+                **style,
+                label=label,
+                gid=f"asymptote-{name}-{s}",
+            )
             label = "_"
     return ax
 
 
-def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: HertzPrefix | None = None) -> Axes:
-    """Draw the density of states per ball: its translational and rotational part filled, the total as a line.
+def plot_dos(
+    dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: HertzPrefix | None = None
+) -> Axes:
+    """Draw the density of states per ball: its translational and rotational part filled, the total
+    as a line.
 
-    ``horizontal``: density to the right and frequency upwards, to stand beside bands; otherwise the other way round.
-    ``unit`` of frequency as in :func:`plot_bands`. The lines are labelled for a legend. The axis of frequency has no label
-    where it shares that of a neighbour, as in ``subplots(1, 2, sharey=True)``. Where flat branches make peaks beside which
-    nothing else would be seen, the axis of the density ends below them, and its label says how high they are.
+    ``horizontal``: density to the right and frequency upwards, to stand beside bands; otherwise the
+    other way round. ``unit`` of frequency as in :func:`plot_bands`. The lines are labelled for a
+    legend. The axis of frequency has no label where it shares that of a neighbour, as in
+    ``subplots(1, 2, sharey=True)``. Where flat branches make peaks beside which nothing else would
+    be seen, the axis of the density ends below them, and its label says how high they are.
     """
     unit = _choose_unit(dos) if unit is None else unit
-    frequency, fill = dos.frequencies / unit.hertz, ax.fill_betweenx if horizontal else ax.fill_between
-    parts = {"translation": (dos.translational, ROTATION(0.0)), "rotation": (dos.rotational, ROTATION(1.0))}
+    frequency = dos.frequencies / unit.hertz
+    fill = ax.fill_betweenx if horizontal else ax.fill_between
+    parts = {
+        "translation": (dos.translational, ROTATION(0.0)),
+        "rotation": (dos.rotational, ROTATION(1.0)),
+    }
     curves = {**(parts if np.any(dos.rotational > 0.0) else {}), "total": (dos.total, "black")}
     for name, (per_hertz, colour) in curves.items():
         density = per_hertz * unit.hertz
@@ -304,12 +420,19 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
         pair = (density, frequency) if horizontal else (frequency, density)
         ax.plot(*pair, color=colour, linewidth=0.7 if name == "total" else 1.0, label=name)
     along, across = ("y", "x") if horizontal else ("x", "y")
-    name, gap = print_hertz(unit), "\n" if horizontal else " "
-    peak, most = float(dos.total.max()) * unit.hertz, float(np.quantile(dos.total, 0.98)) * unit.hertz
-    # peaks six times higher than all but a fiftieth of the density are those of flat branches, and are not drawn whole
+    name = print_hertz(unit)
+    gap = "\n" if horizontal else " "
+    peak = float(dos.total.max()) * unit.hertz
+    most = float(np.quantile(dos.total, 0.98)) * unit.hertz
+    # peaks six times higher than all but a fiftieth of the density are those of flat branches, and
+    # are not drawn whole
     top = 2.0 * most if 0.0 < most < peak / 6.0 else peak
     beyond = f"{gap}peaks to {peak:.2g}" if peak > top else ""
-    numbered = getattr(ax, f"{along}axis").get_tick_params().get("labelleft" if horizontal else "labelbottom", True)
+    numbered = (
+        getattr(ax, f"{along}axis")
+        .get_tick_params()
+        .get("labelleft" if horizontal else "labelbottom", True)
+    )
     labels = f"Frequency ({name})" if numbered else "", f"DOS per ball{gap}(1/{name}){beyond}"
     ax.set(**{f"{along}label": labels[0], f"{across}label": labels[1]})
     ax.set(**{f"{along}lim": (0.0, frequency[-1]), f"{across}lim": (0.0, 1.05 * top)})
@@ -329,16 +452,21 @@ def bands_figure(
     edges: bool = False,
     title: str | None = None,
 ) -> Figure:
-    """Draw a figure of bands with the Brillouin zone, and the density of states beside them on the same axis.
+    """Draw a figure of bands with the Brillouin zone, and the density of states beside them on the
+    same axis.
 
-    The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a cluster has none. Bands or
-    densities may be left out; ``asymptotes``, ``gaps``, ``bulk`` and ``edges`` are as in :func:`plot_bands`. Raises
+    The figure is one column wide. The zone is an inset, and in space a panel beneath the bands; a
+    cluster has none. Bands or densities may be left out; ``asymptotes``, ``gaps``, ``bulk`` and
+    ``edges`` are as in :func:`plot_bands`. Raises
     :class:`~granphon.base.errors.InputError` if both are left out.
     """
     first = dos if bands is None else bands
     if first is None:
-        raise InputError("there is nothing to draw", mend="Give bands, a density of states, or both")
-    unit, both = _choose_unit(first), bands is not None and dos is not None
+        raise InputError(
+            "there is nothing to draw", mend="Give bands, a density of states, or both"
+        )
+    unit = _choose_unit(first)
+    both = bands is not None and dos is not None
     # a zone in space has too many corners for an inset
     space = bands is not None and sum(bands.pbc) == 3
     with styled_figure(2.4 if bands is None else 4.4 if space else 3.1) as figure:
@@ -348,7 +476,9 @@ def bands_figure(
         if dos is not None:
             plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
         if bands is not None:
-            plot_bands(bands, axes[0], asymptotes=asymptotes, gaps=gaps, bulk=bulk, edges=edges, unit=unit)
+            plot_bands(
+                bands, axes[0], asymptotes=asymptotes, gaps=gaps, bulk=bulk, edges=edges, unit=unit
+            )
             if space:
                 plot_zone(bands, figure.add_subplot(rows[1]))
             elif any(bands.pbc):
@@ -357,29 +487,59 @@ def bands_figure(
                 plot_zone(bands, inset)
         if both:
             axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
-        entries = {name: h for ax in axes[::-1] for h, name in zip(*ax.get_legend_handles_labels(), strict=True)}
+        entries = {
+            name: h
+            for ax in axes[::-1]
+            for h, name in zip(*ax.get_legend_handles_labels(), strict=True)
+        }
         if set(entries) - {"total"}:
-            figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=4, columnspacing=1.2)
+            figure.legend(
+                entries.values(),
+                entries.keys(),
+                loc="outside lower center",
+                ncols=4,
+                columnspacing=1.2,
+            )
         figure.suptitle(title or "")
     return figure
 
 
 def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
-    """Find a square clear of every line: x, y, width, height in parts of the axes; extend the axes upwards if none is."""
-    curves = [np.asarray(c.get_segments())[:, 1] for c in ax.collections if isinstance(c, LineCollection)]
-    curves += [np.column_stack(line.get_data())[:-1] for line in ax.lines if str(line.get_gid()).startswith("asymptote")]
+    """Find a square clear of every line: x, y, width, height in parts of the axes; extend the axes
+    upwards if none is.
+    """
+    curves = [
+        np.asarray(c.get_segments())[:, 1] for c in ax.collections if isinstance(c, LineCollection)
+    ]
+    curves += [
+        np.column_stack(line.get_data())[:-1]
+        for line in ax.lines
+        if str(line.get_gid()).startswith("asymptote")
+    ]
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     points = (np.concatenate(curves) - [left, bottom]) / [right - left, top - bottom]
     points = points[np.all(np.isfinite(points), axis=1)]
     for size in (0.3, 0.25):
-        corners = 0.05 + (0.9 - size) * np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 31)] * 2), axis=-1).reshape(-1, 2)
-        away = [np.abs(points - corner - size / 2.0).max(axis=1).min() - size / 2.0 for corner in corners]
+        corners = 0.05 + (0.9 - size) * np.stack(
+            np.meshgrid(*[np.linspace(0.0, 1.0, 31)] * 2), axis=-1
+        ).reshape(-1, 2)
+        away = [
+            np.abs(points - corner - size / 2.0).max(axis=1).min() - size / 2.0
+            for corner in corners
+        ]
         if max(away) > 0.01:
             x, y = corners[int(np.argmax(np.minimum(away, 0.06)))].tolist()
             return x, y, size, size
-    # put it at the top, where the highest line is lowest, and extend the axes by no more than it needs there
-    size, margin = 0.22, 0.05
+    # put it at the top, where the highest line is lowest, and extend the axes by no more than it
+    # needs there
+    size = 0.22
+    margin = 0.05
     starts = np.linspace(margin, 1.0 - margin - size, 31)
-    beneath = [points[np.abs(points[:, 0] - start - size / 2.0) < size / 2.0 + 0.02, 1].max() for start in starts]
-    ax.set_ylim(bottom, bottom + (top - bottom) * max(1.0, (min(beneath) + 0.02) / (1.0 - margin - size)))
+    beneath = [
+        points[np.abs(points[:, 0] - start - size / 2.0) < size / 2.0 + 0.02, 1].max()
+        for start in starts
+    ]
+    ax.set_ylim(
+        bottom, bottom + (top - bottom) * max(1.0, (min(beneath) + 0.02) / (1.0 - margin - size))
+    )
     return float(starts[int(np.argmin(beneath))]), 1.0 - margin - size, size, size

@@ -1,9 +1,11 @@
-"""Figures over the load: curves of sweeps, states, fits and data; and bands, or densities of states, one over the other.
+"""Figures over the load: curves of sweeps, states, fits and data; and bands, or densities of
+states, one over the other.
 
-As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on it and returns it. A data set of a sweep has
-a curve for each medium, combination of parameters and direction. In the figure of a sweep each medium has a colour, and each
-combination of parameters a shade of it. In that of several results each curve has a look of its own; what all share stands
-in the title, and the legend says in words what each has of its own. A line is dashed where its medium is not valid.
+As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on it and returns it. A
+data set of a sweep has a curve for each medium, combination of parameters and direction. In the
+figure of a sweep each medium has a colour, and each combination of parameters a shade of it. In
+that of several results each curve has a look of its own; what all share stands in the title, and
+the legend says in words what each has of its own. A line is dashed where its medium is not valid.
 """
 
 from __future__ import annotations
@@ -59,11 +61,17 @@ from granphon.runs.dataset import Dataset, find_dataset, find_load, list_finite_
 
 #: how measured points are drawn
 _DATA_STYLE: dict[str, Any] = {
-    "fmt": "o", "color": "black", "markersize": 2.6, "elinewidth": 0.7, "capsize": 0.0, "zorder": 2.0,
-}  # fmt: skip
+    "fmt": "o",
+    "color": "black",
+    "markersize": 2.6,
+    "elinewidth": 0.7,
+    "capsize": 0.0,
+    "zorder": 2.0,
+}
 #: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
 _LARGEST = 1e280
-#: dashes of lines that have the same colour, the first solid; none is that of a line outside its range
+#: dashes of lines that have the same colour, the first solid; none is that of a line outside its
+#: range
 _DASHES = (None, (1.0, 1.4), (5.0, 1.6, 1.0, 1.6), (8.0, 2.5))
 #: the most lines that colours and dashes tell apart
 MOST_LOOKS = len(COLOURS) * len(_DASHES)
@@ -73,17 +81,22 @@ _SERVING = {"ala": "s", "afa": "v", "ema": "^", "cluster": "D"}
 _OUTSIDE: dict[str, Any] = {"linewidth": 0.7, "dashes": (3.0, 1.5)}
 _HOLLOW = {"markerfacecolor": "white"}
 #: sizes of marks: of points, and of those that say which medium served
-_SIZE, _SERVING_SIZE = 3.0, 3.6
+_SIZE = 3.0
+_SERVING_SIZE = 3.6
 #: what points have in a legend, but colour and mark
 _POINTS: dict[str, Any] = {"markersize": _SIZE, "linestyle": "none"}
 #: the velocity of pulses through simulated arrays
 _PULSE = "pulse_velocity"
 #: the velocities that a sweep may have, with their symbols
 _VELOCITIES = {
-    "transverse": "$v_T$", "transverse_slow": "$v_{T1}$", "transverse_fast": "$v_{T2}$", "longitudinal": "$v_L$",
+    "transverse": "$v_T$",
+    "transverse_slow": "$v_{T1}$",
+    "transverse_fast": "$v_{T2}$",
+    "longitudinal": "$v_L$",
     _PULSE: "velocity of pulses",
-}  # fmt: skip
-#: of the two transverse waves in space the fast one has an ordinary line, the slow one is dash-dotted; points differ too
+}
+#: of the two transverse waves in space the fast one has an ordinary line, the slow one is
+#: dash-dotted; points differ too
 _SLOW = "transverse_slow"
 _SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
 _VELOCITY_MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
@@ -94,14 +107,17 @@ _DATA_MARKS = ("o", "s", "^", "D", "v", "P")
 #: what may be on the axis of loads
 _LOADS = ("force", "pressure", "overlap", "reduced_force")
 
-#: what the caption of a drawn Axes needs: entries of the legend, and what all curves share, in words
+#: what the caption of a drawn Axes needs: entries of the legend, and what all curves share, in
+#: words
 _Drawn = tuple[list[Line2D], list[str]]
 
 
 def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
-    """Draw measured velocities with standard errors, the fit, and the ideal lattice; below, residuals in units of sigma.
+    """Draw measured velocities with standard errors, the fit, and the ideal lattice; below,
+    residuals in units of sigma.
 
-    Where each pulse has a frequency of its own, the fit is drawn at the data only, and the ideal lattice is left out.
+    Where each pulse has a frequency of its own, the fit is drawn at the data only, and the ideal
+    lattice is left out.
     """
     ax.errorbar(fit.force, fit.velocity, fit.sigma, **_DATA_STYLE, label="data", gid="data")
     structure = fit.packing.structure
@@ -114,21 +130,30 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     else:
         force = np.geomspace(fit.force.min(), fit.force.max(), 200)
         ax.plot(force, fit.velocity_at(force), linewidth=1.2, **style)
-        equal: dict[str, Any] = {"color": GUIDE, "label": "equal balls", "gid": "ideal", "zorder": 1.0}
+        equal: dict[str, Any] = {
+            "color": GUIDE,
+            "label": "equal balls",
+            "gid": "ideal",
+            "zorder": 1.0,
+        }
         ax.plot(force, fit.velocity_at(force, "ala"), linewidth=0.8, **equal)
     residual_ax.axhline(0.0, color=VERMILION, linewidth=1.2, zorder=1.0)
     residual_ax.errorbar(fit.force, fit.residuals / fit.sigma, 1.0, **_DATA_STYLE, gid="residuals")
     for axes in (ax, residual_ax):
         scale_axis(axes, "x", fit.force)
     scale_axis(ax, "y", fit.velocity)
-    ax.set_ylabel(axis_label(fit.waves.branch) if fit.waves.frequency is None else "Group velocity (m/s)")
+    ax.set_ylabel(
+        axis_label(fit.waves.branch) if fit.waves.frequency is None else "Group velocity (m/s)"
+    )
     residual_ax.set(xlabel=axis_label("force"), ylabel="Residual / σ")
     residual_ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     return ax, residual_ax
 
 
 def write_width(fit: WidthFit) -> str:
-    """Return the fitted width with its standard error, of which two digits are told, if it is known: "2.026 ± 0.021 µm"."""
+    """Return the fitted width with its standard error, of which two digits are told, if it is
+    known: "2.026 ± 0.021 µm".
+    """
     if not fit.errors_are_known:
         return write_value(fit.width, "m")
     return write_uncertain(fit.width, fit.stderr, "m").replace("+/-", "±").replace("u", "µ")
@@ -148,7 +173,9 @@ def fit_figure(fit: WidthFit) -> Figure:
 
 @dataclass(frozen=True)
 class Look:
-    """How a curve is drawn: colour, width of its line, dashes (None: solid), and the mark of its points."""
+    """How a curve is drawn: colour, width of its line, dashes (None: solid), and the mark of its
+    points.
+    """
 
     colour: Any
     width: float = 1.2
@@ -190,8 +217,14 @@ class Curve:
         if self.path:
             return self
         order = np.argsort(self.x, kind="stable")
-        parts: dict[str, Any] = {name: getattr(self, name)[order] for name in ("x", "y", "error", "valid", "simulated")}
-        return replace(self, **parts, served=tuple(self.served[n] for n in order.tolist()) if self.served else ())
+        parts: dict[str, Any] = {
+            name: getattr(self, name)[order] for name in ("x", "y", "error", "valid", "simulated")
+        }
+        return replace(
+            self,
+            **parts,
+            served=tuple(self.served[n] for n in order.tolist()) if self.served else (),
+        )
 
     @property
     def as_points(self) -> bool:
@@ -200,7 +233,8 @@ class Curve:
 
 
 def make_looks(count: int) -> list[Look]:
-    """Return looks of ``count`` curves: colours first, then dashes and marks; lines grow thinner, so that all are seen.
+    """Return looks of ``count`` curves: colours first, then dashes and marks; lines grow thinner,
+    so that all are seen.
 
     Beyond :data:`MOST_LOOKS` they come again.
     """
@@ -213,24 +247,36 @@ def make_looks(count: int) -> list[Look]:
 
 
 def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
-    """Draw a curve: solid where it is valid, thin and dashed elsewhere; of a simulation points with bars of their errors.
+    """Draw a curve: solid where it is valid, thin and dashed elsewhere; of a simulation points with
+    bars of their errors.
 
-    A path joins its points, and triangles mark those that are reached by a fall of x. On an automatic medium each kind of
-    mark says which medium served.
+    A path joins its points, and triangles mark those that are reached by a fall of x. On an
+    automatic medium each kind of mark says which medium served.
     """
     drawn = np.any(curve.error > 0.0)
     points = curve.as_points
     if drawn and (points or np.any(curve.simulated)):
-        bars: dict[str, Any] = {"fmt": "none", "elinewidth": 0.8, "color": look.colour, "gid": f"{gid}-errors"}
+        bars: dict[str, Any] = {
+            "fmt": "none",
+            "elinewidth": 0.8,
+            "color": look.colour,
+            "gid": f"{gid}-errors",
+        }
         ax.errorbar(curve.x, curve.y, np.where(curve.error > 0.0, curve.error, np.nan), **bars)
-    style: dict[str, Any] = {"color": look.colour, "markersize": _SIZE, "marker": look.marker if points else ""}
+    style: dict[str, Any] = {
+        "color": look.colour,
+        "markersize": _SIZE,
+        "marker": look.marker if points else "",
+    }
     if points and not curve.served:
         joined = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
-        thin, solid = style | joined | _HOLLOW, style | {"linestyle": "none"}
+        thin = style | joined | _HOLLOW
+        solid = style | {"linestyle": "none"}
     else:
         style["marker"] = ""
         # thinner below marks, so that these are seen
-        thin, solid = style | _OUTSIDE, style | {"linewidth": 0.8 if curve.served else look.width}
+        thin = style | _OUTSIDE
+        solid = style | {"linewidth": 0.8 if curve.served else look.width}
         if look.dashes:  # through whose gaps a thin line below would be seen
             solid |= {"dashes": look.dashes}
             outside = ~curve.valid  # and the ends of these stretches, from which their lines go
@@ -243,23 +289,42 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     falls = np.diff(curve.x, prepend=curve.x[0]) < 0.0
     if curve.path and np.any(falls):
         fallen = solid | {"marker": "v", "markersize": 5.0}
-        ax.plot(curve.x[falls], np.where(curve.valid, curve.y, np.nan)[falls], gid=f"{gid}-falling", **fallen)
+        ax.plot(
+            curve.x[falls],
+            np.where(curve.valid, curve.y, np.nan)[falls],
+            gid=f"{gid}-falling",
+            **fallen,
+        )
     # on an automatic medium, which medium served where: the ends of its loads, and some between
-    n, named = curve.x.size, np.array([one.partition("(")[0] for one in curve.served])
+    n = curve.x.size
+    named = np.array([one.partition("(")[0] for one in curve.served])
     change = np.flatnonzero(named[1:] != named[:-1])
-    some = np.concatenate([np.arange(0, n, max(1, -(-n // 12))), change, change + 1, [n - 1]])  # about twelve
+    # about twelve
+    some = np.concatenate([np.arange(0, n, max(1, -(-n // 12))), change, change + 1, [n - 1]])
     shown = np.isin(np.arange(n), some) | curve.simulated
     for name in dict.fromkeys(named.tolist()):
         for valid in (True, False):
             there = shown & (named == name) & (curve.valid == valid)
-            marks: dict[str, Any] = {"color": look.colour, "markersize": _SERVING_SIZE, "linestyle": "none"}
+            marks: dict[str, Any] = {
+                "color": look.colour,
+                "markersize": _SERVING_SIZE,
+                "linestyle": "none",
+            }
             marks |= {} if valid else _HOLLOW
             if np.any(there):
-                ax.plot(curve.x[there], curve.y[there], _SERVING.get(name, "o"), gid=f"{gid}-served-{name}", **marks)
+                ax.plot(
+                    curve.x[there],
+                    curve.y[there],
+                    _SERVING.get(name, "o"),
+                    gid=f"{gid}-served-{name}",
+                    **marks,
+                )
 
 
 def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
-    """Scale the axes for curves of the quantity ``y`` over ``x``, and name them with their units."""
+    """Scale the axes for curves of the quantity ``y`` over ``x``, and name them with their
+    units.
+    """
     for which, name, unit in zip("xy", (x, y), curves[0].units, strict=True):
         values = np.concatenate([getattr(curve, which) for curve in curves])
         scale_axis(ax, which, values)
@@ -268,13 +333,24 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
 
 
 def _make_handle(look: Look, label: str, points: bool) -> Line2D:
-    line: dict[str, Any] = {"linewidth": min(look.width, 1.6)} | ({"dashes": look.dashes} if look.dashes else {})
-    return Line2D([], [], color=look.colour, label=label, **({"marker": look.marker} | _POINTS if points else line))
+    line: dict[str, Any] = {"linewidth": min(look.width, 1.6)} | (
+        {"dashes": look.dashes} if look.dashes else {}
+    )
+    return Line2D(
+        [],
+        [],
+        color=look.colour,
+        label=label,
+        **({"marker": look.marker} | _POINTS if points else line),
+    )
 
 
 def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
-    """Return the last entries of a legend: loads at which a medium is not valid, and media that automatic ones chose."""
-    handles, grey = list[Line2D](), dict[str, Any](color="0.3")
+    """Return the last entries of a legend: loads at which a medium is not valid, and media that
+    automatic ones chose.
+    """
+    handles = list[Line2D]()
+    grey = dict[str, Any](color="0.3")
     if not all(np.all(curve.valid) for curve in curves):
         points: dict[str, Any] = {"marker": "o"} | _POINTS | _HOLLOW
         look = points if all(curve.as_points for curve in curves) else _OUTSIDE
@@ -282,7 +358,9 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
     names = {one.partition("(")[0] for curve in curves for one in curve.served}
     style = grey | {"markersize": _SERVING_SIZE, "linestyle": "none"}
     return handles + [
-        Line2D([], [], marker=_SERVING.get(name, "o"), label=f"{describe_medium(name)} served", **style)
+        Line2D(
+            [], [], marker=_SERVING.get(name, "o"), label=f"{describe_medium(name)} served", **style
+        )
         for name in sorted(names, key=list(MEDIA).index)
     ]
 
@@ -291,15 +369,22 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
 
 
 def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
-    """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
+    """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError
+    beyond matplotlib's axes.
+    """
     if name not in dataset.variables:
-        raise InputError(f"the sweep has no variable {name!r}", f"It has {', '.join(map(str, dataset.data_vars))}")
+        raise InputError(
+            f"the sweep has no variable {name!r}",
+            f"It has {', '.join(map(str, dataset.data_vars))}",
+        )
     values = dataset[name]
     if name not in list_quantities(dataset, "fiub"):
         raise InputError(f"{name!r} is not one number at each load", mend="Draw another variable")
     if not np.any(np.isfinite(values)):
         why = "It is infinite for equal balls" if name == "reduced_force" else ""
-        raise InputError(f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable")
+        raise InputError(
+            f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"
+        )
     sizes = np.abs(np.asarray(values, float))
     far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
     if np.any(far):
@@ -310,7 +395,9 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
 
 
 def list_quantities(dataset: Dataset, kinds: str = "fiu") -> tuple[str, ...]:
-    """Return the names of the variables that are one number, of these ``kinds`` of dtype, at each load."""
+    """Return the names of the variables that are one number, of these ``kinds`` of dtype, at each
+    load.
+    """
     dims = {"load", "medium", *list_parameters(dataset)}
     return tuple(
         str(name)
@@ -320,20 +407,35 @@ def list_quantities(dataset: Dataset, kinds: str = "fiu") -> tuple[str, ...]:
 
 
 def list_parameters(dataset: Dataset) -> list[str]:
-    """Return the dimensions of the sweep besides load and medium: its parameters, and directions if there are many."""
+    """Return the dimensions of the sweep besides load and medium: its parameters, and directions if
+    there are many.
+    """
     along = ("direction",) * ("direction" in dataset.dims)
-    return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
+    return [
+        str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")
+    ]
 
 
 def turn_over(dataset: Dataset, x: str | None) -> Dataset:
-    """Return the data set with the parameter ``x`` in the place of the load, if it is one in numbers: curves lie over it."""
+    """Return the data set with the parameter ``x`` in the place of the load, if it is one in
+    numbers: curves lie over it.
+    """
     if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
         return dataset
-    return dataset.drop_vars("load", errors="ignore").swap_dims({"load": find_load(dataset)}).rename_dims({x: "load"})
+    return (
+        dataset.drop_vars("load", errors="ignore")
+        .swap_dims({"load": find_load(dataset)})
+        .rename_dims({x: "load"})
+    )
 
 
 def read_curve(
-    dataset: Dataset, variable: str, x: str, index: dict[str, int], run: str = "", facts: dict[str, str] | None = None
+    dataset: Dataset,
+    variable: str,
+    x: str,
+    index: dict[str, int],
+    run: str = "",
+    facts: dict[str, str] | None = None,
 ) -> Curve:
     """Return the curve of a variable over ``x`` at an index of each dimension besides the load."""
 
@@ -350,37 +452,60 @@ def read_curve(
     simulated = [one.partition("(")[0] == DirectSimulation.name for one in served or (medium,)]
     simulated = dataset.attrs.get("points", simulated)  # a fit is a line, whatever its medium
     units = tuple(str(dataset[name].attrs.get("units", "")) for name in (x, variable))
-    options: dict[str, Any] = next(iter(json.loads(dataset.attrs.get("media", "[{}]"))[index["medium"]].values()), {})
+    options: dict[str, Any] = next(
+        iter(json.loads(dataset.attrs.get("media", "[{}]"))[index["medium"]].values()), {}
+    )
     return Curve(
-        run, facts or {}, horizontal, take(along).astype(float), take(error).astype(float), take(dataset["valid"]),
-        np.broadcast_to(np.asarray(simulated, bool), horizontal.shape), served, (units[0], units[1]),
+        run,
+        facts or {},
+        horizontal,
+        take(along).astype(float),
+        take(error).astype(float),
+        take(dataset["valid"]),
+        np.broadcast_to(np.asarray(simulated, bool), horizontal.shape),
+        served,
+        (units[0], units[1]),
         path=bool(options.get("ordered")),
-    ).sorted()  # fmt: skip
+    ).sorted()
 
 
 def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str], dict[str, int]]]:
-    """Return for each line of a variable what it is, in words by kind, and its index in each dimension besides the load.
+    """Return for each line of a variable what it is, in words by kind, and its index in each
+    dimension besides the load.
 
-    Directions are no lines of a variable that is the same in all of them. Cells of a lattice that the data set does not
-    tell, or whose lattice varies, are called cells.
+    Directions are no lines of a variable that is the same in all of them. Cells of a lattice that
+    the data set does not tell, or whose lattice varies, are called cells.
     """
     told: dict[str, Any] = json.loads(dataset.attrs.get("packing", "null")) or {}
-    base, periods, balls, overlaps = dict[str, str](), 2, 2, [dict[str, str]()] * dataset.sizes["medium"]
+    base = dict[str, str]()
+    periods = 2
+    balls = 2
+    overlaps = [dict[str, str]()] * dataset.sizes["medium"]
     if "kinds" in told:  # a crystal
         kinds = told["order"] or [name for name, _ in told["kinds"]]
         base["lattice"] = f"{told['lattice'] or 'crystal'} of {' '.join(kinds)}"
     elif told:
         packing: Packing = restore(told, Packing, "the packing of the sweep")
-        base, periods, balls = list_facts(packing), packing.structure.periods, packing.structure.n_balls
-        overlaps = [{"overlap": describe_overlap(finite)} for finite in list_finite_overlap(dataset)]
+        base = list_facts(packing)
+        periods = packing.structure.periods
+        balls = packing.structure.n_balls
+        overlaps = [
+            {"overlap": describe_overlap(finite)} for finite in list_finite_overlap(dataset)
+        ]
         if "lattice" in dataset.coords:
             try:
-                lattices = [find_lattice(str(name)) for name in np.atleast_1d(dataset["lattice"].values)]
-                periods, balls = lattices[0].periods, max(one.n_balls for one in lattices)
+                lattices = [
+                    find_lattice(str(name)) for name in np.atleast_1d(dataset["lattice"].values)
+                ]
+                periods = lattices[0].periods
+                balls = max(one.n_balls for one in lattices)
             except InputError:  # a lattice of the user's own
                 balls = 2
     labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
-    media = [one | {"medium": describe_medium(label, periods, balls)} for one, label in zip(overlaps, labels, strict=True)]
+    media = [
+        one | {"medium": describe_medium(label, periods, balls)}
+        for one, label in zip(overlaps, labels, strict=True)
+    ]
     names = list_parameters(dataset)
     if variable in dataset and "direction" not in dataset[variable].dims:
         names = [name for name in names if name != "direction"]
@@ -388,47 +513,64 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
         base["direction"] = f"along {dataset['direction'].item()}"
     found = []
     for place in np.ndindex(*(dataset.sizes[name] for name in names)):
-        at, facts = dict(zip(names, place, strict=True)), dict(base)
+        at = dict(zip(names, place, strict=True))
+        facts = dict(base)
         for name, number in at.items():
             value = dataset[name].values[number]
             value = value.item() if hasattr(value, "item") else value
-            kind, text = ("direction", f"along {value}") if name == "direction" else describe_parameter(name, value)
+            kind, text = (
+                ("direction", f"along {value}")
+                if name == "direction"
+                else describe_parameter(name, value)
+            )
             if name in _LOADS:
-                text = f"{name} {write_value(float(value), str(dataset[name].attrs.get('units', '')))}"
+                text = (
+                    f"{name} {write_value(float(value), str(dataset[name].attrs.get('units', '')))}"
+                )
             facts[kind] = text
         found += [(facts | own, at | {"medium": m}) for m, own in enumerate(media)]
     return found
 
 
-# -- figures of a sweep --------------------------------------------------------------------------------------------------
+# -- figures of a sweep ----------------------------------------------------------------------------
 
 
 def plot_sweep(
-    dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: str | None = None, *, legend: bool = True
+    dataset: Dataset,
+    ax: Axes,
+    variable: str = "longitudinal",
+    x: str | None = None,
+    *,
+    legend: bool = True,
 ) -> Axes:
-    """Draw a variable of a sweep, one line for each medium and combination of parameters, in order of ``x``.
+    """Draw a variable of a sweep, one line for each medium and combination of parameters, in order
+    of ``x``.
 
-    Media have colours, or of one medium the values of the first of several parameters; the combinations of the others are
-    shades of them.
+    Media have colours, or of one medium the values of the first of several parameters; the
+    combinations of the others are shades of them.
 
     Parameters
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
-    variable, x : names of variables or coordinates over load; ``x`` is by default the load that was given, a force, a
-        pressure or an overlap; or a parameter in numbers, such as A.diameter, with a line for each load. Where there is one
-        load alone it is the parameter in numbers that has the most values.
-    legend : whether to draw a legend; it names no more than eight combinations, and says of how many.
+    variable, x : names of variables or coordinates over load; ``x`` is by default the load that was
+        given, a force, a pressure or an overlap; or a parameter in numbers, such as A.diameter,
+        with a line for each load. Where there is one load alone it is the parameter in numbers that
+        has the most values.
+    legend : whether to draw a legend; it names no more than eight combinations, and says of how
+        many.
 
-    Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
-    elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation has no
-    line but points, open where it is not valid; of several samples they are means, with bars of their standard errors.
-    On an ordered path a line joins the points in its order, and triangles mark those that are reached by a fall of ``x``.
-    Marks on the line of an automatic medium say which medium served where. The slow transverse wave in space has a
-    dash-dotted line.
+    Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid,
+    thin and dashed elsewhere, and each is thinner than the one before, so that all remain visible
+    where they coincide. A simulation has no line but points, open where it is not valid; of several
+    samples they are means, with bars of their standard errors. On an ordered path a line joins the
+    points in its order, and triangles mark those that are reached by a fall of ``x``. Marks on the
+    line of an automatic medium say which medium served where. The slow transverse wave in space has
+    a dash-dotted line.
 
     Raises
     ------
-    InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
+    InputError : there is no such variable, it is not one number at each load, or it is nowhere
+        finite.
     """
     _, handles = _draw_sweep(dataset, ax, variable, x)
     if legend:
@@ -436,17 +578,33 @@ def plot_sweep(
     return ax
 
 
-def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tuple[list[Curve], list[Line2D]]:
+def _draw_sweep(
+    dataset: Dataset, ax: Axes, variable: str, x: str | None
+) -> tuple[list[Curve], list[Line2D]]:
     """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend."""
-    if dataset.sizes["load"] == 1:  # curves lie over the parameter in numbers that has the most values
-        numbers = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset[name].dtype.kind in "fiu"}
-        x = x or next((name for name in numbers if numbers[name] == max(numbers.values()) > 1), None)
+    if dataset.sizes["load"] == 1:
+        # curves lie over the parameter in numbers that has the most values
+        numbers = {
+            name: dataset.sizes[name]
+            for name in list_parameters(dataset)
+            if dataset[name].dtype.kind in "fiu"
+        }
+        x = x or next(
+            (name for name in numbers if numbers[name] == max(numbers.values()) > 1), None
+        )
     dataset = turn_over(dataset, x)
-    x, colours = x or find_load(dataset), itertools.cycle(COLOURS)
+    x = x or find_load(dataset)
+    colours = itertools.cycle(COLOURS)
     read_values(dataset, variable)
     # of one medium the first of several parameters has the colours, if these suffice
-    sizes = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset.sizes[name] > 1}
-    first = next((name for name, size in sizes.items() if size <= len(COLOURS)), "medium") if len(sizes) > 1 else "medium"
+    sizes = {
+        name: dataset.sizes[name] for name in list_parameters(dataset) if dataset.sizes[name] > 1
+    }
+    first = (
+        next((name for name, size in sizes.items() if size <= len(COLOURS)), "medium")
+        if len(sizes) > 1
+        else "medium"
+    )
     first = "medium" if dataset.sizes["medium"] > 1 else first
     lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1].get(first, 0))
     curves = [read_curve(dataset, variable, x, index, facts=facts) for facts, index in lines]
@@ -454,40 +612,62 @@ def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tup
     groups = [curves[n : n + count] for n in range(0, len(curves), count)]
     media = [(Look(colour, 1.5), group) for colour, group in zip(colours, groups, strict=False)]
     shades = [shade for look, _ in media for shade in _make_shades(look.colour, count)]
-    dashes, marker = _SLOW_DASHES if variable == _SLOW else None, _VELOCITY_MARKERS.get(variable, "o")
-    for curve, shade, width in zip(curves, shades, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
+    dashes = _SLOW_DASHES if variable == _SLOW else None
+    marker = _VELOCITY_MARKERS.get(variable, "o")
+    for curve, shade, width in zip(
+        curves, shades, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True
+    ):
         draw_curve(ax, curve, Look(shade, width, dashes, marker), variable)
     label_axes(ax, curves, x, variable)
-    simulated = [all(np.all(curve.simulated) and not curve.served for curve in group) for group in groups]
-    several, handles = len(media) > 1, list[Line2D]()
+    simulated = [
+        all(np.all(curve.simulated) and not curve.served for curve in group) for group in groups
+    ]
+    several = len(media) > 1
+    handles = list[Line2D]()
     if several or count == 1:
         named = zip(media, simulated, strict=True)
-        own = ["medium"] if first == "medium" else find_differing([group[0].facts for group in groups])[0]
+        own = (
+            ["medium"]
+            if first == "medium"
+            else find_differing([group[0].facts for group in groups])[0]
+        )
         told = [", ".join(group[0].facts[kind] for kind in own) for group in groups]
-        handles = [_make_handle(look, words, points) for ((look, _), points), words in zip(named, told, strict=True)]
+        handles = [
+            _make_handle(look, words, points)
+            for ((look, _), points), words in zip(named, told, strict=True)
+        ]
     if count > 1:
         kinds, _ = find_differing([curve.facts for curve in groups[0]])
-        grey, chosen = _make_shades("0.5" if several else COLOURS[0], count), pick_evenly(count, 8)
+        grey = _make_shades("0.5" if several else COLOURS[0], count)
+        chosen = pick_evenly(count, 8)
         for n in chosen:
             words = ", ".join(groups[0][n].facts[kind] for kind in kinds)
             handles.append(_make_handle(Look(grey[n], 1.5), words, all(simulated)))
         if len(chosen) < count:
-            handles.append(Line2D([], [], linestyle="none", label=f"{len(chosen)} of {count} are named"))
+            handles.append(
+                Line2D([], [], linestyle="none", label=f"{len(chosen)} of {count} are named")
+            )
     return curves, handles + _make_remarks(curves)
 
 
 def _make_shades(name: str, count: int) -> list[Any]:
-    """Return ``count`` shades of a colour, from darker to lighter than itself; a single shade is the colour itself."""
+    """Return ``count`` shades of a colour, from darker to lighter than itself; a single shade is
+    the colour itself.
+    """
     colour = np.array(to_rgb(name))
     change = np.linspace(-0.5, 0.6, count) if count > 1 else np.zeros(1)
-    return [tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()]
+    return [
+        tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()
+    ]
 
 
 def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
-    """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4.
+    """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6,
+    and the popular 1/4.
 
-    The exponent of v_T is the same, except in a simulation. The points of a simulation of several samples have bars of
-    their standard errors. ``x`` is that of :func:`plot_sweep`. See :func:`granphon.local_exponent`.
+    The exponent of v_T is the same, except in a simulation. The points of a simulation of several
+    samples have bars of their standard errors. ``x`` is that of :func:`plot_sweep`. See
+    :func:`granphon.local_exponent`.
     """
     plot_sweep(dataset, ax, "exponent", x, legend=False)
     ax.set_yscale("linear")
@@ -499,49 +679,72 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
 
 
 def _write_beside(ax: Axes, text: str, value: float, **options: Any) -> None:
-    place: dict[str, Any] = {"xycoords": ax.get_yaxis_transform(), "xytext": (3, 0), "textcoords": "offset points"}
+    place: dict[str, Any] = {
+        "xycoords": ax.get_yaxis_transform(),
+        "xytext": (3, 0),
+        "textcoords": "offset points",
+    }
     ax.annotate(text, (1.0, value), va="center", annotation_clip=False, **place, **options)
 
 
 def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None = None) -> Figure:
-    """Draw a figure with velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
+    """Draw a figure with velocities of a sweep above, their local exponent below, on one axis of
+    ``x``; one column wide.
 
     ``x`` is that of :func:`plot_sweep`.
 
-    Velocities that are zero, of waves across a chain, are left out. A sweep without others, as of a mechanism, has the
-    normal stiffness in their place; one of motions that observes no velocities has that of the peak, or the greatest force.
-    For a sweep without exponents (finite overlap), or for one ``variable``, there is the upper panel only. Raises what
-    :func:`plot_sweep` raises.
+    Velocities that are zero, of waves across a chain, are left out. A sweep without others, as of a
+    mechanism, has the normal stiffness in their place; one of motions that observes no velocities
+    has that of the peak, or the greatest force. For a sweep without exponents (finite overlap), or
+    for one ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises.
     """
-    observed = json.loads(dataset.attrs.get("observe", "[]"))  # a table of other numbers observes nothing
+    # a table of other numbers observes nothing
+    observed = json.loads(dataset.attrs.get("observe", "[]"))
     if variable is None and "motion" in observed and "velocities" not in observed:
         variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
     both = variable is None and "exponent" in dataset
-    velocities = {one: name for one, name in _VELOCITIES.items() if one in dataset and np.any(dataset[one] != 0.0)}
+    velocities = {
+        one: name
+        for one, name in _VELOCITIES.items()
+        if one in dataset and np.any(dataset[one] != 0.0)
+    }
     velocities = {} if variable else velocities
     shown = list(velocities) or [variable or "normal_stiffness"]
     with styled_figure(4.0 if both else 2.6) as figure:
-        axes = figure.subplots(1 + both, sharex=True, squeeze=False, height_ratios=[1.6, 1.0][: 1 + both])[:, 0]
+        axes = figure.subplots(
+            1 + both, sharex=True, squeeze=False, height_ratios=[1.6, 1.0][: 1 + both]
+        )[:, 0]
         every = [_draw_sweep(dataset, axes[0], one, x) for one in shown]
         # of velocities some may be the same in all directions, which the legend of the others names
         curves, handles = max(every, key=lambda one: len(one[1]))
         if velocities:
-            # the symbols of velocities stand beside the right ends of their curves, in one text where these are close
+            # the symbols of velocities stand beside the right ends of their curves, in one text
+            # where these are close
             drawn = {velocities[one]: found for one, (found, _) in zip(shown, every, strict=True)}
-            scale_axis(axes[0], "y", np.concatenate([curve.y for group in drawn.values() for curve in group]))
+            scale_axis(
+                axes[0],
+                "y",
+                np.concatenate([curve.y for group in drawn.values() for curve in group]),
+            )
             axes[0].set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
             ends: dict[str, float] = {}
             for name, group in drawn.items():
                 # a path may turn, and end anywhere
                 right = [float(curve.y[np.argmax(curve.x)]) for curve in group]
-                if name != _VELOCITIES[_PULSE] and (known := [value for value in right if np.isfinite(value)]):
-                    ends[name] = max(known)  # the legend names the marks of pulses, which are often near those of long waves
-            to_axes, last = axes[0].transData - axes[0].transAxes, -np.inf
+                if name != _VELOCITIES[_PULSE] and (
+                    known := [value for value in right if np.isfinite(value)]
+                ):
+                    # the legend names the marks of pulses, which are often near those of long waves
+                    ends[name] = max(known)
+            to_axes = axes[0].transData - axes[0].transAxes
+            last = -np.inf
             together: dict[float, list[str]] = {}
             for name, value in sorted(ends.items(), key=lambda item: item[1]):
                 height = float(to_axes.transform((axes[0].get_xlim()[0], value))[1])
-                if height - last > 0.06:  # names that stand nearer, over the height of the axes, are written in one
-                    last, together[value] = height, []
+                if height - last > 0.06:
+                    # names that stand nearer, over the height of the axes, are written in one
+                    last = height
+                    together[value] = []
                 together[max(together)].append(name)
             for value, names in together.items():
                 _write_beside(axes[0], ", ".join(names), value)
@@ -550,10 +753,17 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
             axes[0].set_xlabel("")
         for ax in axes:
             ax.margins(x=0.08)
-        medium, points = curves[0].facts["medium"], all(np.all(curve.simulated) and not curve.served for curve in curves)
+        medium = curves[0].facts["medium"]
+        points = all(np.all(curve.simulated) and not curve.served for curve in curves)
         # what tells the slow transverse wave from the fast one, and the marks of pulses
-        for name in [one for one in _VELOCITY_MARKERS if one in velocities and (one == _PULSE or _SLOW in velocities)]:
-            look = Look("0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, _VELOCITY_MARKERS[name])
+        for name in [
+            one
+            for one in _VELOCITY_MARKERS
+            if one in velocities and (one == _PULSE or _SLOW in velocities)
+        ]:
+            look = Look(
+                "0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, _VELOCITY_MARKERS[name]
+            )
             handles.append(_make_handle(look, _VELOCITIES[name], points or name == _PULSE))
         alone = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
         # in lines for which a column has room
@@ -567,7 +777,7 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
     return figure
 
 
-# -- figures of several results ------------------------------------------------------------------------------------------
+# -- figures of several results --------------------------------------------------------------------
 
 
 def plot_together(
@@ -582,29 +792,32 @@ def plot_together(
 ) -> Axes:
     """Draw several results on one Axes.
 
-    Sweeps, states and fits are curves and points of ``y`` over ``x``. If all results have bands and neither ``x`` nor ``y``
-    nor data are given, their bands are drawn one over the other; so are densities of states.
+    Sweeps, states and fits are curves and points of ``y`` over ``x``. If all results have bands and
+    neither ``x`` nor ``y`` nor data are given, their bands are drawn one over the other; so are
+    densities of states.
 
     Parameters
     ----------
-    results : sweeps, fits, bands, densities of states, results of scenes. The names of a mapping stand in the legend for
-        all that the curves of a result share.
-    x : "force", "pressure", "overlap" or "reduced_force"; by default the load that was given if it is that of all, else the
-        force.
-    y : a quantity of :data:`~granphon.observables.catalogue.CATALOGUE` that all results hold; by default the longitudinal
-        velocity, or another one that all hold.
+    results : sweeps, fits, bands, densities of states, results of scenes. The names of a mapping
+        stand in the legend for all that the curves of a result share.
+    x : "force", "pressure", "overlap" or "reduced_force"; by default the load that was given if it
+        is that of all, else the force.
+    y : a quantity of :data:`~granphon.observables.catalogue.CATALOGUE` that all results hold; by
+        default the longitudinal velocity, or another one that all hold.
     data : measured velocities, one or several: files in the form of ``granphon fit``, or
         :class:`~granphon.fits.measurements.Measurements`.
     balls_per_side : that of the hexagonal frame, where a file of data gives side forces.
     legend : whether to draw the legend, and the title.
 
-    A line is solid where its medium is valid, thin and dashed elsewhere; a simulation has points, with bars of standard
-    errors over samples; measured points are black. States that differ in their load alone are one set of points.
+    A line is solid where its medium is valid, thin and dashed elsewhere; a simulation has points,
+    with bars of standard errors over samples; measured points are black. States that differ in
+    their load alone are one set of points.
 
     Raises
     ------
-    InputError : the results cannot share an axis: one of them does not hold ``x`` or ``y``, the units differ, or some are
-        bands and others are not; the error names them. Data that are no velocities, or whose loads cannot be converted.
+    InputError : the results cannot share an axis: one of them does not hold ``x`` or ``y``, the
+        units differ, or some are bands and others are not; the error names them. Data that are no
+        velocities, or whose loads cannot be converted.
     """
     handles, common = _draw_together(results, ax, x, y, data, balls_per_side)
     if legend:
@@ -618,12 +831,22 @@ def plot_together(
 
 
 def _find_length(handles: Sequence[Line2D]) -> float | None:
-    """Return the length of the handles of a legend, in letters; longer if dashes tell lines apart, None for the usual."""
-    return 2.8 if any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles) else None
+    """Return the length of the handles of a legend, in letters; longer if dashes tell lines apart,
+    None for the usual.
+    """
+    return (
+        2.8
+        if any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles)
+        else None
+    )
 
 
-def comparison_figure(results: Sequence[Any] | Mapping[str, Any], *, legend: bool = True, **options: Any) -> Figure:
-    """Draw :func:`plot_together`, whose ``options`` these are, as a figure, one column wide, with the legend below it."""
+def comparison_figure(
+    results: Sequence[Any] | Mapping[str, Any], *, legend: bool = True, **options: Any
+) -> Figure:
+    """Draw :func:`plot_together`, whose ``options`` these are, as a figure, one column wide, with
+    the legend below it.
+    """
     with styled_figure(2.5) as figure:  # without legend and title, which make it higher
         handles, common = _draw_together(results, figure.subplots(), **options)
         if not legend:
@@ -637,9 +860,13 @@ def comparison_figure(results: Sequence[Any] | Mapping[str, Any], *, legend: boo
 
 
 def _draw_together(
-    results: Sequence[Any] | Mapping[str, Any], ax: Axes, x: str | None = None, y: str | None = None, data: Any = (),
+    results: Sequence[Any] | Mapping[str, Any],
+    ax: Axes,
+    x: str | None = None,
+    y: str | None = None,
+    data: Any = (),
     balls_per_side: int | None = None,
-) -> _Drawn:  # fmt: skip
+) -> _Drawn:
     if isinstance(results, Mapping):
         runs = [Run.of(str(name), one, named=True) for name, one in results.items()]
     else:
@@ -648,38 +875,78 @@ def _draw_together(
     if not runs:
         raise InputError("there is nothing to draw", mend="Give results")
     asked = x is not None or y is not None or bool(given)
-    if not asked and len(every := [run.bands for run in runs if run.bands is not None]) == len(runs):
+    if not asked and len(every := [run.bands for run in runs if run.bands is not None]) == len(
+        runs
+    ):
         first = every[0]
         for run, bands in zip(runs, every, strict=True):
-            same = bands.labels == first.labels and bands.distances.shape[0] == first.distances.shape[0]
-            if not same or not np.allclose(bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6):
+            same = (
+                bands.labels == first.labels
+                and bands.distances.shape[0] == first.distances.shape[0]
+            )
+            if not same or not np.allclose(
+                bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6
+            ):
                 paths = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
-                what = f"the bands of {runs[0].name} and {run.name} cannot share an axis: their paths differ"
-                why = paths if bands.labels != first.labels else "The zones of the lattices have other sizes"
+                what = (
+                    f"the bands of {runs[0].name} and {run.name} cannot share an axis: their"
+                    f" paths differ"
+                )
+                why = (
+                    paths
+                    if bands.labels != first.labels
+                    else "The zones of the lattices have other sizes"
+                )
                 raise InputError(what, why, "Compute them along one path")
         unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
-        lines = [list(zip(one.distances, one.connected_frequencies / unit.hertz, strict=True)) for one in every]
+        lines = [
+            list(zip(one.distances, one.connected_frequencies / unit.hertz, strict=True))
+            for one in every
+        ]
         drawn = _draw_spectra(runs, ax, "bands", lines)
         name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
         ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
         return drawn
-    if not asked and (dos := [run.dos for run in runs if run.dos is not None]) and len(dos) == len(runs):
+    if (
+        not asked
+        and (dos := [run.dos for run in runs if run.dos is not None])
+        and len(dos) == len(runs)
+    ):
         unit = HertzPrefix.for_top(max(float(one.frequencies.max()) for one in dos))
-        drawn = _draw_spectra(runs, ax, "dos", [[(one.frequencies / unit.hertz, one.total * unit.hertz)] for one in dos])
+        drawn = _draw_spectra(
+            runs,
+            ax,
+            "dos",
+            [[(one.frequencies / unit.hertz, one.total * unit.hertz)] for one in dos],
+        )
         name = print_hertz(unit)
-        ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})", xlim=(0.0, None), ylim=(0.0, None))
+        ax.set(
+            xlabel=f"Frequency ({name})",
+            ylabel=f"DOS per ball (1/{name})",
+            xlim=(0.0, None),
+            ylim=(0.0, None),
+        )
         return drawn
     if x:
-        runs = [run if run.dataset is None else replace(run, dataset=turn_over(run.dataset, x.strip())) for run in runs]
+        runs = [
+            run if run.dataset is None else replace(run, dataset=turn_over(run.dataset, x.strip()))
+            for run in runs
+        ]
     across, along = choose_axes(runs, x, y)
     curves = list[Curve]()
     for run in runs:
         assert run.dataset is not None  # choose_axes has seen that
         if run.measured is not None:
-            curves.append(replace(read_curve(run.measured, along, across, {"medium": 0}, run.name), measured=True))
+            curves.append(
+                replace(
+                    read_curve(run.measured, along, across, {"medium": 0}, run.name), measured=True
+                )
+            )
         named = {"name": run.name} if run.named else {}
         for facts, index in describe_lines(run.dataset, along):
-            curves.append(read_curve(run.dataset, along, across, index, run.name, named | facts | run.facts))
+            curves.append(
+                read_curve(run.dataset, along, across, index, run.name, named | facts | run.facts)
+            )
     measured = [_read_points(one, runs, across, along, balls_per_side) for one in given]
     # what they cannot share: an axis of two units, a load that is infinite
     for which, name in enumerate((across, along)):
@@ -687,30 +954,43 @@ def _draw_together(
         for curve in curves:
             units.setdefault(curve.units[which], curve.run)
         if len(units) > 1:
-            told = "; ".join(f"{run} has it {f'in {unit}' if unit else 'without a unit'}" for unit, run in units.items())
+            told = "; ".join(
+                f"{run} has it {f'in {unit}' if unit else 'without a unit'}"
+                for unit, run in units.items()
+            )
             what = f"{' and '.join(units.values())} cannot share an axis of {name}"
-            raise InputError(what, told, "Take --x force (x='force')" if name == across else "Draw another quantity")
+            raise InputError(
+                what,
+                told,
+                "Take --x force (x='force')" if name == across else "Draw another quantity",
+            )
     for curve in curves:
         if not np.all(np.isfinite(curve.x)):
             why = "It is infinite for equal balls" if across == "reduced_force" else ""
-            raise InputError(f"{across} of {curve.run} is not finite", why, "Take --x force (x='force')")
+            raise InputError(
+                f"{across} of {curve.run} is not finite", why, "Take --x force (x='force')"
+            )
         if not np.any(np.isfinite(curve.y)):
-            raise InputError(f"{along} of {curve.run} has no finite value", mend="Draw another quantity")
+            raise InputError(
+                f"{along} of {curve.run} has no finite value", mend="Draw another quantity"
+            )
     return _draw_curves(ax, curves, measured, across, along)
 
 
-# -- the runs of a figure: what each holds, and what they can share ---------------------------------------------------
+# -- the runs of a figure: what each holds, and what they can share --------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One run: a data set of states, of which a fit has one too; of one state also bands, a density of states or both.
+    """One run: a data set of states, of which a fit has one too; of one state also bands, a density
+    of states or both.
 
     What it does not hold is None.
 
     Attributes
     ----------
-    name : that in messages; where ``named``, it also stands in legends, for all that the curves of the run share.
+    name : that in messages; where ``named``, it also stands in legends, for all that the curves of
+        the run share.
     measured : the data of a fit, at whose loads they were measured.
     facts : what is said of the curves of a fit beside what its data set tells, in words by kind.
     """
@@ -725,7 +1005,9 @@ class Run:
 
     @classmethod
     def of(cls, name: str, result: Any, named: bool = False) -> Run:
-        """Take a result of the library; :class:`~granphon.base.errors.InputError` for what shares no figure with others."""
+        """Take a result of the library; :class:`~granphon.base.errors.InputError` for what shares
+        no figure with others.
+        """
         if isinstance(result, Run):
             return result
         if isinstance(result, WidthFit):
@@ -744,7 +1026,11 @@ class Run:
     @property
     def what(self) -> str:
         """What the run holds, in words."""
-        held = [name for name, one in (("bands", self.bands), ("a density of states", self.dos)) if one is not None]
+        held = [
+            name
+            for name, one in (("bands", self.bands), ("a density of states", self.dos))
+            if one is not None
+        ]
         if not held and self.dataset is not None:
             single = "a sweep" if self.dataset["valid"].size > 1 else "a single state"
             return single if self.measured is None else "a fit"
@@ -757,8 +1043,11 @@ class Run:
 
 
 def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
-    frequency, branch, finite = fit.waves.frequency, fit.waves.branch, fit.waves.finite_overlap
-    several = np.ndim(frequency) > 0  # a fit of pulses that each have a frequency is known at the data alone
+    frequency = fit.waves.frequency
+    branch = fit.waves.branch
+    finite = fit.waves.finite_overlap
+    # a fit of pulses that each have a frequency is known at the data alone
+    several = np.ndim(frequency) > 0
     force = fit.force if several else np.geomspace(fit.force.min(), fit.force.max(), 200)
     # the overlap of a simulation follows from nothing that was measured
     choice = fit.choice.stand_in
@@ -766,8 +1055,18 @@ def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
 
     def make(force: Array, velocity: Array, points: bool, **more: Array) -> Dataset:
         state = choice.of(fit.packing).at_force(force, finite_overlap=finite)
-        values = {load: np.asarray(getattr(state, load), float) for load in loads} | {branch: velocity} | more
-        return tabulate(fit.packing, fit.medium, force, values, {"finite_overlap": int(finite), "points": int(points)})
+        values = (
+            {load: np.asarray(getattr(state, load), float) for load in loads}
+            | {branch: velocity}
+            | more
+        )
+        return tabulate(
+            fit.packing,
+            fit.medium,
+            force,
+            values,
+            {"finite_overlap": int(finite), "points": int(points)},
+        )
 
     velocity = fit.velocities if several else fit.velocity_at(force)
     facts = {"spread": f"fitted W = {write_width(fit)}"} if "width" in fit.parameters else {}
@@ -780,12 +1079,20 @@ def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
 def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str, str]:
     """Return the load and the quantity that are drawn; ``x`` and ``y`` are what is asked for.
 
-    Raises :class:`~granphon.base.errors.InputError` if there is no such load or quantity, or a run does not hold it.
+    Raises :class:`~granphon.base.errors.InputError` if there is no such load or quantity, or a run
+    does not hold it.
     """
     if spectra := [run for run in runs if not run.quantities]:
         other = next((run for run in runs if run.quantities), None)
-        what = f"{_list(spectra)} {'holds' if len(spectra) == 1 else 'hold'} {spectra[0].what} and no velocities"
-        why = f"{other.name} is {other.what}: they cannot share an axis" if other else "There is nothing over a load"
+        what = (
+            f"{_list(spectra)} {'holds' if len(spectra) == 1 else 'hold'} {spectra[0].what} and"
+            f" no velocities"
+        )
+        why = (
+            f"{other.name} is {other.what}: they cannot share an axis"
+            if other
+            else "There is nothing over a load"
+        )
         raise InputError(what, why, "Draw them in figures of their own")
     common = [one for one in runs[0].quantities if all(one in run.quantities for run in runs)]
     if x is None:
@@ -793,11 +1100,17 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         load = loads.pop() if len(loads) == 1 else "force"
     else:
         load = x.strip()
-        if not (turned := all(run.dataset is not None and load in run.dataset.coords for run in runs)):
+        if not (
+            turned := all(run.dataset is not None and load in run.dataset.coords for run in runs)
+        ):
             load = load.lower().replace(" ", "_")
         if load not in _LOADS and not turned:
             data = runs[0].dataset
-            own = [] if data is None else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
+            own = (
+                []
+                if data is None
+                else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
+            )
             raise InputError(f"{x!r} is no load", mend=suggest(load, (*_LOADS, *own)))
         if without := [run for run in runs if load not in run.quantities]:
             what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"
@@ -808,8 +1121,14 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         if (first := next((name for name in usual if name in common), None)) is not None:
             return load, first
         each = ", ".join(f"{run.name} {run.what}" for run in runs)
-        first = next((one for one in common if one not in _LOADS and not one.endswith("_error")), None)
-        mend = f"Name a quantity that all hold, as --y {first} (y={first!r})" if first else "Draw each by itself"
+        first = next(
+            (one for one in common if one not in _LOADS and not one.endswith("_error")), None
+        )
+        mend = (
+            f"Name a quantity that all hold, as --y {first} (y={first!r})"
+            if first
+            else "Draw each by itself"
+        )
         what = f"{_list(runs)} cannot share an axis: no velocity is in all"
         what = what if len(runs) > 1 else f"{runs[0].name} has no velocity"
         raise InputError(what, f"Found {each}", mend)
@@ -828,12 +1147,24 @@ def _list(runs: Sequence[Run]) -> str:
 
 
 def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") -> float:
-    """Return the load ``x`` over the contact force; :class:`InputError` if it is not one number for all runs."""
+    """Return the load ``x`` over the contact force; :class:`InputError` if it is not one number for
+    all runs.
+    """
     if x == "force":
         return 1.0
-    found = [run.dataset for run in runs if run.dataset is not None and x in run.dataset and x != "overlap"]
-    ratios = np.concatenate([np.zeros(0), *(np.ravel(dataset[x] / dataset["force"]) for dataset in found)])
-    if not ratios.size or not np.all(np.isfinite(ratios)) or np.ptp(ratios) > 1e-9 * np.max(np.abs(ratios)):
+    found = [
+        run.dataset
+        for run in runs
+        if run.dataset is not None and x in run.dataset and x != "overlap"
+    ]
+    ratios = np.concatenate(
+        [np.zeros(0), *(np.ravel(dataset[x] / dataset["force"]) for dataset in found)]
+    )
+    if (
+        not ratios.size
+        or not np.all(np.isfinite(ratios))
+        or np.ptp(ratios) > 1e-9 * np.max(np.abs(ratios))
+    ):
         why = "It is not the same multiple of the contact force in all of them"
         why = "The overlap of balls was not measured" if x == "overlap" else why
         raise InputError(f"the {x} of measured points is not known from these runs", why, mend)
@@ -843,65 +1174,93 @@ def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") 
 def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
     entry = CATALOGUE.get(y)
     if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":
-        raise InputError(f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal")
+        raise InputError(
+            f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal"
+        )
     name = "measured"
     if not isinstance(given, Measurements):
-        name, first = Path(given).stem, runs[0].dataset
-        unit = "" if first is None or "pressure" not in first else str(first["pressure"].attrs.get("units", ""))
+        name = Path(given).stem
+        first = runs[0].dataset
+        unit = (
+            ""
+            if first is None or "pressure" not in first
+            else str(first["pressure"].attrs.get("units", ""))
+        )
         frame = None if balls is None else partial(force_of_frame, balls_per_side=balls)
 
         def press(pressure: float) -> float:
             return pressure / _find_ratio(runs, "pressure", "Give the contact forces in the file")
 
-        given = Measurements.read(given, frame=frame, pressed=press, periods={"N": 1, "N/m": 2, "Pa": 3}.get(unit, 2))
+        given = Measurements.read(
+            given, frame=frame, pressed=press, periods={"N": 1, "N/m": 2, "Pa": 3}.get(unit, 2)
+        )
     sigma = np.nan if given.sigma is None else given.sigma
     facts = {"run": name}
     if given.frequency is not None:
         frequency = np.unique(given.frequency)
-        facts["waves"] = f"pulses of {write_value(float(frequency[0]), 'Hz')}" if frequency.size == 1 else "pulses"
+        facts["waves"] = (
+            f"pulses of {write_value(float(frequency[0]), 'Hz')}"
+            if frequency.size == 1
+            else "pulses"
+        )
     across = _find_ratio(runs, x) * given.force
-    spread, every = np.broadcast_to(np.asarray(sigma, float), across.shape), np.ones(across.shape, bool)
+    spread = np.broadcast_to(np.asarray(sigma, float), across.shape)
+    every = np.ones(across.shape, bool)
     return Curve(name, facts, across, given.velocity, spread, every, every, measured=True).sorted()
 
 
-# -- curves ---------------------------------------------------------------------------------------------------------
+# -- curves ----------------------------------------------------------------------------------------
 
 
 def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return for each curve the heading that it stands under, empty for most, and its own label; and what all curves share.
+    """Return for each curve the heading that it stands under, empty for most, and its own label;
+    and what all curves share.
 
-    What the curves of one run share is their heading. A run of one curve stands under that of another run if it shares it.
+    What the curves of one run share is their heading. A run of one curve stands under that of
+    another run if it shares it.
     """
     differing, common = find_differing([curve.facts for curve in curves])
     if len(curves) == 1:
         own = curves[0].facts.get("medium", curves[0].run)
         return [("", own)], [text for text in common if text != own]
-    own_kinds, shared_kinds = list[list[str]](), list[list[str]]()
+    own_kinds = list[list[str]]()
+    shared_kinds = list[list[str]]()
     for curve in curves:
         alike = [one.facts for one in curves if one.run == curve.run]
         kinds = [kind for kind in differing if kind in curve.facts]
         same = [kind for kind in kinds if len({one.get(kind) for one in alike}) == 1]
         if "name" in same:  # it stands for all that is the same in the run
-            kinds, same = [kind for kind in kinds if kind == "name" or kind not in same], ["name"]
+            kinds = [kind for kind in kinds if kind == "name" or kind not in same]
+            same = ["name"]
         own_kinds.append(kinds)
         shared_kinds.append(same if len(alike) > 1 else [])
     labels = []
     for curve, kinds, shared in zip(curves, own_kinds, shared_kinds, strict=True):
         others = (
-            other for one, other in zip(curves, shared_kinds, strict=True)
-            if other and set(other) < set(kinds) and all(one.facts[kind] == curve.facts[kind] for kind in other)
-        )  # fmt: skip
+            other
+            for one, other in zip(curves, shared_kinds, strict=True)
+            if other
+            and set(other) < set(kinds)
+            and all(one.facts[kind] == curve.facts[kind] for kind in other)
+        )
         above = shared or next(others, [])
         heading = join_facts([curve.facts[kind] for kind in above], _LETTERS)
-        label = join_facts([curve.facts[kind] for kind in kinds if kind not in above] or [curve.run], _LETTERS)
+        label = join_facts(
+            [curve.facts[kind] for kind in kinds if kind not in above] or [curve.run], _LETTERS
+        )
         labels.append((f"{heading}:" if heading else "", label))
     return labels, common
 
 
 def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
-    models, single = list[Curve](), set[int]()
+    models = list[Curve]()
+    single = set[int]()
     for curve in (one for one in found if not one.measured):
-        alike = [n for n, other in enumerate(models) if other.facts == curve.facts and other.units == curve.units]
+        alike = [
+            n
+            for n, other in enumerate(models)
+            if other.facts == curve.facts and other.units == curve.units
+        ]
         alike = [n for n in alike if curve.x.size == 1 and n in single]
         if alike:
             other = models[alike[0]]
@@ -909,42 +1268,65 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
                 name: np.concatenate([getattr(other, name), getattr(curve, name)])
                 for name in ("x", "y", "error", "valid", "simulated")
             }
-            names, served = f"{other.run}, {curve.run}", other.served + curve.served
+            names = f"{other.run}, {curve.run}"
+            served = other.served + curve.served
             models[alike[0]] = replace(other, run=names, served=served, **parts).sorted()
         else:
             single |= {len(models)} if curve.x.size == 1 else set()
             models.append(curve)
     # curves that are the same get the names of their runs
     double = [curve for curve in models if sum(other.facts == curve.facts for other in models) > 1]
-    models = [replace(one, facts={"run": one.run} | one.facts) if one in double else one for one in models]
+    models = [
+        replace(one, facts={"run": one.run} | one.facts) if one in double else one for one in models
+    ]
     points = [curve for curve in found if curve.measured] + measured
     if len(models) > MOST_LOOKS:
         what = f"{len(models)} curves are too many to be told apart"
-        raise InputError(what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure")
+        raise InputError(
+            what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure"
+        )
     labels, common = _write_legend(models)
     # entries below a heading come last, so that none that does not belong there stands there
     groups: dict[str, list[Line2D]] = {"": []}
     for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
         draw_curve(ax, curve, look, y)
-        groups.setdefault(heading, []).append(_make_handle(look, label, curve.as_points and not curve.served))
+        groups.setdefault(heading, []).append(
+            _make_handle(look, label, curve.as_points and not curve.served)
+        )
     handles = groups.pop("")
-    headed = [one for text, group in groups.items() for one in (Line2D([], [], linestyle="none", label=text), *group)]
+    headed = [
+        one
+        for text, group in groups.items()
+        for one in (Line2D([], [], linestyle="none", label=text), *group)
+    ]
     for n, curve in enumerate(points):
-        told = ["data", *[curve.run] * (len(points) > 1), *([curve.facts["waves"]] if "waves" in curve.facts else [])]
-        style: dict[str, Any] = {"marker": _DATA_MARKS[n % len(_DATA_MARKS)], "markersize": 2.6, "linestyle": "none"}
+        told = [
+            "data",
+            *[curve.run] * (len(points) > 1),
+            *([curve.facts["waves"]] if "waves" in curve.facts else []),
+        ]
+        style: dict[str, Any] = {
+            "marker": _DATA_MARKS[n % len(_DATA_MARKS)],
+            "markersize": 2.6,
+            "linestyle": "none",
+        }
         style |= {"color": "black"}
         error = None if np.all(np.isnan(curve.error)) else curve.error
-        ax.errorbar(curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", zorder=3.0, **style)
+        ax.errorbar(
+            curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", zorder=3.0, **style
+        )
         handles.append(Line2D([], [], label=join_facts(told, _LETTERS), **style))
     handles += _make_remarks(models) + headed
     label_axes(ax, [*models, *points], x, y)
     return handles, common
 
 
-# -- bands, and densities of states ---------------------------------------------------------------------------------
+# -- bands, and densities of states ----------------------------------------------------------------
 
 
-def _draw_spectra(runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]) -> _Drawn:
+def _draw_spectra(
+    runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]
+) -> _Drawn:
     """Draw the lines of each run, each in one look; their group ids begin with ``name``."""
     facts = []
     for run in runs:
@@ -956,20 +1338,30 @@ def _draw_spectra(runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequ
             value = write_value(float(load.values[0]), load.attrs.get("units", ""))
             told |= facts_of_state | {"load": f"{kind} {value}"}
         facts.append(told)
-    known = all(facts)  # what one run does not tell of itself is no difference between it and the others
+    # what one run does not tell of itself is no difference between it and the others
+    known = all(facts)
     facts = [
         one if known and facts.count(one) == 1 else {"run": run.name} | (one if known else {})
         for run, one in zip(runs, facts, strict=True)
     ]
     differing, common = find_differing(facts)
     labels = [
-        join_facts([one["name"]] if "name" in one else [one[k] for k in differing if k in one] or [run.name], _LETTERS)
+        join_facts(
+            [one["name"]]
+            if "name" in one
+            else [one[k] for k in differing if k in one] or [run.name],
+            _LETTERS,
+        )
         for run, one in zip(runs, facts, strict=True)
     ]
     handles = []
-    for n, (parts, look, label) in enumerate(zip(lines, make_looks(len(runs)), labels, strict=True)):
+    for n, (parts, look, label) in enumerate(
+        zip(lines, make_looks(len(runs)), labels, strict=True)
+    ):
         dashes: dict[str, Any] = {"dashes": look.dashes} if look.dashes else {}
         for x, y in parts:
             ax.plot(x, y, gid=f"{name}-{n}", color=look.colour, linewidth=look.width, **dashes)
-        handles.append(Line2D([], [], label=label, color=look.colour, linewidth=look.width, **dashes))
+        handles.append(
+            Line2D([], [], label=label, color=look.colour, linewidth=look.width, **dashes)
+        )
     return handles, common if len(runs) > 1 else []

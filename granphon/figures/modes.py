@@ -45,7 +45,8 @@ _CUBE = 2.4
 #: colour of balls
 _BALL = "0.93"
 #: colours of the sectors of spins, and the white rim of their arcs on balls of any colour
-_LIGHT, _RIM = {VERMILION: "#F5D6BF", BLUE: "#BFDBEB"}, withStroke(linewidth=2.0, foreground="white")
+_LIGHT = {VERMILION: "#F5D6BF", BLUE: "#BFDBEB"}
+_RIM = withStroke(linewidth=2.0, foreground="white")
 #: spins and displacements below this part of a diameter are not drawn
 _LEAST = 0.01
 
@@ -68,12 +69,17 @@ class _Motion:
 
     @property
     def view(self) -> View:
-        """Where spheres are seen from: oblique to all rows of the common lattices, higher above those of a plane."""
+        """Where spheres are seen from: oblique to all rows of the common lattices, higher above
+        those of a plane.
+        """
         return View(-75.0, 18.0 if np.ptp(self.places[:, 2]) > 0.5 else 30.0)
 
     def draw(self, ax: Axes, phase: float, view: View, size: float, moved: bool = False) -> None:
-        """Draw the balls at a phase, as discs or as spheres seen from ``view`` with ``size`` times their radii."""
-        shift, turn = (self.shift * np.exp(1j * phase)).real, (self.turn * np.exp(1j * phase)).real
+        """Draw the balls at a phase, as discs or as spheres seen from ``view`` with ``size`` times
+        their radii.
+        """
+        shift = (self.shift * np.exp(1j * phase)).real
+        turn = (self.turn * np.exp(1j * phase)).real
         if self.planar:
             _draw_plane(ax, self, shift[:, :2], turn[:, 2])
         else:
@@ -95,25 +101,28 @@ def plot_mode(
 ) -> Axes:
     """Draw the mode of branch ``branch`` at ``q``; axes in mean diameters, hidden.
 
-    Each ball at r has the displacement Re(e M^-1/2 exp(i q.r + i phase)), and is turned by the angle phi = w/R_g.
-    Displacements and w have one scale, on which the largest of them in a period is 0.4 d. The free phase of the eigenvector
-    is such that the largest of its components is real and positive, so that nothing stands still at phase 0. Balls of
-    several kinds have the colours of a legend.
+    Each ball at r has the displacement Re(e M^-1/2 exp(i q.r + i phase)), and is turned by the
+    angle phi = w/R_g. Displacements and w have one scale, on which the largest of them in a period
+    is 0.4 d. The free phase of the eigenvector is such that the largest of its components is real
+    and positive, so that nothing stands still at phase 0. Balls of several kinds have the colours
+    of a legend.
 
-    Balls that stay in their plane are drawn at their real size, with an arrow from the centre for the displacement; the
-    angle is the sector between the upright and a mark, in vermilion anticlockwise and in blue clockwise. Other balls are
-    spheres in parallel projection, made smaller so that the ones behind show, with lines between those in contact. There a
-    displacement is a black arrow, and a rotation a vermilion one along its axis, of the length w, with an arc that is
-    turned by phi; both arrows start at the surface.
+    Balls that stay in their plane are drawn at their real size, with an arrow from the centre for
+    the displacement; the angle is the sector between the upright and a mark, in vermilion
+    anticlockwise and in blue clockwise. Other balls are spheres in parallel projection, made
+    smaller so that the ones behind show, with lines between those in contact. There a displacement
+    is a black arrow, and a rotation a vermilion one along its axis, of the length w, with an arc
+    that is turned by phi; both arrows start at the surface.
 
     Parameters
     ----------
     q : (p,) or (3,), fractions of the reciprocal cell.
     branch : counted from 0, in ascending frequency.
-    cells : number of cells to draw along each lattice vector: by default eight on a line and four by four in a plane, and
-        in space all balls in a cube of 2.4 d.
+    cells : number of cells to draw along each lattice vector: by default eight on a line and four
+        by four in a plane, and in space all balls in a cube of 2.4 d.
     phase : phase of the motion, rad; at time t it is -omega t.
-    direction : direction from which q is approached, as in ``Phonons.modes``: where branches touch, and (required) at Gamma.
+    direction : direction from which q is approached, as in ``Phonons.modes``: where branches touch,
+        and (required) at Gamma.
     view : direction from which spheres are seen.
     size : size of spheres over their real size.
     """
@@ -128,16 +137,26 @@ def mode_figure(phonons: Phonons, q: ArrayLike, branch: int, **options: Any) -> 
 
 
 def plot_network_mode(
-    modes: NetworkModes, ax: Axes, *, mode: int = 0, phase: float = 0.0, view: View | None = None, size: float = 0.5
+    modes: NetworkModes,
+    ax: Axes,
+    *,
+    mode: int = 0,
+    phase: float = 0.0,
+    view: View | None = None,
+    size: float = 0.5,
 ) -> Axes:
-    """Draw one of the modes of a network, counted from 0 as in ``modes.frequencies``; axes in mean diameters, hidden.
+    """Draw one of the modes of a network, counted from 0 as in ``modes.frequencies``; axes in mean
+    diameters, hidden.
 
-    Arrows, colours and the other arguments are those of :func:`plot_mode`. Contacts across the edge of a period are left
-    out, and so are flat walls. Of more than 500 balls those are drawn that have most of the kinetic energy; the title says
-    so.
+    Arrows, colours and the other arguments are those of :func:`plot_mode`. Contacts across the edge
+    of a period are left out, and so are flat walls. Of more than 500 balls those are drawn that
+    have most of the kinetic energy; the title says so.
     """
-    network, count = modes.network, len(modes.frequencies)
-    mode, moving, d = whole_number("mode", mode, 0, count - 1), network.ball_motions, network.scales.length
+    network = modes.network
+    count = len(modes.frequencies)
+    mode = whole_number("mode", mode, 0, count - 1)
+    moving = network.ball_motions
+    d = network.scales.length
     vectors = modes.vectors[mode]
     energy = np.where(np.isfinite(network.radii), np.sum(vectors**2, axis=1), -1.0)
     balls = np.sort(np.argsort(-energy, kind="stable")[: min(500, np.count_nonzero(energy >= 0.0))])
@@ -146,7 +165,8 @@ def plot_network_mode(
     pairs = np.stack([place[network.i], place[network.j]], axis=1)
     pairs = pairs[np.all(pairs >= 0, axis=1) & ~np.any(network.shift, axis=1)]
     motion = vectors[balls] / np.sqrt(network.masses[balls])[:, None]
-    gyration, free = np.ones(balls.size), network.moving[balls]
+    gyration = np.ones(balls.size)
+    free = network.moving[balls]
     gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / d
     u, w = np.zeros((2, balls.size, 3))
     u[:, list(moving.translations)] = motion[:, : modes.displacements]
@@ -154,16 +174,38 @@ def plot_network_mode(
     scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
     hertz = float(modes.frequencies[mode])
     unit = HertzPrefix.for_top(hertz)
-    part = f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %" if moving.rotate else ""
+    part = (
+        f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %"
+        if moving.rotate
+        else ""
+    )
     names = network.kinds or [""] * network.n_balls
     kinds = colour_kinds(itertools.compress(names, network.moving))
-    few = f", {balls.size} of {network.n_balls} balls" if balls.size < network.n_balls - np.sum(energy < 0.0) else ""
-    said = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}{part}\nparticipation {modes.participation_ratio[mode]:.2g}{few}"
+    few = (
+        f", {balls.size} of {network.n_balls} balls"
+        if balls.size < network.n_balls - np.sum(energy < 0.0)
+        else ""
+    )
+    said = (
+        f"{hertz / unit.hertz:.1f} {print_hertz(unit)}{part}\nparticipation"
+        f" {modes.participation_ratio[mode]:.2g}{few}"
+    )
     found = _Motion(
-        network.positions[balls] / d, network.radii[balls] / d, pairs, scale * u, scale * w / gyration[:, None], gyration,
-        moving.rotate, network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2}, said,
-        [kinds.get(names[ball], _BALL) if network.moving[ball] else "0.75" for ball in balls.tolist()], kinds,
-    )  # fmt: skip
+        network.positions[balls] / d,
+        network.radii[balls] / d,
+        pairs,
+        scale * u,
+        scale * w / gyration[:, None],
+        gyration,
+        moving.rotate,
+        network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2},
+        said,
+        [
+            kinds.get(names[ball], _BALL) if network.moving[ball] else "0.75"
+            for ball in balls.tolist()
+        ],
+        kinds,
+    )
     found.draw(ax, phase, view or found.view, positive("size", size))
     return ax
 
@@ -179,10 +221,12 @@ def animate_mode(
     size: float = 0.5,
     frames: int = 24,
 ) -> FuncAnimation:
-    """Draw one period of a mode as an animation, one column wide, for ``animation.save("mode.gif", writer="pillow")``.
+    """Draw one period of a mode as an animation, one column wide, for ``animation.save("mode.gif",
+    writer="pillow")``.
 
-    Spheres move, and great circles on them turn; balls that stay in their plane are drawn as by :func:`plot_mode`, of which
-    the arguments are the same. ``frames`` is the number of pictures in a period.
+    Spheres move, and great circles on them turn; balls that stay in their plane are drawn as by
+    :func:`plot_mode`, of which the arguments are the same. ``frames`` is the number of pictures in
+    a period.
     """
     motion = _find_motion(phonons, q, branch, cells, direction)
     count, part = whole_number("frames", frames, 2, 1000), positive("size", size)
@@ -195,21 +239,30 @@ def animate_mode(
         with matplotlib.rc_context(STYLE):
             motion.draw(ax, -2.0 * np.pi * frame / count, seen, part, moved=True)
             if not motion.planar:  # all pictures have the same limits
-                places, room = seen.project(motion.places), _LARGEST + part * motion.radii.max() + 0.05
+                places, room = (
+                    seen.project(motion.places),
+                    _LARGEST + part * motion.radii.max() + 0.05,
+                )
                 hide_axes(ax, places.min(axis=0) - room, places.max(axis=0) + room)
 
     return FuncAnimation(figure, draw, frames=count, interval=2000 // count)
 
 
 def _find_motion(
-    phonons: Phonons, q: ArrayLike, branch: int, cells: tuple[int, ...] | None, direction: ArrayLike | None
+    phonons: Phonons,
+    q: ArrayLike,
+    branch: int,
+    cells: tuple[int, ...] | None,
+    direction: ArrayLike | None,
 ) -> _Motion:
     modes = phonons.modes([real_array("q", q)], direction)
     count = modes.frequencies.shape[1]
     if not 0 <= branch < count:
         raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}")
     lattice = phonons.lattice
-    n, p, moving = lattice.n_balls, lattice.periods, lattice.motions
+    n = lattice.n_balls
+    p = lattice.periods
+    moving = lattice.motions
     motion = modes.eigenvectors[0, :, branch].reshape(n, -1) / np.sqrt(lattice.masses)[:, None]
     largest = motion.ravel()[np.argmax(np.round(np.abs(motion).ravel() / np.abs(motion).max(), 6))]
     motion = motion * (abs(largest) / largest)
@@ -226,38 +279,75 @@ def _find_motion(
     unit = HertzPrefix.for_top(hertz)
     near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:p]]
     fractions = ", ".join(str(ratio) if abs(x - ratio) < 1e-9 else f"{x:.4g}" for x, ratio in near)
-    part = f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %" if moving.rotate else ""
+    part = (
+        f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %"
+        if moving.rotate
+        else ""
+    )
     # rounding may leave this part of the highest frequency in place of zero
     zero = hertz <= count * np.finfo(float).eps * float(modes.frequencies.max())
     said = "zero frequency" if zero else f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
-    planar = p < 3 and not places[:, 2].any() and 2 not in moving.translations and set(moving.rotations) <= {2}
+    planar = (
+        p < 3
+        and not places[:, 2].any()
+        and 2 not in moving.translations
+        and set(moving.rotations) <= {2}
+    )
     return _Motion(
-        places, radii, pairs, scale * u[balls] * wave, (scale * w / lattice.gyration[:, None])[balls] * wave,
-        lattice.gyration[balls], moving.rotate,
-        planar, f"q = ({fractions})\n{said}{part}", [kinds.get(names[ball], _BALL) for ball in balls.tolist()], kinds,
-    )  # fmt: skip
+        places,
+        radii,
+        pairs,
+        scale * u[balls] * wave,
+        (scale * w / lattice.gyration[:, None])[balls] * wave,
+        lattice.gyration[balls],
+        moving.rotate,
+        planar,
+        f"q = ({fractions})\n{said}{part}",
+        [kinds.get(names[ball], _BALL) for ball in balls.tolist()],
+        kinds,
+    )
 
 
-def _place_balls(lattice: ContactLattice, cells: tuple[int, ...] | None) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
-    """Return the places (m, 3) of the balls that are drawn, their indices in the cell (m,), and the contacts (m_c, 2)."""
+def _place_balls(
+    lattice: ContactLattice, cells: tuple[int, ...] | None
+) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
+    """Return the places (m, 3) of the balls that are drawn, their indices in the cell (m,), and the
+    contacts (m_c, 2).
+    """
     p, d = lattice.cell.shape
-    cell, sites = np.zeros((p, 3)), np.zeros((lattice.n_balls, 3))
+    cell = np.zeros((p, 3))
+    sites = np.zeros((lattice.n_balls, 3))
     cell[:, :d], sites[:, :d] = lattice.cell, lattice.positions
     cube = cells is None and p == 3
     if cube:
-        steps = steps_within(lattice.cell, _CUBE * np.sqrt(3.0) + float(np.ptp(sites, axis=0).max()))
+        steps = steps_within(
+            lattice.cell, _CUBE * np.sqrt(3.0) + float(np.ptp(sites, axis=0).max())
+        )
     else:
-        numbers = ((8,), (4, 4))[p - 1] if cells is None else [whole_number("cells", n, 1, 1000) for n in cells]
+        numbers = (
+            ((8,), (4, 4))[p - 1]
+            if cells is None
+            else [whole_number("cells", n, 1, 1000) for n in cells]
+        )
         steps = np.array(list(np.ndindex(*numbers)))
     if steps.shape[1:] != (p,):
-        raise InputError(f"cells is {cells!r}", f"The lattice has {p} periods", f"Give {p} whole numbers")
-    step, ball = (grid.ravel() for grid in np.meshgrid(np.arange(len(steps)), np.arange(lattice.n_balls), indexing="ij"))
+        raise InputError(
+            f"cells is {cells!r}", f"The lattice has {p} periods", f"Give {p} whole numbers"
+        )
+    step, ball = (
+        grid.ravel()
+        for grid in np.meshgrid(np.arange(len(steps)), np.arange(lattice.n_balls), indexing="ij")
+    )
     places = steps[step] @ cell + sites[ball]
     if cube:
         from_first = places - sites[0]
         inside = np.all((from_first > -1e-6) & (from_first < _CUBE), axis=1)
-        step, ball, places = step[inside], ball[inside], places[inside]
-    index = {(b, *s): k for k, (b, s) in enumerate(zip(ball.tolist(), steps[step].tolist(), strict=True))}
+        step = step[inside]
+        ball = ball[inside]
+        places = places[inside]
+    index = {
+        (b, *s): k for k, (b, s) in enumerate(zip(ball.tolist(), steps[step].tolist(), strict=True))
+    }
     table = lattice.contacts
     ends = zip(table.i.tolist(), table.j.tolist(), table.shift.tolist(), strict=True)
     pairs = [
@@ -270,19 +360,33 @@ def _place_balls(lattice: ContactLattice, cells: tuple[int, ...] | None) -> tupl
 
 
 def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
-    """Draw discs with displacements (m, 2) and angles (m,), each with its sector, its arc with a head, a marked diameter."""
-    centres, radii = motion.places[:, :2], motion.radii
+    """Draw discs with displacements (m, 2) and angles (m,), each with its sector, its arc with a
+    head, a marked diameter.
+    """
+    centres = motion.places[:, :2]
+    radii = motion.radii
     balls = [Circle((x, y), r) for (x, y), r in zip(centres, radii, strict=True)]
     ax.add_collection(
-        PatchCollection(balls, facecolor=motion.colours, edgecolor="0.45", linewidth=0.6, zorder=1.0, gid="balls")
+        PatchCollection(
+            balls,
+            facecolor=motion.colours,
+            edgecolor="0.45",
+            linewidth=0.6,
+            zorder=1.0,
+            gid="balls",
+        )
     )
     if motion.rotate:
 
         def at(distance: Array, angle: Array) -> Array:
-            return np.asarray(centres[:, None] + distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+            return np.asarray(
+                centres[:, None]
+                + distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+            )
 
         ways = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # anticlockwise, clockwise
-        rim, end = 0.72 * radii, _MARK + angles[:, None]
+        rim = 0.72 * radii
+        end = _MARK + angles[:, None]
         marks = at(radii, end + np.array([0.0, np.pi]))
         arcs = at(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
         # a head as long as the arc allows, pointing along it
@@ -292,35 +396,66 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
         heads = np.concatenate([arcs[:, -1:], back + wing, back - wing], axis=1)
         sectors = np.concatenate([centres[:, None], arcs], axis=1)
         ax.add_collection(
-            PolyCollection(list(sectors), facecolors=[_LIGHT[way] for way in ways], linewidths=0.0, zorder=1.5)
+            PolyCollection(
+                list(sectors), facecolors=[_LIGHT[way] for way in ways], linewidths=0.0, zorder=1.5
+            )
         )
         ax.add_collection(LineCollection(list(marks), colors="0.45", linewidths=0.6, gid="marks"))
-        ax.add_collection(LineCollection(list(arcs), colors=ways, linewidths=1.0, gid="spins", path_effects=[_RIM]))
+        ax.add_collection(
+            LineCollection(
+                list(arcs), colors=ways, linewidths=1.0, gid="spins", path_effects=[_RIM]
+            )
+        )
         ax.add_collection(PolyCollection(list(heads), facecolors=ways, linewidths=0.0, zorder=2.1))
 
     ax.quiver(
-        *centres.T, *shift.T, angles="xy", scale_units="xy", scale=1.0, units="xy", width=0.055, headwidth=3.6,
-        headlength=4.0, headaxislength=3.6, minlength=0.0, minshaft=1.5, color="black", zorder=3.0, gid="displacements",
-    )  # fmt: skip
-    low, high = (centres - radii[:, None]).min(axis=0), (centres + radii[:, None]).max(axis=0)
+        *centres.T,
+        *shift.T,
+        angles="xy",
+        scale_units="xy",
+        scale=1.0,
+        units="xy",
+        width=0.055,
+        headwidth=3.6,
+        headlength=4.0,
+        headaxislength=3.6,
+        minlength=0.0,
+        minshaft=1.5,
+        color="black",
+        zorder=3.0,
+        gid="displacements",
+    )
+    low = (centres - radii[:, None]).min(axis=0)
+    high = (centres + radii[:, None]).max(axis=0)
     hide_axes(ax, low - 0.1, high + 0.1)
 
 
 def _draw_spheres(
-    ax: Axes, view: View, motion: _Motion, radii: Array, shift: Array, turn: Array, moved: bool = False
+    ax: Axes,
+    view: View,
+    motion: _Motion,
+    radii: Array,
+    shift: Array,
+    turn: Array,
+    moved: bool = False,
 ) -> None:
-    """Draw balls of ``radii`` (n,) as spheres with arrows, or where they have ``moved``, with three great circles on each.
+    """Draw balls of ``radii`` (n,) as spheres with arrows, or where they have ``moved``, with three
+    great circles on each.
 
-    An arrow starts at the surface of its ball, and one that points away from the viewer at the outline of the ball, so that
-    its length is all seen: black for the displacement, ``shift`` (n, 3),
-    vermilion for the rotation, ``turn`` (n, 3), which is about its arrow. The arc with a head shows the angle through which
-    the surface has turned, on the side of the viewer; looking along the arrow, the ball turns clockwise.
+    An arrow starts at the surface of its ball, and one that points away from the viewer at the
+    outline of the ball, so that its length is all seen: black for the displacement, ``shift`` (n,
+    3), vermilion for the rotation, ``turn`` (n, 3), which is about its arrow. The arc with a head
+    shows the angle through which the surface has turned, on the side of the viewer; looking along
+    the arrow, the ball turns clockwise.
     """
-    painter, centres = Painter(view), motion.places + shift if moved else motion.places
+    painter = Painter(view)
+    centres = motion.places + shift if moved else motion.places
     for i, j in motion.pairs:  # a line for each contact, from surface to surface
         way = centres[j] - centres[i]
         way = way / np.linalg.norm(way)
-        painter.add_line(np.array([centres[i] + radii[i] * way, centres[j] - radii[j] * way]), "0.62", 1.0)
+        painter.add_line(
+            np.array([centres[i] + radii[i] * way, centres[j] - radii[j] * way]), "0.62", 1.0
+        )
     turned: list[Any] = [()] * len(centres)
     if moved:
         # imported here, as only a ball that turns needs it
@@ -337,16 +472,25 @@ def _draw_spheres(
             seen = np.flatnonzero(view.nearness(circle) >= 0.0)
             for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
                 if len(part) > 1:
-                    painter.add_line(centre + radius * circle[part], "0.3", 0.5, nearness=float(view.nearness(centre)))
+                    painter.add_line(
+                        centre + radius * circle[part],
+                        "0.3",
+                        0.5,
+                        nearness=float(view.nearness(centre)),
+                    )
         for arrow, colour in () if moved else ((u, "black"), (scale * phi, VERMILION)):
             length = float(np.linalg.norm(arrow))
             if length > _LEAST:
                 start = arrow - min(float(arrow @ view.axes[2]), 0.0) * view.axes[2]
-                size = float(np.linalg.norm(start)) or 1.0  # along the line of sight nothing is seen of it
+                # along the line of sight nothing is seen of it
+                size = float(np.linalg.norm(start)) or 1.0
                 painter.add_arrow(centre + radius / size * start, arrow, colour, 0.055)
         if not moved and scale * np.linalg.norm(phi) > _LEAST:
-            # the arc through which a point of the surface, on the side of the viewer, is turned, with a head
-            toward, reach, rim = view.axes[2], float(np.linalg.norm(phi)), 1.03 * radius
+            # the arc through which a point of the surface, on the side of the viewer, is turned,
+            # with a head
+            toward = view.axes[2]
+            reach = float(np.linalg.norm(phi))
+            rim = 1.03 * radius
             axis = phi / reach
             front = toward - (toward @ axis) * axis
             if np.linalg.norm(front) < 1e-3:  # it turns about the line of sight
@@ -355,16 +499,31 @@ def _draw_spheres(
             side = np.cross(axis, front)
             angles = reach * np.linspace(-0.5, 0.5, 25)
             arc = centre + rim * (np.cos(angles)[:, None] * front + np.sin(angles)[:, None] * side)
-            near, end, head = float(view.nearness(centre)) + 1e-3 * rim, angles[-1], 0.5 * rim
-            painter.add_line(arc, "white", 2.6, nearness=near - 1e-4 * rim)  # on balls of any colour
+            near = float(view.nearness(centre)) + 1e-3 * rim
+            end = angles[-1]
+            head = 0.5 * rim
+            # on balls of any colour
+            painter.add_line(arc, "white", 2.6, nearness=near - 1e-4 * rim)
             painter.add_line(arc, VERMILION, 1.1, nearness=near)
             tangent = -np.sin(end) * front + np.cos(end) * side
-            painter.add_arrow(arc[-1] - 0.4 * head * tangent, head * tangent, VERMILION, 0.25 * head, nearness=near)
+            painter.add_arrow(
+                arc[-1] - 0.4 * head * tangent,
+                head * tangent,
+                VERMILION,
+                0.25 * head,
+                nearness=near,
+            )
     painter.draw(ax, "spheres", fade=0.55)
     low, high = painter.extent
     hide_axes(ax, low - 0.05, high + 0.05)
 
 
 def _find_amplitude(motion: NDArray[Any]) -> float:
-    """Return the largest of the vectors (n, 3) in a period; on an elliptic path, the longer half axis."""
-    return float(np.sqrt(0.5 * (np.sum(np.abs(motion) ** 2, axis=1) + np.abs(np.sum(motion * motion, axis=1)))).max())
+    """Return the largest of the vectors (n, 3) in a period; on an elliptic path, the longer half
+    axis.
+    """
+    return float(
+        np.sqrt(
+            0.5 * (np.sum(np.abs(motion) ** 2, axis=1) + np.abs(np.sum(motion * motion, axis=1)))
+        ).max()
+    )

@@ -1,4 +1,6 @@
-"""Figures of balls in motion: maps over place and time, balls at one time, energies, spectra of balls, harmonics."""
+"""Figures of balls in motion: maps over place and time, balls at one time, energies, spectra of
+balls, harmonics.
+"""
 
 from __future__ import annotations
 
@@ -26,29 +28,46 @@ _LEAST = 1e-6
 _FEW = 20.0
 
 
-def plot_motion(motion: Motion, ax: Axes, *, show: Show = "velocities", axis: int | None = None) -> Axes:
-    """Draw a map over place and time: of balls their velocity along an axis, or of contacts the change of their force.
+def plot_motion(
+    motion: Motion, ax: Axes, *, show: Show = "velocities", axis: int | None = None
+) -> Axes:
+    """Draw a map over place and time: of balls their velocity along an axis, or of contacts the
+    change of their force.
 
-    Places are along ``axis``, 0 to 2, by default the first along which the array does not repeat; they are means over a
-    layer of balls, or over the contacts from it to the next. An oblique cell is drawn as a rectangle.
+    Places are along ``axis``, 0 to 2, by default the first along which the array does not repeat;
+    they are means over a layer of balls, or over the contacts from it to the next. An oblique cell
+    is drawn as a rectangle.
     """
     network = motion.network
     if show not in ("velocities", "forces") or axis not in (None, 0, 1, 2):
-        raise InputError(f"show is {brief(show)}, axis {brief(axis)}", mend="Give velocities or forces, 0, 1 or 2")
+        raise InputError(
+            f"show is {brief(show)}, axis {brief(axis)}",
+            mend="Give velocities or forces, 0, 1 or 2",
+        )
     along = int(np.argmin(network.pbc)) % network.dimension if axis is None else axis
     balls = np.isfinite(network.radii)
-    radius, values = float(np.mean(network.radii[balls])), motion.velocities[:, balls, along]
-    unit, what, places, of_forces = "m/s", f"Velocity along {'xyz'[along]}", network.positions, motion.middles
-    places, of_forces = places[balls, along] + 0.1 * radius, of_forces[:, along] + 0.1 * radius
+    radius = float(np.mean(network.radii[balls]))
+    values = motion.velocities[:, balls, along]
+    unit = "m/s"
+    what = f"Velocity along {'xyz'[along]}"
+    places = network.positions
+    of_forces = motion.middles
+    places = places[balls, along] + 0.1 * radius
+    of_forces = of_forces[:, along] + 0.1 * radius
     length = network.cell[along, along]
     if network.pbc[along] and abs(length) == np.linalg.norm(network.cell[along]):
-        places, of_forces = np.mod(places, abs(length)), np.mod(of_forces, abs(length))
+        places = np.mod(places, abs(length))
+        of_forces = np.mod(of_forces, abs(length))
     layers = np.sort(places)
     layers = layers[np.diff(layers, prepend=-np.inf) > 0.1 * radius] - 0.1 * radius
-    if len(layers) < 3 or 2 * len(layers) < np.ptp(places) / radius - 2.0:  # no layers: slices a radius wide
+    if len(layers) < 3 or 2 * len(layers) < np.ptp(places) / radius - 2.0:
+        # no layers: slices a radius wide
         layers = np.arange(layers[0], places.max(), radius)
     if show == "forces":
-        places, values, unit, what = of_forces, motion.forces - motion.forces[0], "N", "Change of force"
+        places = of_forces
+        values = motion.forces - motion.forces[0]
+        unit = "N"
+        what = "Change of force"
     number = np.maximum(np.searchsorted(layers, places, side="right") - 1, 0)
     order = np.argsort(number, kind="stable")
     starts = np.flatnonzero(np.diff(number[order], prepend=-1))
@@ -57,37 +76,58 @@ def plot_motion(motion: Motion, ax: Axes, *, show: Show = "velocities", axis: in
     at = np.add.reduceat(places[order], starts) / counts
     most = max(float(np.abs(means).max()), 1e-300)
     (scale, unit), (seconds, time), (metre, length) = (
-        prefixed(most, unit), prefixed(float(motion.times[-1]), "s"), prefixed(_FEW * radius, "m")
-    )  # fmt: skip
+        prefixed(most, unit),
+        prefixed(float(motion.times[-1]), "s"),
+        prefixed(_FEW * radius, "m"),
+    )
     drawn = ax.pcolormesh(
-        (at - at[0]) / metre, motion.times / seconds, means / scale, cmap=MOTION, shading="nearest", rasterized=True,
-        norm=TwoSlopeNorm(0.0, -most / scale, most / scale), gid="motion",
-    )  # fmt: skip
+        (at - at[0]) / metre,
+        motion.times / seconds,
+        means / scale,
+        cmap=MOTION,
+        shading="nearest",
+        rasterized=True,
+        norm=TwoSlopeNorm(0.0, -most / scale, most / scale),
+        gid="motion",
+    )
     ax.set(xlabel=f"{'xyz'[along]} ({write_unit(length)})", ylabel=f"Time ({write_unit(time)})")
     add_bar(ax, drawn, f"{what} ({write_unit(unit)})")
     return ax
 
 
 def plot_energies(motion: Motion, ax: Axes) -> Axes:
-    """Draw kinetic energies of translation and rotation, the energy of contacts, and what is lost, over time."""
+    """Draw kinetic energies of translation and rotation, the energy of contacts, and what is lost,
+    over time.
+    """
     scale, unit = prefixed(max(float((motion.energy + motion.lost).max()), 1e-300), "J")
     seconds, time = prefixed(float(motion.times[-1]), "s")
-    for name, colour in zip(("translation", "rotation", "stored", "lost"), (*COLOURS[:3], "0.4"), strict=True):
-        values, label = getattr(motion, name), "contacts" if name == "stored" else name
+    for name, colour in zip(
+        ("translation", "rotation", "stored", "lost"), (*COLOURS[:3], "0.4"), strict=True
+    ):
+        values = getattr(motion, name)
+        label = "contacts" if name == "stored" else name
         if name in ("translation", "stored") or np.any(values > 1e-9 * scale):
             ax.plot(motion.times / seconds, values / scale, color=colour, label=label)
-    ax.set(xlabel=f"Time ({write_unit(time)})", ylabel=f"Energy ({write_unit(unit)})", ylim=(0.0, None), xlim=(0.0, None))
+    ax.set(
+        xlabel=f"Time ({write_unit(time)})",
+        ylabel=f"Energy ({write_unit(unit)})",
+        ylim=(0.0, None),
+        xlim=(0.0, None),
+    )
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return ax
 
 
 def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | None = None) -> Axes:
-    """Draw the balls at one of the frames, coloured by their speed; those of an array in space that are seen along z.
+    """Draw the balls at one of the frames, coloured by their speed; those of an array in space that
+    are seen along z.
 
     ``most`` is the speed, m/s, of the darkest colour; by default the greatest of this frame.
     """
     if not -len(motion.times) <= frame < len(motion.times):
-        raise InputError(f"the motion has no frame {frame}", mend=f"Give 0 to {len(motion.times) - 1}")
+        raise InputError(
+            f"the motion has no frame {frame}", mend=f"Give 0 to {len(motion.times) - 1}"
+        )
     most = float(np.linalg.norm(motion.velocities[frame], axis=1).max()) if most is None else most
     drawn, label = _draw_speeds(motion, ax, frame, max(most, 1e-300))
     add_bar(ax, drawn, label)
@@ -106,32 +146,52 @@ def _draw_speeds(motion: Motion, ax: Axes, frame: int, most: float) -> tuple[Any
 
 
 def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) -> Axes:
-    """Draw the amplitudes of the motion of a ball along an axis over frequency, on a logarithmic scale."""
+    """Draw the amplitudes of the motion of a ball along an axis over frequency, on a logarithmic
+    scale.
+    """
     frequencies, amplitudes = motion.spectrum(ball, axis)
     most = max(float(amplitudes.max()), 1e-300)
     top = float(frequencies[amplitudes > _LEAST * most][-1])
-    prefix, (scale, unit) = HertzPrefix.for_top(top), prefixed(most, "m")
-    ax.plot(frequencies / prefix.hertz, np.maximum(amplitudes, 1e-3 * _LEAST * most) / scale, color=BLUE, linewidth=0.9)
+    prefix = HertzPrefix.for_top(top)
+    (scale, unit) = prefixed(most, "m")
+    ax.plot(
+        frequencies / prefix.hertz,
+        np.maximum(amplitudes, 1e-3 * _LEAST * most) / scale,
+        color=BLUE,
+        linewidth=0.9,
+    )
     ax.set(
-        xlabel=f"Frequency ({print_hertz(prefix)})", ylabel=f"Displacement of ball {ball} ({write_unit(unit)})", yscale="log"
+        xlabel=f"Frequency ({print_hertz(prefix)})",
+        ylabel=f"Displacement of ball {ball} ({write_unit(unit)})",
+        yscale="log",
     )
     ax.set(xlim=(0.0, top / prefix.hertz), ylim=(_LEAST * most / scale, 3.0 * most / scale))
     return ax
 
 
-def plot_harmonics(motion: Motion, ax: Axes, frequency: float, *, count: int = 3, axis: int = 0, periods: int = 10) -> Axes:
-    """Draw the amplitudes of the motion at multiples of the ``frequency`` of a drive, over the place along an axis.
+def plot_harmonics(
+    motion: Motion, ax: Axes, frequency: float, *, count: int = 3, axis: int = 0, periods: int = 10
+) -> Axes:
+    """Draw the amplitudes of the motion at multiples of the ``frequency`` of a drive, over the
+    place along an axis.
 
     Options are those of :meth:`granphon.Motion.harmonics`.
     """
-    amplitudes, places = np.abs(motion.harmonics(frequency, count, axis, periods)), motion.network.positions[:, axis]
+    amplitudes = np.abs(motion.harmonics(frequency, count, axis, periods))
+    places = motion.network.positions[:, axis]
     metre, length = prefixed(_FEW * float(np.median(motion.network.radii)), "m")
     scale, unit = prefixed(float(amplitudes.max()), "m")
     order = np.argsort(places, kind="stable")
     for number, (values, colour) in enumerate(zip(amplitudes, COLOURS, strict=False), 1):
         label = f"{number} f" if number > 1 else "f"
         ax.plot(
-            (places - places.min())[order] / metre, values[order] / scale, ".-", color=colour, ms=2.5, lw=0.7, label=label
+            (places - places.min())[order] / metre,
+            values[order] / scale,
+            ".-",
+            color=colour,
+            ms=2.5,
+            lw=0.7,
+            label=label,
         )
     ax.set(
         xlabel=f"{'xyz'[axis]} ({write_unit(length)})",
@@ -146,8 +206,8 @@ def plot_harmonics(motion: Motion, ax: Axes, frequency: float, *, count: int = 3
 def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None = None) -> Figure:
     """Draw a figure across the page: the motion, and its energies over time.
 
-    Of a chain, and with ``show``, the motion is a map over place and time, see :func:`plot_motion`; of other arrays it is
-    the balls at three times.
+    Of a chain, and with ``show``, the motion is a map over place and time, see :func:`plot_motion`;
+    of other arrays it is the balls at three times.
     """
     if motion.network.dimension == 1 or show is not None:
         with styled_figure(2.7, PAGE_WIDTH) as figure:
@@ -157,9 +217,12 @@ def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None 
         return figure
     speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)
     frames = pick_evenly(len(motion.times), 4)[1:]
-    most = max(0.5 * float(speeds[frames].max()), 1e-300)  # faster balls have the darkest colour too
+    # faster balls have the darkest colour too
+    most = max(0.5 * float(speeds[frames].max()), 1e-300)
     with styled_figure(2.3, PAGE_WIDTH) as figure:
-        *shots, last = figure.subplots(1, len(frames) + 1, width_ratios=[1.0] * len(frames) + [1.25])
+        *shots, last = figure.subplots(
+            1, len(frames) + 1, width_ratios=[1.0] * len(frames) + [1.25]
+        )
         for ax, frame in zip(shots, frames, strict=True):
             drawn, label = _draw_speeds(motion, ax, frame, most)
             ax.set_ylabel("y (mm)" if ax is shots[0] else "")
@@ -169,10 +232,11 @@ def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None 
 
 
 def motions_figure(dataset: Dataset) -> Figure:
-    """Draw the greatest force of the motion of each state of a data set over time, and what is lost, one column wide.
+    """Draw the greatest force of the motion of each state of a data set over time, and what is
+    lost, one column wide.
 
-    Of more than six states so many are drawn, evenly taken. Raises :class:`~granphon.base.errors.InputError` for a data set
-    without motions.
+    Of more than six states so many are drawn, evenly taken. Raises
+    :class:`~granphon.base.errors.InputError` for a data set without motions.
     """
     states, handles = choose_states(dataset, "motion_force", "motions")
     seconds, time = prefixed(float(dataset["motion_time"].values[-1]), "s")
@@ -185,7 +249,12 @@ def motions_figure(dataset: Dataset) -> Figure:
             lines = [(colour, sum(take(name) for name in names)) for colour, take in states]
             scale, name = prefixed(max(float(np.max(values)) for _, values in lines), unit)
             for colour, values in lines:
-                ax.plot(dataset["motion_time"].values / seconds, values / scale, color=colour, linewidth=1.0)
+                ax.plot(
+                    dataset["motion_time"].values / seconds,
+                    values / scale,
+                    color=colour,
+                    linewidth=1.0,
+                )
             ax.set(ylabel=f"{label} ({write_unit(name)})", ylim=(0.0, None))
         below.set(xlabel=f"Time ({write_unit(time)})", xlim=(0.0, None))
         if len(handles) > 1:

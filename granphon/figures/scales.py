@@ -1,6 +1,8 @@
-"""The guarded import of matplotlib, and what figures share that needs it: scales of axes, maps of colours, legends.
+"""The guarded import of matplotlib, and what figures share that needs it: scales of axes, maps of
+colours, legends.
 
-Every module that draws imports this one before matplotlib. No backend of matplotlib and no pyplot is loaded. Raises
+Every module that draws imports this one before matplotlib. No backend of matplotlib and no pyplot
+is loaded. Raises
 :class:`~granphon.base.errors.MissingPackageError` if matplotlib is not installed, and
 :class:`~granphon.base.errors.FigureError` if its settings cannot be read.
 """
@@ -32,7 +34,7 @@ from granphon.figures.style import (
     TRANSVERSE_COLOUR,
     print_hertz,
     shorten_error,
-)  # fmt: skip
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,21 +45,29 @@ if TYPE_CHECKING:
 
 @contextmanager
 def _open_door() -> Iterator[None]:
-    """Import matplotlib in the block even if MPLBACKEND names a backend that is not there: saving a figure needs none."""
+    """Import matplotlib in the block even if MPLBACKEND names a backend that is not there: saving a
+    figure needs none.
+    """
     first = "matplotlib" not in sys.modules
     given = os.environ.pop("MPLBACKEND", None)
-    log, said = logging.getLogger("matplotlib"), BufferingHandler(1000)
+    log = logging.getLogger("matplotlib")
+    said = BufferingHandler(1000)
     log.addHandler(said)
     try:
         with needing("A figure"):
             yield
     except (MemoryError, MissingPackageError):
         raise
-    except Exception as error:  # from the file system, a text that is not UTF-8, or whatever the settings ask for
-        records, said.buffer = said.buffer, []  # the log names the file that is at fault
+    except (
+        Exception
+    ) as error:  # from the file system, a text that is not UTF-8, or whatever the settings ask for
+        records = said.buffer
+        said.buffer = []  # the log names the file that is at fault
         why = " ".join(record.getMessage() for record in records)
         mend = "Look at its settings (matplotlibrc, MATPLOTLIBRC) and how it is installed"
-        raise FigureError(f"matplotlib cannot be imported: {shorten_error(error)}", why, mend) from error
+        raise FigureError(
+            f"matplotlib cannot be imported: {shorten_error(error)}", why, mend
+        ) from error
     finally:
         log.removeHandler(said)
         for record in said.buffer:
@@ -65,7 +75,8 @@ def _open_door() -> Iterator[None]:
         if given is not None:
             os.environ["MPLBACKEND"] = given
     if first and given:
-        with suppress(ValueError):  # matplotlib's own import does this too, but fails on a name that it does not know
+        with suppress(ValueError):
+            # matplotlib's own import does this too, but fails on a name that it does not know
             matplotlib.rcParams["backend"] = given
 
 
@@ -81,17 +92,24 @@ with _open_door():
 
 
 #: colours from translation (0) to rotation (1): the uniform map "plasma" without its light end
-ROTATION = LinearSegmentedColormap.from_list("rotation", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256)))
-#: colours from contacts that carry little, light, to those that carry much, dark: uniform to every eye
+ROTATION = LinearSegmentedColormap.from_list(
+    "rotation", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256))
+)
+#: colours from contacts that carry little, light, to those that carry much, dark: uniform to every
+#: eye
 FORCES = matplotlib.colormaps["cividis_r"]
 #: colours of spectral functions, from none, white, to much, dark: uniform to every eye
 SPECTRUM = matplotlib.colormaps["Blues"]
 #: colours of velocities, from backward to forward
 MOTION = matplotlib.colormaps["RdBu_r"]
 #: colours from transverse (0) to longitudinal (1)
-POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE_COLOUR, LONGITUDINAL_COLOUR])
-#: least and largest value of a logarithmic axis; the squares of what is farther from one are beyond floating point
-_LEAST, _LARGEST = 1e-150, 1e150
+POLARISATION = LinearSegmentedColormap.from_list(
+    "polarisation", [TRANSVERSE_COLOUR, LONGITUDINAL_COLOUR]
+)
+#: least and largest value of a logarithmic axis; the squares of what is farther from one are beyond
+#: floating point
+_LEAST = 1e-150
+_LARGEST = 1e150
 #: height of a row of a legend, in inches
 ROW_HEIGHT = 0.16
 
@@ -99,7 +117,8 @@ ROW_HEIGHT = 0.16
 def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
     """Make the ``which`` axis, "x" or "y", logarithmic if all values are above zero.
 
-    Its ticks are plain numbers if the ratio of the largest value to the smallest is below ``plain``.
+    Its ticks are plain numbers if the ratio of the largest value to the smallest is below
+    ``plain``.
 
     Raises :class:`~granphon.base.errors.InputError` for values that no logarithmic axis reaches.
     """
@@ -111,7 +130,8 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
         why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
         raise InputError(what, why, "Look at the units of the data, and leave out what is wrong")
     ax.set(**{f"{which}scale": "log"})
-    axis, span = getattr(ax, f"{which}axis"), there.max() / there.min()
+    axis = getattr(ax, f"{which}axis")
+    span = there.max() / there.min()
     if span < plain:
         axis.set_major_locator(_PlainTicks())
         axis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -120,21 +140,27 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
 
 
 def widen_axis(ax: Axes, which: str, values: Array) -> None:
-    """Let the ``which`` axis of values that differ by rounding, if at all, go a twentieth to either side of them, or more.
+    """Let the ``which`` axis of values that differ by rounding, if at all, go a twentieth to either
+    side of them, or more.
 
     On an axis from rounding to rounding ticks and frame would land anywhere.
     """
-    least, most = float(values.min()), float(values.max())
+    least = float(values.min())
+    most = float(values.max())
     if most < least * (1.0 + 1e-9):
         low, high = getattr(ax, f"{which}axis").get_view_interval()
         ax.set(**{f"{which}lim": (min(low, 0.95 * least), max(high, 1.05 * most))})
 
 
-def name_axis(axis: Axis, most: float, label: str, unit: str, *, short: bool = False, more: str = "") -> None:
-    """Label an axis, which has its scale, with a unit in which the numbers at its ticks are short: µm, GPa.
+def name_axis(
+    axis: Axis, most: float, label: str, unit: str, *, short: bool = False, more: str = ""
+) -> None:
+    """Label an axis, which has its scale, with a unit in which the numbers at its ticks are short:
+    µm, GPa.
 
-    ``most`` is the largest number, in the SI ``unit``; with ``short`` the unit has a prefix wherever that is shorter.
-    ``more`` follows the unit. The data of the axis stay in SI: only what is written at the ticks is divided.
+    ``most`` is the largest number, in the SI ``unit``; with ``short`` the unit has a prefix
+    wherever that is shorter. ``more`` follows the unit. The data of the axis stay in SI: only what
+    is written at the ticks is divided.
     """
     divided = unit in ("m", "N", "N/m", "Pa") and (short or not 1e-2 <= most < 1e5)
     size, name = prefixed(most, unit) if divided else (1.0, unit)
@@ -143,13 +169,19 @@ def name_axis(axis: Axis, most: float, label: str, unit: str, *, short: bool = F
     if size == 1.0 and not short:
         return
     if axis.get_scale() == "log" and not isinstance(axis.get_major_locator(), _PlainTicks):
-        axis.set_major_formatter(lambda value, _: f"$\\mathdefault{{10^{{{round(np.log10(value / size))}}}}}$")
+        axis.set_major_formatter(
+            lambda value, _: f"$\\mathdefault{{10^{{{round(np.log10(value / size))}}}}}$"
+        )
     else:
-        axis.set_major_formatter(lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}"))
+        axis.set_major_formatter(
+            lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}")
+        )
 
 
 class Picture(Figure):
-    """A figure with the PNG that a notebook asks for; with pyplot's inline backend loaded, that backend shows it instead."""
+    """A figure with the PNG that a notebook asks for; with pyplot's inline backend loaded, that
+    backend shows it instead.
+    """
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         stream = BytesIO()
@@ -167,7 +199,9 @@ def styled_figure(height: float, width: float = COLUMN_WIDTH, dpi: float = DPI) 
 
 
 def draw_alone(plot: Callable[[Axes], Any], height: float) -> Figure:
-    """Return a figure of one panel, one column wide and ``height`` inches high, on which ``plot`` has drawn."""
+    """Return a figure of one panel, one column wide and ``height`` inches high, on which ``plot``
+    has drawn.
+    """
     with styled_figure(height) as figure:
         plot(figure.subplots())
     return figure
@@ -183,20 +217,30 @@ def add_bar(ax: Axes, drawn: Any, label: str) -> Any:
 
 def add_part_bar(ax: Axes, colours: Colormap, label: str) -> None:
     """Draw above an Axes the colour bar of a part, which goes from 0 to 1."""
-    add_bar(ax, ScalarMappable(Normalize(0.0, 1.0), colours), label).set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
+    add_bar(ax, ScalarMappable(Normalize(0.0, 1.0), colours), label).set_ticks(
+        [0.0, 0.5, 1.0], labels=["0", "0.5", "1"]
+    )
 
 
-def draw_densities(ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Array]], least: float = 1e-6) -> None:
+def draw_densities(
+    ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Array]], least: float = 1e-6
+) -> None:
     """Draw densities of states per ball over the frequency, with their standard errors as bands.
 
-    ``curves`` are colours, labels, frequencies (n,), Hz, densities (n,), 1/Hz, and errors (n,), nan where there is none. The
-    axis ends a little above the highest frequency at which a density is above the part ``least`` of its greatest value.
+    ``curves`` are colours, labels, frequencies (n,), Hz, densities (n,), 1/Hz, and errors (n,), nan
+    where there is none. The axis ends a little above the highest frequency at which a density is
+    above the part ``least`` of its greatest value.
     """
     drawn = list(curves)
-    top = max(float(f[np.flatnonzero(density > least * density.max())[-1]]) for _, _, f, density, _ in drawn)
+    top = max(
+        float(f[np.flatnonzero(density > least * density.max())[-1]])
+        for _, _, f, density, _ in drawn
+    )
     unit = HertzPrefix.for_top(top)
     for colour, label, f, density, error in drawn:
-        x, y, off = f / unit.hertz, density * unit.hertz, np.nan_to_num(error) * unit.hertz
+        x = f / unit.hertz
+        y = density * unit.hertz
+        off = np.nan_to_num(error) * unit.hertz
         ax.fill_between(x, y - off, y + off, color=colour, alpha=0.3, linewidth=0.0)
         ax.plot(x, y, color=colour, linewidth=0.9, label=label)
     name = print_hertz(unit)
@@ -204,45 +248,81 @@ def draw_densities(ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Arra
     ax.set(xlim=(0.0, 1.03 * top / unit.hertz), ylim=(0.0, None))
 
 
-def draw_balls(network: ContactNetwork, values: Array, ax: Axes, colours: object, norm: Normalize) -> EllipseCollection:
-    """Draw the balls of a network, seen along z, each in the colour of its value (n,); axes are in mm."""
+def draw_balls(
+    network: ContactNetwork, values: Array, ax: Axes, colours: object, norm: Normalize
+) -> EllipseCollection:
+    """Draw the balls of a network, seen along z, each in the colour of its value (n,); axes are in
+    mm.
+    """
     shown = np.flatnonzero(np.isfinite(network.radii))
     if network.dimension == 3:  # the nearest come last
         shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
-    sizes, places = 2e3 * network.radii[shown], 1e3 * network.positions[shown, :2]
-    if network.pbc[0] and not np.any(network.cell[0, 1:]):  # an oblique cell is drawn as a rectangle
+    sizes = 2e3 * network.radii[shown]
+    places = 1e3 * network.positions[shown, :2]
+    if network.pbc[0] and not np.any(network.cell[0, 1:]):
+        # an oblique cell is drawn as a rectangle
         places[:, 0] = np.mod(places[:, 0], 1e3 * network.cell[0, 0])
     balls = EllipseCollection(
-        sizes, sizes, 0.0 * sizes, units="xy", offsets=places, offset_transform=ax.transData, array=values[shown],
-        cmap=colours, norm=norm, gid="balls", edgecolors=FRAME, linewidths=0.15,
-    )  # fmt: skip
+        sizes,
+        sizes,
+        0.0 * sizes,
+        units="xy",
+        offsets=places,
+        offset_transform=ax.transData,
+        array=values[shown],
+        cmap=colours,
+        norm=norm,
+        gid="balls",
+        edgecolors=FRAME,
+        linewidths=0.15,
+    )
     ax.add_collection(balls, autolim=False)
-    low, high = places.min(axis=0) - 0.6 * sizes.max(), places.max(axis=0) + 0.6 * sizes.max()
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
+    low = places.min(axis=0) - 0.6 * sizes.max()
+    high = places.max(axis=0) + 0.6 * sizes.max()
+    ax.set(
+        xlim=(low[0], high[0]),
+        ylim=(low[1], high[1]),
+        aspect="equal",
+        xlabel="x (mm)",
+        ylabel="y (mm)",
+    )
     return balls
 
 
-def add_legend(figure: Figure, handles: Sequence[Line2D], room: int = 0, title: str | None = None, **options: Any) -> None:
+def add_legend(
+    figure: Figure,
+    handles: Sequence[Line2D],
+    room: int = 0,
+    title: str | None = None,
+    **options: Any,
+) -> None:
     """Draw the legend of a figure below its panels, in as many columns as its labels allow.
 
-    The figure grows by the rows beyond those for which it has ``room``, so that a long legend does not take that of the
-    panels.
+    The figure grows by the rows beyond those for which it has ``room``, so that a long legend does
+    not take that of the panels.
     """
     labels = [str(handle.get_label()) for handle in handles]
     columns = _count_columns(labels)
     rows = -(-len(handles) // columns) + sum(text.count("\n") for text in (*labels, title or ""))
     more = max(0, rows - room) * ROW_HEIGHT
     figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + more)
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, title=title, **options)
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=columns, title=title, **options
+    )
 
 
 def _count_columns(labels: Sequence[str]) -> int:
     # three columns where labels have nine letters at most, two where they have 24
-    return min(len(labels), next((n for n, letters in {3: 9, 2: 24}.items() if max(map(len, labels)) <= letters), 1))
+    return min(
+        len(labels),
+        next((n for n, letters in {3: 9, 2: 24}.items() if max(map(len, labels)) <= letters), 1),
+    )
 
 
 def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
-    """Set the title of an Axes, and below it a legend of ``kinds`` of balls, colours by their names, if there are any."""
+    """Set the title of an Axes, and below it a legend of ``kinds`` of balls, colours by their
+    names, if there are any.
+    """
     names: dict[str, str] = {}
     for name, colour in kinds.items():
         names[colour] = name if colour not in names else "others"
@@ -250,22 +330,38 @@ def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
     if names:
         columns = _count_columns(list(names.values()))
         rows = -(-len(names) // columns)
-        look: dict[str, Any] = {"marker": "o", "linestyle": "", "markeredgecolor": "0.35", "markeredgewidth": 0.5}
+        look: dict[str, Any] = {
+            "marker": "o",
+            "linestyle": "",
+            "markeredgecolor": "0.35",
+            "markeredgewidth": 0.5,
+        }
         ax.legend(
-            handles=[Line2D([], [], color=colour, label=name, **look) for colour, name in names.items()], ncols=columns,
-            loc="lower center", bbox_to_anchor=(0.5, 1.0), borderaxespad=0.2, handletextpad=0.2, labelspacing=0.3,
-        )  # fmt: skip
+            handles=[
+                Line2D([], [], color=colour, label=name, **look) for colour, name in names.items()
+            ],
+            ncols=columns,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+            borderaxespad=0.2,
+            handletextpad=0.2,
+            labelspacing=0.3,
+        )
     ax.set_title(title, pad=6.0 + 11.0 * rows)
 
 
 def hide_axes(ax: Axes, low: Array, high: Array) -> None:
-    """Limit the axes to the rectangle from ``low`` (2,) to ``high`` (2,), equal scales on both, and draw no frame."""
+    """Limit the axes to the rectangle from ``low`` (2,) to ``high`` (2,), equal scales on both, and
+    draw no frame.
+    """
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     ax.set_axis_off()
 
 
 class _PlainTicks(Locator):
-    """Ticks at round numbers on a logarithmic axis, few but at least four; or the minor ticks of that axis."""
+    """Ticks at round numbers on a logarithmic axis, few but at least four; or the minor ticks of
+    that axis.
+    """
 
     def __init__(self, minor: bool = False) -> None:
         self._minor = minor
@@ -277,37 +373,50 @@ class _PlainTicks(Locator):
         low, high = sorted((vmin, vmax))
         inside = finer = np.empty(0)
         for ticks, between in _list_round_numbers(low, high):
-            inside, finer = (t[(t >= low * (1.0 - 1e-9)) & (t <= high * (1.0 + 1e-9))] for t in (ticks, between))
+            inside, finer = (
+                t[(t >= low * (1.0 - 1e-9)) & (t <= high * (1.0 + 1e-9))] for t in (ticks, between)
+            )
             if inside.size >= 4:
                 break
         return finer if self._minor else inside
 
 
 def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]]:
-    """Yield sets of round numbers from about ``low`` to ``high``, few first, each with a finer set for minor ticks.
+    """Yield sets of round numbers from about ``low`` to ``high``, few first, each with a finer set
+    for minor ticks.
 
     Each decade has the same numbers; over less than a factor of four they are evenly spaced.
     """
     if high / low >= 4.0:
         # as on logarithmic paper, of one decade or of several
-        one = np.concatenate([np.arange(10, 20), np.arange(20, 50, 2), np.arange(50, 100, 5)]) / 10.0
+        one = (
+            np.concatenate([np.arange(10, 20), np.arange(20, 50, 2), np.arange(50, 100, 5)]) / 10.0
+        )
         finer = one if high / low < 30.0 else np.arange(1.0, 10.0)
         decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
         coarse = [(1.0, 3.0)] if high / low > 50.0 else []
-        for parts in (*coarse, (1.0, 2.0, 5.0), (1.0, 2.0, 3.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)):
+        for parts in (
+            *coarse,
+            (1.0, 2.0, 5.0),
+            (1.0, 2.0, 3.0, 5.0),
+            (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0),
+        ):
             yield np.outer(decades, parts).ravel(), np.outer(decades, finer).ravel()
     for count in (5, 8, 12):
         ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
         step = ticks[1] - ticks[0]
-        within = 4 if f"{step:.0e}".startswith("2") else 5  # parts of a step, so that they are round
+        # parts of a step, so that they are round
+        within = 4 if f"{step:.0e}".startswith("2") else 5
         yield ticks, ticks[0] + step / within * np.arange(within * (ticks.size - 1) + 1)
 
 
 def describe_fonts() -> list[tuple[str, str]]:
-    """Return rows of a name and a text: the font, whether the letters of figures are drawn, and matplotlib's folder.
+    """Return rows of a name and a text: the font, whether the letters of figures are drawn, and
+    matplotlib's folder.
 
-    Each letter is drawn with the settings of matplotlib as they stand here; a glyph that the font lacks is a warning of
-    matplotlib, which is told. A folder inside the home folder is told from "~" on, and another one by what names it.
+    Each letter is drawn with the settings of matplotlib as they stand here; a glyph that the font
+    lacks is a warning of matplotlib, which is told. A folder inside the home folder is told from
+    "~" on, and another one by what names it.
     """
     rows = []
     with warnings.catch_warnings(record=True) as caught:
@@ -319,7 +428,11 @@ def describe_fonts() -> list[tuple[str, str]]:
             rows.append(("font", f"none is found: {shorten_error(error)}"))
     rows += [("fonts", "; ".join({str(one.message): None for one in caught}))] * bool(caught)
     # texts that figures hold: letters outside ASCII, and formulas
-    samples = {"Gamma": "Γ", "mu and plus-minus": "µ ±", "mathtext": r"$\mathrm{\Gamma}_{1}\ \omega/2\pi$"}
+    samples = {
+        "Gamma": "Γ",
+        "mu and plus-minus": "µ ±",
+        "mathtext": r"$\mathrm{\Gamma}_{1}\ \omega/2\pi$",
+    }
     drawn = {name: _draw_text(text) for name, text in samples.items()}
     fine = [name for name, fault in drawn.items() if not fault]
     rows += [("letters drawn", ", ".join(fine))] * bool(fine)
@@ -328,8 +441,17 @@ def describe_fonts() -> list[tuple[str, str]]:
     try:  # without the name of a user
         where = f"~/{folder.relative_to(Path.home()).as_posix()}"
     except (ValueError, RuntimeError):
-        where = "the folder that MPLCONFIGDIR names" if "MPLCONFIGDIR" in os.environ else "a folder outside the home folder"
-    rows.append(("config folder", f"{where}, {'writable' if os.access(folder, os.W_OK) else 'not writable'}"))
+        where = (
+            "the folder that MPLCONFIGDIR names"
+            if "MPLCONFIGDIR" in os.environ
+            else "a folder outside the home folder"
+        )
+    rows.append(
+        (
+            "config folder",
+            f"{where}, {'writable' if os.access(folder, os.W_OK) else 'not writable'}",
+        )
+    )
     return rows
 
 
@@ -340,6 +462,8 @@ def _draw_text(text: str) -> str:
             figure = Figure(figsize=(1.0, 1.0))
             figure.text(0.1, 0.5, text)
             figure.savefig(BytesIO(), format="png", dpi=50)
-        except Exception as error:  # whatever the settings of matplotlib lead to is what we are to tell
+        except (
+            Exception
+        ) as error:  # whatever the settings of matplotlib lead to is what we are to tell
             return shorten_error(error)
     return ""

@@ -1,7 +1,8 @@
 """Figures of slowness, the inverse of the sound velocity, over the directions of propagation.
 
-As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on it and returns it. Light blue is transverse
-and dark blue longitudinal. The normal of a slowness surface is the direction in which the energy of the wave travels.
+As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on it and returns it.
+Light blue is transverse and dark blue longitudinal. The normal of a slowness surface is the
+direction in which the energy of the wave travels.
 """
 
 from __future__ import annotations
@@ -34,42 +35,57 @@ _LABEL = "s/km"
 #: what the colour bar says
 _PART = "Longitudinal part of the polarisation"
 #: number of directions in half a turn, of a cut and of a surface
-_CUT, _SURFACE = 180, 48
+_CUT = 180
+_SURFACE = 48
 #: the directions, Cartesian, that span the two cuts through a surface in space
 _CUTS = (((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 
 
 def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array]:
-    """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) in the ``directions`` (n, p)."""
+    """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) in the
+    ``directions`` (n, p).
+    """
     periods = state.reference_lattice.periods
     if periods == 1:
-        raise InputError(f"the {state.name} has one period", "Its sound has one direction", "Use sound_velocities")
+        raise InputError(
+            f"the {state.name} has one period",
+            "Its sound has one direction",
+            "Use sound_velocities",
+        )
     if not state.is_single:
-        raise InputError("the state has several loads", "A slowness surface is that of one load", "Use state[0]")
+        raise InputError(
+            "the state has several loads", "A slowness surface is that of one load", "Use state[0]"
+        )
     # a flexural wave is the last
     waves = len(state.wave_names) - ("out_of_plane" in state.wave_names)
     if not waves:
-        raise InputError("these balls move across the plane only", "Their long waves are flexural: no velocity")
+        raise InputError(
+            "these balls move across the plane only", "Their long waves are flexural: no velocity"
+        )
     velocities, polarisations = state.polarised_waves(directions)
-    slowness, polarisations = 1.0 / (1e-3 * velocities[:, :waves]), polarisations[:, :, :waves]
+    slowness = 1.0 / (1e-3 * velocities[:, :waves])
+    polarisations = polarisations[:, :, :waves]
     axes = state.reference_lattice.motions.translations
     inside = [place for place, axis in enumerate(axes) if axis < periods]
     toward = directions[:, [axes[place] for place in inside]]
     return slowness, np.einsum("nu,nub->nb", toward, polarisations[:, inside]) ** 2, polarisations
 
 
-def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, colorbar: bool = True) -> Axes:
-    """Draw the slowness of sound over the directions of a plane, coloured by the longitudinal part of the polarisation.
+def plot_slowness(
+    state: Any, ax: Axes, *, plane: ArrayLike | None = None, colorbar: bool = True
+) -> Axes:
+    """Draw the slowness of sound over the directions of a plane, coloured by the longitudinal part
+    of the polarisation.
 
-    In the cut through a crystal in space, waves polarised across the cut are dashed. Flexural waves have no velocity and are
-    left out.
+    In the cut through a crystal in space, waves polarised across the cut are dashed. Flexural waves
+    have no velocity and are left out.
 
     Parameters
     ----------
-    state : the state of the contacts, at one load, or a sample or network as in :func:`~granphon.sound_velocities`; it has
-        two or three periods.
-    plane : (2, 3) two Cartesian directions that span the cut, the first to the right; the second is turned so that it is
-        perpendicular to the first. By default x and y.
+    state : the state of the contacts, at one load, or a sample or network as in
+        :func:`~granphon.sound_velocities`; it has two or three periods.
+    plane : (2, 3) two Cartesian directions that span the cut, the first to the right; the second is
+        turned so that it is perpendicular to the first. By default x and y.
     colorbar : whether to draw the colour bar, above the axes.
 
     Raises
@@ -82,20 +98,36 @@ def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, color
     if periods == 2 and plane is not None:
         raise InputError("the lattice is a plane", "It has no other cut", "Leave plane out")
     try:
-        first, second = (one_direction(way, 3) for way in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64))
+        first, second = (
+            one_direction(way, 3)
+            for way in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64)
+        )
     except (TypeError, ValueError) as error:
-        raise InputError("plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))") from None
+        raise InputError(
+            "plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))"
+        ) from None
     second = second - (first @ second) * first
     if np.linalg.norm(second) < 1e-9:
-        raise InputError("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))")
+        raise InputError(
+            "the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"
+        )
     span = np.array([first, second / np.linalg.norm(second)])
-    # between the directions of high symmetry, in which the polarisations of transverse waves are any
+    # between the directions of high symmetry, in which the polarisations of transverse waves are
+    # any
     angle = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    slowness, along, polarisations = _find_slowness(found, circle if periods == 2 else circle @ span)
-    across = np.einsum("u,nub->nb", np.cross(*span), polarisations) ** 2 if periods == 3 else np.zeros_like(along)
+    slowness, along, polarisations = _find_slowness(
+        found, circle if periods == 2 else circle @ span
+    )
+    across = (
+        np.einsum("u,nub->nb", np.cross(*span), polarisations) ** 2
+        if periods == 3
+        else np.zeros_like(along)
+    )
     order = connect_branches(polarisations)
-    slowness, along, across = (np.take_along_axis(values, order, 1) for values in (slowness, along, across))
+    slowness, along, across = (
+        np.take_along_axis(values, order, 1) for values in (slowness, along, across)
+    )
     for b in range(slowness.shape[1]):
         points = slowness[:, b, None] * circle
         dashed = across[:, b].mean() > 0.5
@@ -105,18 +137,26 @@ def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, color
         if dashed:
             # five degrees drawn, five left out
             drawn = np.arange(len(pieces)) % 10 < 5
-            pieces, shades["array"] = pieces[drawn], shades["array"][drawn]
+            pieces = pieces[drawn]
+            shades["array"] = shades["array"][drawn]
         lines = LineCollection(
-            list(pieces), linewidths=1.5, capstyle="butt" if dashed else "round", **shades, gid=f"wave-{b}"
+            list(pieces),
+            linewidths=1.5,
+            capstyle="butt" if dashed else "round",
+            **shades,
+            gid=f"wave-{b}",
         )
         ax.add_collection(lines, autolim=False)
     far = 1.12 * float(slowness.max())
     for draw in (ax.axhline, ax.axvline):
         draw(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     names = ["x", "y"]
-    for n, way in enumerate(span if periods == 3 else ()):  # sums of unit vectors: "x", "x+y", "−x+2z", "0.6x+0.8z"
+    for n, way in enumerate(span if periods == 3 else ()):
+        # sums of unit vectors: "x", "x+y", "−x+2z", "0.6x+0.8z"
         whole = way / np.abs(way[np.abs(way) > 1e-9]).min()
-        printed = np.rint(whole) if np.allclose(whole, np.rint(whole), atol=1e-6) else np.round(way, 2)
+        printed = (
+            np.rint(whole) if np.allclose(whole, np.rint(whole), atol=1e-6) else np.round(way, 2)
+        )
         terms = "".join(f"{x:+g}{letter}" for x, letter in zip(printed, "xyz", strict=True) if x)
         names[n] = re.sub(r"(?<![\d.])1(?=[xyz])", "", terms).removeprefix("+").replace("-", "−")
     ax.set(xlabel=f"Slowness, {names[0]} ({_LABEL})", ylabel=f"Slowness, {names[1]} ({_LABEL})")
@@ -129,16 +169,21 @@ def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, color
     return ax
 
 
-def plot_slowness_surface(state: Any, ax: Axes, *, view: View | None = None, colorbar: bool = True) -> Axes:
-    """Draw the three slowness surfaces of a crystal in space, coloured by the longitudinal part of the polarisation.
+def plot_slowness_surface(
+    state: Any, ax: Axes, *, view: View | None = None, colorbar: bool = True
+) -> Axes:
+    """Draw the three slowness surfaces of a crystal in space, coloured by the longitudinal part of
+    the polarisation.
 
-    The octant that faces the viewer is taken from the two outer surfaces, those of the slower waves, so that the inner ones
-    show. Arrows mark the Cartesian axes; the bar is a unit of slowness.
+    The octant that faces the viewer is taken from the two outer surfaces, those of the slower
+    waves, so that the inner ones show. Arrows mark the Cartesian axes; the bar is a unit of
+    slowness.
 
     Parameters
     ----------
     state : as in :func:`plot_slowness`, with three periods.
-    view : the direction from which the surfaces are seen; by default the octant of positive x, y and z is cut.
+    view : the direction from which the surfaces are seen; by default the octant of positive x, y
+        and z is cut.
     colorbar : whether to draw the colour bar, above the axes.
 
     Raises
@@ -150,18 +195,25 @@ def plot_slowness_surface(state: Any, ax: Axes, *, view: View | None = None, col
     if (periods := found.reference_lattice.periods) != 3:
         what = f"the {found.name} has {counted(periods, 'period')}"
         raise InputError(what, "Surfaces belong to three", "Use plot_slowness")
-    view = View(32.0, 24.0) if view is None else view  # the octant of positive x, y, z faces the viewer
+    # the octant of positive x, y, z faces the viewer
+    view = View(32.0, 24.0) if view is None else view
     # the edges of the octant that is taken out are lines of this mesh
-    polar, azimuth = np.linspace(0.0, np.pi, _SURFACE + 1), np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
+    polar = np.linspace(0.0, np.pi, _SURFACE + 1)
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
     theta, phi = np.meshgrid(polar, azimuth, indexing="ij")
-    ways = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    ways = np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
+    )
     slowness, along, _ = _find_slowness(found, ways.reshape(-1, 3))
     slowness, along = slowness.reshape(*theta.shape, 3), along.reshape(*theta.shape, 3)
-    painter, facing = Painter(view), np.where(view.axes[2] >= 0.0, 1.0, -1.0)
+    painter = Painter(view)
+    facing = np.where(view.axes[2] >= 0.0, 1.0, -1.0)
     light = view.axes.T @ np.array([-0.45, 0.55, 0.7])
     for wave in range(3):
         points = slowness[..., wave, None] * ways
-        faces = np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2).reshape(-1, 4, 3)
+        faces = np.stack(
+            [points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2
+        ).reshape(-1, 4, 3)
         part = along[..., wave]
         part = 0.25 * (part[:-1, :-1] + part[1:, :-1] + part[1:, 1:] + part[:-1, 1:]).ravel()
         middle = faces.mean(axis=1)
@@ -178,7 +230,9 @@ def plot_slowness_surface(state: Any, ax: Axes, *, view: View | None = None, col
         if wave:
             # the edges of the octant that is taken out
             half = quarter = _SURFACE // 2  # the mesh has twice as many meridians as half a turn
-            start = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}[facing[0], facing[1]] * quarter
+            start = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}[
+                facing[0], facing[1]
+            ] * quarter
             upright = slice(0, half + 1) if facing[2] > 0.0 else slice(half, None)
             sides = (points[upright, start], points[upright, start + quarter])
             for rim in (*sides, points[half, start : start + quarter + 1]):
@@ -190,13 +244,20 @@ def plot_slowness_surface(state: Any, ax: Axes, *, view: View | None = None, col
         painter.add_arrow(start, tip - start, "black", 0.016 * longest, nearness=10.0 * longest)
         x, y = view.project(1.07 * tip).tolist()
         ax.annotate(
-            ("" if facing[axis] > 0.0 else "−") + name, (x, y), ha="center", va="center", zorder=3.0, path_effects=[HALO]
+            ("" if facing[axis] > 0.0 else "−") + name,
+            (x, y),
+            ha="center",
+            va="center",
+            zorder=3.0,
+            path_effects=[HALO],
         )
     painter.draw(ax, "surfaces", rasterized=True)
     low, high = painter.extent
     unit = 10.0 ** np.floor(np.log10(longest))
     corner = np.array([low[0], low[1] - 0.08 * longest])
-    ax.plot([corner[0], corner[0] + unit], [corner[1]] * 2, color="black", linewidth=1.5, gid="unit")
+    ax.plot(
+        [corner[0], corner[0] + unit], [corner[1]] * 2, color="black", linewidth=1.5, gid="unit"
+    )
     place = (corner[0] + 0.5 * unit, corner[1]), (0.0, -3.0)
     ax.annotate(f"{unit:g} {_LABEL}", *place, textcoords="offset points", ha="center", va="top")
     hide_axes(ax, np.minimum(low, corner) - [0.1 * longest, 0.3 * longest], high + 0.12 * longest)
@@ -206,7 +267,8 @@ def plot_slowness_surface(state: Any, ax: Axes, *, view: View | None = None, col
 
 
 def slowness_figure(state: Any, *, title: str | None = None) -> Figure:
-    """Draw a figure of slowness, one column wide: in the plane its curves; in space its surfaces, and two cuts beneath them.
+    """Draw a figure of slowness, one column wide: in the plane its curves; in space its surfaces,
+    and two cuts beneath them.
 
     The cuts are spanned by x and y, and by (1, 1, 0) and z. Raises as :func:`plot_slowness`.
     """
@@ -218,7 +280,10 @@ def slowness_figure(state: Any, *, title: str | None = None) -> Figure:
             for ax, plane in zip(rows[1].subplots(1, 2), _CUTS, strict=True):
                 plot_slowness(state, ax, plane=plane, colorbar=False)
             ways: dict[str, Any] = {"polarised in the cut": "-", "across the cut": (0, (2.2, 2.2))}
-            lines = [Line2D([], [], color=TRANSVERSE_COLOUR, linestyle=dashes, label=name) for name, dashes in ways.items()]
+            lines = [
+                Line2D([], [], color=TRANSVERSE_COLOUR, linestyle=dashes, label=name)
+                for name, dashes in ways.items()
+            ]
             rows[1].legend(handles=lines, loc="outside lower center", ncols=2)
         else:
             plot_slowness(state, figure.subplots())

@@ -1,6 +1,7 @@
 """The looks of figures, and the functions that save them; this module does not load matplotlib.
 
-Each polarisation has a colour, the same in every figure. The colours differ for every kind of colour vision, and in grey.
+Each polarisation has a colour, the same in every figure. The colours differ for every kind of
+colour vision, and in grey.
 """
 
 from __future__ import annotations
@@ -24,11 +25,23 @@ if TYPE_CHECKING:
 
 #: settings of matplotlib for a column of 3.4 inches, for ``with matplotlib.rc_context(STYLE)``
 STYLE: dict[Any, Any] = {
-    "font.size": 8.0, "axes.titlesize": 8.0, "axes.labelsize": 8.0, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
-    "legend.fontsize": 7.5, "figure.titlesize": 8.5, "axes.linewidth": 0.6, "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6, "xtick.direction": "in", "ytick.direction": "in", "legend.frameon": False,
-    "legend.handlelength": 1.6, "svg.fonttype": "none", "pdf.fonttype": 42,
-}  # fmt: skip
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "legend.fontsize": 7.5,
+    "figure.titlesize": 8.5,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+}
 #: width of a figure of one column, and of one across the page, in inches
 COLUMN_WIDTH = 3.4
 PAGE_WIDTH = 7.0
@@ -49,8 +62,8 @@ FRAME = "0.75"
 #: colours of longitudinal and transverse waves, and of the branches that begin as such waves
 LONGITUDINAL_COLOUR = "#0D0887"
 TRANSVERSE_COLOUR = SKY_BLUE
-#: colours of balls of several kinds, in the order in which kinds come, and of all others: every eye tells them apart, and
-#: black arrows stand out on them
+#: colours of balls of several kinds, in the order in which kinds come, and of all others: every eye
+#: tells them apart, and black arrows stand out on them
 KIND_COLOURS = (SKY_BLUE, ORANGE, "#1F8A63", "#F7C3DE", "#F4EFB0", "#8F55B5")
 OTHER_KINDS = "#9A9A9A"
 
@@ -66,32 +79,43 @@ def print_hertz(unit: HertzPrefix) -> str:
 
 
 def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
-    """Return the colour of each kind of balls by its name, from the names of balls; none if there are not several kinds."""
+    """Return the colour of each kind of balls by its name, from the names of balls; none if there
+    are not several kinds.
+    """
     names = list(dict.fromkeys(kinds))
     colours = (*KIND_COLOURS, *(OTHER_KINDS for _ in names))
     return dict(zip(names, colours, strict=False)) if len(names) > 1 else {}
 
 
 def pick_evenly(count: int, most: int) -> list[int]:
-    """Return the numbers of at most ``most`` of ``count`` things, evenly taken, the first and the last among them."""
-    chosen: list[int] = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
+    """Return the numbers of at most ``most`` of ``count`` things, evenly taken, the first and the
+    last among them.
+    """
+    chosen: list[int] = np.unique(
+        np.linspace(0, count - 1, min(count, most)).round().astype(int)
+    ).tolist()
     return chosen
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:
-    """Save a figure, in the format that the ending of ``path`` names; ``options`` are those of ``Figure.savefig``.
+    """Save a figure, in the format that the ending of ``path`` names; ``options`` are those of
+    ``Figure.savefig``.
 
     The folder is made if need be.
 
     Raises
     ------
-    FigureError : matplotlib cannot draw it: a label with broken mathtext, ``text.usetex`` without LaTeX, a format or a
-        backend that is not there. Nothing is left at ``path`` then.
+    FigureError : matplotlib cannot draw it: a label with broken mathtext, ``text.usetex`` without
+        LaTeX, a format or a backend that is not there. Nothing is left at ``path`` then.
     OSError : the file cannot be written.
     """
     mend = "look at the labels, and at the settings of matplotlib (matplotlibrc)"
     # a backend that was asked for is named first: it may be missing, or lack what it needs
-    mend = f"Leave --backend (backend) out or give another, or {mend}" if options.get("backend") else mend.capitalize()
+    mend = (
+        f"Leave --backend (backend) out or give another, or {mend}"
+        if options.get("backend")
+        else mend.capitalize()
+    )
     with _explain_failure(Path(path), mend) as target:
         figure.savefig(target, **options)
 
@@ -99,31 +123,40 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) ->
 def save_animation(animation: FuncAnimation, path: str | os.PathLike[str]) -> None:
     """Save an animation as a GIF that repeats; raises what :func:`save_figure` raises."""
     with _explain_failure(
-        Path(path), "Look at the settings of matplotlib (matplotlibrc), and at how Pillow is installed"
+        Path(path),
+        "Look at the settings of matplotlib (matplotlibrc), and at how Pillow is installed",
     ) as target:
         animation.save(target, writer="pillow")
 
 
 @contextmanager
 def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
-    """Make the folder of a picture that the block draws; if it cannot be drawn, raise FigureError, and leave nothing."""
+    """Make the folder of a picture that the block draws; if it cannot be drawn, raise FigureError,
+    and leave nothing.
+    """
     new = not target.exists()
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield target
     except Exception as error:
         # an OSError with a number comes from the file system, and the caller reports it
-        if isinstance(error, (GranphonError, MemoryError)) or (isinstance(error, OSError) and error.errno is not None):
+        if isinstance(error, (GranphonError, MemoryError)) or (
+            isinstance(error, OSError) and error.errno is not None
+        ):
             raise
         if new:
             target.unlink(missing_ok=True)
-        raise FigureError(f"{target.name} could not be drawn: {shorten_error(error)}", mend=mend) from error
+        raise FigureError(
+            f"{target.name} could not be drawn: {shorten_error(error)}", mend=mend
+        ) from error
 
 
 def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) -> dict[str, str]:
-    """Save the figures ``names``, each made by ``figure``, in ``folder``; one that cannot be drawn does not stop the work.
+    """Save the figures ``names``, each made by ``figure``, in ``folder``; one that cannot be drawn
+    does not stop the work.
 
-    Returns the names of those that could not be drawn, with a sentence for each. Raises OSError if a file cannot be written.
+    Returns the names of those that could not be drawn, with a sentence for each. Raises OSError if
+    a file cannot be written.
     """
     failures = {}
     for name in names:

@@ -1,4 +1,6 @@
-"""Drawings of bodies in space on plain Axes, seen from afar: points are projected, and what is nearer is drawn later."""
+"""Drawings of bodies in space on plain Axes, seen from afar: points are projected, and what is
+nearer is drawn later.
+"""
 
 from __future__ import annotations
 
@@ -64,12 +66,22 @@ class Painter:
         self._shapes: list[tuple[float, Path, _Rgba, _Rgba, float]] = []
 
     def add(
-        self, nearness: float, path: Path, *, face: ColorType = "none", edge: ColorType = "none", width: float = 0.0
+        self,
+        nearness: float,
+        path: Path,
+        *,
+        face: ColorType = "none",
+        edge: ColorType = "none",
+        width: float = 0.0,
     ) -> None:
-        """Add a shape on the paper; of shapes that are equally near, the later one is drawn later."""
+        """Add a shape on the paper; of shapes that are equally near, the later one is drawn
+        later.
+        """
         self._shapes.append((nearness, path, to_rgba(face), to_rgba(edge), width))
 
-    def add_line(self, points: Array, color: ColorType, width: float, nearness: float | None = None) -> None:
+    def add_line(
+        self, points: Array, color: ColorType, width: float, nearness: float | None = None
+    ) -> None:
         """Add a line through points (n, 3), as near as their mean unless ``nearness`` is given."""
         near = float(self.view.nearness(points).mean()) if nearness is None else nearness
         self.add(near, Path(self.view.project(points)), edge=color, width=width)
@@ -80,26 +92,45 @@ class Painter:
         self.add(nearness, Path(np.vstack([flat, flat[:1]]), closed=True), **look)
 
     def add_mesh(self, corners: Array, colours: Array) -> None:
-        """Add the faces of a mesh, corners (n, m, 3) and colours (n, 4), without gaps between them."""
-        near, paths = self.view.nearness(corners).mean(axis=1).tolist(), map(Path, self.view.project(corners))
+        """Add the faces of a mesh, corners (n, m, 3) and colours (n, 4), without gaps between
+        them.
+        """
+        near = self.view.nearness(corners).mean(axis=1).tolist()
+        paths = map(Path, self.view.project(corners))
         rgba = map(tuple, colours.tolist())
-        self._shapes += [(depth, path, one, one, 0.3) for depth, path, one in zip(near, paths, rgba, strict=True)]
+        self._shapes += [
+            (depth, path, one, one, 0.3) for depth, path, one in zip(near, paths, rgba, strict=True)
+        ]
 
     def add_sphere(self, centre: Array, radius: float, color: ColorType) -> None:
         """Add a ball lit from the upper left."""
-        near, middle, base = float(self.view.nearness(centre)), self.view.project(centre), np.array(to_rgba(color))
+        near = float(self.view.nearness(centre))
+        middle = self.view.project(centre)
+        base = np.array(to_rgba(color))
         for part in np.linspace(0.0, 1.0, 15):
             # discs that shrink towards the light, each a step brighter
             shade = base * [*[0.6 + 0.4 * np.sqrt(part)] * 3, 1.0]
             shade[:3] += (1.0 - shade[:3]) * 0.6 * part**2
             across, up = (middle + radius * 0.36 * part * np.array([-1.0, 1.0])).tolist()
             disc = Path.circle((across, up), radius * (1.0 - 0.95 * part))
-            self.add(near, disc, face=tuple(shade), edge="0.35" if part == 0.0 else "none", width=0.5)
+            self.add(
+                near, disc, face=tuple(shade), edge="0.35" if part == 0.0 else "none", width=0.5
+            )
 
-    def add_arrow(self, start: Array, along: Array, color: ColorType, width: float, nearness: float | None = None) -> None:
-        """Add a flat arrow from ``start`` (3,) by ``along`` (3,); its shaft is ``width`` wide, in units of length."""
+    def add_arrow(
+        self,
+        start: Array,
+        along: Array,
+        color: ColorType,
+        width: float,
+        nearness: float | None = None,
+    ) -> None:
+        """Add a flat arrow from ``start`` (3,) by ``along`` (3,); its shaft is ``width`` wide, in
+        units of length.
+        """
         near = float(self.view.nearness(start + 0.5 * along)) if nearness is None else nearness
-        tail, way = self.view.project(start), self.view.project(along)
+        tail = self.view.project(start)
+        way = self.view.project(along)
         length = float(np.linalg.norm(way))
         if length < width:
             return  # it points along the line of sight
@@ -107,17 +138,34 @@ class Painter:
         y = np.array([-x[1], x[0]])
         # an arrow that is seen short keeps its shape, and is drawn smaller
         head = min(_HEAD_LENGTH * width, 0.6 * length)
-        half, wing = 0.5 * head / _HEAD_LENGTH, 1.7 * head / _HEAD_LENGTH
+        half = 0.5 * head / _HEAD_LENGTH
+        wing = 1.7 * head / _HEAD_LENGTH
         neck = length - head
-        along_x, along_y = [0.0, neck, neck, length, neck, neck, 0.0], [-half, -half, -wing, 0.0, wing, half, half]
+        along_x = [0.0, neck, neck, length, neck, neck, 0.0]
+        along_y = [-half, -half, -wing, 0.0, wing, half, half]
         outline = tail + np.outer(along_x, x) + np.outer(along_y, y)
-        self.add(near, Path(np.vstack([outline, outline[:1]]), closed=True), face=color, edge="white", width=0.25)
+        self.add(
+            near,
+            Path(np.vstack([outline, outline[:1]]), closed=True),
+            face=color,
+            edge="white",
+            width=0.25,
+        )
 
     def draw(self, ax: Axes, gid: str, *, fade: float = 0.0, **options: Any) -> PathCollection:
-        """Draw all shapes as one collection of paths; the colour of the farthest is the part ``fade`` white."""
-        near, paths, faces, edges, widths = zip(*sorted(self._shapes, key=lambda shape: shape[0]), strict=True)
+        """Draw all shapes as one collection of paths; the colour of the farthest is the part
+        ``fade`` white.
+        """
+        near, paths, faces, edges, widths = zip(
+            *sorted(self._shapes, key=lambda shape: shape[0]), strict=True
+        )
         white = fade * (near[-1] - np.array(near)[:, None]) / max(near[-1] - near[0], 1e-9)
-        look: dict[str, Any] = {"linewidths": widths, "capstyle": "round", "joinstyle": "round", "gid": gid}
+        look: dict[str, Any] = {
+            "linewidths": widths,
+            "capstyle": "round",
+            "joinstyle": "round",
+            "gid": gid,
+        }
         for name, colours in (("facecolors", faces), ("edgecolors", edges)):
             rgba = np.array(colours)
             rgba[:, :3] += white * (1.0 - rgba[:, :3])

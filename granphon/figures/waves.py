@@ -1,7 +1,9 @@
-"""Figures of waves in networks: spectral functions, attenuation, densities of states, of edges and loads too; pulses.
+"""Figures of waves in networks: spectral functions, attenuation, densities of states, of edges and
+loads too; pulses.
 
-Over the frequency there are responses, in dB, with their phase and over the load; fits to transfer functions; and what
-passes, which is told by complex bands, and by what passes a strip between crystals.
+Over the frequency there are responses, in dB, with their phase and over the load; fits to transfer
+functions; and what passes, which is told by complex bands, and by what passes a strip between
+crystals.
 """
 
 from __future__ import annotations
@@ -68,12 +70,15 @@ _FEW = len(COLOURS)
 _PANELS = 4
 
 
-def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: bool = True, peaks: bool = True) -> Axes:
+def plot_spectrum(
+    spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: bool = True, peaks: bool = True
+) -> Axes:
     """Draw a spectral function along the path as a map, on a logarithmic scale of colours.
 
-    A column for each wave vector of the cell reaches half way to its neighbours, and not beyond the corners around it. Legs
-    of the path on which the cell has no wave vector are left white. The bands of the mean lattice
-    are dashed; peaks are dots, with bars as long as the width (full, at half maximum) where it is resolved.
+    A column for each wave vector of the cell reaches half way to its neighbours, and not beyond the
+    corners around it. Legs of the path on which the cell has no wave vector are left white. The
+    bands of the mean lattice are dashed; peaks are dots, with bars as long as the width (full, at
+    half maximum) where it is resolved.
 
     Parameters
     ----------
@@ -81,20 +86,29 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
     number : which of the polarisations.
     bands, peaks : whether to draw these.
     """
-    one, order = spectra.spectra[number], np.argsort(spectra.distances, kind="stable")
+    one = spectra.spectra[number]
+    order = np.argsort(spectra.distances, kind="stable")
     unit = HertzPrefix.for_top(float(spectra.bands.max()))
-    x, top = spectra.distances[order], 1.08 * float(spectra.bands.max())
+    x = spectra.distances[order]
+    top = 1.08 * float(spectra.bands.max())
     inside = one.frequencies <= top
-    values, frequencies = one.values[order][:, inside], one.frequencies[inside]
+    values = one.values[order][:, inside]
+    frequencies = one.frequencies[inside]
     group = max(1, frequencies.size // 600)  # more rows could not be told apart
     rows = frequencies.size // group
     values = values[:, : rows * group].reshape(len(x), rows, group).max(axis=2)
-    edges_y = np.append(frequencies[: rows * group : group], frequencies[rows * group - 1]) / unit.hertz
+    edges_y = (
+        np.append(frequencies[: rows * group : group], frequencies[rows * group - 1]) / unit.hertz
+    )
     if edges_y[-1] < top / unit.hertz:  # nothing is above the highest frequency
-        edges_y, values = np.append(edges_y, top / unit.hertz), np.pad(values, ((0, 0), (0, 1)))
+        edges_y = np.append(edges_y, top / unit.hertz)
+        values = np.pad(values, ((0, 0), (0, 1)))
     corners = spectra.corners
-    # the edges (n + 1,) of columns along the path, and which point each shows; -1 where no point lies on that leg
-    near, edges_x, owners = 1e-9 * float(corners[-1]), [float(corners[0])], list[int]()
+    # the edges (n + 1,) of columns along the path, and which point each shows; -1 where no point
+    # lies on that leg
+    near = 1e-9 * float(corners[-1])
+    edges_x = [float(corners[0])]
+    owners = list[int]()
     for n, (here, after) in enumerate(zip(x, [*x[1:], np.inf], strict=True)):
         if not n and (before := corners[1:][corners[1:] < here - near]).size:
             edges_x.append(float(before[-1]))
@@ -110,57 +124,97 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
             owners.append(-1)
     owner = np.array(owners)
     shown = np.where(owner[:, None] < 0, np.nan, values[owner])
-    _draw_map(ax, np.array(edges_x), edges_y, shown, f"Spectral function, {one.polarisation}", unit, gid="spectral-function")
+    _draw_map(
+        ax,
+        np.array(edges_x),
+        edges_y,
+        shown,
+        f"Spectral function, {one.polarisation}",
+        unit,
+        gid="spectral-function",
+    )
     if bands:
         label = "bands of the mean lattice"
         per = spectra.band_distances.size // (len(corners) - 1)
         for leg in range(len(corners) - 1):
             part = slice(leg * per, (leg + 1) * per)
             lines = ax.plot(
-                spectra.band_distances[part], spectra.bands[part] / unit.hertz, color="0.35", linewidth=0.7, dashes=(3, 2)
+                spectra.band_distances[part],
+                spectra.bands[part] / unit.hertz,
+                color="0.35",
+                linewidth=0.7,
+                dashes=(3, 2),
             )
             lines[0].set_label(label if not leg else "_")
     if peaks:
         wide = np.where(one.resolved, 0.5 * one.width, 0.0)[order] / unit.hertz
         dots, *_ = ax.errorbar(
-            x, one.peak[order] / unit.hertz, wide, fmt="o", markersize=2.2, color=ORANGE, elinewidth=0.8,
-            label="peak and width", markeredgecolor="black", markeredgewidth=0.3,
-        )  # fmt: skip
+            x,
+            one.peak[order] / unit.hertz,
+            wide,
+            fmt="o",
+            markersize=2.2,
+            color=ORANGE,
+            elinewidth=0.8,
+            label="peak and width",
+            markeredgecolor="black",
+            markeredgewidth=0.3,
+        )
         dots.set_clip_on(False)  # those at the ends of the path are drawn whole
     name_corners(ax, corners, spectra.labels)
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, top / unit.hertz))
     return ax
 
 
-def _draw_map(ax: Axes, x: Array, y: Array, values: Array, label: str, unit: HertzPrefix, **options: Any) -> None:
-    """Draw a spectrum ``values`` (n_x, n_y), 1/Hz, as a map on a logarithmic scale, with its colour bar above it."""
+def _draw_map(
+    ax: Axes, x: Array, y: Array, values: Array, label: str, unit: HertzPrefix, **options: Any
+) -> None:
+    """Draw a spectrum ``values`` (n_x, n_y), 1/Hz, as a map on a logarithmic scale, with its colour
+    bar above it.
+    """
     shown = values.T * unit.hertz
     least = float(np.nanmax(shown)) / _SHADES
     norm = LogNorm(least, _SHADES * least)
-    mesh = ax.pcolormesh(x, y, np.maximum(shown, least), norm=norm, cmap=SPECTRUM, rasterized=True, **options)
+    mesh = ax.pcolormesh(
+        x, y, np.maximum(shown, least), norm=norm, cmap=SPECTRUM, rasterized=True, **options
+    )
     add_bar(ax, mesh, f"{label} (1/{print_hertz(unit)})")
 
 
-def plot_surface(spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranches | None = None) -> Axes:
-    """Draw the spectrum of the outer layer of a half space as a map, on a logarithmic scale, over the wave vectors in turn.
+def plot_surface(
+    spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranches | None = None
+) -> Axes:
+    """Draw the spectrum of the outer layer of a half space as a map, on a logarithmic scale, over
+    the wave vectors in turn.
 
-    Dashes are the edges of the crystal's bands, and dots the ``branches`` at the same wave vectors, by default the waves
-    that the spectrum has: full ones are undamped, hollow ones leak. The x axis is that of the path; without one it counts
-    the first coordinate that changes, in fractions of the reciprocal cell. At one wave vector, as at the end of a chain, the
-    spectrum of each motion is drawn over frequency instead, with bands in grey and waves dotted.
+    Dashes are the edges of the crystal's bands, and dots the ``branches`` at the same wave vectors,
+    by default the waves that the spectrum has: full ones are undamped, hollow ones leak. The x axis
+    is that of the path; without one it counts the first coordinate that changes, in fractions of
+    the reciprocal cell. At one wave vector, as at the end of a chain, the spectrum of each motion
+    is drawn over frequency instead, with bands in grey and waves dotted.
     """
-    unit, q, own = HertzPrefix.for_top(float(spectrum.edges.max())), spectrum.qpoints, branches or spectrum.waves
+    unit = HertzPrefix.for_top(float(spectrum.edges.max()))
+    q = spectrum.qpoints
+    own = branches or spectrum.waves
     y = spectrum.frequencies / unit.hertz
     if len(y) < 2:
         raise InputError("a map needs several frequencies", mend="Give more of them")
     edges = spectrum.edges / unit.hertz
     if len(q) == 1:
-        for colour, letter, values in zip(COLOURS, spectrum.letters, spectrum.by_motion[0].T, strict=False):
+        for colour, letter, values in zip(
+            COLOURS, spectrum.letters, spectrum.by_motion[0].T, strict=False
+        ):
             ax.plot(y, values * unit.hertz, color=colour, linewidth=0.9, label=f"${letter}$")
         for low, high in edges[0]:
             ax.axvspan(low, high, color="0.9", linewidth=0.0, zorder=0.0)
         for number, value in enumerate([] if own is None else own.frequencies / unit.hertz):
-            ax.axvline(value, color="0.2", linewidth=0.8, dashes=(1, 2), label="_" if number else "wave of the edge")
+            ax.axvline(
+                value,
+                color="0.2",
+                linewidth=0.8,
+                dashes=(1, 2),
+                label="_" if number else "wave of the edge",
+            )
         ax.set(xlim=(y[0], y[-1]), ylim=(0.0, None), xlabel=f"Frequency ({print_hertz(unit)})")
         ax.set(ylabel=f"Outer layer (1/{print_hertz(unit)})")
         ax.legend()
@@ -171,7 +225,14 @@ def plot_surface(spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranch
     x = spectrum.distances if spectrum.labels else q[:, moving[0]]
     _draw_map(ax, x, y, spectrum.values, "Outer layer", unit, shading="nearest", gid="surface")
     for number, edge in enumerate(edges.reshape(len(q), -1).T):
-        ax.plot(x, edge, color="0.35", linewidth=0.5, dashes=(3, 2), label="_" if number else "edges of bands")
+        ax.plot(
+            x,
+            edge,
+            color="0.35",
+            linewidth=0.5,
+            dashes=(3, 2),
+            label="_" if number else "edges of bands",
+        )
     if own is not None:
         for leaks, words in ((False, "waves of the edge"), (True, "leaky waves")):
             some = (own.widths > 0.0) == leaks
@@ -189,7 +250,8 @@ def plot_surface(spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranch
 
 
 def spectrum_figure(spectra: PathSpectra) -> Figure:
-    """Draw a figure of all polarisations of a path, one under the other, and of their attenuation, one column wide.
+    """Draw a figure of all polarisations of a path, one under the other, and of their attenuation,
+    one column wide.
 
     The attenuation is left out if fewer than two lines are resolved.
     """
@@ -206,15 +268,19 @@ def spectrum_figure(spectra: PathSpectra) -> Figure:
     return figure
 
 
-def plot_attenuation(spectrum: SpectralFunction, ax: Axes, *, power: float | None = None, colour: str = BLUE) -> Axes:
-    """Draw the attenuation of resolved lines over their frequency, both logarithmic, with a power law beside it.
+def plot_attenuation(
+    spectrum: SpectralFunction, ax: Axes, *, power: float | None = None, colour: str = BLUE
+) -> Axes:
+    """Draw the attenuation of resolved lines over their frequency, both logarithmic, with a power
+    law beside it.
 
-    ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d dimensions, as d is the number
-    of components of q.
+    ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d
+    dimensions, as d is the number of components of q.
     """
     there = spectrum.resolved & (spectrum.width > 0.0)
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
-    f, a = spectrum.peak[there] / unit.hertz, spectrum.attenuation[there]
+    f = spectrum.peak[there] / unit.hertz
+    a = spectrum.attenuation[there]
     ax.plot(f, a, "o", markersize=3.0, color=colour, label=spectrum.polarisation)
     if f.size > 1 and not (power is None and spectrum.polarisation.startswith("rot")):
         exponent = spectrum.q.shape[1] + 1.0 if power is None else power
@@ -223,8 +289,11 @@ def plot_attenuation(spectrum: SpectralFunction, ax: Axes, *, power: float | Non
         label = f"$f^{{{exponent:g}}}$"
         known = ax.get_legend_handles_labels()[1]
         style: dict[str, Any] = {
-            "color": colour, "linewidth": 0.9, "linestyle": ":", "label": "_" if label in known else label,
-        }  # fmt: skip
+            "color": colour,
+            "linewidth": 0.9,
+            "linestyle": ":",
+            "label": "_" if label in known else label,
+        }
         ax.plot(line, a[first] * (line / f[first]) ** exponent, **style)
         ax.set(yscale="log")
         scale_axis(ax, "x", f)
@@ -234,9 +303,11 @@ def plot_attenuation(spectrum: SpectralFunction, ax: Axes, *, power: float | Non
 
 
 def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
-    """Draw the spectral function over frequency at each wave vector, up to six of them evenly taken.
+    """Draw the spectral function over frequency at each wave vector, up to six of them evenly
+    taken.
 
-    The axis of frequency ends above the highest frequency at which a line has a thousandth of the highest peak.
+    The axis of frequency ends above the highest frequency at which a line has a thousandth of the
+    highest peak.
     """
     chosen = pick_evenly(len(spectrum.q), len(COLOURS))
     values = spectrum.values[chosen]
@@ -244,21 +315,30 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
     unit = HertzPrefix.for_top(top)
     for colour, n in zip(COLOURS, chosen, strict=False):
         ax.plot(
-            spectrum.frequencies / unit.hertz, spectrum.values[n] * unit.hertz, color=colour, linewidth=0.9,
+            spectrum.frequencies / unit.hertz,
+            spectrum.values[n] * unit.hertz,
+            color=colour,
+            linewidth=0.9,
             label=f"|q| = {spectrum.wavenumber[n]:.4g} /m",
-        )  # fmt: skip
+        )
     ax.set(
-        xlabel=f"Frequency ({print_hertz(unit)})", xlim=(0.0, 1.05 * top / unit.hertz), ylim=(0.0, None),
+        xlabel=f"Frequency ({print_hertz(unit)})",
+        xlim=(0.0, 1.05 * top / unit.hertz),
+        ylim=(0.0, None),
         ylabel=f"Spectral function, {spectrum.polarisation} (1/{print_hertz(unit)})",
-    )  # fmt: skip
+    )
     ax.legend()
     return ax
 
 
 def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
-    """Draw the density of states of a network per ball: total with its standard error as a band, and its two parts."""
+    """Draw the density of states of a network per ball: total with its standard error as a band,
+    and its two parts.
+    """
     f = dos.frequencies
-    curves: list[tuple[Any, str, Array, Array, Array]] = [("black", "total", f, dos.total, dos.error)]
+    curves: list[tuple[Any, str, Array, Array, Array]] = [
+        ("black", "total", f, dos.total, dos.error)
+    ]
     if np.any(dos.rotational > 0.0):
         curves.append((COLOURS[0], "translation", f, dos.translational, dos.translational_error))
         curves.append((COLOURS[4], "rotation", f, dos.rotational, dos.rotational_error))
@@ -268,47 +348,68 @@ def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
 
 
 def sweep_dos_figure(dataset: Dataset) -> Figure:
-    """Draw a figure, one column wide, of the densities of states of the arrays of a sweep, with standard errors as bands.
+    """Draw a figure, one column wide, of the densities of states of the arrays of a sweep, with
+    standard errors as bands.
 
-    A state, which is a load, a medium and a combination of parameters, has one colour. Of more than eight states eight are
-    drawn, evenly taken, and the legend says of how many. Raises :class:`~granphon.base.errors.InputError` if the sweep has
-    no densities of states.
+    A state, which is a load, a medium and a combination of parameters, has one colour. Of more than
+    eight states eight are drawn, evenly taken, and the legend says of how many. Raises
+    :class:`~granphon.base.errors.InputError` if the sweep has no densities of states.
     """
     states, handles = choose_states(dataset, "dos_total", "densities of states of arrays")
     with styled_figure(2.8) as figure:
         names = ("dos_frequency", "dos_total", "dos_error")
-        draw_densities(figure.subplots(), ((colour, "", *(take(name) for name in names)) for colour, take in states))
+        draw_densities(
+            figure.subplots(),
+            ((colour, "", *(take(name) for name in names)) for colour, take in states),
+        )
         add_legend(figure, handles, room=1)
     return figure
 
 
 def sweep_spectra_figure(dataset: Dataset) -> Figure:
-    """Draw a figure of the plane waves in the arrays of a sweep, one column wide; states are those of the densities.
+    """Draw a figure of the plane waves in the arrays of a sweep, one column wide; states are those
+    of the densities.
 
-    For each polarisation there are the frequencies along the path, with bars as long as the line is wide (full, at half
-    maximum) where it is resolved in at least half of the samples, and of these lines the attenuation over their frequency,
-    both logarithmic, with bars of its standard error. Raises :class:`~granphon.base.errors.InputError` if the sweep has no
-    spectra.
+    For each polarisation there are the frequencies along the path, with bars as long as the line is
+    wide (full, at half maximum) where it is resolved in at least half of the samples, and of these
+    lines the attenuation over their frequency, both logarithmic, with bars of its standard error.
+    Raises :class:`~granphon.base.errors.InputError` if the sweep has no spectra.
     """
     states, handles = choose_states(dataset, "line_frequency", "spectra of arrays")
-    count, unit = dataset.sizes["polarisation"], HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
+    count = dataset.sizes["polarisation"]
+    unit = HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
     with styled_figure(0.4 + 4.2 * count) as figure:
-        panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=[1.2, 1.0] * count)[:, 0]
+        panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=[1.2, 1.0] * count)[
+            :, 0
+        ]
         for number, name in enumerate(dataset["polarisation"].values.tolist()):
-            (above, below), corners, shown = panels[2 * number : 2 * number + 2], np.zeros(0), [np.zeros(0)]
+            (above, below), corners, shown = (
+                panels[2 * number : 2 * number + 2],
+                np.zeros(0),
+                [np.zeros(0)],
+            )
             for colour, take in states:
-                ends, along = take("path_corners"), take("path_distance")
-                corners = ends / ends[-1]  # paths of balls of several diameters differ in length alone
+                ends = take("path_corners")
+                along = take("path_distance")
+                # paths of balls of several diameters differ in length alone
+                corners = ends / ends[-1]
                 peak, width, resolved, alpha = (
-                    take(one, number) for one in ("line_frequency", "line_width", "line_resolved", "attenuation")
+                    take(one, number)
+                    for one in ("line_frequency", "line_width", "line_resolved", "attenuation")
                 )
-                peak, known = peak / unit.hertz, resolved >= 0.5
+                peak = peak / unit.hertz
+                known = resolved >= 0.5
                 style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
                 wide = np.where(known, 0.5 * width, 0.0) / unit.hertz
-                dots, *_ = above.errorbar(along / ends[-1], peak, wide, elinewidth=0.8, zorder=3, **style)
+                dots, *_ = above.errorbar(
+                    along / ends[-1], peak, wide, elinewidth=0.8, zorder=3, **style
+                )
                 dots.set_clip_on(False)
-                there, bars = known & (alpha > 0.0), None
-                if "attenuation_error" in dataset and np.all(np.isfinite(error := take("attenuation_error", number))):
+                there = known & (alpha > 0.0)
+                bars = None
+                if "attenuation_error" in dataset and np.all(
+                    np.isfinite(error := take("attenuation_error", number))
+                ):
                     # down to a tenth of the value at most, as there is no zero on the axis
                     bars = np.array([np.minimum(error, 0.9 * alpha), error])[:, there]
                 below.errorbar(peak[there], alpha[there], bars, elinewidth=0.7, **style)
@@ -319,24 +420,37 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
                 below.set_yscale("log")
                 scale_axis(below, "x", values)
             else:
-                told: dict[str, Any] = {"transform": below.transAxes, "ha": "center", "va": "center", "color": "0.4"}
+                told: dict[str, Any] = {
+                    "transform": below.transAxes,
+                    "ha": "center",
+                    "va": "center",
+                    "color": "0.4",
+                }
                 below.text(0.5, 0.5, "no line is resolved", **told)
                 below.set(xticks=[], yticks=[])
-            below.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)")
+            below.set(
+                xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)"
+            )
         add_legend(figure, handles, room=1)
     return figure
 
 
-def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
-    """Return the states that are drawn, in order of load, and their legend; InputError if the sweep has no ``name``.
+def choose_states(
+    dataset: Dataset, name: str, what: str
+) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
+    """Return the states that are drawn, in order of load, and their legend; InputError if the sweep
+    has no ``name``.
 
-    Of each they are its colour, and what returns the values of a variable there, of a polarisation if it has several.
+    Of each they are its colour, and what returns the values of a variable there, of a polarisation
+    if it has several.
     """
     if name not in dataset:
         raise InputError(f"the sweep has no {what}", mend="Draw another figure")
     load = find_load(dataset)
-    values, unit = dataset[load].values, dataset[load].attrs.get("units", "")
-    lines, found = describe_lines(dataset, name), []
+    values = dataset[load].values
+    unit = dataset[load].attrs.get("units", "")
+    lines = describe_lines(dataset, name)
+    found = []
     kinds, _ = find_differing([facts for facts, _ in lines])
     for at in np.argsort(values, kind="stable").tolist():
         size = write_value(float(values[at]), unit)
@@ -344,31 +458,43 @@ def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[An
             parts = [size] * (len(values) > 1) + [facts[kind] for kind in kinds]
             found.append((", ".join(parts) or size, place | {"load": at}))
     chosen = pick_evenly(len(found), 8)
-    shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3])  # its end is too pale
+    # its end is too pale
+    shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3])
 
     def take(place: dict[str, int], variable: str, polarisation: int = 0) -> Array:
-        return np.asarray(dataset[variable].isel(place | {"polarisation": polarisation}, missing_dims="ignore"), float)
+        return np.asarray(
+            dataset[variable].isel(place | {"polarisation": polarisation}, missing_dims="ignore"),
+            float,
+        )
 
-    states, handles = list[tuple[Any, Callable[..., Array]]](), list[Line2D]()
+    states = list[tuple[Any, Callable[..., Array]]]()
+    handles = list[Line2D]()
     for shade, n in zip(shades.tolist(), chosen, strict=True):
         states.append((tuple(shade), partial(take, found[n][1])))
         handles.append(Line2D([], [], color=tuple(shade), label=found[n][0]))
     if len(found) > len(chosen):
-        handles.append(Line2D([], [], linestyle="none", label=f"{len(chosen)} of {len(found)} are drawn"))
+        handles.append(
+            Line2D([], [], linestyle="none", label=f"{len(chosen)} of {len(found)} are drawn")
+        )
     return states, handles
 
 
 def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
-    """Draw the burst that was sent, the coherent signal, and the signals of some single balls, one above the other.
+    """Draw the burst that was sent, the coherent signal, and the signals of some single balls, one
+    above the other.
 
-    Means over further planes are drawn too, if the pulse has them. Each trace is over time; those of balls and of means
-    are in proportion to the greatest signal. A mark shows the time of flight by the envelope, if it can be read.
+    Means over further planes are drawn too, if the pulse has them. Each trace is over time; those
+    of balls and of means are in proportion to the greatest signal. A mark shows the time of flight
+    by the envelope, if it can be read.
     """
     seconds, unit = prefixed(float(pulse.times[-1]), "s")
     t = pulse.times / seconds
     most = float(np.max(np.abs(pulse.signals)))
     chosen = pick_evenly(len(pulse.signals), balls)
-    traces = [("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE), ("mean", pulse.coherent / most, BLUE)]
+    traces = [
+        ("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE),
+        ("mean", pulse.coherent / most, BLUE),
+    ]
     traces += [
         (f"at {write_unit(write_quantity(distance, 'm', 3))}", trace / most, BLUE)
         for distance, trace in zip(pulse.plane_distances, pulse.planes, strict=True)
@@ -381,7 +507,12 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
     told = ": its arrival is not known"
     if not pulse.why_unknown:
         time = pulse.time_of_flight
-        ax.axvline((time + 0.5 * pulse.cycles / pulse.frequency) / seconds, color="black", linewidth=0.6, dashes=(3, 2))
+        ax.axvline(
+            (time + 0.5 * pulse.cycles / pulse.frequency) / seconds,
+            color="black",
+            linewidth=0.6,
+            dashes=(3, 2),
+        )
         told = f" in {time / seconds:.4g} {write_unit(unit)}: {pulse.distance / time:.4g} m/s"
     ax.set(xlabel=f"Time ({write_unit(unit)})", xlim=t[[0, -1]], ylim=(-len(traces) + 0.4, 0.6))
     ax.set_title(f"{write_unit(write_quantity(pulse.distance, 'm', 4))}{told}")
@@ -394,18 +525,27 @@ def pulse_figure(pulse: Pulse) -> Figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
         plot_seismogram(pulse, above)
         above.tick_params(axis="x", labelbottom=True)
-        size, unit = prefixed(float(max(pulse.envelope.max(), pulse.speckle_amplitude.max())), "m/s")
+        size, unit = prefixed(
+            float(max(pulse.envelope.max(), pulse.speckle_amplitude.max())), "m/s"
+        )
         t = above.lines[0].get_xdata()
         below.plot(t, pulse.envelope / size, color=BLUE, linewidth=1.0, label="coherent, envelope")
-        below.plot(t, pulse.speckle_amplitude / size, color=VERMILION, linewidth=1.0, label="speckle, rms")
-        below.set(xlabel=above.get_xlabel(), ylabel=f"Velocity ({write_unit(unit)})", ylim=(0.0, None))
+        below.plot(
+            t, pulse.speckle_amplitude / size, color=VERMILION, linewidth=1.0, label="speckle, rms"
+        )
+        below.set(
+            xlabel=above.get_xlabel(), ylabel=f"Velocity ({write_unit(unit)})", ylim=(0.0, None)
+        )
         # above the panel: within it the two curves leave no place that is always free
         below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return figure
 
 
-def plot_frame(network: ContactNetwork, pulse: Pulse, frame: int, ax: Axes, most: float | None = None) -> Axes:
-    """Draw the balls of a network in the plane, coloured by their velocity along the polarisation at one of the frames.
+def plot_frame(
+    network: ContactNetwork, pulse: Pulse, frame: int, ax: Axes, most: float | None = None
+) -> Axes:
+    """Draw the balls of a network in the plane, coloured by their velocity along the polarisation
+    at one of the frames.
 
     ``most`` is the velocity, m/s, of the strongest colour; by default the greatest of this frame.
     """
@@ -419,10 +559,14 @@ def plot_frame(network: ContactNetwork, pulse: Pulse, frame: int, ax: Axes, most
     return ax
 
 
-def animate_pulse(network: ContactNetwork, pulse: Pulse, interval: float = 60.0, figure: Figure | None = None) -> Any:
-    """Return a ``matplotlib.animation.FuncAnimation`` of the wave that crosses the array, one picture for each frame.
+def animate_pulse(
+    network: ContactNetwork, pulse: Pulse, interval: float = 60.0, figure: Figure | None = None
+) -> Any:
+    """Return a ``matplotlib.animation.FuncAnimation`` of the wave that crosses the array, one
+    picture for each frame.
 
-    ``interval`` is the time between pictures, ms; ``figure`` is drawn on, by default a new one. Raises
+    ``interval`` is the time between pictures, ms; ``figure`` is drawn on, by default a new one.
+    Raises
     :class:`~granphon.base.errors.InputError` for a pulse without frames.
     """
     from matplotlib.animation import FuncAnimation
@@ -456,16 +600,26 @@ def _find_decibels(magnitude: Array) -> Array:
 
 
 def _draw_lines(
-    above: Axes, below: Axes, frequencies: Array, name: str, lines: Iterable[tuple[Array, Array, Any, float, str]]
+    above: Axes,
+    below: Axes,
+    frequencies: Array,
+    name: str,
+    lines: Iterable[tuple[Array, Array, Any, float, str]],
 ) -> None:
-    """Draw magnitude and phase over frequencies, Hz: (magnitude, phase, colour, width, label) of each line."""
+    """Draw magnitude and phase over frequencies, Hz: (magnitude, phase, colour, width, label) of
+    each line.
+    """
     prefix = HertzPrefix.for_top(float(frequencies[-1]))
     f = frequencies / prefix.hertz
     for magnitude, phase, colour, width, label in lines:
         above.plot(f, _find_decibels(magnitude), color=colour, linewidth=width, label=label or None)
         below.plot(f, phase / math.pi, color=colour, linewidth=width)
     above.set(ylabel=_label_decibels(name))
-    below.set(xlabel=f"Frequency ({print_hertz(prefix)})", ylabel="Phase (π)", xlim=(f[0], f[-1] if len(f) > 1 else None))
+    below.set(
+        xlabel=f"Frequency ({print_hertz(prefix)})",
+        ylabel="Phase (π)",
+        xlim=(f[0], f[-1] if len(f) > 1 else None),
+    )
 
 
 def _mark_peaks(ax: Axes, frequencies: Array, heights: Array, drawn: Array, colour: Any) -> None:
@@ -475,13 +629,23 @@ def _mark_peaks(ax: Axes, frequencies: Array, heights: Array, drawn: Array, colo
 
 
 def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, Axes]:
-    """Draw magnitudes, in dB over one SI unit, and phases, in units of pi, of all receivers over frequency.
+    """Draw magnitudes, in dB over one SI unit, and phases, in units of pi, of all receivers over
+    frequency.
 
-    Of more than six receivers, those of a plane say, each is a thin grey line, and their mean is a strong one.
+    Of more than six receivers, those of a plane say, each is a thin grey line, and their mean is a
+    strong one.
     """
     few = len(response.receivers) <= _FEW
-    balls = zip(response.values.T, COLOURS if few else [GUIDE] * len(response.receivers), response.receivers, strict=False)
-    lines = [(values, colour, 1.2 if few else 0.4, f"ball {ball}" if few else "") for values, colour, ball in balls]
+    balls = zip(
+        response.values.T,
+        COLOURS if few else [GUIDE] * len(response.receivers),
+        response.receivers,
+        strict=False,
+    )
+    lines = [
+        (values, colour, 1.2 if few else 0.4, f"ball {ball}" if few else "")
+        for values, colour, ball in balls
+    ]
     lines += [] if few else [(response.coherent, COLOURS[0], 1.4, "mean")]
     shown = ((np.abs(one), np.unwrap(np.angle(one)), *style) for one, *style in lines)
     _draw_lines(above, below, response.frequencies, RESPONSES[response.quantity], shown)
@@ -501,10 +665,11 @@ def response_figure(response: Response) -> Figure:
 def responses_figure(dataset: Dataset) -> Figure:
     """Draw the responses in a data set of states, one column wide.
 
-    Of one state they are magnitude and phase of each receiver, with dots at the peaks. Of several states magnitude and phase
-    are drawn for each receiver, a state in each colour; of six loads and more the magnitude is a map over load and
-    frequency, for each receiver and each medium and combination of parameters. Of more than eight states, and four receivers
-    or maps, so many are drawn, evenly taken, and the figure says so.
+    Of one state they are magnitude and phase of each receiver, with dots at the peaks. Of several
+    states magnitude and phase are drawn for each receiver, a state in each colour; of six loads and
+    more the magnitude is a map over load and frequency, for each receiver and each medium and
+    combination of parameters. Of more than eight states, and four receivers or maps, so many are
+    drawn, evenly taken, and the figure says so.
 
     Raises :class:`~granphon.base.errors.InputError` if the data set has no responses.
     """
@@ -512,51 +677,85 @@ def responses_figure(dataset: Dataset) -> Figure:
     states, handles = choose_states(dataset, name, "responses")
     if dataset.sizes["load"] >= 6:
         return _map_figure(dataset, name)
-    places, f = dataset["receiver"].values.astype(str).tolist(), dataset["response_frequency"].values
+    places = dataset["receiver"].values.astype(str).tolist()
+    f = dataset["response_frequency"].values
     chosen = pick_evenly(len(places), _FEW if len(states) == 1 else _PANELS)
     with styled_figure(3.6 * (1 if len(states) == 1 else len(chosen))) as figure:
         groups = [chosen] if len(states) == 1 else [[number] for number in chosen]
-        panels = figure.subplots(2 * len(groups), 1, squeeze=False, height_ratios=[1.6, 1.0] * len(groups))[:, 0]
+        panels = figure.subplots(
+            2 * len(groups), 1, squeeze=False, height_ratios=[1.6, 1.0] * len(groups)
+        )[:, 0]
         for at, group in enumerate(groups):
             above, below = panels[2 * at : 2 * at + 2]
             above.sharex(below)
             above.tick_params(labelbottom=False)
-            rows = [(take, number, COLOURS[row] if len(states) == 1 else colour)
-                    for colour, take in states for row, number in enumerate(group)]  # fmt: skip
-            lines = ((take(name)[:, n], take("response_phase")[:, n], colour, 1.2, "") for take, n, colour in rows)
+            rows = [
+                (take, number, COLOURS[row] if len(states) == 1 else colour)
+                for colour, take in states
+                for row, number in enumerate(group)
+            ]
+            lines = (
+                (take(name)[:, n], take("response_phase")[:, n], colour, 1.2, "")
+                for take, n, colour in rows
+            )
             _draw_lines(above, below, f, name, lines)
-            if "peaks_frequency" in dataset:  # lines narrower than the step are higher than what is drawn of them
+            if "peaks_frequency" in dataset:
+                # lines narrower than the step are higher than what is drawn of them
                 for take, number, colour in rows:
-                    _mark_peaks(above, take("peaks_frequency")[number], take(f"peaks_{name}")[number], f, colour)
+                    _mark_peaks(
+                        above,
+                        take("peaks_frequency")[number],
+                        take(f"peaks_{name}")[number],
+                        f,
+                        colour,
+                    )
             if len(states) > 1 and len(places) > 1:
                 above.set_title(places[group[0]])
         if len(states) == 1:
             told = zip(COLOURS, (places[number] for number in chosen), strict=False)
             handles = [Line2D([], [], color=colour, label=place) for colour, place in told]
         if len(chosen) < len(places):
-            handles.append(Line2D([], [], linestyle="none", label=f"{len(chosen)} of {len(places)} receivers are drawn"))
+            handles.append(
+                Line2D(
+                    [],
+                    [],
+                    linestyle="none",
+                    label=f"{len(chosen)} of {len(places)} receivers are drawn",
+                )
+            )
         if len(handles) > 1:
             add_legend(figure, handles, room=1)
     return figure
 
 
 def _map_figure(dataset: Dataset, name: str) -> Figure:
-    load, prefix = find_load(dataset), HertzPrefix.for_top(float(dataset["response_frequency"].values[-1]))
+    load = find_load(dataset)
+    prefix = HertzPrefix.for_top(float(dataset["response_frequency"].values[-1]))
     order = np.argsort(dataset[load].values, kind="stable")
-    x, y = dataset[load].values[order], dataset["response_frequency"].values / prefix.hertz
-    lines, places = describe_lines(dataset, name), dataset["receiver"].values.astype(str).tolist()
+    x = dataset[load].values[order]
+    y = dataset["response_frequency"].values / prefix.hertz
+    lines = describe_lines(dataset, name)
+    places = dataset["receiver"].values.astype(str).tolist()
     kinds, _ = find_differing([facts for facts, _ in lines])
     panels = [(facts, at, number) for facts, at in lines for number in range(len(places))]
     chosen = pick_evenly(len(panels), _PANELS)
     with styled_figure(0.3 + 2.7 * len(chosen)) as figure:
         axes = figure.subplots(len(chosen), 1, squeeze=False, sharex=True)[:, 0]
         for ax, (facts, at, number) in zip(axes, (panels[one] for one in chosen), strict=True):
-            shown = _find_decibels(dataset[name].isel(at | {"receiver": number}, missing_dims="ignore").values[order])
+            shown = _find_decibels(
+                dataset[name].isel(at | {"receiver": number}, missing_dims="ignore").values[order]
+            )
             most = float(np.nanmax(shown))
             mesh = ax.pcolormesh(
-                x, y, shown.T, shading="nearest", cmap=SPECTRUM, rasterized=True,
-                vmin=max(most - 80.0, float(np.nanmin(shown))), vmax=most,  # 80 dB
-            )  # fmt: skip
+                x,
+                y,
+                shown.T,
+                shading="nearest",
+                cmap=SPECTRUM,
+                rasterized=True,
+                vmin=max(most - 80.0, float(np.nanmin(shown))),
+                vmax=most,  # 80 dB
+            )
             add_bar(ax, mesh, _label_decibels(name))
             ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
             told = [facts[kind] for kind in kinds] + [places[number]] * (len(places) > 1)
@@ -570,15 +769,28 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
 
 
 def transfer_fit_figure(fit: DampingFit) -> Figure:
-    """Draw a figure, one column wide: data with their errors and the fit, magnitude above, phase in units of pi below."""
-    data, order = fit.measured, np.argsort(fit.measured.frequencies)
-    prefix, unit = HertzPrefix.for_top(float(np.max(data.frequencies))), QUANTITIES[fit.quantity]
+    """Draw a figure, one column wide: data with their errors and the fit, magnitude above, phase in
+    units of pi below.
+    """
+    data = fit.measured
+    order = np.argsort(fit.measured.frequencies)
+    prefix = HertzPrefix.for_top(float(np.max(data.frequencies)))
+    unit = QUANTITIES[fit.quantity]
     f = data.frequencies[order] / prefix.hertz
-    points = {"fmt": "o", "color": COLOURS[1], "markersize": 2.2, "elinewidth": 0.6, "label": "data", "zorder": 1.0}
+    points = {
+        "fmt": "o",
+        "color": COLOURS[1],
+        "markersize": 2.2,
+        "elinewidth": 0.6,
+        "label": "data",
+        "zorder": 1.0,
+    }
     turns = np.unwrap(fit.phase[order])
     with styled_figure(3.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
-        above.errorbar(f, data.magnitude[order], None if data.sigma is None else data.sigma[order], **points)
+        above.errorbar(
+            f, data.magnitude[order], None if data.sigma is None else data.sigma[order], **points
+        )
         if data.phase is not None and data.phase_sigma is not None:
             # a phase is known but for whole turns: that nearest to the fit
             off = np.angle(np.exp(1j * (data.phase - fit.phase)))[order]
@@ -586,16 +798,19 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
         for axes, values in ((above, fit.magnitude[order]), (below, turns / math.pi)):
             axes.plot(f, values, color=COLOURS[0], linewidth=1.2, label="fit", zorder=2.0)
         above.set(yscale="log", ylabel="Magnitude" + ("" if unit == "1" else f" ({unit})"))
-        below.set(xlabel=f"Frequency ({print_hertz(prefix)})", ylabel="Phase (π)", xlim=(f[0], f[-1]))
+        below.set(
+            xlabel=f"Frequency ({print_hertz(prefix)})", ylabel="Phase (π)", xlim=(f[0], f[-1])
+        )
         above.legend()
     return figure
 
 
 def complex_bands_figure(bands: ComplexBands) -> Figure:
-    """Draw wave numbers over frequency: real parts of waves that run to the left, decay of all others to the right.
+    """Draw wave numbers over frequency: real parts of waves that run to the left, decay of all
+    others to the right.
 
-    Shown are the waves towards higher layers, in units of pi over the height of a layer. Grey dots to the left are the real
-    parts of waves that decay.
+    Shown are the waves towards higher layers, in units of pi over the height of a layer. Grey dots
+    to the left are the real parts of waves that decay.
     """
     unit = HertzPrefix.for_top(float(bands.frequencies.max()))
     number = bands.forward * bands.height / math.pi
@@ -608,23 +823,31 @@ def complex_bands_figure(bands: ComplexBands) -> Figure:
         left.plot(number.real[decays], f[decays], color=GUIDE, **dots)
         left.plot(number.real[runs], f[runs], color=BLUE, **dots)
         right.plot(number.imag[decays], f[decays], color=VERMILION, **dots)
-        left.set(xlabel="Re $k$ ($\\pi/h$)", ylabel=f"Frequency ({print_hertz(unit)})", xlim=(-1.0, 1.0))
+        left.set(
+            xlabel="Re $k$ ($\\pi/h$)", ylabel=f"Frequency ({print_hertz(unit)})", xlim=(-1.0, 1.0)
+        )
         left.set_ylim(float(f.min()), float(f.max()))
         right.set(xlabel="Im $k$ ($\\pi/h$)", xlim=(0.0, 1.5))
     return figure
 
 
 def plot_transmission(result: Transmission, ax: Axes) -> Axes:
-    """Draw the parts of the energy that pass, and that are sent back, over frequency; where no wave runs in, nothing."""
+    """Draw the parts of the energy that pass, and that are sent back, over frequency; where no wave
+    runs in, nothing.
+    """
     if len(result.frequencies) < 2:
         raise InputError("a curve needs several frequencies", mend="Give more of them")
-    unit, runs = HertzPrefix.for_top(float(result.frequencies.max())), result.modes[:, 0] > 0
+    unit = HertzPrefix.for_top(float(result.frequencies.max()))
+    runs = result.modes[:, 0] > 0
     f = result.frequencies / unit.hertz
     for values, colour, style, label in (
-        (result.transmitted, BLUE, "-", "transmitted"), (result.reflected, VERMILION, "--", "reflected"),
-    ):  # fmt: skip
+        (result.transmitted, BLUE, "-", "transmitted"),
+        (result.reflected, VERMILION, "--", "reflected"),
+    ):
         ax.plot(f, np.where(runs, values, np.nan), style, color=colour, linewidth=1.0, label=label)
-    ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02))
+    ax.set(
+        xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02)
+    )
     ax.set_xlim(float(f[0]), float(f[-1]))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return ax

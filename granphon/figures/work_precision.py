@@ -1,6 +1,8 @@
-"""Work-precision diagrams: the error of a method against its time, a curve for each method, its knob beside each point.
+"""Work-precision diagrams: the error of a method against its time, a curve for each method, its
+knob beside each point.
 
-As in :mod:`granphon.figures.bands`, whose style they share, every function draws on an Axes and returns it.
+As in :mod:`granphon.figures.bands`, whose style they share, every function draws on an Axes and
+returns it.
 """
 
 from __future__ import annotations
@@ -30,11 +32,11 @@ _ERRORS = 1e-8, 1e0
 def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     """Draw error against time of the points of a trade-off, on logarithmic axes.
 
-    Markers are open where the reference is not a hundred times better. Bars are the spread of times, and the standard
-    errors of the errors of random samples. The floor is the
-    condition number times rounding; the scatter of random samples is in their errors instead. Points without an error,
-    because there is no reference or no difference from it, are marks at the bottom. Points that were not run are counted
-    above the axes, by method.
+    Markers are open where the reference is not a hundred times better. Bars are the spread of
+    times, and the standard errors of the errors of random samples. The floor is the condition
+    number times rounding; the scatter of random samples is in their errors instead. Points without
+    an error, because there is no reference or no difference from it, are marks at the bottom.
+    Points that were not run are counted above the axes, by method.
     """
     points = result.points
     ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title="Media")
@@ -46,36 +48,76 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     looks = zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, "#000000"), "os^DvP", strict=True)
     for method, (colour, marker) in zip(methods, itertools.cycle(looks), strict=False):
         ran = [point for point in points if point.method == method and point.ran]
-        drawn, rest = [p for p in ran if p.error > 0.0], [p for p in ran if not p.error > 0.0]
+        drawn = [p for p in ran if p.error > 0.0]
+        rest = [p for p in ran if not p.error > 0.0]
         label = method
         if drawn:
-            x, y = [p.seconds for p in drawn], [p.error for p in drawn]
+            x = [p.seconds for p in drawn]
+            y = [p.error for p in drawn]
             spread = [spreads[id(p)] for p in drawn]
             bars = [min(p.stderr, 0.9 * p.error) for p in drawn]
-            style: dict[str, Any] = {"color": colour, "marker": marker, "ms": _MARKER, "lw": 0.9, "elinewidth": 0.6}
+            style: dict[str, Any] = {
+                "color": colour,
+                "marker": marker,
+                "ms": _MARKER,
+                "lw": 0.9,
+                "elinewidth": 0.6,
+            }
             ax.errorbar(x, y, bars, spread, label=label, **style)[0].set_zorder(2.5)
             label = "_"
         if rest:
-            bottom: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False, "gid": "without-error"}
-            ax.plot([p.seconds for p in rest], [0.0] * len(rest), marker, color=colour, ms=_MARKER, label=label, **bottom)
+            bottom: dict[str, Any] = {
+                "transform": ax.get_xaxis_transform(),
+                "clip_on": False,
+                "gid": "without-error",
+            }
+            ax.plot(
+                [p.seconds for p in rest],
+                [0.0] * len(rest),
+                marker,
+                color=colour,
+                ms=_MARKER,
+                label=label,
+                **bottom,
+            )
         for point in drawn:
             if not point.resolved:
-                ax.plot(point.seconds, point.error, marker, color=colour, mfc="white", ms=_MARKER, mew=0.9, zorder=3.0)
+                ax.plot(
+                    point.seconds,
+                    point.error,
+                    marker,
+                    color=colour,
+                    mfc="white",
+                    ms=_MARKER,
+                    mew=0.9,
+                    zorder=3.0,
+                )
         # of points that lie close together the first has a label, so that labels can be read
         labelled: list[MeasuredPoint] = []
         for point in drawn if len(drawn) > 1 else ():
             if any(
-                abs(math.log10(point.seconds / other.seconds)) <= 0.25 and abs(math.log10(point.error / other.error)) <= 0.6
+                abs(math.log10(point.seconds / other.seconds)) <= 0.25
+                and abs(math.log10(point.error / other.error)) <= 0.6
                 for other in labelled
             ):
                 continue
             labelled.append(point)
             # above a curve, which falls to the right; below it near where the axes end
-            side, place = (-3.0, ("right", "top")) if point.seconds > 0.3 * slowest else (3.0, ("left", "bottom"))
+            side, place = (
+                (-3.0, ("right", "top"))
+                if point.seconds > 0.3 * slowest
+                else (3.0, ("left", "bottom"))
+            )
             ax.annotate(
-                point.knob.replace(" x ", "×"), (point.seconds, point.error), (side, side), textcoords="offset points",
-                ha=place[0], va=place[1], fontsize=7.0, color=colour,
-            )  # fmt: skip
+                point.knob.replace(" x ", "×"),
+                (point.seconds, point.error),
+                (side, side),
+                textcoords="offset points",
+                ha=place[0],
+                va=place[1],
+                fontsize=7.0,
+                color=colour,
+            )
     ax.margins(0.14)
     ran = [point for point in points if point.ran]
     errors = [point.error for point in ran if point.error > 0.0]
@@ -91,14 +133,30 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
         near = (1.0, floor), (-2.0, 2.0), ("axes fraction", "data"), "offset points"
         ax.annotate("rounding", *near, ha="right", color="0.4", fontsize=7.0)
     elif errors and floor:
-        ax.annotate(f"rounding: {floor:.0e}, below", (0.02, 0.02), xycoords="axes fraction", color="0.4", fontsize=7.0)
+        ax.annotate(
+            f"rounding: {floor:.0e}, below",
+            (0.02, 0.02),
+            xycoords="axes fraction",
+            color="0.4",
+            fontsize=7.0,
+        )
     elif not errors:
         ax.set_ylim(*_ERRORS)
         judged = any(not point.failure for point in ran)
-        words = "no error above rounding" if judged else "run, but without a reference" if ran else "nothing was run"
+        words = (
+            "no error above rounding"
+            if judged
+            else "run, but without a reference"
+            if ran
+            else "nothing was run"
+        )
         ax.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
     if ran:
-        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.17), "borderaxespad": 0.0}
+        below: dict[str, Any] = {
+            "loc": "upper center",
+            "bbox_to_anchor": (0.5, -0.17),
+            "borderaxespad": 0.0,
+        }
         ax.legend(ncols=2, handlelength=1.4, columnspacing=1.0, **below)
     missing = {method: sum(not p.ran for p in points if p.method == method) for method in methods}
     told = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
@@ -107,7 +165,15 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
         if len(lines) > 1:
             lines = [f"not run: {sum(missing.values())} of {len(points)} points"]
         ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
-        ax.annotate("\n".join(lines), (0.5, 1.0), (0.0, 3.0), "axes fraction", "offset points", ha="center", fontsize=7.0)
+        ax.annotate(
+            "\n".join(lines),
+            (0.5, 1.0),
+            (0.0, 3.0),
+            "axes fraction",
+            "offset points",
+            ha="center",
+            fontsize=7.0,
+        )
     return ax
 
 
@@ -115,6 +181,7 @@ def tradeoff_figure(result: TradeOff) -> Figure:
     """Draw a figure of the diagram of a trade-off, see :func:`plot_work_precision`."""
     with styled_figure(3.3, 3.5) as figure:
         plot_work_precision(result, figure.subplots())
-        # the layout changes the width of the axes, and with it the ticks, whose labels the layout is made for
+        # the layout changes the width of the axes, and with it the ticks, whose labels the layout
+        # is made for
         figure.draw_without_rendering()
     return figure

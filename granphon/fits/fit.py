@@ -1,7 +1,9 @@
-"""Fit the width of the distribution of diameters to measured sound velocities, as Section IV finds W = 2.04 um.
+"""Fit the width of the distribution of diameters to measured sound velocities, as Section IV finds
+W = 2.04 um.
 
-The logarithm of each parameter is fitted by least squares, starting from several widths, with exact derivatives
-(:mod:`granphon.fits.velocity_model`). Residuals, leverages and standard errors then say how far the fit can be trusted.
+The logarithm of each parameter is fitted by least squares, starting from several widths, with exact
+derivatives (:mod:`granphon.fits.velocity_model`). Residuals, leverages and standard errors then say
+how far the fit can be trusted.
 """
 
 from __future__ import annotations
@@ -32,9 +34,11 @@ from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves, require
 from granphon.media.choice import MediumChoice
 from granphon.observables.validity import validity
 
-#: a result whose probability is below this, or for chi-squared also above 1 minus this, is not explained by chance
+#: a result whose probability is below this, or for chi-squared also above 1 minus this, is not
+#: explained by chance
 _LEAST_CHANCE = 1e-3
-#: one datum is judged by the given sigma, not by the scatter, if the chi-squared of the others has at least this probability
+#: one datum is judged by the given sigma, not by the scatter, if the chi-squared of the others has
+#: at least this probability
 _CHANCE_OF_AGREEMENT = 0.05
 #: a datum of more than this leverage decides the fit almost alone
 _DECIDING_LEVERAGE = 0.9
@@ -44,42 +48,53 @@ LARGE_ERROR = 0.5
 _SCATTER_OF_ROUNDING = 0.1
 #: data count as not rounded if their last decimal is below this part of the largest of them
 _FINEST_ROUNDING = 1e-11
-#: f* at the least force of the data for the narrowest width that is tried: disorder has no effect there
+#: f* at the least force of the data for the narrowest width that is tried: disorder has no effect
+#: there
 _NARROWEST_AT = 1e4
 #: f* at the greatest force of the data for the widest width that is tried
 _WIDEST_AT = 1e-2
 #: widths that are tried for each factor of ten
 _TRIALS_PER_DECADE = 2
-#: relative error of a model's velocities; a sigma below this part of a velocity, or above its inverse, is a mistake
+#: relative error of a model's velocities; a sigma below this part of a velocity, or above its
+#: inverse, is a mistake
 _MODEL_ERROR = 1e-12
-#: a pulse whose frequency is above this part of the highest of its branch counts as near the end of the branch
+#: a pulse whose frequency is above this part of the highest of its branch counts as near the end of
+#: the branch
 _NEAR_TOP = 0.98
-#: a pulse whose wave is longer than this many diameters has its frequency in another unit: no array of balls is as long
+#: a pulse whose wave is longer than this many diameters has its frequency in another unit: no array
+#: of balls is as long
 _LONGEST_WAVE = 1000.0
-#: geometric mean of velocities, over those of equal balls, below which, or above whose inverse, units are taken for wrong:
-#: no array in which a width can be found is so slow, and a unit off by a thousand is beyond it
+#: geometric mean of velocities, over those of equal balls, below which, or above whose inverse,
+#: units are taken for wrong: no array in which a width can be found is so slow, and a unit off by a
+#: thousand is beyond it
 _LEAST_RATIO = 0.03
 #: the same where the Young modulus is fitted too, which may itself be far off
 _LEAST_RATIO_OF_MODULUS = 1e-6
 #: parameters whose effects differ by less than this part cannot be told apart
 SAME_EFFECT = 1e-6
-#: number of times that samples are simulated at the parameters found last, where they do not serve all
+#: number of times that samples are simulated at the parameters found last, where they do not serve
+#: all
 _MOST_SIMULATED = 12
-#: effect of the width on a velocity, d log v / d log W, or relative excess of a velocity, that counts as none
+#: effect of the width on a velocity, d log v / d log W, or relative excess of a velocity, that
+#: counts as none
 _NO_EFFECT = 1e-9
 #: what to do where the data do not determine the parameters
 _MEASURE = "Measure more precisely, over a wider range of force, or fit fewer parameters"
 
 
 def compute_probability(chi2: float, dof: int) -> float:
-    """Return the probability that errors of the given sigma make a sum of squares above ``chi2``; nan if ``dof`` is 0."""
+    """Return the probability that errors of the given sigma make a sum of squares above ``chi2``;
+    nan if ``dof`` is 0.
+    """
     from scipy.special import chdtrc
 
     return float(chdtrc(dof, chi2)) if dof else math.nan
 
 
 def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
-    """Return a warning where errors of the given sigma hardly make ``chi2``, or where nothing can be said of it."""
+    """Return a warning where errors of the given sigma hardly make ``chi2``, or where nothing can
+    be said of it.
+    """
     if dof == 0:
         what = f"as many data as fitted parameters ({parameters}) leave 0 degrees of freedom"
         return [f"{what}: nothing can be said of how well the model fits"]
@@ -89,28 +104,37 @@ def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
     small = "the model does not fit, or sigma is too small"
     large = "sigma is too large, or the errors are not independent"
     return [
-        f"the residuals are {math.sqrt(chi2 / dof):.3g} times what sigma says (chi^2 is {chi2:.4g} for {dof} degrees of"
+        f"the residuals are {math.sqrt(chi2 / dof):.3g} times what sigma says (chi^2 is"
+        f" {chi2:.4g} for {dof} degrees of"
         f" freedom, p = {p:.2g}): {small if p < _LEAST_CHANCE else large}"
     ]
 
 
 def compute_leverages(matrix: Array) -> Array:
-    """Return how far the fit follows each datum, (n,), sum p: the diagonal of A (A^T A)^-1 A^T, A (n, p) the derivatives."""
+    """Return how far the fit follows each datum, (n,), sum p: the diagonal of A (A^T A)^-1 A^T, A
+    (n, p) the derivatives.
+    """
     left, _ = np.linalg.qr(matrix / np.linalg.norm(matrix, axis=0))
     return np.asarray(np.sum(left**2, axis=1))
 
 
 def find_rounding(values: Array) -> float:
-    """Return the unit of the last decimal of ``values``: the largest power of ten of which all are multiples."""
+    """Return the unit of the last decimal of ``values``: the largest power of ten of which all are
+    multiples.
+    """
     largest = float(np.max(values))
-    for power in range(math.floor(math.log10(largest)), math.floor(math.log10(_FINEST_ROUNDING * largest)), -1):
+    for power in range(
+        math.floor(math.log10(largest)), math.floor(math.log10(_FINEST_ROUNDING * largest)), -1
+    ):
         steps = values / 10.0**power
         if np.all(np.abs(steps - np.rint(steps)) <= 4.0 * np.finfo(float).eps * steps):
             return 10.0**power
     return _FINEST_ROUNDING * largest
 
 
-def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, known: bool) -> list[str]:
+def find_warnings(
+    problem: FitProblem, logs: Array, errors: Array, given: bool, known: bool
+) -> list[str]:
     """Return the reasons not to trust a fit.
 
     Parameters
@@ -122,10 +146,18 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
     """
     from scipy.special import ndtr, stdtr
 
-    names, force = problem.model.names, problem.model.force
-    velocity, sigma, dof = problem.velocity, problem.sigma, problem.dof
-    (residuals, matrix), equal_balls, out = problem(logs), problem.model.equal_balls(logs)[0], list[str]()
-    leverages, chi2 = compute_leverages(matrix), float(residuals @ residuals) if given else float(dof)
+    names = problem.model.names
+    force = problem.model.force
+    velocity = problem.velocity
+    sigma = problem.sigma
+    dof = problem.dof
+    (residuals, matrix), equal_balls, out = (
+        problem(logs),
+        problem.model.equal_balls(logs)[0],
+        list[str](),
+    )
+    leverages = compute_leverages(matrix)
+    chi2 = float(residuals @ residuals) if given else float(dof)
 
     def describe(place: int) -> str:
         return f"datum {place + 1}, {velocity[place]:.4g} m/s at {force[place]:.4g} N,"
@@ -135,26 +167,39 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
         out += judge_residuals(chi2, dof, len(names))
     elif not known:
         out.append(
-            f"the scatter about the fit, {float(sigma[0]):.2g} m/s, is below the rounding of the data,"
+            f"the scatter about the fit, {float(sigma[0]):.2g} m/s, is below the rounding of"
+            f" the data,"
             f" {find_rounding(velocity):.2g} m/s: standard errors are not known; give sigma"
         )
     # data above the velocity of equal balls by more than their noise, which no width explains
     excess = velocity / equal_balls - 1.0
     if "width" in names and dof:
-        # the scatter about a fit that such data bend is no measure of their noise, and a given sigma may be too small: the
-        # noise is the rms distance of velocities from lines through their neighbours in force
+        # the scatter about a fit that such data bend is no measure of their noise, and a given
+        # sigma may be too small: the noise is the rms distance of velocities from lines through
+        # their neighbours in force
         order = np.lexsort((velocity, force))
-        x, y = np.log(force[order]), np.log(velocity[order])
+        x = np.log(force[order])
+        y = np.log(velocity[order])
         reach = x[2:] - x[:-2]
         part = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
         off = y[1:-1] - (1.0 - part) * y[:-2] - part * y[2:]
-        square = float(np.mean(off**2 / (1.0 + part**2 + (1.0 - part) ** 2))) if off.size else math.inf
+        square = (
+            float(np.mean(off**2 / (1.0 + part**2 + (1.0 - part) ** 2))) if off.size else math.inf
+        )
         noise = max(math.sqrt(square), np.finfo(float).eps)
-        chances = ndtr(-excess / np.maximum(sigma / equal_balls, noise)) if given else stdtr(dof, -excess / noise)
+        chances = (
+            ndtr(-excess / np.maximum(sigma / equal_balls, noise))
+            if given
+            else stdtr(dof, -excess / noise)
+        )
         count = np.count_nonzero((excess > _NO_EFFECT) & (chances < _LEAST_CHANCE / len(excess)))
         if count:
-            most, verb = int(np.argmax(excess)), "is" if count == 1 else "are"
-            where = f"{count} of {len(excess)} data {verb} above the velocity of equal balls at that load"
+            most = int(np.argmax(excess))
+            verb = "is" if count == 1 else "are"
+            where = (
+                f"{count} of {len(excess)} data {verb} above the velocity of equal balls at that"
+                f" load"
+            )
             by = f"by up to {100.0 * excess[most]:.2g} % ({describe(most).rstrip(',')})"
             why = "a spread only slows sound, so that what is fitted is not a width"
             mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
@@ -172,14 +217,17 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
     most = int(np.argmax(leverages))
     if dof and leverages[most] > _DECIDING_LEVERAGE:
         out.append(
-            f"{describe(most)} decides the fit almost alone: its leverage is {leverages[most]:.4g}, and cannot be above 1"
+            f"{describe(most)} decides the fit almost alone: its leverage is"
+            f" {leverages[most]:.4g}, and cannot be above 1"
         )
-    # a datum off the fit of the others: r is its distance from that fit over the standard error of that distance
+    # a datum off the fit of the others: r is its distance from that fit over the standard error of
+    # that distance
     if known and dof > 1:
         r = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
         farthest = int(np.argmax(r))
         distance = float(r[farthest])
-        others = max(chi2 - distance**2, 1e-12)  # chi-squared of the others about a fit of their own
+        # chi-squared of the others about a fit of their own
+        others = max(chi2 - distance**2, 1e-12)
         if given and compute_probability(others, dof - 1) >= _CHANCE_OF_AGREEMENT:
             one = float(ndtr(-distance))
         else:  # judged by the scatter of the others: Student's distribution
@@ -188,7 +236,8 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
         chance = min(2.0 * len(r) * one, 1.0)  # any of the len(r) data may be the farthest
         if chance < _LEAST_CHANCE:
             out.append(
-                f"{describe(farthest)} lies {distance:.3g} standard errors off the fit of the others (p = {chance:.2g})"
+                f"{describe(farthest)} lies {distance:.3g} standard errors off the fit of the"
+                f" others (p = {chance:.2g})"
             )
     out += [
         f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from zero"
@@ -202,8 +251,9 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
 class FitProblem:
     """Measured velocities and the model that is fitted to them.
 
-    ``velocity`` and ``sigma``, its standard error, are (n,), m/s; a sigma that is not given is 1 m/s until the scatter is
-    known. Call the problem with the logarithms (p,) of the model's parameters to get residuals and derivatives.
+    ``velocity`` and ``sigma``, its standard error, are (n,), m/s; a sigma that is not given is 1
+    m/s until the scatter is known. Call the problem with the logarithms (p,) of the model's
+    parameters to get residuals and derivatives.
     """
 
     model: VelocityModel
@@ -212,29 +262,50 @@ class FitProblem:
 
     @classmethod
     def of(cls, model: VelocityModel, data: Measurements) -> Self:
-        """Set up the problem; :class:`~granphon.base.errors.InputError` if the data cannot be right, or are too few."""
+        """Set up the problem; :class:`~granphon.base.errors.InputError` if the data cannot be
+        right, or are too few.
+        """
         model.require_carried()
         with np.errstate(all="ignore"):
-            ratio = data.velocity / model.equal_balls(model.find_start(1e-9 * model.packing.diameter))[0]
+            ratio = (
+                data.velocity
+                / model.equal_balls(model.find_start(1e-9 * model.packing.diameter))[0]
+            )
         least = _LEAST_RATIO_OF_MODULUS if "young_modulus" in model.names else _LEAST_RATIO
         if not least < math.exp(float(np.mean(np.log(ratio)))) < 1.0 / least:
-            what = f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of equal balls"
+            what = (
+                f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of"
+                f" equal balls"
+            )
             mend = "Check the units of force and velocity, and that their columns are not swapped"
             raise InputError(what, mend=mend)
         part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
         if np.any(part <= _MODEL_ERROR):
             what = f"sigma is as small as {np.min(part):.3g} times the velocity"
             why = f"Those of a model have relative errors of {_MODEL_ERROR:g}"
-            raise InputError(what, why, "Check the units of sigma, or give the errors that the data have")
+            raise InputError(
+                what, why, "Check the units of sigma, or give the errors that the data have"
+            )
         if np.any(part >= 1.0 / _MODEL_ERROR):
             what = f"sigma is as large as {np.max(part):.3g} times the velocity"
             raise InputError(what, "No measurement has such an error", "Check its units")
         if len(data.force) < len(model.names) + (data.sigma is None):
             several = "s" if len(data.force) > 1 else ""
-            what = f"found {len(data.force)} measurement{several}, to which {' and '.join(model.names)} cannot be fitted"
-            why = "Without sigma one more is needed, to find the scatter" if data.sigma is None else ""
+            what = (
+                f"found {len(data.force)} measurement{several}, to which"
+                f" {' and '.join(model.names)} cannot be fitted"
+            )
+            why = (
+                "Without sigma one more is needed, to find the scatter"
+                if data.sigma is None
+                else ""
+            )
             raise InputError(what, why, "Measure more")
-        return cls(model, data.velocity, np.ones(data.force.shape) * (1.0 if data.sigma is None else data.sigma))
+        return cls(
+            model,
+            data.velocity,
+            np.ones(data.force.shape) * (1.0 if data.sigma is None else data.sigma),
+        )
 
     @property
     def dof(self) -> int:
@@ -244,38 +315,49 @@ class FitProblem:
     @property
     def widths(self) -> Array:
         """Widths to try, m, ascending; the packing's own is one of them."""
-        force, packing = self.model.force, self.model.packing
+        force = self.model.force
+        packing = self.model.packing
         units = np.array([np.min(force) / _NARROWEST_AT, np.max(force) / _WIDEST_AT])
         low, high = packing.law.overlap(units)
         count = math.ceil(_TRIALS_PER_DECADE * math.log10(high / low)) + 1
         return np.unique(np.append(np.geomspace(low, high, count), max(packing.width, low)))
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Return residuals (n,) and derivatives (n, p) of velocities, in units of sigma; InputError if there are none."""
+        """Return residuals (n,) and derivatives (n, p) of velocities, in units of sigma; InputError
+        if there are none.
+        """
         velocities, slopes = self.model(logs)
-        return (self.velocity - velocities) / self.sigma, slopes * (velocities / self.sigma)[:, None]
+        return (self.velocity - velocities) / self.sigma, slopes * (velocities / self.sigma)[
+            :, None
+        ]
 
     def simulate_at(self, logs: Array) -> FitProblem:
         """Return the problem whose samples are those at ``logs``: itself if they serve there.
 
-        Raises :class:`~granphon.base.errors.InputError` for a width so small that the data do not determine it.
+        Raises :class:`~granphon.base.errors.InputError` for a width so small that the data do not
+        determine it.
         """
-        model, where = self.model.simulate_at(logs), self.model.width_index
+        model = self.model.simulate_at(logs)
+        where = self.model.width_index
         if model is self.model:
             return self
         if where is not None and logs[where] < math.log(self.widths[0]):
-            raise explain_undetermined(self, logs, np.where(np.arange(len(logs)) == where, np.inf, 0.0))
+            raise explain_undetermined(
+                self, logs, np.where(np.arange(len(logs)) == where, np.inf, 0.0)
+            )
         return replace(self, model=model)
 
 
 def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
-    """Find the logarithms (p,) of the parameters with the least sum of squares; the problem has the samples found there.
+    """Find the logarithms (p,) of the parameters with the least sum of squares; the problem has the
+    samples found there.
 
-    For a simulation, the search starts from those of the effective medium. Else it starts from each width whose sum of
-    squares is not above that of its neighbours; at each, one linear step brings the other parameters to their best. Widths
-    so large that the medium refuses them are left out.
+    For a simulation, the search starts from those of the effective medium. Else it starts from each
+    width whose sum of squares is not above that of its neighbours; at each, one linear step brings
+    the other parameters to their best. Widths so large that the medium refuses them are left out.
     """
-    model, where = problem.model, problem.model.width_index
+    model = problem.model
+    where = problem.model.width_index
     if model.is_sampled:
         found = find_best(replace(problem, model=replace(model, choice=MediumChoice("ema"))))[1]
         problem = replace(problem, model=model.settle_geometry(found)).simulate_at(found)
@@ -294,7 +376,8 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
         return problem, _descend(problem, model.find_start(model.packing.width))
     others = np.arange(len(model.names)) != where
     starts: list[Array] = []
-    squares, effect = [math.inf], 0.0
+    squares = [math.inf]
+    effect = 0.0
     for width in problem.widths.tolist():
         logs = model.find_start(width)
         try:
@@ -306,15 +389,36 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
         step = np.linalg.lstsq(matrix[:, others], residuals, rcond=SAME_EFFECT)[0]
         starts.append(logs)
         squares.append(float(np.sum((residuals - matrix[:, others] @ step) ** 2)))
-        effect = max(effect, float(np.max(np.abs(matrix[:, where] / (problem.velocity / problem.sigma - residuals)))))
+        effect = max(
+            effect,
+            float(
+                np.max(np.abs(matrix[:, where] / (problem.velocity / problem.sigma - residuals)))
+            ),
+        )
     if effect < _NO_EFFECT:
-        what = f"in the medium {model.choice.label!r} sound does not depend on the width of this spread"
+        what = (
+            f"in the medium {model.choice.label!r} sound does not depend on the width of this"
+            f" spread"
+        )
         if model.packing.structure.periods == 1:
-            raise InputError(what, "On a line all contacts carry the same force", "Fit young_modulus without the width")
-        raise InputError(what, mend="Use another medium, such as ema, and a spread that has a shape")
+            raise InputError(
+                what,
+                "On a line all contacts carry the same force",
+                "Fit young_modulus without the width",
+            )
+        raise InputError(
+            what, mend="Use another medium, such as ema, and a spread that has a shape"
+        )
     squares.append(math.inf)
-    low = [start for i, start in enumerate(starts, 1) if squares[i] <= min(squares[i - 1], squares[i + 1])]
-    return problem, min((_descend(problem, start) for start in low), key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
+    low = [
+        start
+        for i, start in enumerate(starts, 1)
+        if squares[i] <= min(squares[i - 1], squares[i + 1])
+    ]
+    return problem, min(
+        (_descend(problem, start) for start in low),
+        key=lambda logs: float(np.sum(problem(logs)[0] ** 2)),
+    )
 
 
 def _descend(problem: FitProblem, start: Array) -> Array:
@@ -336,56 +440,88 @@ def _descend(problem: FitProblem, start: Array) -> Array:
     def jacobian(move: Array) -> Array:
         return -system(tuple(move.tolist()))[1]
 
-    found = least_squares(residuals, np.zeros(start.shape), jacobian, ftol=1e-12, xtol=1e-11, gtol=1e-14, max_nfev=100)
+    found = least_squares(
+        residuals, np.zeros(start.shape), jacobian, ftol=1e-12, xtol=1e-11, gtol=1e-14, max_nfev=100
+    )
     return np.asarray(start + found.x)
 
 
 def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> InputError:
-    """Return the error that says why the data do not determine the parameters; ``errors`` are those of the logarithms."""
-    model, sigma, worst = problem.model, problem.sigma, int(np.argmax(errors))
+    """Return the error that says why the data do not determine the parameters; ``errors`` are those
+    of the logarithms.
+    """
+    model = problem.model
+    sigma = problem.sigma
+    worst = int(np.argmax(errors))
     where = model.width_index
     if where is None:
         what = f"the data do not determine {' and '.join(model.names)}"
         why = f"The standard error of {model.names[worst]} is {errors[worst]:.3g} times its value"
         return InputError(what, why, _MEASURE)
-    width, error = float(np.exp(logs[where])), float(errors[where])
+    width = float(np.exp(logs[where]))
+    error = float(errors[where])
     ideal = model.equal_balls(logs)[0]
     excess = float(np.average(problem.velocity / ideal - 1.0, weights=(ideal / sigma) ** 2))
     if model.names == ("width",) and excess > _NO_EFFECT:
         if model.waves.frequency is not None:
             long = replace(model.equal_balls, waves=replace(model.waves, frequency=None))(logs)[0]
-            if np.average(problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2) <= _NO_EFFECT:
-                what = f"the velocities are on average {100.0 * excess:.2g} % above those of pulses of equal balls"
-                why = f"They are not above those of long waves. {model.equal_balls.describe_nearest_to_top(logs)}"
+            if (
+                np.average(problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2)
+                <= _NO_EFFECT
+            ):
+                what = (
+                    f"the velocities are on average {100.0 * excess:.2g} % above those of pulses"
+                    f" of equal balls"
+                )
+                why = (
+                    f"They are not above those of long waves."
+                    f" {model.equal_balls.describe_nearest_to_top(logs)}"
+                )
                 return InputError(what, why, "Check the frequency; leave it out for long waves")
         what = f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls"
         mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
         return InputError(what, "A spread of diameters slows sound, so that no width fits", mend)
     if model.names[worst] != "width" and errors[worst] > 1.0:
-        what = f"the data do not determine {model.names[worst]}: its standard error is {errors[worst]:.3g} times its value"
+        what = (
+            f"the data do not determine {model.names[worst]}: its standard error is"
+            f" {errors[worst]:.3g} times its value"
+        )
         return InputError(what, mend=_MEASURE)
     if error > 1.0 or width < problem.widths[0]:
-        best = f": the best is {write_quantity(width, 'm', 3)}, its standard error {write_quantity(error * width, 'm', 3)}"
+        best = (
+            f": the best is {write_quantity(width, 'm', 3)}, its standard error"
+            f" {write_quantity(error * width, 'm', 3)}"
+        )
         what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
         least = float(np.min(model.force))
-        why = f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds their errors"
+        why = (
+            f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds"
+            f" their errors"
+        )
         return InputError(what, why, "Measure at lower forces, or more precisely")
     falling = f"no width fits: the sum of squares still falls at {write_quantity(width, 'm', 3)}"
     tops = None if model.waves.frequency is None else model.find_tops(logs)
     if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
         what = f"{falling}, beyond which the balls do not carry the frequency"
-        return InputError(what, model.describe_nearest_to_top(logs), "Check the frequency and the velocities")
+        return InputError(
+            what, model.describe_nearest_to_top(logs), "Check the frequency and the velocities"
+        )
     what = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
     why = "The velocities are too low, or do not rise with the force as in an array of balls"
-    return InputError(what, why, "Check the units of the data, the Young modulus, diameter and density")
+    return InputError(
+        what, why, "Check the units of the data, the Young modulus, diameter and density"
+    )
 
 
 class Fitted(Result):
-    """A fit: what follows from the covariance of the fitted parameters, and from the sum of squares; its files."""
+    """A fit: what follows from the covariance of the fitted parameters, and from the sum of
+    squares; its files.
+    """
 
     #: the SI unit of each parameter that may be fitted; None of a number
     _units_of_parameters: ClassVar[Mapping[str, str | None]]
-    #: what stands in fit.yaml before the fields of the fit, besides versions; it is ignored when a fit is read
+    #: what stands in fit.yaml before the fields of the fit, besides versions; it is ignored when a
+    #: fit is read
     _head: ClassVar[tuple[str, ...]] = ("p",)
 
     parameters: tuple[str, ...]
@@ -403,23 +539,29 @@ class Fitted(Result):
     def p(self) -> float:
         """Probability that errors of the given sigma make a larger ``chi2``.
 
-        If sigma and the model are right, all values from 0 to 1 are equally likely. nan with no degrees of freedom, or with
-        sigma from the scatter.
+        If sigma and the model are right, all values from 0 to 1 are equally likely. nan with no
+        degrees of freedom, or with sigma from the scatter.
         """
         return compute_probability(self.chi2, self.dof) if self.sigma_given else math.nan
 
     def _field_units(self) -> dict[str, str]:
-        """Return units by name; those of ``values`` are separated by commas, the rows of ``covariance`` by semicolons."""
+        """Return units by name; those of ``values`` are separated by commas, the rows of
+        ``covariance`` by semicolons.
+        """
         each = [self._units_of_parameters[name] or "1" for name in self.parameters]
         rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
         return super()._field_units() | {"values": ", ".join(each), "covariance": "; ".join(rows)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Build a fit from plain data, SI; the keys that stand in fit.yaml before the fields are ignored."""
+        """Build a fit from plain data, SI; the keys that stand in fit.yaml before the fields are
+        ignored.
+        """
         ignored = ("versions", *cls._head)
         mapping = isinstance(data, Mapping)
-        return super().from_dict({n: v for n, v in data.items() if n not in ignored} if mapping else data)
+        return super().from_dict(
+            {n: v for n, v in data.items() if n not in ignored} if mapping else data
+        )
 
     def _check(self) -> None:
         super()._check()
@@ -430,11 +572,18 @@ class Fitted(Result):
         raise NotImplementedError
 
     def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which is made if need be."""
-        head = {"versions": versions("numpy", "scipy")} | {name: getattr(self, name) for name in self._head}
+        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which
+        is made if need be.
+        """
+        head = {"versions": versions("numpy", "scipy")} | {
+            name: getattr(self, name) for name in self._head
+        }
         write_text(Path(folder) / "fit.yaml", dump_yaml(head | self.to_dict()))
         columns = self._list_columns()
-        write_text(Path(folder) / "fit.csv", table_text(columns, np.stack(list(columns.values()), axis=1).tolist()))
+        write_text(
+            Path(folder) / "fit.csv",
+            table_text(columns, np.stack(list(columns.values()), axis=1).tolist()),
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -447,10 +596,11 @@ class WidthFit(Fitted):
     choice : the medium that models the packing.
     waves : which waves were measured.
     parameters, values : names (p,) and SI values (p,) of the fitted parameters.
-    covariance : covariance (p, p) of their errors, SI; nan if they are unknown, as the scatter is below the rounding of the
-        data.
+    covariance : covariance (p, p) of their errors, SI; nan if they are unknown, as the scatter is
+        below the rounding of the data.
     force, velocity : the data, (n,), N and m/s.
-    sigma : standard error of each velocity, (n,), m/s: as given, or from the scatter, (sum of residuals^2 / dof)^(1/2).
+    sigma : standard error of each velocity, (n,), m/s: as given, or from the scatter, (sum of
+        residuals^2 / dof)^(1/2).
     sigma_given : whether sigma was given.
     velocities : velocities of the fit at these forces, (n,), m/s.
     chi2 : sum of (residual/sigma)^2, which equals ``dof`` where sigma is from the scatter.
@@ -481,16 +631,26 @@ class WidthFit(Fitted):
     @property
     def width(self) -> float:
         """Width W of the distribution of diameters, m; the packing's own if it was not fitted."""
-        return float(self.values[self.parameters.index("width")]) if "width" in self.parameters else self.packing.width
+        return (
+            float(self.values[self.parameters.index("width")])
+            if "width" in self.parameters
+            else self.packing.width
+        )
 
     @property
     def stderr(self) -> float:
         """Standard error of the width, m; 0 if it was not fitted."""
-        return float(self.stderrs[self.parameters.index("width")]) if "width" in self.parameters else 0.0
+        return (
+            float(self.stderrs[self.parameters.index("width")])
+            if "width" in self.parameters
+            else 0.0
+        )
 
     @property
     def errors_are_known(self) -> bool:
-        """Whether the standard errors rest on more than the rounding of the data; where not, they are nan."""
+        """Whether the standard errors rest on more than the rounding of the data; where not, they
+        are nan.
+        """
         return bool(np.all(np.isfinite(self.covariance)))
 
     @property
@@ -516,18 +676,23 @@ class WidthFit(Fitted):
     @property
     def is_isotropic(self) -> bool:
         """Whether long waves in the lattice have the same velocities in all directions."""
-        return bool(MediumChoice("ala").of(self.packing).at_force(float(self.force[0])).is_isotropic)
+        return bool(
+            MediumChoice("ala").of(self.packing).at_force(float(self.force[0])).is_isotropic
+        )
 
     def velocity_at(self, force: ArrayLike, medium: str | None = None) -> Any:
-        """Return the velocity of the fitted packing, m/s, at other forces, N; in another ``medium`` if one is named.
+        """Return the velocity of the fitted packing, m/s, at other forces, N; in another ``medium``
+        if one is named.
 
-        Raises :class:`~granphon.base.errors.InputError` if every measured pulse had a frequency of its own.
+        Raises :class:`~granphon.base.errors.InputError` if every measured pulse had a frequency of
+        its own.
         """
         if np.ndim(self.waves.frequency):
             mend = "Use .velocities, the velocities of the fit at the data"
             raise InputError("the measured pulses have many frequencies", mend=mend)
         choice = MediumChoice.parse(medium or self.choice)
-        # samples in their exact geometry have finite overlap of themselves: nobody has asked for it of other media
+        # samples in their exact geometry have finite overlap of themselves: nobody has asked for it
+        # of other media
         asked = self.waves.finite_overlap and not self.choice.is_exact
         waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(asked))
         if choice.stand_in != choice:
@@ -535,13 +700,18 @@ class WidthFit(Fitted):
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), waves)
             start = model.find_start(self.packing.width)
             return model.settle_geometry(start)(start)[0].reshape(forces.shape)[()]
-        return waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=waves.finite_overlap))[0][()]
+        return waves.velocity(
+            choice.of(self.packing).at_force(force, finite_overlap=waves.finite_overlap)
+        )[0][()]
 
     def _list_columns(self) -> dict[str, Any]:
         columns = {
-            "force (N)": self.force, "velocity (m/s)": self.velocity, "sigma (m/s)": self.sigma,
-            "fit (m/s)": self.velocities, "residual (m/s)": self.residuals,
-        }  # fmt: skip
+            "force (N)": self.force,
+            "velocity (m/s)": self.velocity,
+            "sigma (m/s)": self.sigma,
+            "fit (m/s)": self.velocities,
+            "residual (m/s)": self.residuals,
+        }
         if self.waves.frequency is not None:
             columns["frequency (Hz)"] = np.broadcast_to(self.waves.frequency, self.force.shape)
         return columns
@@ -564,61 +734,79 @@ def fit_width(
     direction: ArrayLike | None = None,
     finite_overlap: bool = False,
 ) -> WidthFit:
-    """Find the width of the distribution of diameters, or other parameters, at which ``medium`` gives measured velocities.
+    """Find the width of the distribution of diameters, or other parameters, at which ``medium``
+    gives measured velocities.
 
     Parameters
     ----------
-    packing : the balls. Its spread gives the shape of the distribution, which is uniform if there is no spread. The fit
-        starts from the values of the packing, and from many other widths as well.
+    packing : the balls. Its spread gives the shape of the distribution, which is uniform if there
+        is no spread. The fit starts from the values of the packing, and from many other widths as
+        well.
     force : mean contact forces, (n,), N.
     velocity : sound velocities, (n,), m/s.
-    sigma : standard errors of the velocities, m/s, one number or (n,). If left out, they are assumed equal and found from
-        the scatter.
-    frequency : frequency of the pulses, Hz, one number or (n,): velocities are then group velocities. If left out, they are
-        velocities of long waves.
-    medium : "afa", "ema", "simulation", or a name with its options. A simulation has the same balls at every width, with
-        deviations in proportion to it. A dozen equilibria for a decade of force serve all widths, by interpolation. In the
-        exact geometry, and for a history that starts at a load, they serve one width: they are solved again at the fitted
-        parameters until those change by less than 1e-3 of them.
-    parameters : "width", and "young_modulus" or "diameter" if these are to be fitted too; without "width" the packing keeps
-        its spread. If its balls are equal then, every medium is the averaged lattice.
-    branch : "longitudinal" or "transverse"; in space "transverse_slow" or "transverse_fast" instead of the latter.
-    direction : direction of propagation, (p,) for a lattice with p periods; by default along its last axis. In the plane
-        that is (0, 1), across a row of touching balls, from side to side of the paper's hexagonal frame.
-    finite_overlap : keep the terms of relative order delta/d in the velocities, as the exact geometry of a simulation always
-        does. Standard errors in the exact geometry are those at constant W/d.
+    sigma : standard errors of the velocities, m/s, one number or (n,). If left out, they are
+        assumed equal and found from the scatter.
+    frequency : frequency of the pulses, Hz, one number or (n,): velocities are then group
+        velocities. If left out, they are velocities of long waves.
+    medium : "afa", "ema", "simulation", or a name with its options. A simulation has the same balls
+        at every width, with deviations in proportion to it. A dozen equilibria for a decade of
+        force serve all widths, by interpolation. In the exact geometry, and for a history that
+        starts at a load, they serve one width: they are solved again at the fitted parameters until
+        those change by less than 1e-3 of them.
+    parameters : "width", and "young_modulus" or "diameter" if these are to be fitted too; without
+        "width" the packing keeps its spread. If its balls are equal then, every medium is the
+        averaged lattice.
+    branch : "longitudinal" or "transverse"; in space "transverse_slow" or "transverse_fast" instead
+        of the latter.
+    direction : direction of propagation, (p,) for a lattice with p periods; by default along its
+        last axis. In the plane that is (0, 1), across a row of touching balls, from side to side of
+        the paper's hexagonal frame.
+    finite_overlap : keep the terms of relative order delta/d in the velocities, as the exact
+        geometry of a simulation always does. Standard errors in the exact geometry are those at
+        constant W/d.
 
     Returns
     -------
-    :class:`WidthFit`. Standard errors follow from linear theory, with the given sigma or the scatter. If from the scatter, a
-    parameter's error over its standard error follows Student's distribution with ``dof`` degrees of freedom. The
-    ``warnings`` say why a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter below
-    the rounding of the data, data above the velocity of equal balls, one datum that decides the fit alone (leverage above
-    0.9) or lies far off, a standard error above half the value.
+    :class:`WidthFit`. Standard errors follow from linear theory, with the given sigma or the
+    scatter. If from the scatter, a parameter's error over its standard error follows Student's
+    distribution with ``dof`` degrees of freedom. The ``warnings`` say why a fit is not to be
+    trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter below the rounding
+    of the data, data above the velocity of equal balls, one datum that decides the fit alone
+    (leverage above 0.9) or lies far off, a standard error above half the value.
 
     Raises
     ------
-    InputError : data that are not finite and above zero, of different lengths, or too few; data that cannot determine the
-        parameters (a standard error above the parameter itself, parameters that have the same effect, velocities equal
-        to those of equal balls or higher); velocities so far from those of equal balls that a unit is wrong; loads or a
-        frequency that the medium cannot carry; the medium "auto"; a lattice without such waves, or without such a medium
-        for balls that differ; samples of so few balls that the parameters of round after round differ.
+    InputError : data that are not finite and above zero, of different lengths, or too few; data
+        that cannot determine the parameters (a standard error above the parameter itself,
+        parameters that have the same effect, velocities equal to those of equal balls or higher);
+        velocities so far from those of equal balls that a unit is wrong; loads or a frequency that
+        the medium cannot carry; the medium "auto"; a lattice without such waves, or without such a
+        medium for balls that differ; samples of so few balls that the parameters of round after
+        round differ.
     """
-    data = Measurements(real_array("force", force, "N"), real_array("velocity", velocity, "m/s"), sigma, frequency)
+    data = Measurements(
+        real_array("force", force, "N"), real_array("velocity", velocity, "m/s"), sigma, frequency
+    )
     names = texts("parameters", parameters)
     choice = MediumChoice.parse(medium, given_packing(packing).structure)
     if "width" not in names and not packing.width:
         choice = MediumChoice("ala")
     asked = require("finite_overlap", truth, finite_overlap)
-    waves = Waves(branch, _along(packing, direction), data.frequency, choice.has_finite_overlap(asked))
+    waves = Waves(
+        branch, _along(packing, direction), data.frequency, choice.has_finite_overlap(asked)
+    )
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     problem, logs = find_best(problem)
-    waves = problem.model.waves  # the geometry of samples is settled, and with it whether overlap is finite
+    # the geometry of samples is settled, and with it whether overlap is finite
+    waves = problem.model.waves
     if data.sigma is None:
         # numbers in double precision scatter by their rounding at least
-        off, least = problem(logs)[0], np.finfo(float).eps * float(np.max(data.velocity))
-        problem = replace(problem, sigma=np.full(off.shape, max(math.sqrt(float(off @ off) / problem.dof), least)))
+        off = problem(logs)[0]
+        least = np.finfo(float).eps * float(np.max(data.velocity))
+        problem = replace(
+            problem, sigma=np.full(off.shape, max(math.sqrt(float(off @ off) / problem.dof), least))
+        )
     residuals, matrix = problem(logs)
     # the covariance of the logarithms, and the step to the minimum of the linear problem
     norms = np.linalg.norm(matrix, axis=0)
@@ -631,29 +819,50 @@ def fit_width(
     if not (same and every) and (np.any(norms < 1.0) or vanishing):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
     if same:
-        why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only" if every else ""
+        why = (
+            "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only" if every else ""
+        )
         mend = "Measure over a wider range of force, or fit fewer parameters"
         raise InputError(f"the data cannot tell {' and '.join(names)} apart", why, mend)
     root = (right / singular[:, None]).T / norms[:, None]
-    covariance, step = root @ root.T, root @ (left.T @ residuals)
+    covariance = root @ root.T
+    step = root @ (left.T @ residuals)
     errors = np.sqrt(np.diag(covariance))
-    # where the given sigma is smaller than the scatter, the step is compared with errors that the scatter would give
-    chi2, given = float(residuals @ residuals), data.sigma is not None
+    # where the given sigma is smaller than the scatter, the step is compared with errors that the
+    # scatter would give
+    chi2 = float(residuals @ residuals)
+    given = data.sigma is not None
     scatter = max(1.0, math.sqrt(chi2 / max(problem.dof, 1)))
     if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * scatter * errors + 1e-9):
         raise explain_undetermined(problem, logs, errors)
-    fitted, values = problem.model.fit_packing(logs), np.exp(logs)
+    fitted = problem.model.fit_packing(logs)
+    values = np.exp(logs)
     known = given or float(problem.sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
     warnings = find_warnings(problem, logs, errors, given, known)
     covariance = covariance if known else np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force
-    loads = data.force[[np.argmin(data.force), np.argmax(data.force)]] if problem.model.is_sampled else data.force
+    loads = (
+        data.force[[np.argmin(data.force), np.argmax(data.force)]]
+        if problem.model.is_sampled
+        else data.force
+    )
     state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=waves.finite_overlap)
     return WidthFit(
-        fitted, problem.model.choice, waves, names, values, covariance * np.outer(values, values), data.force, data.velocity,
-        problem.sigma, given, data.velocity - residuals * problem.sigma, chi2 if given else float(problem.dof), problem.dof,
+        fitted,
+        problem.model.choice,
+        waves,
+        names,
+        values,
+        covariance * np.outer(values, values),
+        data.force,
+        data.velocity,
+        problem.sigma,
+        given,
+        data.velocity - residuals * problem.sigma,
+        chi2 if given else float(problem.dof),
+        problem.dof,
         (*warnings, *validity(state).warnings),
-    )  # fmt: skip
+    )
 
 
 def convert_pressure(
@@ -665,16 +874,18 @@ def convert_pressure(
 ) -> float:
     """Return the contact force, N, under a pressure (N on a line, N/m in the plane, Pa in space).
 
-    With finite overlap, also in the exact geometry of a simulation, the force follows from the ``medium`` at the packing's
-    own width. A simulation is replaced by the effective medium, whose overlaps differ from the overlaps of samples by less
-    than W/100.
+    With finite overlap, also in the exact geometry of a simulation, the force follows from the
+    ``medium`` at the packing's own width. A simulation is replaced by the effective medium, whose
+    overlaps differ from the overlaps of samples by less than W/100.
 
-    Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, as the force
-    is proportional to it.
+    Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be
+    ``fitted``, as the force is proportional to it.
     """
     if "diameter" in fitted:
         why = "The contact force under a pressure is proportional to the diameter"
-        raise InputError("the diameter is fitted, and pressures are given", why, "Give contact forces")
+        raise InputError(
+            "the diameter is fitted, and pressures are given", why, "Give contact forces"
+        )
     choice = MediumChoice.parse(medium)
     finite = choice.has_finite_overlap(finite_overlap)
     if not finite:  # in the paper's limit the medium does not matter
@@ -691,17 +902,21 @@ def convert_cutoff(
     force: Array,
     cutoff: Array,
 ) -> Array:
-    """Return the velocities of long waves, (n,), m/s, at contact forces, N, that belong to cut-off frequencies, Hz.
+    """Return the velocities of long waves, (n,), m/s, at contact forces, N, that belong to cut-off
+    frequencies, Hz.
 
-    A cut-off is the highest frequency of the ``branch`` along the ``direction``, both as in :func:`fit_width`. The ratio of
-    velocity to cut-off is taken from the lattice of equal balls; it is the same in every medium but a simulation.
+    A cut-off is the highest frequency of the ``branch`` along the ``direction``, both as in
+    :func:`fit_width`. The ratio of velocity to cut-off is taken from the lattice of equal balls; it
+    is the same in every medium but a simulation.
 
-    Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, to which the
-    ratio is proportional, or if the lattice has no such branch.
+    Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be
+    ``fitted``, to which the ratio is proportional, or if the lattice has no such branch.
     """
     if "diameter" in fitted:
         why = "The velocity at a cut-off frequency is proportional to the diameter"
-        raise InputError("the diameter is fitted, and cut-off frequencies are given", why, "Give velocities")
+        raise InputError(
+            "the diameter is fitted, and cut-off frequencies are given", why, "Give velocities"
+        )
     waves = Waves(branch, _along(packing, direction), None, finite_overlap)
     equal = VelocityModel(packing, ("young_modulus",), MediumChoice("ala"), force, waves)
     own = equal.find_start(packing.width)

@@ -12,13 +12,22 @@ import numpy as np
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.base.quantities import FREQUENCY, LENGTH, LIGHT_VELOCITY, LOADS, TIME, Quantity, load_quantities
+from granphon.base.quantities import (
+    FREQUENCY,
+    LENGTH,
+    LIGHT_VELOCITY,
+    LOADS,
+    TIME,
+    Quantity,
+    load_quantities,
+)
 from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import list_names, suggest
 from granphon.base.validation import finite_list, positive
 
-#: quantities in measurements, read with any of their units: velocity, m/s; frequency, Hz; time of flight, s
+#: quantities in measurements, read with any of their units: velocity, m/s; frequency, Hz; time of
+#: flight, s
 SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 #: errors may be given in per cent of the quantity
 PERCENT = Quantity("relative error", "%", "1 %", "%, percent")
@@ -26,20 +35,32 @@ PERCENT = Quantity("relative error", "%", "1 %", "%, percent")
 _SIGMA = Quantity("velocity", "m/s", "5 m/s", "m/s, km/s, mm/us, %")
 #: columns that a table of measurements may have, and their quantities
 COLUMNS: Mapping[str, Quantity] = {
-    "force": LOADS["force"], "side_force": LOADS["side_force"], "pressure": LOADS["pressure"], "velocity": SPEED,
-    "time": TIME, "distance": LENGTH, "cutoff": FREQUENCY, "sigma": _SIGMA, "time_sigma": TIME, "cutoff_sigma": FREQUENCY,
+    "force": LOADS["force"],
+    "side_force": LOADS["side_force"],
+    "pressure": LOADS["pressure"],
+    "velocity": SPEED,
+    "time": TIME,
+    "distance": LENGTH,
+    "cutoff": FREQUENCY,
+    "sigma": _SIGMA,
+    "time_sigma": TIME,
+    "cutoff_sigma": FREQUENCY,
     "frequency": FREQUENCY,
-}  # fmt: skip
+}
 
 
 def _tell_column(kind: str) -> str:
-    """Tell how to name the column that is meant: in the file, for ``granphon fit``, and in Python."""
+    """Tell how to name the column that is meant: in the file, for ``granphon fit``, and in
+    Python.
+    """
     options = f"granphon fit also takes --column '{kind}=NAME', Python columns={{'{kind}': 'NAME'}}"
     return f"Head the column that is meant '{kind}'; {options}"
 
 
 def read_sigma(text: str, velocity: Array) -> Any:
-    """Read standard errors of the velocities, m/s, from a text: "5 m/s" for all velocities, or "1 %" of each."""
+    """Read standard errors of the velocities, m/s, from a text: "5 m/s" for all velocities, or "1
+    %" of each.
+    """
     if re.search(r"(?:%|percent)\s*$", text):
         return velocity * (PERCENT.read(text) / 100.0)
     return _SIGMA.read(text)
@@ -52,13 +73,14 @@ class Measurements(Result):
     Attributes
     ----------
     force, velocity : (n,), N and m/s.
-    sigma : standard error of each velocity, m/s, (n,) or one number for all; None if it is not known.
+    sigma : standard error of each velocity, m/s, (n,) or one number for all; None if it is not
+        known.
     frequency : frequency of the pulses, Hz, (n,) or one number; None for long waves.
 
     Raises
     ------
-    InputError : a value is not a finite number above zero, a velocity is above that of light, or the arrays have different
-        lengths.
+    InputError : a value is not a finite number above zero, a velocity is above that of light, or
+        the arrays have different lengths.
     """
 
     force: Annotated[Array, "", "N"]
@@ -77,9 +99,13 @@ class Measurements(Result):
                 if name == "velocity" and np.max(array, initial=0.0) > LIGHT_VELOCITY:
                     what = f"velocity is {np.max(array):.6g} m/s, more than the velocity of light"
                     raise InputError(what, mend="Look at the unit, and at the number itself")
-                object.__setattr__(self, name, array if np.ndim(given) or needed else float(array[0]))
+                object.__setattr__(
+                    self, name, array if np.ndim(given) or needed else float(array[0])
+                )
         n = counts["force"]
-        if counts["velocity"] != n or any(np.ndim(x) and np.size(x) != n for x in (self.sigma, self.frequency)):
+        if counts["velocity"] != n or any(
+            np.ndim(x) and np.size(x) != n for x in (self.sigma, self.frequency)
+        ):
             found = ", ".join(f"{count} of {name}" for name, count in counts.items())
             mend = "Give the same number of each; sigma and frequency may be one number"
             raise InputError(f"found {found}", mend=mend)
@@ -100,28 +126,38 @@ class Measurements(Result):
 
         Parameters
         ----------
-        path : a file with columns among :data:`COLUMNS`: force, side_force or pressure; velocity, or time and distance, or
-            cutoff, the highest frequency of the branch; where known, sigma of the velocity, time_sigma or cutoff_sigma,
-            perhaps in per cent, and the frequency of the pulse.
-        columns : headings of columns that go by other names, perhaps with a unit: {"velocity": "v (km/s)"}.
+        path : a file with columns among :data:`COLUMNS`: force, side_force or pressure; velocity,
+            or time and distance, or cutoff, the highest frequency of the branch; where known, sigma
+            of the velocity, time_sigma or cutoff_sigma, perhaps in per cent, and the frequency of
+            the pulse.
+        columns : headings of columns that go by other names, perhaps with a unit: {"velocity": "v
+            (km/s)"}.
         distance : distance that sound travels in each of the times, m, where no column gives it.
         frame : converts a side force to the contact force, both in N.
         pressed : converts a pressure to the contact force, N.
-        periods : number of periods of the lattice: a pressure is in N for 1, in N/m for 2, in Pa for 3.
-        carried : converts contact forces, N, and cut-off frequencies, Hz, to velocities of long waves, m/s, (n,).
+        periods : number of periods of the lattice: a pressure is in N for 1, in N/m for 2, in Pa
+            for 3.
+        carried : converts contact forces, N, and cut-off frequencies, Hz, to velocities of long
+            waves, m/s, (n,).
 
         Raises
         ------
-        InputError : a file, line or cell cannot be read, a column is missing, or a quantity is given twice: by two columns,
-            or by a ``distance`` and a column of distances or of velocities.
+        InputError : a file, line or cell cannot be read, a column is missing, or a quantity is
+            given twice: by two columns, or by a ``distance`` and a column of distances or of
+            velocities.
         """
         table, named = Table.read(path), dict(columns or {})
         if unknown := [name for name in named if name not in COLUMNS]:
-            raise InputError(f"{unknown[0]!r} is not a kind of column of measurements", mend=suggest(unknown[0], COLUMNS))
+            raise InputError(
+                f"{unknown[0]!r} is not a kind of column of measurements",
+                mend=suggest(unknown[0], COLUMNS),
+            )
 
         def choose(*kinds: str) -> str | None:
             """Return which of these kinds of column the table has; None if it has none of them."""
-            there = [kind for kind in kinds if kind in named] or [kind for kind in kinds if kind in table]
+            there = [kind for kind in kinds if kind in named] or [
+                kind for kind in kinds if kind in table
+            ]
             if len(there) > 1:
                 mend = f"Keep one of them. {_tell_column(there[0])}"
                 raise InputError(f"{path} has both {' and '.join(there)}", mend=mend)
@@ -142,12 +178,15 @@ class Measurements(Result):
             mend = "Give pressed, a function that returns the contact forces"
             raise InputError(f"{path} gives pressures", why, mend)
         measured = choose("velocity", "time", "cutoff") or "velocity"
-        timed, error, pulsed = measured == "time", choose("sigma", "time_sigma", "cutoff_sigma"), choose("frequency")
+        timed = measured == "time"
+        error = choose("sigma", "time_sigma", "cutoff_sigma")
+        pulsed = choose("frequency")
         if measured == "cutoff" and (carried is None or pulsed):
             why = "The velocities of long waves depend on the packing too"
             mend = "Give carried, a function that returns the velocities"
             if pulsed:
-                why, mend = "These are no pulses of a given frequency", "Leave the frequency out"
+                why = "These are no pulses of a given frequency"
+                mend = "Leave the frequency out"
             raise InputError(f"{path} gives cut-off frequencies", why, mend)
         needed = [measured, *["distance"] * (timed and distance is None)]
         # the error of a time or a cut-off is converted by it
@@ -158,16 +197,25 @@ class Measurements(Result):
         heads = {kind: named.get(kind, kind) for kind in (load or "force", *needed)}
         # columns that the table lacks, and those without a unit: one error says all
         missing = [kind for kind, name in heads.items() if name not in table]
-        bare = [kind for kind, name in heads.items() if kind not in missing and not table.unit(name)]
+        bare = [
+            kind for kind, name in heads.items() if kind not in missing and not table.unit(name)
+        ]
         if missing or bare:
-            lacks = ["no column named " + " and none named ".join(repr(heads[kind]) for kind in missing)] * bool(missing)
-            lacks += ["no unit for " + " and ".join(repr(heads[kind]) for kind in bare)] * bool(bare)
+            lacks = [
+                "no column named " + " and none named ".join(repr(heads[kind]) for kind in missing)
+            ] * bool(missing)
+            lacks += ["no unit for " + " and ".join(repr(heads[kind]) for kind in bare)] * bool(
+                bare
+            )
             first = next(kind for kind in heads if kind in missing + bare)
-            wanted, unit = " and ".join(f"'{kind} ({quantities[kind].unit})'" for kind in heads), quantities[first].unit
+            wanted = " and ".join(f"'{kind} ({quantities[kind].unit})'" for kind in heads)
+            unit = quantities[first].unit
             mend = (
                 f"Head the columns {wanted}, each with its unit in brackets;"
-                f" instead of a force there may be 'pressure ({quantities['pressure'].unit})' or 'side_force (N)',"
-                " instead of a velocity 'time (s)' and 'distance (m)', or 'cutoff (Hz)'. For other names, granphon fit takes"
+                f" instead of a force there may be 'pressure ({quantities['pressure'].unit})'"
+                f" or 'side_force (N)',"
+                " instead of a velocity 'time (s)' and 'distance (m)', or 'cutoff (Hz)'. For"
+                " other names, granphon fit takes"
                 f" --column '{first}=NAME ({unit})', Python columns={{'{first}': 'NAME ({unit})'}}"
             )
             why = f"Its columns are {list_names(repr(str(heading)) for heading in table.headings)}"
@@ -178,7 +226,9 @@ class Measurements(Result):
             force = np.array([converted(value) for value in force.tolist()])
         told = choose("distance" if timed else "velocity")
         if distance is not None and told is not None:
-            why = "A distance given beside the table is for times of flight only, and for all of them"
+            why = (
+                "A distance given beside the table is for times of flight only, and for all of them"
+            )
             mend = "Leave it out" if timed else "Leave it out, or name the column of times"
             raise InputError(f"{path} has a {told} column, and a distance is given too", why, mend)
         if measured == "velocity":
@@ -186,7 +236,9 @@ class Measurements(Result):
         elif carried is not None and not timed:
             velocity = carried(force, read("cutoff"))
         else:
-            velocity = (read("distance") if distance is None else positive("distance", distance, "m")) / read("time")
+            velocity = (
+                read("distance") if distance is None else positive("distance", distance, "m")
+            ) / read("time")
         sigma = None
         if error is not None:
             head = named.get(error, error)

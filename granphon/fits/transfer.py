@@ -1,9 +1,11 @@
-"""Fit the damping of contacts to a measured transfer function: magnitude, and phase if it is known, at given frequencies.
+"""Fit the damping of contacts to a measured transfer function: magnitude, and phase if it is known,
+at given frequencies.
 
-The model is the response of the network (:mod:`granphon.waves.response`). Where sigma is not given, each complex value is
-taken to have the same relative error, so that the phase has it in radians; it is found from the scatter. A resonance that
-is off by its width attracts nothing, so stiffnesses are first searched with much damping, and then the damping; the best
-few are starting points of least squares.
+The model is the response of the network (:mod:`granphon.waves.response`). Where sigma is not given,
+each complex value is taken to have the same relative error, so that the phase has it in radians; it
+is found from the scatter. A resonance that is off by its width attracts nothing, so stiffnesses are
+first searched with much damping, and then the damping; the best few are starting points of least
+squares.
 """
 
 from __future__ import annotations
@@ -33,15 +35,23 @@ from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.response import QUANTITIES
 from granphon.waves.waves import Waves
 
-#: what may be fitted, and its unit; of stiffness, load and gain it is the ratio to those of the network
+#: what may be fitted, and its unit; of stiffness, load and gain it is the ratio to those of the
+#: network
 PARAMETERS = {
-    "damping": "s", "tangential_damping": "s", "loss_factor": "1", "tangential_loss_factor": "1", "stiffness": "1",
-    "load": "1", "gain": "1",
-}  # fmt: skip
+    "damping": "s",
+    "tangential_damping": "s",
+    "loss_factor": "1",
+    "tangential_loss_factor": "1",
+    "stiffness": "1",
+    "load": "1",
+    "gain": "1",
+}
 #: loss factors from which the search starts, and that with which stiffnesses are searched
-_LOSSES, _BROAD = np.geomspace(1e-3, 1.0, 10), 0.1
+_LOSSES = np.geomspace(1e-3, 1.0, 10)
+_BROAD = 0.1
 #: ratios of the stiffness that are tried, and how many of them are followed
-_STIFFER, _FOLLOWED = np.geomspace(0.5, 2.0, 57), 3
+_STIFFER = np.geomspace(0.5, 2.0, 57)
+_FOLLOWED = 3
 #: factors that turn what a table holds into 1 or radians
 _NUMBERS = {"": 1.0, "1": 1.0, "%": 0.01}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
@@ -62,11 +72,12 @@ class TransferFunction(Result):
     frequencies : (n,) Hz, above zero, in any order.
     magnitude : (n,) m/N, m/(N s) or 1, above zero.
     phase : (n,) rad, below zero where the receiver lags; None if it is not known.
-    sigma, phase_sigma : (n,) standard errors of magnitude and phase; None if they are not known. Where that of the phase
-        alone is not, it is that of the magnitude over the magnitude.
+    sigma, phase_sigma : (n,) standard errors of magnitude and phase; None if they are not known.
+        Where that of the phase alone is not, it is that of the magnitude over the magnitude.
 
-    Raises :class:`~granphon.base.errors.InputError` for numbers that are not finite, not above zero (but for the phase), or
-    not as many as the frequencies; and for a phase_sigma without phase or sigma.
+    Raises :class:`~granphon.base.errors.InputError` for numbers that are not finite, not above zero
+    (but for the phase), or not as many as the frequencies; and for a phase_sigma without phase or
+    sigma.
     """
 
     frequencies: Annotated[Array, "n", "Hz"]
@@ -80,31 +91,47 @@ class TransferFunction(Result):
             given: Any = getattr(self, name)
             if given is None:
                 continue
-            found = np.array(finite_list(name, given, self.units.get(name, ""), "" if name == "phase" else "above zero"))
+            found = np.array(
+                finite_list(
+                    name, given, self.units.get(name, ""), "" if name == "phase" else "above zero"
+                )
+            )
             if found.shape != np.shape(self.frequencies):
-                what = f"there are {found.size} numbers of {name}, and {np.size(self.frequencies)} frequencies"
+                what = (
+                    f"there are {found.size} numbers of {name}, and {np.size(self.frequencies)}"
+                    f" frequencies"
+                )
                 raise InputError(what, mend="Give the same number of each")
             object.__setattr__(self, name, found)
         if self.phase_sigma is not None and (self.phase is None or self.sigma is None):
             lacks = "phase" if self.phase is None else "sigma of the magnitude"
-            raise InputError(f"phase_sigma is given, and no {lacks}", mend="Give both, or leave phase_sigma out")
+            raise InputError(
+                f"phase_sigma is given, and no {lacks}", mend="Give both, or leave phase_sigma out"
+            )
         super().__post_init__()
 
     @classmethod
     def read(
-        cls, path: str | os.PathLike[str], columns: Mapping[str, str] | None = None, quantity: str = "displacement"
+        cls,
+        path: str | os.PathLike[str],
+        columns: Mapping[str, str] | None = None,
+        quantity: str = "displacement",
     ) -> Self:
-        """Read a table with a heading for each column, such as ``frequency (Hz),magnitude (um/N),phase (deg)``.
+        """Read a table with a heading for each column, such as ``frequency (Hz),magnitude
+        (um/N),phase (deg)``.
 
         Parameters
         ----------
-        path : a file with the columns frequency and magnitude and, where known, phase (rad or deg), sigma and phase_sigma.
-            A magnitude may be in dB; sigma in the unit of the magnitude, in dB, or in % of it.
-        columns : headings of columns that go by other names, perhaps with a unit: {"magnitude": "H1 (um/N)"}.
-        quantity : "displacement", magnitudes in m/N; "velocity", in m/s/N; or "transmissibility", numbers.
+        path : a file with the columns frequency and magnitude and, where known, phase (rad or deg),
+            sigma and phase_sigma. A magnitude may be in dB; sigma in the unit of the magnitude, in
+            dB, or in % of it.
+        columns : headings of columns that go by other names, perhaps with a unit: {"magnitude": "H1
+            (um/N)"}.
+        quantity : "displacement", magnitudes in m/N; "velocity", in m/s/N; or "transmissibility",
+            numbers.
 
-        Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be read, a column that is
-        missing or has another unit, and what the constructor refuses.
+        Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
+        read, a column that is missing or has another unit, and what the constructor refuses.
         """
         table, named = Table.read(path), dict(columns or {})
         if unknown := [name for name in named if name not in _COLUMNS]:
@@ -114,12 +141,20 @@ class TransferFunction(Result):
         for kind in _COLUMNS[:2]:
             if heads[kind] not in table:
                 what = f"{table.name} has no column named {heads[kind]!r}"
-                why = f"Its columns are {list_names(repr(str(heading)) for heading in table.headings)}"
-                mend = f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}': 'NAME'}}"
+                why = (
+                    f"Its columns are"
+                    f" {list_names(repr(str(heading)) for heading in table.headings)}"
+                )
+                mend = (
+                    f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}':"
+                    f" 'NAME'}}"
+                )
                 raise InputError(what, why, mend)
 
         def read(kind: str, plain: Mapping[str, float]) -> Array | None:
-            """Return the numbers of a column in one of these units; None if it is not there, or has another unit."""
+            """Return the numbers of a column in one of these units; None if it is not there, or has
+            another unit.
+            """
             unit = table.unit(heads[kind])
             if heads[kind] not in table or unit not in plain:
                 return None
@@ -133,20 +168,29 @@ class TransferFunction(Result):
             found = read(kind, {} if own else _NUMBERS)
             if own and table.unit(heads[kind]) in _NUMBERS:
                 what = f"{table.name}: the column {heads[kind]!r} has no unit of {own.name}"
-                mend = f"Head it '{kind} ({own.unit})'; or if it is a transmissibility, give quantity='transmissibility'"
+                mend = (
+                    f"Head it '{kind} ({own.unit})'; or if it is a transmissibility, give"
+                    f" quantity='transmissibility'"
+                )
                 raise InputError(what, mend=f"{mend} (in a scene, response.quantity)")
             if found is None and own:
                 return table.column(heads[kind], own)
             if found is None:
-                what = f"{table.name}: the column {heads[kind]!r} has the unit {table.unit(heads[kind])!r}"
-                raise InputError(what, "A transmissibility is a number", "Leave the unit out, or use % or dB")
+                what = (
+                    f"{table.name}: the column {heads[kind]!r} has the unit"
+                    f" {table.unit(heads[kind])!r}"
+                )
+                raise InputError(
+                    what, "A transmissibility is a number", "Leave the unit out, or use % or dB"
+                )
             return found
 
         decibels = read("magnitude", {"dB": 1.0})
         magnitude = measure("magnitude") if decibels is None else 10.0 ** (decibels / 20.0)
         sigma: Array | None = None
         if heads["sigma"] in table:
-            part, loud = read("sigma", {"%": 0.01}), read("sigma", {"dB": math.log(10.0) / 20.0})
+            part = read("sigma", {"%": 0.01})
+            loud = read("sigma", {"dB": math.log(10.0) / 20.0})
             relative = loud if part is None else part
             sigma = measure("sigma") if relative is None else relative * magnitude
         angles = []
@@ -165,7 +209,9 @@ class TransferFunction(Result):
 
 @dataclass(frozen=True)
 class _Model:
-    """The transfer function of a network at (n,) frequencies, as a function of the parameters (p,)."""
+    """The transfer function of a network at (n,) frequencies, as a function of the parameters
+    (p,).
+    """
 
     network: ContactNetwork
     names: tuple[str, ...]
@@ -175,45 +221,65 @@ class _Model:
     places: dict[str, Any]
 
     def losses(self, values: Mapping[str, float]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """Return (normal, tangential) damping and loss factor; the tangential one is the normal one unless it is fitted."""
+        """Return (normal, tangential) damping and loss factor; the tangential one is the normal one
+        unless it is fitted.
+        """
         found = []
         for name, given in (("damping", self.damping), ("loss_factor", self.loss_factor)):
             normal = values.get(name, given[0])
-            found.append((normal, values.get(f"tangential_{name}", normal if name in values else given[1])))
+            found.append(
+                (normal, values.get(f"tangential_{name}", normal if name in values else given[1]))
+            )
         return found[0], found[1]
 
     def __call__(self, given: Array) -> NDArray[np.complex128]:
         values = dict(zip(self.names, given.tolist(), strict=True))
-        network, load = self.network, values.get("load", 1.0)
-        stiffer = values.get("stiffness", 1.0) * hertz.stiffness_under(load) / hertz.stiffness_under(1.0)
+        network = self.network
+        load = values.get("load", 1.0)
+        stiffer = (
+            values.get("stiffness", 1.0) * hertz.stiffness_under(load) / hertz.stiffness_under(1.0)
+        )
         scaled = {
             name: stiffer * getattr(network, name)
-            for name in ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
+            for name in (
+                "normal_stiffness",
+                "shear_stiffness",
+                "torsion_stiffness",
+                "bending_stiffness",
+            )
         }
         held = {name: getattr(network, name) for name in ("normal_force", "tangential_force")}
         scaled |= {name: load * force for name, force in held.items() if force is not None}
         network = replace(network, **scaled)
         at, inverse = np.unique(self.frequencies, return_inverse=True)
         damping, losses = self.losses(values)
-        found = Waves(network).response(at, damping=damping, loss_factor=losses, **self.places).coherent[inverse]
+        found = (
+            Waves(network)
+            .response(at, damping=damping, loss_factor=losses, **self.places)
+            .coherent[inverse]
+        )
         return np.asarray(values.get("gain", 1.0) * found)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DampingFit(Fitted):
-    """Parameters of a network whose response fits a measured transfer function, and how well they are known.
+    """Parameters of a network whose response fits a measured transfer function, and how well they
+    are known.
 
     Attributes
     ----------
-    parameters, values : names (p,) and SI values (p,) of the fitted parameters: damping and tangential_damping, s;
-        loss_factor and tangential_loss_factor; stiffness, load and gain, ratios to those of the network.
+    parameters, values : names (p,) and SI values (p,) of the fitted parameters: damping and
+        tangential_damping, s; loss_factor and tangential_loss_factor; stiffness, load and gain,
+        ratios to those of the network.
     covariance : covariance (p, p) of their errors, SI.
-    damping, loss_factor : (2,) of normal and of all other motion, s and 1, as ``Waves.response`` takes them.
+    damping, loss_factor : (2,) of normal and of all other motion, s and 1, as ``Waves.response``
+        takes them.
     measured : the data; its sigmas are as given, or from the scatter.
     quantity : of the data, as for ``Waves.response``.
     sigma_given : whether sigma was given.
     magnitude, phase : (n,) of the fit at the data, in the unit of the data, and rad.
-    chi2 : sum of the squares of residuals over sigma, which equals ``dof`` where sigma is from the scatter.
+    chi2 : sum of the squares of residuals over sigma, which equals ``dof`` where sigma is from the
+        scatter.
     dof : degrees of freedom.
     warnings : reasons not to trust the fit.
     """
@@ -240,11 +306,15 @@ class DampingFit(Fitted):
         return super()._field_units() | {"magnitude": QUANTITIES[self.quantity]}
 
     def _list_columns(self) -> dict[str, Any]:
-        data, unit = self.measured, QUANTITIES[self.quantity]
+        data = self.measured
+        unit = QUANTITIES[self.quantity]
         columns: dict[str, Any] = {
-            "frequency (Hz)": data.frequencies, f"magnitude ({unit})": data.magnitude, f"sigma ({unit})": data.sigma,
-            f"fit ({unit})": self.magnitude, "fitted phase (rad)": self.phase,
-        }  # fmt: skip
+            "frequency (Hz)": data.frequencies,
+            f"magnitude ({unit})": data.magnitude,
+            f"sigma ({unit})": data.sigma,
+            f"fit ({unit})": self.magnitude,
+            "fitted phase (rad)": self.phase,
+        }
         if data.phase is not None:
             columns |= {"phase (rad)": data.phase, "phase_sigma (rad)": data.phase_sigma}
         return columns
@@ -257,53 +327,88 @@ def read_fit(data: Any) -> WidthFit | DampingFit:
 
 
 def fit_damping(
-    x: Any, measured: TransferFunction, source: Any, receiver: Any, *, parameters: Sequence[str] = ("damping",),
-    damping: Any = 0.0, loss_factor: Any = 0.0, quantity: str = "displacement", direction: ArrayLike | None = None,
-    polarisation: str | ArrayLike = "longitudinal", distance: float | None = None,
-) -> DampingFit:  # fmt: skip
-    """Find the damping of contacts at which the response of a network is a measured transfer function.
+    x: Any,
+    measured: TransferFunction,
+    source: Any,
+    receiver: Any,
+    *,
+    parameters: Sequence[str] = ("damping",),
+    damping: Any = 0.0,
+    loss_factor: Any = 0.0,
+    quantity: str = "displacement",
+    direction: ArrayLike | None = None,
+    polarisation: str | ArrayLike = "longitudinal",
+    distance: float | None = None,
+) -> DampingFit:
+    """Find the damping of contacts at which the response of a network is a measured transfer
+    function.
 
     Parameters
     ----------
-    x : a state, a sample or a network, as for :class:`granphon.Waves`, finite or cut as in the experiment.
+    x : a state, a sample or a network, as for :class:`granphon.Waves`, finite or cut as in the
+        experiment.
     measured : the transfer function, :class:`TransferFunction`.
-    source, receiver, quantity, direction, polarisation, distance : as for :meth:`granphon.Waves.response`; of several
+    source, receiver, quantity, direction, polarisation, distance : as for
+    :meth:`granphon.Waves.response`; of several
         receivers, those of a plane say, the mean is compared.
-    parameters : one or more of "damping", s; "loss_factor"; "tangential_damping" and "tangential_loss_factor", of slip,
-        twist and rolling, which are otherwise those of normal motion; "stiffness", by which all stiffnesses are multiplied;
-        "load", by which static forces are, and stiffnesses by its cubic root, as in Hertz's law; and "gain", by which the
-        whole response is, where sensors are not calibrated.
-    damping, loss_factor : s and 1, numbers, or tuples of those of normal and of all other motion, which are not fitted.
+    parameters : one or more of "damping", s; "loss_factor"; "tangential_damping" and
+        "tangential_loss_factor", of slip, twist and rolling, which are otherwise those of normal
+        motion; "stiffness", by which all stiffnesses are multiplied; "load", by which static forces
+        are, and stiffnesses by its cubic root, as in Hertz's law; and "gain", by which the whole
+        response is, where sensors are not calibrated.
+    damping, loss_factor : s and 1, numbers, or tuples of those of normal and of all other motion,
+        which are not fitted.
 
     Returns
     -------
-    :class:`DampingFit`. Standard errors are those of linear theory, from the given sigma or from the scatter.
+    :class:`DampingFit`. Standard errors are those of linear theory, from the given sigma or from
+    the scatter.
 
-    Raises :class:`~granphon.base.errors.InputError` for parameters that cannot be fitted or told apart, too few data, and
-    what :meth:`granphon.Waves.response` refuses.
+    Raises :class:`~granphon.base.errors.InputError` for parameters that cannot be fitted or told
+    apart, too few data, and what :meth:`granphon.Waves.response` refuses.
     """
     from scipy.optimize import least_squares
 
     if not isinstance(measured, TransferFunction):
-        raise InputError("the data are no transfer function", mend="Give a gp.TransferFunction(frequencies, magnitude)")
+        raise InputError(
+            "the data are no transfer function",
+            mend="Give a gp.TransferFunction(frequencies, magnitude)",
+        )
     names = texts("parameters", parameters)
     require_fitted(names, PARAMETERS)
     network = given_network(x)
     if {"stiffness", "load"} <= set(names) and not network.prestress:
         why = "Without prestress a load does no more than scale stiffnesses"
         raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
-    given_damping = ContactDamping.of(network, damping, loss_factor)  # refuses wrong ones before the fit
+    # refuses wrong ones before the fit
+    given_damping = ContactDamping.of(network, damping, loss_factor)
     pairs = [one if isinstance(one, tuple) else (one, one) for one in (damping, loss_factor)]
     places = {
-        "source": source, "receiver": receiver, "quantity": quantity, "direction": direction, "polarisation": polarisation,
+        "source": source,
+        "receiver": receiver,
+        "quantity": quantity,
+        "direction": direction,
+        "polarisation": polarisation,
         "distance": distance,
-    }  # fmt: skip
-    model = _Model(network, names, (pairs[0][0], pairs[0][1]), (pairs[1][0], pairs[1][1]), measured.frequencies, places)
-    m, phase, given = measured.magnitude, measured.phase, measured.sigma is not None
+    }
+    model = _Model(
+        network,
+        names,
+        (pairs[0][0], pairs[0][1]),
+        (pairs[1][0], pairs[1][1]),
+        measured.frequencies,
+        places,
+    )
+    m = measured.magnitude
+    phase = measured.phase
+    given = measured.sigma is not None
     dof = m.size * (1 if phase is None else 2) - len(names)
     if dof < (not given):
         why = "" if given else "Without sigma one more is needed, to find the scatter"
-        what = f"there are {dof + len(names)} numbers, to which {len(names)} parameters cannot be fitted"
+        what = (
+            f"there are {dof + len(names)} numbers, to which {len(names)} parameters cannot be"
+            f" fitted"
+        )
         raise InputError(what, why, "Measure more")
     sigma = m if measured.sigma is None else measured.sigma
     angle = sigma / m if measured.phase_sigma is None else measured.phase_sigma
@@ -323,7 +428,11 @@ def fit_damping(
         h = respond(tuple((at * scale).tolist()))
         with np.errstate(divide="ignore"):
             off = np.log(m / np.abs(h)) if logarithmic else (m - np.abs(h)) / sigma
-        return off if phase is None else np.concatenate([off, np.angle(turned / h) / (1.0 if logarithmic else angle)])
+        return (
+            off
+            if phase is None
+            else np.concatenate([off, np.angle(turned / h) / (1.0 if logarithmic else angle)])
+        )
 
     def start(loss: float, stiffer: float = 1.0) -> tuple[float, Array]:
         """Return the misfit of logarithms, and parameters, with the gain that fits best."""
@@ -337,17 +446,36 @@ def fit_damping(
             off = compare(at, True)
         return float(off @ off), at
 
-    ratios, several = [1.0], bool({"stiffness", "load"} & set(names))
+    ratios = [1.0]
+    several = bool({"stiffness", "load"} & set(names))
     if several:
-        ratios = [stiff for _, stiff in sorted((start(_BROAD, one)[0], one) for one in _STIFFER.tolist())[:_FOLLOWED]]
+        ratios = [
+            stiff
+            for _, stiff in sorted((start(_BROAD, one)[0], one) for one in _STIFFER.tolist())[
+                :_FOLLOWED
+            ]
+        ]
     tried = sorted(
-        (start(loss, one) for one in ratios for loss in (_LOSSES.tolist() if np.any(is_loss) else [0.0])),
+        (
+            start(loss, one)
+            for one in ratios
+            for loss in (_LOSSES.tolist() if np.any(is_loss) else [0.0])
+        ),
         key=lambda one: one[0],
     )
     low = np.where(is_loss, 0.0, 1e-3)
     limits = (low, np.full(low.shape, np.inf))
     fits = [
-        least_squares(compare, at, "3-point", limits, x_scale=np.maximum(at, 1e-3), ftol=1e-13, xtol=1e-13, gtol=1e-13)
+        least_squares(
+            compare,
+            at,
+            "3-point",
+            limits,
+            x_scale=np.maximum(at, 1e-3),
+            ftol=1e-13,
+            xtol=1e-13,
+            gtol=1e-13,
+        )
         for _, at in tried[: _FOLLOWED if several else 1]
     ]
     best = min(fits, key=lambda one: float(one.cost))
@@ -360,19 +488,36 @@ def fit_damping(
         raise InputError(what, mend="Measure a wider range, or fit fewer parameters")
     scatter = 1.0 if given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
     root = (right / singular[:, None]).T / norms[:, None] * scale[:, None] * scatter
-    covariance, values = root @ root.T, best.x * scale
+    covariance = root @ root.T
+    values = best.x * scale
     warnings = list(given_damping.find_warnings(float(np.max(measured.frequencies))))
     warnings += judge_residuals(chi2, dof, len(names)) if given or not dof else []
     warnings += [
-        f"the standard error of {name} is {error:.2g}, and its value {value:.2g}: it can hardly be told from zero"
-        for name, value, error in zip(names, values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
+        f"the standard error of {name} is {error:.2g}, and its value {value:.2g}: it can"
+        f" hardly be told from zero"
+        for name, value, error in zip(
+            names, values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True
+        )
         if error > LARGE_ERROR * value
     ]
     losses = model.losses(dict(zip(names, values.tolist(), strict=True)))
     found = [np.array([float(np.mean(each)) for each in one]) for one in losses]
-    known = replace(measured, sigma=sigma * scatter, phase_sigma=None if phase is None else angle * scatter)
+    known = replace(
+        measured, sigma=sigma * scatter, phase_sigma=None if phase is None else angle * scatter
+    )
     phases = np.angle(h) if phase is None else phase - np.angle(turned / h)
     return DampingFit(
-        names, values, covariance, found[0], found[1], known, quantity, given, np.abs(h), phases,
-        chi2 if given else float(dof), dof, tuple(warnings),
-    )  # fmt: skip
+        names,
+        values,
+        covariance,
+        found[0],
+        found[1],
+        known,
+        quantity,
+        given,
+        np.abs(h),
+        phases,
+        chi2 if given else float(dof),
+        dof,
+        tuple(warnings),
+    )

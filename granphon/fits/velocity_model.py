@@ -1,15 +1,18 @@
-"""Sound velocities as a function of a packing's parameters, with derivatives: what a fit to measured velocities needs.
+"""Sound velocities as a function of a packing's parameters, with derivatives: what a fit to
+measured velocities needs.
 
-In the paper's limit v is proportional to d (k/M)^(1/2), where k = c W^(1/2) k*(f/c W^(3/2)), k* is a function of the reduced
-force f* = f/c W^(3/2) alone, and c is proportional to E d^(1/2). With nu,
-the local exponent d log v / d log f that every state knows, the derivatives d log v / d log p are exactly 1/4 - 3 nu/2 for
-the width, 1/2 - nu for the Young modulus and -1/4 - nu/2 for the diameter. In the ideal lattice, where nu = 1/6, they are
-0, 1/3 and -1/3: its velocities do not depend on the width.
+In the paper's limit v is proportional to d (k/M)^(1/2), where k = c W^(1/2) k*(f/c W^(3/2)), k* is
+a function of the reduced force f* = f/c W^(3/2) alone, and c is proportional to E d^(1/2). With nu,
+the local exponent d log v / d log f that every state knows, the derivatives d log v / d log p are
+exactly 1/4 - 3 nu/2 for the width, 1/2 - nu for the Young modulus and -1/4 - nu/2 for the diameter.
+In the ideal lattice, where nu = 1/6, they are 0, 1/3 and -1/3: its velocities do not depend on the
+width.
 
-A simulation scales in the same way, so that its samples give one curve, which serves all widths. The curve is interpolated,
-because each contact that opens puts a cusp into the moduli of a sample, which is small but may have any slope. Three things
-do not scale: the exact geometry of contacts, where k* depends on W/d too, a history that starts at a load in SI units, and
-the torsion of a Hertz contact. The curve is then that of one packing, and the fit makes it anew at the packing it finds.
+A simulation scales in the same way, so that its samples give one curve, which serves all widths.
+The curve is interpolated, because each contact that opens puts a cusp into the moduli of a sample,
+which is small but may have any slope. Three things do not scale: the exact geometry of contacts,
+where k* depends on W/d too, a history that starts at a load in SI units, and the torsion of a Hertz
+contact. The curve is then that of one packing, and the fit makes it anew at the packing it finds.
 """
 
 from __future__ import annotations
@@ -37,25 +40,31 @@ from granphon.media.medium import AveragedLattice
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, pulse_velocities
 
-#: the branches whose velocities may be fitted; the last two take the place of the second where there are two of them
+#: the branches whose velocities may be fitted; the last two take the place of the second where
+#: there are two of them
 _BRANCHES = ("longitudinal", "transverse", "transverse_slow", "transverse_fast")
-#: d log v / d log p of long waves for each parameter p: a constant, and the factor of the local exponent that is added to it
+#: d log v / d log p of long waves for each parameter p: a constant, and the factor of the local
+#: exponent that is added to it
 VARIABLE: Mapping[str, tuple[float, float]] = {
-    "width": ((EXPONENT - 1.0) / 2.0, -EXPONENT), "young_modulus": (0.5, -1.0),
+    "width": ((EXPONENT - 1.0) / 2.0, -EXPONENT),
+    "young_modulus": (0.5, -1.0),
     "diameter": ((1.0 - EXPONENT) / 2.0, EXPONENT - 2.0),
-}  # fmt: skip
+}
 #: step in the logarithm of a parameter, from which derivatives are found where overlap is finite
 _STEP = 1e-4
 #: distance in log f* between the equilibria of a simulation: eight to a decade
 _NODE_SPACING = math.log(10.0) / 8.0
 #: width over diameter at which the curve of samples is made where any will do
 _ANY_WIDTH = 1e-4
-#: change in the logarithm of a parameter that a curve need not follow: in the exact geometry such a change of W/d changes
-#: velocities at a given f* by less than 1e-4 of them, and the curve itself has errors of 2e-4
+#: change in the logarithm of a parameter that a curve need not follow: in the exact geometry such a
+#: change of W/d changes velocities at a given f* by less than 1e-4 of them, and the curve itself
+#: has errors of 2e-4
 _SETTLED = 1e-3
-#: relative correction of a squared velocity below which a stiffness is not corrected again, and the most corrections: one
-#: is exact in the paper's limit; where the forces of contacts act too, each leaves about delta/d of the error before it
-_CORRECTED, _CORRECTIONS = 1e-12, 10
+#: relative correction of a squared velocity below which a stiffness is not corrected again, and the
+#: most corrections: one is exact in the paper's limit; where the forces of contacts act too, each
+#: leaves about delta/d of the error before it
+_CORRECTED = 1e-12
+_CORRECTIONS = 10
 #: relative step in the frequency of a pulse, from which the slope of its velocity is found
 _FREQUENCY_STEP = 1e-4
 
@@ -66,7 +75,8 @@ class Waves(Result):
 
     Attributes
     ----------
-    branch : "longitudinal" or "transverse"; in space "transverse_slow" or "transverse_fast" instead of the latter.
+    branch : "longitudinal" or "transverse"; in space "transverse_slow" or "transverse_fast" instead
+        of the latter.
         :class:`~granphon.base.errors.InputError` for another word.
     direction : direction of propagation, a unit vector (p,).
     frequency : frequency of the pulses, Hz, one number or one for each load; None for long waves.
@@ -89,26 +99,39 @@ class Waves(Result):
         several = not state.has_one_lattice
         each = [state[n] for n in range(len(state.force))] if several else [state]
         reduced = np.array(
-            [follow_acoustic_branches(one.contact_lattice(), self.direction)[self.branch].top for one in each]
+            [
+                follow_acoustic_branches(one.contact_lattice(), self.direction)[self.branch].top
+                for one in each
+            ]
         )
         rates = np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)
         return np.asarray((reduced if several else reduced[0]) * rates / (2.0 * np.pi))
 
     def velocity(self, state: ContactState) -> tuple[Array, Array]:
-        """Return the velocity at each load, m/s, of long waves or of pulses (group), and d log v / d log frequency."""
+        """Return the velocity at each load, m/s, of long waves or of pulses (group), and d log v /
+        d log frequency.
+        """
         if self.frequency is None:
-            velocities = np.asarray(state.long_waves(self.direction)[..., state.wave_names.index(self.branch)])
+            velocities = np.asarray(
+                state.long_waves(self.direction)[..., state.wave_names.index(self.branch)]
+            )
             return velocities, np.zeros(velocities.shape)
         # step to lower frequencies, where the branch is sure to exist
-        steps = np.reshape([0.0, _FREQUENCY_STEP, 2.0 * _FREQUENCY_STEP], (3,) + (1,) * len(state.shape))
+        steps = np.reshape(
+            [0.0, _FREQUENCY_STEP, 2.0 * _FREQUENCY_STEP], (3,) + (1,) * len(state.shape)
+        )
         frequencies = self.frequency * (1.0 - steps)
         group = pulse_velocities(state, frequencies, self.direction, branches=self.branch).group[0]
-        return group[0], (1.5 * group[0] - 2.0 * group[1] + 0.5 * group[2]) / (_FREQUENCY_STEP * group[0])
+        return group[0], (1.5 * group[0] - 2.0 * group[1] + 0.5 * group[2]) / (
+            _FREQUENCY_STEP * group[0]
+        )
 
 
 @dataclass(frozen=True)
 class _WidenedSpread(Spread):
-    """The distribution ``source`` at another width; its shape is the same to the last bit, so that one curve serves all."""
+    """The distribution ``source`` at another width; its shape is the same to the last bit, so that
+    one curve serves all.
+    """
 
     width: float = field()
     source: Spread = field()
@@ -131,15 +154,18 @@ class _WidenedSpread(Spread):
 
 
 class _SampleCurve:
-    """The stiffness of a regular lattice in which long ``waves`` have the velocity that they have in simulated samples.
+    """The stiffness of a regular lattice in which long ``waves`` have the velocity that they have
+    in simulated samples.
 
-    The curve is log(k/c W^(1/2)) as a function of log f*. It goes through equilibria at fixed f*, which are solved when they
-    are first needed. Between them it is a cubic polynomial, with slopes from four neighbours. The cusps that it leaves out
-    change the velocity of 64 x 64 balls by 2e-4 (rms, f* > 0.05), less for more balls. Samples of that size differ by more.
+    The curve is log(k/c W^(1/2)) as a function of log f*. It goes through equilibria at fixed f*,
+    which are solved when they are first needed. Between them it is a cubic polynomial, with slopes
+    from four neighbours. The cusps that it leaves out change the velocity of 64 x 64 balls by 2e-4
+    (rms, f* > 0.05), less for more balls. Samples of that size differ by more.
     """
 
     def __init__(self, packing: Packing, choice: MediumChoice, waves: Waves) -> None:
-        self.medium, self.waves = choice.of(packing), replace(waves, frequency=None)
+        self.medium = choice.of(packing)
+        self.waves = replace(waves, frequency=None)
         self._known: dict[int, float] = {}
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
@@ -151,24 +177,33 @@ class _SampleCurve:
             force = np.exp(_NODE_SPACING * np.array(lacking)) * packing.width_units.force
             state = self.medium.at_force(force)
             found, _ = self.waves.velocity(state)
-            even, stiffness = _make_even(packing, force, self.waves.finite_overlap), np.asarray(state.normal_stiffness)
+            even = _make_even(packing, force, self.waves.finite_overlap)
+            stiffness = np.asarray(state.normal_stiffness)
             for _ in range(_CORRECTIONS):
-                ratio = (found / self.waves.velocity(replace(even, normal_stiffness=stiffness))[0]) ** 2
+                ratio = (
+                    found / self.waves.velocity(replace(even, normal_stiffness=stiffness))[0]
+                ) ** 2
                 stiffness = stiffness * ratio
                 if np.max(np.abs(ratio - 1.0)) < _CORRECTED:
                     break
             values = np.log(stiffness / packing.width_units.stiffness)
             self._known |= dict(zip(lacking, values.tolist(), strict=True))
         y = np.array([[self._known[node] for node in row] for row in nodes.tolist()])
-        first, last = ((y[:, i - 2] - 8.0 * y[:, i - 1] + 8.0 * y[:, i + 1] - y[:, i + 2]) / 12.0 for i in (2, 3))
+        first, last = (
+            (y[:, i - 2] - 8.0 * y[:, i - 1] + 8.0 * y[:, i + 1] - y[:, i + 2]) / 12.0
+            for i in (2, 3)
+        )
         rise = y[:, 3] - y[:, 2]
-        bend, twist = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
+        bend = 3.0 * rise - 2.0 * first - last
+        twist = first + last - 2.0 * rise
         value = y[:, 2] + part * (first + part * (bend + part * twist))
         return value, (first + part * (2.0 * bend + 3.0 * part * twist)) / _NODE_SPACING
 
 
 def require_fitted(names: Sequence[str], known: Collection[str]) -> None:
-    """Raise :class:`InputError` unless ``names`` are one or more of the ``known`` parameters, each once."""
+    """Raise :class:`InputError` unless ``names`` are one or more of the ``known`` parameters, each
+    once.
+    """
     for name in names:
         if name not in known:
             raise InputError(f"{name!r} cannot be fitted", mend=suggest(str(name), known))
@@ -183,12 +218,14 @@ def _make_even(packing: Packing, force: Array, finite_overlap: bool) -> ContactS
 
 @dataclass(frozen=True)
 class VelocityModel:
-    """Velocities at given forces (n,) in a medium, as a function of the logarithms of some parameters of the packing.
+    """Velocities at given forces (n,) in a medium, as a function of the logarithms of some
+    parameters of the packing.
 
-    ``names`` (p,) are those of the parameters, from :data:`VARIABLE`; where the width is not one of them the packing keeps
-    its own. ``curve_at`` are the logarithms of the parameters at which samples are simulated, by default the packing's own.
-    Raises :class:`InputError` for other names, or if the medium does not exist for the packing or with finite overlap, or
-    the lattice has no such waves.
+    ``names`` (p,) are those of the parameters, from :data:`VARIABLE`; where the width is not one of
+    them the packing keeps its own. ``curve_at`` are the logarithms of the parameters at which
+    samples are simulated, by default the packing's own. Raises :class:`InputError` for other names,
+    or if the medium does not exist for the packing or with finite overlap, or the lattice has no
+    such waves.
     """
 
     packing: Packing
@@ -206,7 +243,9 @@ class VelocityModel:
         known = [name for name in ideal_lattice(self.packing).wave_names if name in _BRANCHES]
         if self.waves.branch not in known:
             what = f"the {self.packing.structure.name} lattice has no {self.waves.branch} wave"
-            raise InputError(what, mend="Use " + " or ".join(known) if known else "Use other motions")
+            raise InputError(
+                what, mend="Use " + " or ".join(known) if known else "Use other motions"
+            )
 
     @property
     def width_index(self) -> int | None:
@@ -215,23 +254,37 @@ class VelocityModel:
 
     def find_start(self, width: float) -> Array:
         """Logarithms (p,) of the packing's own parameters, with this width (m)."""
-        own = {"width": width, "young_modulus": self.packing.material.young_modulus, "diameter": self.packing.diameter}
+        own = {
+            "width": width,
+            "young_modulus": self.packing.material.young_modulus,
+            "diameter": self.packing.diameter,
+        }
         return np.log([own[name] for name in self.names])
 
     def settle_geometry(self, logs: Array) -> VelocityModel:
-        """Return the model with one geometry for its samples: that at ``logs``, exact if it is so at one of the forces."""
-        choice = self.choice.settle(self._make_packing(logs), Load("force", self.force), self.waves.finite_overlap)
+        """Return the model with one geometry for its samples: that at ``logs``, exact if it is so
+        at one of the forces.
+        """
+        choice = self.choice.settle(
+            self._make_packing(logs), Load("force", self.force), self.waves.finite_overlap
+        )
         finite_overlap = choice.has_finite_overlap(self.waves.finite_overlap)
-        return replace(self, choice=choice, waves=replace(self.waves, finite_overlap=finite_overlap))
+        return replace(
+            self, choice=choice, waves=replace(self.waves, finite_overlap=finite_overlap)
+        )
 
     @property
     def is_sampled(self) -> bool:
-        """Whether velocities follow from a curve through samples at some loads, as one for each datum would take long."""
+        """Whether velocities follow from a curve through samples at some loads, as one for each
+        datum would take long.
+        """
         return self.choice.stand_in != self.choice
 
     @property
     def _scales(self) -> bool:
-        """Whether one curve of samples, in reduced units, serves all widths, moduli and diameters."""
+        """Whether one curve of samples, in reduced units, serves all widths, moduli and
+        diameters.
+        """
         starts_at_load = isinstance(self.choice.settings.get("start"), Load)
         return not (self.choice.is_exact or starts_at_load or self.packing.torsion == MINDLIN)
 
@@ -240,7 +293,11 @@ class VelocityModel:
         if not self.is_sampled or self._scales:
             return self
         here = self.curve_at
-        return self if here is not None and np.max(np.abs(logs - here)) <= _SETTLED else replace(self, curve_at=logs)
+        return (
+            self
+            if here is not None and np.max(np.abs(logs - here)) <= _SETTLED
+            else replace(self, curve_at=logs)
+        )
 
     def find_tops(self, logs: Array) -> Array:
         """Highest frequency that a pulse can have at each force, (n,), Hz."""
@@ -248,47 +305,62 @@ class VelocityModel:
 
     @property
     def equal_balls(self) -> VelocityModel:
-        """The same model of equal balls, the stiffest: their sound is fastest, and their branches reach highest."""
+        """The same model of equal balls, the stiffest: their sound is fastest, and their branches
+        reach highest.
+        """
         return replace(self, choice=MediumChoice(AveragedLattice.name))
 
     def require_carried(self) -> None:
-        """Raise UnreachableFrequencyError if equal balls do not carry one of the pulses, as no other balls do then."""
+        """Raise UnreachableFrequencyError if equal balls do not carry one of the pulses, as no
+        other balls do then.
+        """
         if self.waves.frequency is None:
             return
         logs = self.find_start(1e-9 * self.packing.diameter)
         beyond = int(np.sum(self.waves.frequency >= self.equal_balls.find_tops(logs)))
         if beyond:
             what = f"the balls do not carry the frequency of {beyond} of {len(self.force)} data"
-            why = f"{self.equal_balls.describe_nearest_to_top(logs)}, and any spread of diameters lowers that"
+            why = (
+                f"{self.equal_balls.describe_nearest_to_top(logs)}, and any spread of diameters"
+                f" lowers that"
+            )
             raise UnreachableFrequencyError(what, why, "Check the frequency (Hz)")
 
     def describe_nearest_to_top(self, logs: Array) -> str:
-        """Describe the pulse whose frequency is nearest to the top of its branch, or farthest above it."""
+        """Describe the pulse whose frequency is nearest to the top of its branch, or farthest above
+        it.
+        """
         tops = self.find_tops(logs)
         frequencies = np.broadcast_to(self.waves.frequency, tops.shape)
         i = int(np.argmax(frequencies / tops))
         return (
-            f"Datum {i + 1} has {frequencies[i]:.6g} Hz at {self.force[i]:.4g} N, where the {self.waves.branch} branch ends"
-            f" at {tops[i]:.6g} Hz"
+            f"Datum {i + 1} has {frequencies[i]:.6g} Hz at {self.force[i]:.4g} N, where the"
+            f" {self.waves.branch} branch ends at {tops[i]:.6g} Hz"
         )
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
-        """Return velocities (n,), m/s, and the derivatives (n, p) of their logarithms, with the same samples.
+        """Return velocities (n,), m/s, and the derivatives (n, p) of their logarithms, with the
+        same samples.
 
-        Raises :class:`~granphon.base.errors.InputError` where the packing, or the medium at these forces, has none.
+        Raises :class:`~granphon.base.errors.InputError` where the packing, or the medium at these
+        forces, has none.
         """
         state, exponent = self._find_state(self._make_packing(logs))
         velocities, power = self.waves.velocity(state)
         constant, factor = np.array([VARIABLE[name] for name in self.names]).T
         slopes = constant + np.multiply.outer(exponent, factor)
         if self.waves.finite_overlap:
-            long, columns = replace(self.waves, frequency=None), list[Array]()
+            long = replace(self.waves, frequency=None)
+            columns = list[Array]()
             for move in _STEP * np.eye(len(logs)):
-                states = (self._find_state(self._make_packing(at))[0] for at in (logs - move, logs + move))
+                states = (
+                    self._find_state(self._make_packing(at))[0] for at in (logs - move, logs + move)
+                )
                 low, high = (long.velocity(state)[0] for state in states)
                 columns.append(np.log(high / low) / (2.0 * _STEP))
             slopes = np.stack(columns, axis=1)
-        # a pulse has v = s g(nu d/s), with s in proportion to the velocity of long waves and power = d log g / d log nu
+        # a pulse has v = s g(nu d/s), with s in proportion to the velocity of long waves and power
+        # = d log g / d log nu
         of_diameter = np.array([float(name == "diameter") for name in self.names])
         return velocities, slopes + power[:, None] * (of_diameter - slopes)
 
@@ -296,15 +368,21 @@ class VelocityModel:
         with np.errstate(over="ignore", under="ignore"):
             values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
         width = values.pop("width", self.packing.width)
-        return change_packing(self.packing, values | ({"spread": self._widen(width)} if width else {}))
+        return change_packing(
+            self.packing, values | ({"spread": self._widen(width)} if width else {})
+        )
 
     def _widen(self, width: float) -> _WidenedSpread:
         return _WidenedSpread(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
 
     def _find_state(self, packing: Packing) -> tuple[ContactState, Array]:
-        """Return a state with the long-wave velocities of the medium under the loads, and their local exponent."""
+        """Return a state with the long-wave velocities of the medium under the loads, and their
+        local exponent.
+        """
         if not self.is_sampled:
-            state = self.choice.of(packing).at_force(self.force, finite_overlap=self.waves.finite_overlap)
+            state = self.choice.of(packing).at_force(
+                self.force, finite_overlap=self.waves.finite_overlap
+            )
             return state, np.asarray(local_exponent(state))
         even = _make_even(packing, self.force, self.waves.finite_overlap)
         try:
@@ -313,9 +391,16 @@ class VelocityModel:
             if error.load_index != 0:  # not the lowest load
                 raise
             i = int(np.argmin(self.force))
-            where = f"datum {i + 1}, the lowest, is f* = {even.reduced_force[i]:.3g} if the width is {packing.width:.3g} m"
-            raise InputError(f"{where}, and the curve through simulated loads begins lower: {error}") from None
-        return replace(even, normal_stiffness=packing.width_units.stiffness * np.exp(value)), 0.5 * slope
+            where = (
+                f"datum {i + 1}, the lowest, is f* = {even.reduced_force[i]:.3g} if the width is"
+                f" {packing.width:.3g} m"
+            )
+            raise InputError(
+                f"{where}, and the curve through simulated loads begins lower: {error}"
+            ) from None
+        return replace(
+            even, normal_stiffness=packing.width_units.stiffness * np.exp(value)
+        ), 0.5 * slope
 
     @property
     def _sampled(self) -> Packing:
@@ -332,9 +417,14 @@ class VelocityModel:
         return _SampleCurve(self._sampled, self.choice, self.waves)
 
     def fit_packing(self, logs: Array) -> Packing:
-        """Return the packing with these parameters; listed diameters are shifted so that their mean is the diameter."""
-        values, spread = dict(zip(self.names, np.exp(logs).tolist(), strict=True)), self.packing.spread
+        """Return the packing with these parameters; listed diameters are shifted so that their mean
+        is the diameter.
+        """
+        values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
+        spread = self.packing.spread
         if isinstance(spread, Discrete | Measured):
             shift = values.get("diameter", self.packing.diameter) - spread.mean
-            spread = replace(spread, diameters=tuple(diameter + shift for diameter in spread.diameters))
+            spread = replace(
+                spread, diameters=tuple(diameter + shift for diameter in spread.diameters)
+            )
         return change_packing(self.packing, values | {"spread": spread})

@@ -1,35 +1,40 @@
-"""The contact law of the effective medium: equation (36) of Velicky and Caroli, solved once for each shape and Xi.
+"""The contact law of the effective medium: equation (36) of Velicky and Caroli, solved once for
+each shape and Xi.
 
-In reduced units the mean displacement of the corona vanishes, <(F^Q - f)/(K^Q + Xi k)> = 0, when f = G(y, k), the mean of
-F^Q with weights 1/(K^Q + Xi k); and k = df/dy. As a differential equation for k, k = dG(y, k(y))/dy, this is stiff: errors
-in k decay towards low pressure, at a rate 1/(dG/dk), and grow without bound towards high pressure. So it is solved
-downwards, from the high-pressure series that condition (40) selects, by collocation at Radau points (an implicit Runge-Kutta
-method, L-stable, of order 2s - 1 at the ends of its steps). The unknown is k alone, G needs no derivative of K^Q, and on
-each step the solution is a polynomial. Steps end at the openings, the overlaps at which the contacts of some pair of balls
-open and k has a kink. Between two openings the variable is the square root of the distance to the lower one, in which k is
-smooth.
+In reduced units the mean displacement of the corona vanishes, <(F^Q - f)/(K^Q + Xi k)> = 0, when f
+= G(y, k), the mean of F^Q with weights 1/(K^Q + Xi k); and k = df/dy. As a differential equation
+for k, k = dG(y, k(y))/dy, this is stiff: errors in k decay towards low pressure, at a rate
+1/(dG/dk), and grow without bound towards high pressure. So it is solved downwards, from the
+high-pressure series that condition (40) selects, by collocation at Radau points (an implicit
+Runge-Kutta method, L-stable, of order 2s - 1 at the ends of its steps). The unknown is k alone, G
+needs no derivative of K^Q, and on each step the solution is a polynomial. Steps end at the
+openings, the overlaps at which the contacts of some pair of balls open and k has a kink. Between
+two openings the variable is the square root of the distance to the lower one, in which k is smooth.
 
-On a step y = origin + u^2, and k is a polynomial in u. Force and energy are integrals of this polynomial and the slope of k
-is its derivative, so that all four agree exactly. There are tens of steps or, for long lists of diameters, tens of
-thousands, so a curve is stored as arrays over steps: an element of an (n, steps) table is the coefficient of a Chebyshev
-polynomial of t = (u - middle)/half, -1 <= t <= 1.
+On a step y = origin + u^2, and k is a polynomial in u. Force and energy are integrals of this
+polynomial and the slope of k is its derivative, so that all four agree exactly. There are tens of
+steps or, for long lists of diameters, tens of thousands, so a curve is stored as arrays over steps:
+an element of an (n, steps) table is the coefficient of a Chebyshev polynomial of t = (u -
+middle)/half, -1 <= t <= 1.
 
-A step needs one number from the step above it: k at their common end. So Newton's method solves many steps at once. To first
-order the change of k at the lower end of a step is linear in the change at its upper end, and these relations are applied
-one after the other, downwards.
+A step needs one number from the step above it: k at their common end. So Newton's method solves
+many steps at once. To first order the change of k at the lower end of a step is linear in the
+change at its upper end, and these relations are applied one after the other, downwards.
 
-With n listed diameters the curve has n(n + 1)/2 openings, and each of the steps between them needs n sums of n powers. The
-forces of contacts whose opening lies far below a block of steps are smooth functions of y there: their sum is one polynomial
-for each ball. The other, near contacts are summed one by one, each for its two balls. So the work grows as n^3, times the
-small number of near contacts of a ball.
+With n listed diameters the curve has n(n + 1)/2 openings, and each of the steps between them needs
+n sums of n powers. The forces of contacts whose opening lies far below a block of steps are smooth
+functions of y there: their sum is one polynomial for each ball. The other, near contacts are summed
+one by one, each for its two balls. So the work grows as n^3, times the small number of near
+contacts of a ball.
 
-Overlaps are counted from the opening o below the step: an overlap is o - o_ij + u^2, with exact differences, so that it has
-all its digits however small it is compared with the diameters. Forces are counted from those at the upper end of a step, as
-sums of their changes. Differentiation then cancels nothing, neither on short steps, where the changes are small, nor for
-balls of a rare kind, whose share in the mean is small.
+Overlaps are counted from the opening o below the step: an overlap is o - o_ij + u^2, with exact
+differences, so that it has all its digits however small it is compared with the diameters. Forces
+are counted from those at the upper end of a step, as sums of their changes. Differentiation then
+cancels nothing, neither on short steps, where the changes are small, nor for balls of a rare kind,
+whose share in the mean is small.
 
-Products are formed by einsum: they are too small for the threads of a linear algebra library. Where processors are shared,
-these threads wait for each other ten times as long as the product takes.
+Products are formed by einsum: they are too small for the threads of a linear algebra library. Where
+processors are shared, these threads wait for each other ten times as long as the product takes.
 """
 
 from __future__ import annotations
@@ -56,10 +61,11 @@ from granphon.laws.spread import CurveLaw, Series, high_pressure_series
 Index = int | NDArray[np.intp]
 #: f* down to which the curve is solved, far below the paper's limit of validity
 LEAST_SOLVED_FORCE = 1e-6
-#: f* from which Section IV states that the medium is valid, by comparison with simulations of the triangular lattice
+#: f* from which Section IV states that the medium is valid, by comparison with simulations of the
+#: triangular lattice
 VALID_FORCE = 0.08
-#: value of k (y - y_1)/f* below which the stiffness counts as zero, y_1 being the overlap of the first contact: wherever the
-#: law stiffens the ratio is one or more
+#: value of k (y - y_1)/f* below which the stiffness counts as zero, y_1 being the overlap of the
+#: first contact: wherever the law stiffens the ratio is one or more
 _VANISHED = 1e-7
 #: number of values worked on at once where the coefficients of its step are copied for each value
 _VALUES_AT_ONCE = 2**13
@@ -69,7 +75,8 @@ _MANY_VALUES = 64
 _STAGES = 16
 #: tolerance of the last Chebyshev coefficients of k, relative to the least value of k on the step
 _LAST_COEFFICIENTS = 1e-12
-#: number of openings from which all steps are short, so that fewer points and a larger tolerance suffice
+#: number of openings from which all steps are short, so that fewer points and a larger tolerance
+#: suffice
 _MANY_OPENINGS = 100
 #: number of collocation points on short steps
 _STAGES_OF_SHORT = 12
@@ -77,11 +84,11 @@ _STAGES_OF_SHORT = 12
 _LAST_OF_SHORT = 1e-10
 #: nodes of the average over balls (see Shape.nodes)
 _ORDER = 32
-#: the lowest step of an interval is halved until the next opening below is at least this fraction of the step's extent in
-#: y away: the nearer that opening, the less smooth is k
+#: the lowest step of an interval is halved until the next opening below is at least this fraction
+#: of the step's extent in y away: the nearer that opening, the less smooth is k
 _NEAR = 0.15
-#: largest change of k, relative to k, in the last iteration of Newton's method: convergence is quadratic, so the remaining
-#: error is far smaller
+#: largest change of k, relative to k, in the last iteration of Newton's method: convergence is
+#: quadratic, so the remaining error is far smaller
 _SETTLED = 1e-8
 #: half length of the shortest step in the root, relative to its middle
 _SHORTEST = 1e-12
@@ -91,8 +98,8 @@ _WORST_NOISE = 1e-8
 _FAR_OVERLAP = 6.0
 #: degree of the polynomials for far contacts; their errors are then 1e-15
 _DEGREE = 14
-#: number of steps that a block may always have: a third of the number of diameters balances the work on near and far
-#: contacts, and more steps cost little
+#: number of steps that a block may always have: a third of the number of diameters balances the
+#: work on near and far contacts, and more steps cost little
 _LEAST_STEPS = 32
 #: largest number of elements in an array of near contacts
 _MOST_NEAR = 2**21
@@ -100,11 +107,13 @@ _MOST_NEAR = 2**21
 
 @dataclass(frozen=True)
 class EffectiveLaw(CurveLaw):
-    """Contact law of the effective medium: balls displace their neighbours, and equation (36) holds.
+    """Contact law of the effective medium: balls displace their neighbours, and equation (36)
+    holds.
 
-    ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution, ``xi`` the local-field
-    factor. Energy is counted from the start of the curve. Methods raise :class:`~granphon.base.errors.PrecisionError`
-    between the first contact and the start of the curve.
+    ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution,
+    ``xi`` the local-field factor. Energy is counted from the start of the curve. Methods raise
+    :class:`~granphon.base.errors.PrecisionError` between the first contact and the start of the
+    curve.
     """
 
     coefficient: float
@@ -112,7 +121,8 @@ class EffectiveLaw(CurveLaw):
     shape: UniformShape | NormalShape | PointShape
     xi: float
 
-    _valid_force, _medium = VALID_FORCE, "effective medium"
+    _valid_force = VALID_FORCE
+    _medium = "effective medium"
 
     @property
     def curve(self) -> EffectiveCurve:
@@ -126,16 +136,17 @@ class EffectiveLaw(CurveLaw):
         return PrecisionError(what, why, "Raise the load")
 
 
-# -- the curve --------------------------------------------------------------------------------------------------------
+# -- the curve -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class EffectiveCurve:
-    """Solution of equation (36) for one shape and Xi: steps in ascending order, and the series ``far`` beyond them.
+    """Solution of equation (36) for one shape and Xi: steps in ascending order, and the series
+    ``far`` beyond them.
 
-    ``places`` (3, steps) holds origin, middle and half length of each step; ``tables`` holds energy, force and stiffness,
-    (n, steps) each. The curve begins at f* = 1e-6, or where steps no longer settle in double precision if that is higher
-    (but below the limit of validity).
+    ``places`` (3, steps) holds origin, middle and half length of each step; ``tables`` holds
+    energy, force and stiffness, (n, steps) each. The curve begins at f* = 1e-6, or where steps no
+    longer settle in double precision if that is higher (but below the limit of validity).
     """
 
     shape: Shape
@@ -156,21 +167,30 @@ class EffectiveCurve:
 
     @cached_property
     def stiffness_vanishes(self) -> bool:
-        """Whether the stiffness is zero at the start of the curve, although contacts still carry force there.
+        """Whether the stiffness is zero at the start of the curve, although contacts still carry
+        force there.
 
-        Where contacts of rare kinds open, the force that equation (36) gives at k = 0 may fall as the overlap grows; below
-        that point there is no solution with k > 0.
+        Where contacts of rare kinds open, the force that equation (36) gives at k = 0 may fall as
+        the overlap grows; below that point there is no solution with k > 0.
         """
-        depth = float(self.places[0, 0] + (self.places[1, 0] - self.places[2, 0]) ** 2) - float(self.shape.openings[0])
+        depth = float(self.places[0, 0] + (self.places[1, 0] - self.places[2, 0]) ** 2) - float(
+            self.shape.openings[0]
+        )
         return bool(self.ends(STIFFNESS)[0, 0] * depth < _VANISHED * self.ends(FORCE)[0, 0])
 
     def ends(self, order: int) -> Array:
-        """Return (2, steps) energy, force or stiffness at the lower and the upper end of each step."""
+        """Return (2, steps) energy, force or stiffness at the lower and the upper end of each
+        step.
+        """
         table = self.tables[order]
-        return np.stack([np.sum(table[::2], axis=0) - np.sum(table[1::2], axis=0), np.sum(table, axis=0)])
+        return np.stack(
+            [np.sum(table[::2], axis=0) - np.sum(table[1::2], axis=0), np.sum(table, axis=0)]
+        )
 
     def value(self, y: Array, order: int) -> Array:
-        """Return a derivative of the energy, counted from the start of the curve, at y between there and ``far.start``."""
+        """Return a derivative of the energy, counted from the start of the curve, at y between
+        there and ``far.start``.
+        """
 
         def of(index: Index, part: Array) -> Array:
             return self._evaluate(index, np.sqrt(part - self.places[0, index]), order)
@@ -182,20 +202,26 @@ class EffectiveCurve:
         """Return y at forces between those at the ends of the curve, by Newton's method."""
 
         below, above = self._edges[1]
-        span = np.maximum(above - below, 4.0 * np.finfo(float).eps * below)  # at least the rounding of the force
+        # at least the rounding of the force
+        span = np.maximum(above - below, 4.0 * np.finfo(float).eps * below)
 
         def of(index: Index, wanted: Array) -> Array:
             origin, middle, half = self.places[:, index]
-            # u is smooth in a variable from 0 to 1: where contacts open, f rises as u^2; elsewhere it may span decades
-            part, touching = np.clip(wanted - below[index], 0.0, span[index]), self.places[1, index] == self.places[2, index]
+            # u is smooth in a variable from 0 to 1: where contacts open, f rises as u^2; elsewhere
+            # it may span decades
+            part = np.clip(wanted - below[index], 0.0, span[index])
+            touching = self.places[1, index] == self.places[2, index]
             spread = np.log1p(part / below[index]) / np.log1p(span[index] / below[index])
-            root = middle + half * (2.0 * np.where(touching, np.sqrt(part / span[index]), spread) - 1.0)
+            root = middle + half * (
+                2.0 * np.where(touching, np.sqrt(part / span[index]), spread) - 1.0
+            )
             for _ in range(30):
                 miss = wanted - self._evaluate(index, root, FORCE)
                 slope = 2.0 * root * self._evaluate(index, root, STIFFNESS)
                 change = np.divide(miss, slope, out=np.zeros_like(root), where=slope > 0.0)
                 root = np.clip(root + change, middle - half, middle + half)
-                # either convergence, which is quadratic, needs no further iteration, or only rounding is left
+                # either convergence, which is quadratic, needs no further iteration, or only
+                # rounding is left
                 settled = np.abs(change) <= 1e-9 * (middle + half)
                 if np.all(settled | (np.abs(miss) <= 4.0 * np.finfo(float).eps * wanted)):
                     break
@@ -213,15 +239,17 @@ class EffectiveCurve:
     def _slopes(self) -> tuple[Array, Array]:
         """Two tables of the slope of k: a series, and a series that must be divided by dy/dt.
 
-        dy/dt is zero where contacts open. There, for listed diameters, k rises as the square root of the distance in y, and
-        its slope is unbounded. For a density, k rises as the fifth power of that root, and the series can be divided without
-        a remainder other than rounding.
+        dy/dt is zero where contacts open. There, for listed diameters, k rises as the square root
+        of the distance in y, and its slope is unbounded. For a density, k rises as the fifth power
+        of that root, and the series can be divided without a remainder other than rounding.
         """
         numerator = np.asarray(chebyshev.chebder(self.tables[STIFFNESS]), float)
         quotient = np.zeros((max(1, len(numerator) - 1), numerator.shape[1]))
         if not isinstance(self.shape, PointShape):
             for i in np.flatnonzero(self.places[1] == self.places[2]):
-                series = chebyshev.chebdiv(numerator[:, i], 2.0 * self.places[2, i] * self.places[1:, i])[0]
+                series = chebyshev.chebdiv(
+                    numerator[:, i], 2.0 * self.places[2, i] * self.places[1:, i]
+                )[0]
                 quotient[: series.size, i] = series
                 numerator[:, i] = 0.0
         return quotient, numerator
@@ -232,12 +260,19 @@ class EffectiveCurve:
         t = (root - middle) / half
         if order < SLOPE:
             return np.asarray(chebyshev.chebval(t, self.tables[order][:, index], tensor=False))
-        whole, divided = (chebyshev.chebval(t, table[:, index], tensor=False) for table in self._slopes)
+        whole, divided = (
+            chebyshev.chebval(t, table[:, index], tensor=False) for table in self._slopes
+        )
         rise = 2.0 * half * root
-        return np.asarray(whole + np.divide(divided, rise, out=np.zeros_like(rise), where=divided != 0.0))
+        return np.asarray(
+            whole + np.divide(divided, rise, out=np.zeros_like(rise), where=divided != 0.0)
+        )
 
-    def _evaluate_by_step(self, index: NDArray[np.intp], values: Array, of: Callable[[Index, Array], Array]) -> Array:
-        flat, numbers = values.ravel(), index.ravel()
+    def _evaluate_by_step(
+        self, index: NDArray[np.intp], values: Array, of: Callable[[Index, Array], Array]
+    ) -> Array:
+        flat = values.ravel()
+        numbers = index.ravel()
         out = np.empty(flat.size)
         if flat.size < _MANY_VALUES * self.places.shape[1]:
             for begin in range(0, flat.size, _VALUES_AT_ONCE):
@@ -246,15 +281,21 @@ class EffectiveCurve:
             return out.reshape(values.shape)
         # sort by step, so that each step is evaluated once; small integers sort in linear time
         order = np.argsort(numbers.astype(np.min_scalar_type(self.places.shape[1])), kind="stable")
-        ascending, numbers = flat[order], numbers[order]
-        first = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1])) if numbers.size else np.empty(0, int)
+        ascending = flat[order]
+        numbers = numbers[order]
+        first = (
+            np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1]))
+            if numbers.size
+            else np.empty(0, int)
+        )
         for begin, end in pairwise([*first.tolist(), order.size]):
             out[order[begin:end]] = of(int(numbers[begin]), ascending[begin:end])
         return out.reshape(values.shape)
 
 
 def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
-    """Return the table (n + 2, steps) of the integral over y, equal to ``start`` where the first step begins.
+    """Return the table (n + 2, steps) of the integral over y, equal to ``start`` where the first
+    step begins.
 
     ``rise`` (2, steps) are the coefficients of dy/dt.
     """
@@ -269,10 +310,12 @@ def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
 
 
 class Block(NamedTuple):
-    """B adjoining steps in descending order, with s + 1 points on each: y = ``origin`` (B, 1) + ``root``^2 (B, s + 1).
+    """B adjoining steps in descending order, with s + 1 points on each: y = ``origin`` (B, 1) +
+    ``root``^2 (B, s + 1).
 
-    ``middle`` and ``half`` (B, 1) are the middle and the half length of each step in the root. ``drop`` (B, s + 1) is the
-    root minus its value at the upper end of the step, without loss of digits.
+    ``middle`` and ``half`` (B, 1) are the middle and the half length of each step in the root.
+    ``drop`` (B, s + 1) is the root minus its value at the upper end of the step, without loss of
+    digits.
     """
 
     origin: Array
@@ -283,10 +326,14 @@ class Block(NamedTuple):
 
     @classmethod
     def of(cls, steps: list[tuple[float, float, float]], points: Array) -> Block:
-        """Make a block from (origin, lower root, upper root) of each step, and ``points`` (s + 1,) from -1 to 1."""
+        """Make a block from (origin, lower root, upper root) of each step, and ``points`` (s + 1,)
+        from -1 to 1.
+        """
         origin, low, high = np.array(steps).T[:, :, None]
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        # the ends are taken as given, because middle - half may round: at an opening the root must be exactly zero
+        middle = 0.5 * (low + high)
+        half = 0.5 * (high - low)
+        # the ends are taken as given, because middle - half may round: at an opening the root must
+        # be exactly zero
         root = np.concatenate([low, (middle + half * points)[:, 1:-1], high], axis=1)
         return cls(origin, middle, half, root, half * (points - 1.0))
 
@@ -296,31 +343,39 @@ class Block(NamedTuple):
         return self.origin + self.root**2
 
 
-# -- averages over the balls of a density -----------------------------------------------------------------------------
+# -- averages over the balls of a density ----------------------------------------------------------
 
 
 class DensityBalls:
     """Averages over the balls of a shape, by quadrature of the ``order`` at the points of a block.
 
-    ``mean`` (B, s + 1) is the mean stiffness <K^Q>. Forces are counted from the mean force ``common``, whose derivative is
-    ``known`` (B, s + 1). ``noise`` (B,) is the rounding error to expect in the last coefficients of k, relative to k.
+    ``mean`` (B, s + 1) is the mean stiffness <K^Q>. Forces are counted from the mean force
+    ``common``, whose derivative is ``known`` (B, s + 1). ``noise`` (B,) is the rounding error to
+    expect in the last coefficients of k, relative to k.
     """
 
     def __init__(self, shape: Shape, xi: float, order: int, block: Block) -> None:
         y = block.y
         nodes = shape.nodes(y, order)
-        self.xi, self.weights = xi, nodes.weights
-        force, self.stiffness = (of(y[..., None], nodes.positions) for of in (shape.force, shape.stiffness))
-        self.common, self.known = shape.force(y), shape.stiffness(y)
+        self.xi = xi
+        self.weights = nodes.weights
+        force, self.stiffness = (
+            of(y[..., None], nodes.positions) for of in (shape.force, shape.stiffness)
+        )
+        self.common = shape.force(y)
+        self.known = shape.stiffness(y)
         self.force = force - self.common[..., None]
         self.mean = np.sum(nodes.weights * self.stiffness, axis=-1)
-        # on a short step differentiation amplifies the rounding of y and of the forces, which are counted from their mean
+        # on a short step differentiation amplifies the rounding of y and of the forces, which are
+        # counted from their mean
         amplified = block.root.shape[1] ** 2 * (self.common / self.known + np.abs(y))[:, -1:]
         amplified /= 4.0 * block.middle * block.half
         self.noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST_NOISE)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return G(y, k) less the force ``common``, and dG/dk, (B, s + 1); and G at the lower ends (B,)."""
+        """Return G(y, k) less the force ``common``, and dG/dk, (B, s + 1); and G at the lower ends
+        (B,).
+        """
         part = 1.0 / (self.stiffness + self.xi * k[..., None])
         share = self.weights * part
         total = np.sum(share, axis=-1)
@@ -329,67 +384,103 @@ class DensityBalls:
         return force, by_k, (self.common + force)[:, 0]
 
 
-# -- averages over listed diameters -----------------------------------------------------------------------------------
+# -- averages over listed diameters ----------------------------------------------------------------
 
 
 class PointAverages:
-    """Averages over the balls of a shape of listed diameters by sums, for the local-field factor ``xi``."""
+    """Averages over the balls of a shape of listed diameters by sums, for the local-field factor
+    ``xi``.
+    """
 
     def __init__(self, shape: PointShape, xi: float) -> None:
         from scipy.sparse import csc_array
 
-        self.xi, x, self._weights = xi, np.array(shape.positions), np.array(shape.weights)
+        self.xi = xi
+        x = np.array(shape.positions)
+        self._weights = np.array(shape.weights)
         #: (n, n) openings of all pairs, in units of W
         self._matrix = -0.5 * (x[:, None] + x)
-        # (m,) openings of pairs, ascending; and sparse (n, m) weights of each pair in the sums of its two balls
+        # (m,) openings of pairs, ascending; and sparse (n, m) weights of each pair in the sums of
+        # its two balls
         w = self._weights
         i, j = np.triu_indices(w.size)
         order = np.argsort(self._matrix[i, j], kind="stable")
-        i, j = i[order], j[order]
-        pair, other = np.arange(i.size), np.flatnonzero(i != j)
-        rows, columns = np.concatenate([i, j[other]]), np.concatenate([pair, other])
+        i = i[order]
+        j = j[order]
+        pair = np.arange(i.size)
+        other = np.flatnonzero(i != j)
+        rows = np.concatenate([i, j[other]])
+        columns = np.concatenate([pair, other])
         self._openings = self._matrix[i, j]
-        self._entries: Any = csc_array((np.concatenate([w[j], w[i[other]]]), (rows, columns)), shape=(w.size, i.size))
+        self._entries: Any = csc_array(
+            (np.concatenate([w[j], w[i[other]]]), (rows, columns)), shape=(w.size, i.size)
+        )
 
     def _find_range(self, block: Block) -> tuple[float, float, float, slice]:
-        """Return the middle and the half extent in y of a block, above its least origin, and which contacts are near.
+        """Return the middle and the half extent in y of a block, above its least origin, and which
+        contacts are near.
 
-        Contacts with openings up to the third number are far; the slice is that of the openings of near contacts.
+        Contacts with openings up to the third number are far; the slice is that of the openings of
+        near contacts.
         """
         least = block.origin[-1, 0]
-        low, high = block.root[-1, 0] ** 2, block.origin[0, 0] - least + block.root[0, -1] ** 2
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        low = block.root[-1, 0] ** 2
+        high = block.origin[0, 0] - least + block.root[0, -1] ** 2
+        middle = 0.5 * (low + high)
+        half = 0.5 * (high - low)
         last = least - max(0.0, _FAR_OVERLAP * half - middle)
-        begin, end = np.searchsorted(self._openings, [last, block.origin[0, 0]], side="right").tolist()
+        begin, end = np.searchsorted(
+            self._openings, [last, block.origin[0, 0]], side="right"
+        ).tolist()
         return middle, half, last, slice(begin, end)
 
     def count(self, block: Block) -> int:
-        """Return how many steps of the block should be solved at once, so that arrays of near contacts fit in memory."""
+        """Return how many steps of the block should be solved at once, so that arrays of near
+        contacts fit in memory.
+        """
         steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
         *_, near = self._find_range(block)
-        return steps // 2 if steps > 1 and (near.stop - near.start) * steps * block.root.shape[1] > _MOST_NEAR else steps
+        return (
+            steps // 2
+            if steps > 1 and (near.stop - near.start) * steps * block.root.shape[1] > _MOST_NEAR
+            else steps
+        )
 
     def balls(self, block: Block) -> PointBalls:
-        """Return the averages at the points of the block: the sums over near contacts plus those over far ones.
+        """Return the averages at the points of the block: the sums over near contacts plus those
+        over far ones.
 
-        Four quantities are summed for each ball: the stiffness, its change and the change of the force since the upper end
-        of the step, (n, B, s + 1); and the force at the upper end, (n, B).
+        Four quantities are summed for each ball: the stiffness, its change and the change of the
+        force since the upper end of the step, (n, B, s + 1); and the force at the upper end, (n,
+        B).
         """
         w = self._weights
         middle, half, last, near = self._find_range(block)
-        openings, entries = self._openings[near], self._entries[..., near]
+        openings = self._openings[near]
+        entries = self._entries[..., near]
         closed = openings[:, None] <= block.origin[:, 0]
         rise = np.where(closed, block.origin[:, 0] - openings[:, None], 0.0)
         root = np.sqrt(rise[..., None] + block.root**2) * closed[..., None]
         top = root[..., -1:]
-        change = block.drop * (block.root + block.root[:, -1:]) / np.where(closed[..., None], root + top, np.inf)
+        change = (
+            block.drop
+            * (block.root + block.root[:, -1:])
+            / np.where(closed[..., None], root + top, np.inf)
+        )
 
         def summed(values: Array) -> Array:
             shape = values.shape[1:]
-            return np.asarray(entries @ values.reshape(len(values), int(np.prod(shape)))).reshape(-1, *shape)
+            return np.asarray(entries @ values.reshape(len(values), int(np.prod(shape)))).reshape(
+                -1, *shape
+            )
 
         forces = change * (root * (root + top) + top * top)
-        near_sums = [1.5 * summed(root), 1.5 * summed(change), summed(forces), summed(top[..., 0] ** 3)]
+        near_sums = [
+            1.5 * summed(root),
+            1.5 * summed(change),
+            summed(forces),
+            summed(top[..., 0] ** 3),
+        ]
         if not near.start:
             return PointBalls(w, self.xi, *near_sums)
         # the slope of the stiffness of far contacts is interpolated, and integrated twice
@@ -403,20 +494,29 @@ class PointAverages:
         series = np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, _DEGREE), slope), float)
         stiffness = _integrate_series(series, half, 1.5 * root @ w)
         force = _integrate_series(stiffness, half, gap * root @ w)
-        # T_m at the points, and its difference from T_m at the upper end of the step, both by recurrence: no digits are lost
+        # T_m at the points, and its difference from T_m at the upper end of the step, both by
+        # recurrence: no digits are lost
         t = (block.origin - least + block.root**2 - middle) / half
         drop = block.drop * (block.root + block.root[:, -1:]) / half
         values, changes = [np.ones_like(t), t], [np.zeros_like(t), drop]
         for _ in range(len(force) - 2):
             values.append(2.0 * t * values[-1] - values[-2])
             changes.append(2.0 * (drop * values[-2] + t[:, -1:] * changes[-1]) - changes[-2])
-        basis, change = np.stack(values), np.stack(changes)
+        basis = np.stack(values)
+        change = np.stack(changes)
 
         far_sums = [
             np.einsum("mn,m...->n...", table, terms[: len(table)])
-            for table, terms in ((stiffness, basis), (stiffness, change), (force, change), (force, basis[..., -1]))
+            for table, terms in (
+                (stiffness, basis),
+                (stiffness, change),
+                (force, change),
+                (force, basis[..., -1]),
+            )
         ]
-        return PointBalls(w, self.xi, *(one + other for one, other in zip(near_sums, far_sums, strict=True)))
+        return PointBalls(
+            w, self.xi, *(one + other for one, other in zip(near_sums, far_sums, strict=True))
+        )
 
 
 def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
@@ -430,8 +530,8 @@ def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
 class PointBalls:
     """Averages by sums, as :class:`DensityBalls`: ``stiffness`` (n, B, s + 1) is K^Q at the points.
 
-    ``change`` and ``work`` (n, B, s + 1) are the changes of K^Q and F^Q since the upper end of the step, where F^Q is
-    ``top`` (n, B).
+    ``change`` and ``work`` (n, B, s + 1) are the changes of K^Q and F^Q since the upper end of the
+    step, where F^Q is ``top`` (n, B).
     """
 
     weights: Array
@@ -451,32 +551,39 @@ class PointBalls:
         return self._average(self.stiffness)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return what :meth:`DensityBalls.balance` returns, as the whole of G; forces are counted from the upper end."""
+        """Return what :meth:`DensityBalls.balance` returns, as the whole of G; forces are counted
+        from the upper end.
+        """
         part = 1.0 / (self.stiffness + self.xi * k)
         last = part[..., -1]
         start = self._average(last * self.top) / self._average(last)
         excess = self.top - start
-        # <(F^Q - f) part> is zero at the upper end: elsewhere it is the sum of the changes of F^Q and of part
+        # <(F^Q - f) part> is zero at the upper end: elsewhere it is the sum of the changes of F^Q
+        # and of part
         moved = self.work - (self.change + self.xi * (k - k[:, -1:])) * (excess * last)[..., None]
         total = self._average(part)
         force = self._average(part * moved) / total
-        by_k = -self.xi * self._average(part * part * (self.work + excess[..., None] - force)) / total
+        by_k = (
+            -self.xi * self._average(part * part * (self.work + excess[..., None] - force)) / total
+        )
         return force, by_k, start + force[:, 0]
 
     def _average(self, values: Array) -> Array:
         return np.asarray(np.einsum("n,n...->...", self.weights, values))
 
 
-# -- its solution -----------------------------------------------------------------------------------------------------
+# -- its solution ----------------------------------------------------------------------------------
 
 
 @lru_cache(maxsize=64)
 def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
-    """Solve equation (36) for a shape and Xi; force and stiffness are right to 1e-8 or better from f* = 1e-4 on.
+    """Solve equation (36) for a shape and Xi; force and stiffness are right to 1e-8 or better from
+    f* = 1e-4 on.
 
     Results are cached.
 
-    Raises :class:`~granphon.base.errors.PrecisionError` if the steps do not settle where the medium is valid.
+    Raises :class:`~granphon.base.errors.PrecisionError` if the steps do not settle where the medium
+    is valid.
     """
     if shape.openings.size >= _MANY_OPENINGS:
         return solve_curve(shape, xi, _STAGES_OF_SHORT, _LAST_OF_SHORT)
@@ -486,27 +593,35 @@ def effective_curve(shape: Shape, xi: float) -> EffectiveCurve:
 def radau(stages: int) -> tuple[Array, Array, Array]:
     """Return the collocation rule on [-1, 1] with s = ``stages`` Radau points.
 
-    First are the ``points`` (s + 1,): those s, which include -1, followed by +1. Two matrices act on values at the points:
-    the first (s, s + 1) gives the derivative of the interpolating polynomial at the Radau points, the second
-    (s + 1, s + 1) its Chebyshev series.
+    First are the ``points`` (s + 1,): those s, which include -1, followed by +1. Two matrices act
+    on values at the points: the first (s, s + 1) gives the derivative of the interpolating
+    polynomial at the Radau points, the second (s + 1, s + 1) its Chebyshev series.
     """
     from scipy.special import roots_jacobi
 
     inner = roots_jacobi(stages - 1, 0.0, 1.0)[0] if stages > 1 else np.empty(0)
     points = np.concatenate([[-1.0], inner, [1.0]])
     inverse = np.linalg.inv(chebyshev.chebvander(points, stages))
-    slopes = np.stack([chebyshev.chebval(points[:-1], chebyshev.chebder(column)) for column in inverse.T], axis=1)
+    slopes = np.stack(
+        [chebyshev.chebval(points[:-1], chebyshev.chebder(column)) for column in inverse.T], axis=1
+    )
     return points, slopes, inverse
 
 
 def solve_curve(
-    shape: Shape, xi: float, stages: int, tolerance: float, most: float = np.inf, order: int = _ORDER
+    shape: Shape,
+    xi: float,
+    stages: int,
+    tolerance: float,
+    most: float = np.inf,
+    order: int = _ORDER,
 ) -> EffectiveCurve:
-    """Solve equation (36) for a shape and Xi with s = ``stages``; no step is longer than ``most`` in the square root.
+    """Solve equation (36) for a shape and Xi with s = ``stages``; no step is longer than ``most``
+    in the square root.
 
-    ``tolerance`` is the largest value of the last two Chebyshev coefficients of k, relative to the least k on the step;
-    ``order`` is that of the quadrature over the balls of a density.
-    Raises :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
+    ``tolerance`` is the largest value of the last two Chebyshev coefficients of k, relative to the
+    least k on the step; ``order`` is that of the quadrature over the balls of a density. Raises
+    :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
     """
     averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
     (points, derivative, coefficients), far = radau(stages), high_pressure_series(shape, xi)
@@ -519,32 +634,50 @@ def solve_curve(
             cuts.append(0.5 * cuts[-1])
         for low, high in pairwise([0.0, *reversed(cuts)]):
             parts = 2 ** math.ceil(math.log2(max(1.0, (high - low) / most)))
-            pending += [(origin, *part) for part in pairwise(np.linspace(low, high, parts + 1).tolist())]
+            pending += [
+                (origin, *part) for part in pairwise(np.linspace(low, high, parts + 1).tolist())
+            ]
     first = pending[0][0]
-    top, force = far.value(far.start, STIFFNESS), far.value(far.start, FORCE)
-    places, series = [], []
-    count, guess = 1, None
-    while force > LEAST_SOLVED_FORCE and top * (pending[-1][0] - first + pending[-1][2] ** 2) > _VANISHED * force:
-        # where the first contact opens, force and stiffness are both zero: steps approach that end but do not include it
+    top = far.value(far.start, STIFFNESS)
+    force = far.value(far.start, FORCE)
+    places = []
+    series = []
+    count = 1
+    guess = None
+    while (
+        force > LEAST_SOLVED_FORCE
+        and top * (pending[-1][0] - first + pending[-1][2] ** 2) > _VANISHED * force
+    ):
+        # where the first contact opens, force and stiffness are both zero: steps approach that end
+        # but do not include it
         if pending[-1][:2] == (first, 0.0):
             pending[-1:] = _halve(pending[-1])
             continue
         steps = [step for step in pending[: -count - 1 : -1] if step[:2] != (first, 0.0)]
         block = Block.of(steps, points)
-        # of a density one at a time: steps are long and few, and to halve one would make the work on those below useless
+        # of a density one at a time: steps are long and few, and to halve one would make the work
+        # on those below useless
         if (fewer := averages.count(block) if averages else 1) < len(steps):
             count = fewer
             continue
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, order, block)
         # k/<K^Q> is smooth: start from that of the last attempt, or from a constant
         ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
-        found = _relax(balls, derivative, block, balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])), top)
+        found = _relax(
+            balls,
+            derivative,
+            block,
+            balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])),
+            top,
+        )
         if found is None:
             rough = np.ones(len(steps), bool)
         else:
             k, forces = found
             table = k @ coefficients.T
-            rough = np.max(np.abs(table[:, -2:]), axis=1) > np.maximum(tolerance, balls.noise) * np.min(k, axis=1)
+            rough = np.max(np.abs(table[:, -2:]), axis=1) > np.maximum(
+                tolerance, balls.noise
+            ) * np.min(k, axis=1)
         hopeless = np.any((block.half < _SHORTEST * block.middle)[rough])
         if len(steps) > 1 and (found is None or hopeless):
             count = len(steps) // 2
@@ -553,9 +686,14 @@ def solve_curve(
             if force < VALID_FORCE:
                 break
             place = f"an overlap of {float(block.y[0, -1]):.6g} widths"
-            raise PrecisionError(f"the effective medium does not converge below {place}", mend="Raise the load")
+            raise PrecisionError(
+                f"the effective medium does not converge below {place}", mend="Raise the load"
+            )
         if np.any(rough):
-            finer = [_halve(step) if bad else [step] for step, bad in zip(steps, rough.tolist(), strict=True)]
+            finer = [
+                _halve(step) if bad else [step]
+                for step, bad in zip(steps, rough.tolist(), strict=True)
+            ]
             pending[-len(steps) :] = [step for piece in reversed(finer) for step in piece]
             count = sum(map(len, finer))
             if found is not None:
@@ -565,17 +703,23 @@ def solve_curve(
         kept = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
         places.append(np.concatenate([block.origin, block.middle, block.half], axis=1)[:kept])
         series.append(table[:kept])
-        top, force = float(k[kept - 1, 0]), float(forces[kept - 1])
+        top = float(k[kept - 1, 0])
+        force = float(forces[kept - 1])
         del pending[-len(steps) :]
-        count, guess = 2 * count, None
-    where, stiffness = (np.ascontiguousarray(np.concatenate(parts)[::-1].T) for parts in (places, series))
+        count = 2 * count
+        guess = None
+    where, stiffness = (
+        np.ascontiguousarray(np.concatenate(parts)[::-1].T) for parts in (places, series)
+    )
     # force and energy are integrals
     rise = 2.0 * where[2] * where[1:]  # dy/dt, as a series
     forces = _integrate_over_steps(stiffness, rise, force)
     # the curve and the series differ here by rounding alone; scaling the curve removes the jump
     scale = far.value(far.start, FORCE) / float(np.sum(forces[:, -1]))
     energies = _integrate_over_steps(forces, rise, 0.0)
-    energies, forces, stiffness = (read_only(scale * table) for table in (energies, forces, stiffness))
+    energies, forces, stiffness = (
+        read_only(scale * table) for table in (energies, forces, stiffness)
+    )
     return EffectiveCurve(shape, xi, far, read_only(where), (energies, forces, stiffness))
 
 
@@ -587,9 +731,12 @@ def _halve(step: tuple[float, float, float]) -> list[tuple[float, float, float]]
 def _relax(
     balls: DensityBalls | PointBalls, derivative: Array, block: Block, k: Array, top: float
 ) -> tuple[Array, Array] | None:
-    """Find k at the points of a block and the force at the lower ends, by Newton's method from ``k``; None if it fails."""
+    """Find k at the points of a block and the force at the lower ends, by Newton's method from
+    ``k``; None if it fails.
+    """
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
-    inner, last = derivative[:, :-1], derivative[:, -1]
+    inner = derivative[:, :-1]
+    last = derivative[:, -1]
     k[:, -1] = np.append(top, k[:-1, 0])
     for _ in range(30):
         force, by_k, _ = balls.balance(k)
@@ -607,6 +754,7 @@ def _relax(
             return None
         k[:, :-1] = np.maximum(k[:, :-1] + change, 0.1 * k[:, :-1])
         k[1:, -1] = k[:-1, 0]
-        if np.all(np.abs(change) <= _SETTLED * k[:, :-1]):  # convergence is quadratic: no further iteration is needed
+        if np.all(np.abs(change) <= _SETTLED * k[:, :-1]):
+            # convergence is quadratic: no further iteration is needed
             return k, balls.balance(k)[2]
     return None

@@ -1,10 +1,12 @@
-"""Contact laws of balls whose diameters differ: mean force, stiffness and energy of a contact against the mean overlap.
+"""Contact laws of balls whose diameters differ: mean force, stiffness and energy of a contact
+against the mean overlap.
 
 Every medium has its own law, f(delta) with k = df/d(delta). Equal balls follow Hertz's law
-(:class:`~granphon.balls.hertz.HertzLaw`). Balls whose diameters spread over a width W follow it only at overlaps far above
-W. In the reduced units of Section IV, y = delta/W = a* - 1/2 and f* = f/c W^(3/2), their law depends only on the shape of
-the distribution and on the medium. Where all contacts are closed, the law is y^(3/2) times a power series in 1/y. The series
-is used at large y: it costs nothing, loses no digits, and becomes the law of equal balls as W goes to zero.
+(:class:`~granphon.balls.hertz.HertzLaw`). Balls whose diameters spread over a width W follow it
+only at overlaps far above W. In the reduced units of Section IV, y = delta/W = a* - 1/2 and f* =
+f/c W^(3/2), their law depends only on the shape of the distribution and on the medium. Where all
+contacts are closed, the law is y^(3/2) times a power series in 1/y. The series is used at large y:
+it costs nothing, loses no digits, and becomes the law of equal balls as W goes to zero.
 """
 
 from __future__ import annotations
@@ -19,8 +21,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.diameters import NormalShape, PointShape, Shape, UniformShape, evaluate_in_blocks
-from granphon.balls.hertz import ENERGY, FORCE, STIFFNESS, EnergyLaw, HertzLaw, high_pressure_overlap
+from granphon.balls.diameters import (
+    NormalShape,
+    PointShape,
+    Shape,
+    UniformShape,
+    evaluate_in_blocks,
+)
+from granphon.balls.hertz import (
+    ENERGY,
+    FORCE,
+    STIFFNESS,
+    EnergyLaw,
+    HertzLaw,
+    high_pressure_overlap,
+)
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import WidthUnits
@@ -31,9 +46,11 @@ _HERTZ = (0.4, 1.0, 1.5, 0.75)
 _SERIES_START = 12.0
 #: number of terms of the series
 TERMS = 16
-#: depth y + max(x) above the first contact, over max(x), from which doubles hold eight digits of the force
+#: depth y + max(x) above the first contact, over max(x), from which doubles hold eight digits of
+#: the force
 _LEAST_DEPTH = 1e-8
-#: nodes on either side for a count of closed contacts: a count has a kink that the choice of nodes does not allow for
+#: nodes on either side for a count of closed contacts: a count has a kink that the choice of nodes
+#: does not allow for
 _COUNTING = 128
 #: number of loads averaged over balls at once, which bounds the memory
 _LOADS_AT_ONCE = 1024
@@ -42,7 +59,8 @@ _LOADS_AT_ONCE = 1024
 class Series(NamedTuple):
     """High-pressure series f* = y^(3/2) sum_n ``mean[n]`` (``scale``/y)^n, for y from ``start`` on.
 
-    ``balls`` (n, n_Q) holds the corresponding coefficients of F^Q of each ball, ``weights`` (n_Q,) the weights of the balls.
+    ``balls`` (n, n_Q) holds the corresponding coefficients of F^Q of each ball, ``weights`` (n_Q,)
+    the weights of the balls.
     """
 
     mean: Array
@@ -54,7 +72,9 @@ class Series(NamedTuple):
     def ratio(self, y: Array, order: int) -> Array:
         """Return a derivative of the energy divided by that of equal balls."""
         return np.asarray(
-            np.polynomial.polynomial.polyval(self.scale / y, self.mean * _compute_factors(order) / _HERTZ[order])
+            np.polynomial.polynomial.polyval(
+                self.scale / y, self.mean * _compute_factors(order) / _HERTZ[order]
+            )
         )
 
     def value(self, y: float, order: int) -> float:
@@ -62,26 +82,34 @@ class Series(NamedTuple):
         return float(_HERTZ[order] * y ** (2.5 - order) * self.ratio(np.asarray(y), order))
 
     def excess(self, y: Array) -> tuple[Array, Array]:
-        """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), at y (n_y,); the leading terms, which cancel, are left out."""
+        """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), at y (n_y,); the leading terms, which cancel,
+        are left out.
+        """
         powers = (self.scale / y[:, None]) ** np.arange(TERMS)
         slopes = powers * _compute_factors(STIFFNESS)
         more = powers[:, 1:] @ (self.balls - self.mean[:, None])[1:]
-        return more / (powers @ self.mean)[:, None], slopes @ self.balls / (slopes @ self.mean)[:, None]
+        return more / (powers @ self.mean)[:, None], slopes @ self.balls / (slopes @ self.mean)[
+            :, None
+        ]
 
 
 def _compute_factors(order: int) -> Array:
-    """Return the factors from coefficients of the force (terms y^(3/2 - n)) to those of another derivative of the energy."""
+    """Return the factors from coefficients of the force (terms y^(3/2 - n)) to those of another
+    derivative of the energy.
+    """
     n = np.arange(TERMS)
     return np.asarray([1.0 / (2.5 - n), np.ones(n.size), 1.5 - n, (1.5 - n) * (0.5 - n)][order])
 
 
 @lru_cache(maxsize=128)
 def high_pressure_series(shape: Shape, xi: float) -> Series:
-    """Return the series of f* where all contacts are closed, by equation (36); infinite Xi gives the averaged force.
+    """Return the series of f* where all contacts are closed, by equation (36); infinite Xi gives
+    the averaged force.
 
-    The equation is solved order by order. Force and stiffness of all balls agree at leading order, so that a coefficient of
-    the unknown force enters its own order of (36) linearly, and the stiffness that belongs to it enters higher orders only.
-    To second order f* = y^(3/2) (1 + r/(64 y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
+    The equation is solved order by order. Force and stiffness of all balls agree at leading order,
+    so that a coefficient of the unknown force enters its own order of (36) linearly, and the
+    stiffness that belongs to it enters higher orders only. To second order f* = y^(3/2) (1 + r/(64
+    y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
     """
     n = np.arange(TERMS)
     scale = max(map(abs, shape.bounds)) or 1.0
@@ -90,40 +118,47 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     moments = [float(np.sum(weights * x**m)) for m in n]
     binomial = np.cumprod(np.concatenate([[1.0], (1.5 - n[:-1]) / (n[:-1] + 1.0)]))
     # (1 + z (x + x')/2)^(3/2) with z = scale/y, averaged over x'
-    pairs = [sum(math.comb(m, j) * moments[j] * x ** (m - j) for j in range(m + 1)) for m in n.tolist()]
+    pairs = [
+        sum(math.comb(m, j) * moments[j] * x ** (m - j) for j in range(m + 1)) for m in n.tolist()
+    ]
     balls = np.array([binomial[m] * 0.5**m * pairs[m] for m in n])
     if math.isinf(xi):
         return Series(balls @ weights, scale, _SERIES_START * scale, balls, weights)
     powers = _compute_factors(STIFFNESS)
-    mean, inverse = np.zeros(TERMS), np.zeros_like(balls)
+    mean = np.zeros(TERMS)
+    inverse = np.zeros_like(balls)
     mean[0], inverse[0] = 1.0, 1.0 / (1.5 * (1.0 + xi))
     for m in n[1:]:
         terms = [(balls[j] - mean[j]) * inverse[m - j] for j in n[1:m]]
         mean[m] = weights @ sum(terms, balls[m] * inverse[0]) / inverse[0, 0]
         # 1/(K^Q + Xi k), to the same order
-        inverse[m] = -inverse[0] * sum(powers[j] * (balls[j] + xi * mean[j]) * inverse[m - j] for j in n[1 : m + 1])
+        inverse[m] = -inverse[0] * sum(
+            powers[j] * (balls[j] + xi * mean[j]) * inverse[m - j] for j in n[1 : m + 1]
+        )
     return Series(mean, scale, _SERIES_START * scale, balls, weights)
 
 
 class SpreadLaw(EnergyLaw):
     """Contact law f = c W^(3/2) f*(y), y = delta/W, of balls whose diameters differ.
 
-    Methods take numbers or arrays of any shape, and a float gives a float. The energy is the integral of the force over the
-    overlap, zero where all contacts are open. ``overlap`` is delta in m, ``force`` f in N. A
-    subclass gives the reduced law for y below the start of the series.
+    Methods take numbers or arrays of any shape, and a float gives a float. The energy is the
+    integral of the force over the overlap, zero where all contacts are open. ``overlap`` is delta
+    in m, ``force`` f in N. A subclass gives the reduced law for y below the start of the series.
     """
 
     coefficient: float
     width: float
     shape: UniformShape | NormalShape | PointShape
 
-    #: Xi, the stiffness with which the rest of the lattice holds a ball's corona, in units of k; infinite if balls stay at
-    #: their sites
+    #: Xi, the stiffness with which the rest of the lattice holds a ball's corona, in units of k;
+    #: infinite if balls stay at their sites
     xi: float
 
     @abstractmethod
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        """Return a derivative of the reduced energy, for y below the start of the series; zero if all contacts are open."""
+        """Return a derivative of the reduced energy, for y below the start of the series; zero if
+        all contacts are open.
+        """
 
     @abstractmethod
     def _find_near_overlap(self, force: Array) -> Array:
@@ -147,12 +182,15 @@ class SpreadLaw(EnergyLaw):
         """Return the overlap delta, m, at a mean contact force above zero, N.
 
         Raises :class:`~granphon.base.errors.InputError` if the force is not above zero, and
-        :class:`~granphon.base.errors.PrecisionError` if it is so small that the law is not known there.
+        :class:`~granphon.base.errors.PrecisionError` if it is so small that the law is not known
+        there.
         """
         load = np.asarray(force, float)
         if not np.all(load > 0.0):
             what = "the mean force of the contacts is not above zero"
-            raise InputError(what, "Contacts carry no tension, so no single overlap belongs to such a force")
+            raise InputError(
+                what, "Contacts carry no tension, so no single overlap belongs to such a force"
+            )
 
         def near(part: Array) -> Array:
             return self.width * self._find_near_overlap(np.asarray(self._units.reduced_force(part)))
@@ -160,25 +198,33 @@ class SpreadLaw(EnergyLaw):
         def beyond(part: Array) -> Array:
             hertz = HertzLaw(self.coefficient)
             delta = np.asarray(hertz.overlap(part))
-            for _ in range(20):  # the ratio is within 1 % of one: each round gains two digits or more
-                better = np.asarray(hertz.overlap(part / self._series.ratio(delta / self.width, FORCE)))
+            for _ in range(20):
+                # the ratio is within 1 % of one: each round gains two digits or more
+                better = np.asarray(
+                    hertz.overlap(part / self._series.ratio(delta / self.width, FORCE))
+                )
                 settled = np.all(np.abs(better - delta) <= 4e-16 * better)
                 delta = better
                 if settled:
                     break
             return delta
 
-        # W may be so small that the reduced load is above the floating range, where the series holds
+        # W may be so small that the reduced load is above the floating range, where the series
+        # holds
         with np.errstate(over="ignore", under="ignore"):
             far = self._units.reduced_force(load) >= self._series.value(self._series.start, FORCE)
             return self._evaluate_parts(load, far, beyond, near)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Return Delta f / f of Section IV: the rms deviation of the relaxed force over balls, divided by the mean force."""
+        """Return Delta f / f of Section IV: the rms deviation of the relaxed force over balls,
+        divided by the mean force.
+        """
 
         def rms(excess: Array, stiffness: Array, weights: Array) -> Array:
             # F^Q - K^Q u^Q - f = (F^Q - f)/(1 + K^Q/Xi k)
-            return np.asarray(np.sqrt(np.sum(weights * (excess / (1.0 + stiffness / self.xi)) ** 2, axis=-1)))
+            return np.asarray(
+                np.sqrt(np.sum(weights * (excess / (1.0 + stiffness / self.xi)) ** 2, axis=-1))
+            )
 
         def far(y: Array) -> Array:
             return rms(*self._series.excess(y), self._series.weights)
@@ -190,7 +236,9 @@ class SpreadLaw(EnergyLaw):
         return self._evaluate_joined(overlap, far, near)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Return the fraction of contacts that are closed (N_c of Section IV), the corona of each ball displaced by u^Q."""
+        """Return the fraction of contacts that are closed (N_c of Section IV), the corona of each
+        ball displaced by u^Q.
+        """
 
         def near(y: Array) -> Array:
             nodes = self.shape.nodes(y, _COUNTING, whole=True)
@@ -198,42 +246,55 @@ class SpreadLaw(EnergyLaw):
             force, k = self._evaluate_near(y, FORCE), self._evaluate_near(y, STIFFNESS)
             moved = (force / np.where(k > 0.0, k, 1.0))[:, None] * excess / (stiffness + self.xi)
             part = self.shape.average(y[:, None] - moved, 0.0, nodes.positions)
-            return np.asarray(np.minimum(np.sum(nodes.weights * part, axis=-1), 1.0))  # weights sum to one but for rounding
+            # weights sum to one but for rounding
+            return np.asarray(np.minimum(np.sum(nodes.weights * part, axis=-1), 1.0))
 
         return self._evaluate_joined(overlap, np.ones_like, near)
 
     def _compute_excesses(self, y: Array, x: Array) -> tuple[Array, Array]:
-        """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), of balls at x (n_y, n_Q), for y (n_y,) below the start of the series.
+        """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), of balls at x (n_y, n_Q), for y (n_y,) below
+        the start of the series.
 
         Both are zero where all contacts are open.
         """
         mean, k = (self._evaluate_near(y, order)[:, None] for order in (FORCE, STIFFNESS))
         closed = mean > 0.0
         mean, k = (np.where(closed, value, 1.0) for value in (mean, k))
-        return (self.shape.force(y[:, None], x) / mean - 1.0) * closed, self.shape.stiffness(y[:, None], x) / k
+        return (self.shape.force(y[:, None], x) / mean - 1.0) * closed, self.shape.stiffness(
+            y[:, None], x
+        ) / k
 
-    # -- between SI and reduced -------------------------------------------------------------------------------------
+    # -- between SI and reduced --------------------------------------------------------------------
 
     @property
     def _units(self) -> WidthUnits:
         return WidthUnits(self.coefficient, self.width)
 
     def _find_unit(self, order: int) -> float:
-        """Return the SI value of the reduced unit of energy, force, stiffness or slope of the stiffness."""
-        return float(getattr(self._units, ("energy", "force", "stiffness", "stiffness_slope")[order]))
+        """Return the SI value of the reduced unit of energy, force, stiffness or slope of the
+        stiffness.
+        """
+        return float(
+            getattr(self._units, ("energy", "force", "stiffness", "stiffness_slope")[order])
+        )
 
     def least_valid_force(self, width: float) -> float:
-        """Return the force, N, from which the law is valid for a packing of ``width`` W, m: the force at high pressure."""
+        """Return the force, N, from which the law is valid for a packing of ``width`` W, m: the
+        force at high pressure.
+        """
         return float(self.force(high_pressure_overlap(width)))
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         delta = np.asarray(overlap, float)
-        hertz, offset = HertzLaw(self.coefficient), 0.0
+        hertz = HertzLaw(self.coefficient)
+        offset = 0.0
         if order == ENERGY:
             offset = self._energy_offset * self._find_unit(ENERGY)
 
         def far(part: Array) -> Array:
-            return np.asarray(hertz._evaluate(part, order) * self._series.ratio(part / self.width, order) + offset)
+            return np.asarray(
+                hertz._evaluate(part, order) * self._series.ratio(part / self.width, order) + offset
+            )
 
         def near(part: Array) -> Array:
             return self._find_unit(order) * self._evaluate_near(part / self.width, order)
@@ -242,8 +303,12 @@ class SpreadLaw(EnergyLaw):
             return self._evaluate_parts(delta, delta / self.width >= self._series.start, far, near)
 
     @staticmethod
-    def _evaluate_parts(values: Array, far: Any, one: Callable[[Array], Array], other: Callable[[Array], Array]) -> Any:
-        """Evaluate ``one`` where ``far`` is true and ``other`` elsewhere; only the functions that are needed are called."""
+    def _evaluate_parts(
+        values: Array, far: Any, one: Callable[[Array], Array], other: Callable[[Array], Array]
+    ) -> Any:
+        """Evaluate ``one`` where ``far`` is true and ``other`` elsewhere; only the functions that
+        are needed are called.
+        """
         if np.all(far):
             return one(values)[()]
         if not np.any(far):
@@ -252,7 +317,9 @@ class SpreadLaw(EnergyLaw):
         out[far], out[~far] = one(values[far]), other(values[~far])
         return out
 
-    def _evaluate_joined(self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]) -> Any:
+    def _evaluate_joined(
+        self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]
+    ) -> Any:
         """Evaluate a function of y: ``far`` from the start of the series on, ``near`` below it."""
         parts = (partial(evaluate_in_blocks, part, size=_LOADS_AT_ONCE) for part in (far, near))
         with np.errstate(over="ignore", under="ignore"):
@@ -260,16 +327,19 @@ class SpreadLaw(EnergyLaw):
             return self._evaluate_parts(y, y >= self._series.start, *parts)
 
 
-# -- laws that are solved as a curve ---------------------------------------------------------------------------------
+# -- laws that are solved as a curve ---------------------------------------------------------------
 
 
 class CurveLaw(SpreadLaw):
-    """A law of balls that differ whose reduced law is a curve; below its least force it is a :class:`PrecisionError`."""
+    """A law of balls that differ whose reduced law is a curve; below its least force it is a
+    :class:`PrecisionError`.
+    """
 
     @property
     @abstractmethod
     def curve(self) -> Any:
-        """Reduced law, in units of W and c W^(3/2), from the overlap ``start``, of the force ``least_force``, on.
+        """Reduced law, in units of W and c W^(3/2), from the overlap ``start``, of the force
+        ``least_force``, on.
 
         It has ``value(y, order)``, ``overlap(force)`` and the series ``far`` above it.
         """
@@ -286,17 +356,26 @@ class CurveLaw(SpreadLaw):
     def _energy_offset(self) -> float:
         # what the curve has more than the series, at the overlap where they meet
         curve = self.curve
-        return float(curve.value(np.array(curve.far.start), ENERGY) - curve.far.value(curve.far.start, ENERGY))
+        return float(
+            curve.value(np.array(curve.far.start), ENERGY)
+            - curve.far.value(curve.far.start, ENERGY)
+        )
 
     def _refuse(self, what: str) -> PrecisionError:
         """Return the error that ``what`` is below the curve."""
-        why = f"There the {self._medium} is not solved (it is valid from f* = {self._valid_force:g})"
+        why = (
+            f"There the {self._medium} is not solved (it is valid from f* = {self._valid_force:g})"
+        )
         return PrecisionError(what, why, "Raise the load")
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
-        closed, curve = y > -self.shape.bounds[1], self.curve
+        closed = y > -self.shape.bounds[1]
+        curve = self.curve
         if np.any(closed & (y < curve.start)):
-            what = f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* = {curve.least_force:.6g}"
+            what = (
+                f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* ="
+                f" {curve.least_force:.6g}"
+            )
             raise self._refuse(what)
         out = np.zeros(y.shape)
         out[closed] = curve.value(y[closed], order)
@@ -305,16 +384,20 @@ class CurveLaw(SpreadLaw):
     def _find_near_overlap(self, force: Array) -> Array:
         curve = self.curve
         if np.any(force < curve.least_force):
-            raise self._refuse(f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}")
+            raise self._refuse(
+                f"a mean contact force of f* = {float(np.min(force)):.3g} is below"
+                f" {curve.least_force:.6g}"
+            )
         return np.asarray(curve.overlap(force))
 
 
-# -- the averaged force ---------------------------------------------------------------------------------------------
+# -- the averaged force ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class AveragedLaw(SpreadLaw):
-    """Contact law of balls held at the sites of the lattice: f = <F^QQ'> (equation 25), in closed form.
+    """Contact law of balls held at the sites of the lattice: f = <F^QQ'> (equation 25), in closed
+    form.
 
     ``coefficient`` c (N/m^(3/2)) of equal balls, ``width`` W (m), ``shape`` of the distribution.
     """
@@ -336,33 +419,45 @@ class AveragedLaw(SpreadLaw):
         if np.any(wanted < logs[0]):
             raise PrecisionError(
                 f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too small",
-                "So near the first contact an overlap in double precision does not give the force to eight digits",
+                "So near the first contact an overlap in double precision does not give the"
+                " force to eight digits",
                 "Raise the load",
             )
-        # the force is convex: from too large an overlap Newton's method descends to the root, past any kink. The index is
-        # limited because, just below the start of the series, rounding may put a force beyond the table
+        # the force is convex: from too large an overlap Newton's method descends to the root, past
+        # any kink. The index is limited because, just below the start of the series, rounding may
+        # put a force beyond the table
         place = np.minimum(np.searchsorted(logs, wanted), logs.size - 1)
         y = np.ravel(first + np.exp(depths[place]))
-        goal, going = np.ravel(force), np.ones(y.shape, bool)
+        goal = np.ravel(force)
+        going = np.ones(y.shape, bool)
         for _ in range(200):
-            step = (np.asarray(self.shape.force(y[going])) - goal[going]) / np.asarray(self.shape.stiffness(y[going]))
+            step = (np.asarray(self.shape.force(y[going])) - goal[going]) / np.asarray(
+                self.shape.stiffness(y[going])
+            )
             # a step that is negative, or no larger than rounding, ends the iteration
             small = step <= 2e-16 * np.abs(y[going])
             y[going] -= np.where(small, 0.0, step)
             going[going] = ~small
             if not np.any(going):
                 return y.reshape(np.shape(force))
-        raise PrecisionError("the overlap of the averaged force does not converge", mend="Give a less uneven spread")
+        raise PrecisionError(
+            "the overlap of the averaged force does not converge", mend="Give a less uneven spread"
+        )
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of pairs that overlap."""
         # weights sum to one but for rounding
-        return self._evaluate_joined(overlap, np.ones_like, lambda y: np.minimum(self.shape.average(y, 0.0), 1.0))
+        return self._evaluate_joined(
+            overlap, np.ones_like, lambda y: np.minimum(self.shape.average(y, 0.0), 1.0)
+        )
 
 
 @lru_cache(maxsize=128)
 def _tabulate_force(shape: Shape) -> tuple[Array, Array]:
-    """Return the logarithms of the depth y + max(x) and of the averaged force there, up to the start of the series."""
-    start, first = high_pressure_series(shape, math.inf).start, -shape.bounds[1]
+    """Return the logarithms of the depth y + max(x) and of the averaged force there, up to the
+    start of the series.
+    """
+    start = high_pressure_series(shape, math.inf).start
+    first = -shape.bounds[1]
     depths = np.linspace(math.log(_LEAST_DEPTH * abs(first)), math.log(start - first), 512)
     return depths, np.log(shape.force(first + np.exp(depths)))

@@ -1,7 +1,9 @@
-"""The media by name, with their options, and the automatic choice of a medium, for scenes, sweeps and fits.
+"""The media by name, with their options, and the automatic choice of a medium, for scenes, sweeps
+and fits.
 
-The candidates among which an automatic medium takes the cheapest that is accurate enough are the media of the table of
-:mod:`granphon.media.accuracy`, the simulation with samples of many sizes. They are sorted by rough times.
+The candidates among which an automatic medium takes the cheapest that is accurate enough are the
+media of the table of :mod:`granphon.media.accuracy`, the simulation with samples of many sizes.
+They are sorted by rough times.
 """
 
 from __future__ import annotations
@@ -22,19 +24,47 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import load_quantities
 from granphon.base.registry import Registry
-from granphon.base.validation import block, choice, is_one_of, number, read_inside, real_number, require
+from granphon.base.validation import (
+    block,
+    choice,
+    is_one_of,
+    number,
+    read_inside,
+    real_number,
+    require,
+)
 from granphon.media.accuracy import FRICTIONLESS, accuracy
 from granphon.media.arrangement import Balls, CrystalMedium
 from granphon.media.cost import estimate
 from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
-from granphon.media.loading import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start, reduce_load
-from granphon.media.medium import AveragedForce, AveragedLattice, ClusterMedium, EffectiveMedium, Medium, Option
-from granphon.media.simulation import DEFAULT_SHAPES, DirectSimulation, no_finite_overlap, read_cells
+from granphon.media.loading import (
+    HISTORY_OPTIONS,
+    REFERENCE_OPTIONS,
+    REST,
+    FrictionHistory,
+    read_start,
+    reduce_load,
+)
+from granphon.media.medium import (
+    AveragedForce,
+    AveragedLattice,
+    ClusterMedium,
+    EffectiveMedium,
+    Medium,
+    Option,
+)
+from granphon.media.simulation import (
+    DEFAULT_SHAPES,
+    DirectSimulation,
+    no_finite_overlap,
+    read_cells,
+)
 from granphon.media.state import ContactState, read_finite_overlap
 
 #: the class of a medium
 T = TypeVar("T", bound=type)
-#: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods
+#: sides, in diameters, of the samples that an automatic medium chooses among, with two and with
+#: three periods
 SIDES = {
     2: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024),
     3: (8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96),
@@ -49,34 +79,38 @@ _BALL_TIME = 3e-6
 class AutoMedium(Medium[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
-    Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`. They are
-    measured against simulated arrays, the :attr:`truth`: at rest without friction or, with ``friction_history``, loaded with
-    friction from the default start. The error that the directions of the lattice make at the W/d of the packing is added. A
-    simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular lattice, and a cube
-    of 96 diameters in fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one medium that is accurate
-    enough at all of these loads; :meth:`choose` chooses for each load.
+    Errors are relative errors of velocities and frequencies at the given load, from
+    :mod:`granphon.media.accuracy`. They are measured against simulated arrays, the :attr:`truth`:
+    at rest without friction or, with ``friction_history``, loaded with friction from the default
+    start. The error that the directions of the lattice make at the W/d of the packing is added. A
+    simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the
+    triangular lattice, and a cube of 96 diameters in fcc and hcp. ``at_*`` take scalars or arrays,
+    and return the state of the one medium that is accurate enough at all of these loads;
+    :meth:`choose` chooses for each load.
 
     Parameters
     ----------
     packing : the balls.
     tolerance : largest expected relative error.
-    friction_history : whether the truth is samples loaded with friction. The choice is then among the media without a
-        history and the simulation with one.
-    friction_coefficient, shear_response : of such a truth, as in :class:`~granphon.DirectSimulation`; a history needs the
-        coefficient.
+    friction_history : whether the truth is samples loaded with friction. The choice is then among
+        the media without a history and the simulation with one.
+    friction_coefficient, shear_response : of such a truth, as in
+        :class:`~granphon.DirectSimulation`; a history needs the coefficient.
 
     Raises
     ------
-    InputError : a tolerance that is not between 1e-12 and 0.99; a history without a friction coefficient, or the reverse.
-        From ``at_*`` and :meth:`choose`: a load at which no medium is within the tolerance (the message gives the smallest
-        error available); a load below those for which errors are known; a packing for which errors are not known, as on
-        another lattice than these (on a line every medium is exact), with torsion or bending, or with too skewed a
-        distribution; with a history on another lattice than the triangular one and fcc, for partial slip in fcc, for
-        friction coefficients below 0.1, and for balls without friction. From ``at_*``: finite overlap, which a simulation
-        does not offer.
+    InputError : a tolerance that is not between 1e-12 and 0.99; a history without a friction
+        coefficient, or the reverse. From ``at_*`` and :meth:`choose`: a load at which no medium is
+        within the tolerance (the message gives the smallest error available); a load below those
+        for which errors are known; a packing for which errors are not known, as on another lattice
+        than these (on a line every medium is exact), with torsion or bending, or with too skewed a
+        distribution; with a history on another lattice than the triangular one and fcc, for partial
+        slip in fcc, for friction coefficients below 0.1, and for balls without friction. From
+        ``at_*``: finite overlap, which a simulation does not offer.
     """
 
-    name, words = "auto", "automatic medium"
+    name = "auto"
+    words = "automatic medium"
 
     packing: Packing
     tolerance: float = 1e-3
@@ -103,7 +137,8 @@ class AutoMedium(Medium[ContactState]):
         return require("AutoMedium", FrictionHistory.read, given)  # type: ignore[no-any-return]
 
     def choose(self, kind: str, loads: ArrayLike) -> list[ServingMedium]:
-        """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure", "overlap"; SI).
+        """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure",
+        "overlap"; SI).
 
         Each medium that is chosen is one :class:`ServingMedium`; the cheapest comes first.
         """
@@ -112,7 +147,14 @@ class AutoMedium(Medium[ContactState]):
         first = np.argmax(errors <= self.tolerance, axis=0)
         places = [np.flatnonzero(first == i) for i in range(len(options))]
         return [
-            ServingMedium(option, place, self.packing, load[place], chosen_automatically=True, truth=self.truth)
+            ServingMedium(
+                option,
+                place,
+                self.packing,
+                load[place],
+                chosen_automatically=True,
+                truth=self.truth,
+            )
             for option, place in zip(options, places, strict=True)
             if place.size
         ]
@@ -124,60 +166,92 @@ class AutoMedium(Medium[ContactState]):
         """
         options, errors = self._find_errors(Load(kind, loads).flat)
         serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
-        # if no option serves every load, the largest simulation of the truth does: it is best wherever another would serve
+        # if no option serves every load, the largest simulation of the truth does: it is best
+        # wherever another would serve
         return options[serves[0]] if serves.size else list_options(self.packing, self.truth)[-1]
 
     def _find_errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
-        """Return the options, the cheapest first, and their expected relative errors (n_options, n_loads).
+        """Return the options, the cheapest first, and their expected relative errors (n_options,
+        n_loads).
 
-        Raises InputError if errors are not known, or if there is a load at which no option is within the tolerance: it says
-        what can be had at the worst of the loads, whose index is its ``load_index``.
+        Raises InputError if errors are not known, or if there is a load at which no option is
+        within the tolerance: it says what can be had at the worst of the loads, whose index is its
+        ``load_index``.
         """
-        packing, truth = self.packing, self.truth
+        packing = self.packing
+        truth = self.truth
         if (why := accuracy().explain_uncovered(packing, truth)) is not None:
-            raise InputError(f"the errors of the media are not known here: {why}", mend="Name a medium")
+            raise InputError(
+                f"the errors of the media are not known here: {why}", mend="Name a medium"
+            )
         options = sort_options(packing, load, truth)
         errors = np.array([option.expected_error(packing, load, truth) for option in options])
         least = np.min(errors, axis=0)
         if np.all(least <= self.tolerance):
             return options, errors
-        worst, structure = int(np.argmax(least)), packing.structure
+        worst = int(np.argmax(least))
+        structure = packing.structure
         here = load[worst]
         where = here.describe(structure.periods) + f" against {truth}" * truth.is_loaded
         if np.isfinite(least[worst]):
             what = f"no medium has an expected error of {self.tolerance:g} or less at {where}"
-            balls = math.prod(even_shape(structure, SIDES[structure.periods][-1])) * structure.n_balls
-            why = f"The smallest expected error there is {least[worst]:.2g}, of a simulation of {balls:,} balls"
+            balls = (
+                math.prod(even_shape(structure, SIDES[structure.periods][-1])) * structure.n_balls
+            )
+            why = (
+                f"The smallest expected error there is {least[worst]:.2g}, of a simulation of"
+                f" {balls:,} balls"
+            )
             error = InputError(what, why, "Raise the tolerance, or simulate more samples by hand")
         else:
             name = "a*" if here.kind == "overlap" else "f*"
-            at, lowest = float(reduce_load(packing, here)), accuracy().least(packing, here.kind, truth)
+            at = float(reduce_load(packing, here))
+            lowest = accuracy().least(packing, here.kind, truth)
             what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
-            error = InputError(what, f"They are known from {name} = {lowest:g} on", "Raise the load, or name a medium")
+            error = InputError(
+                what,
+                f"They are known from {name} = {lowest:g} on",
+                "Raise the load, or name a medium",
+            )
         error.load_index = worst
         raise error
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """Return the state at a load, in the one medium that is accurate enough for all values of the load."""
+        """Return the state at a load, in the one medium that is accurate enough for all values of
+        the load.
+        """
         if read_finite_overlap(finite_overlap):
             raise no_finite_overlap(self.name)
         load = load.applied
-        state: ContactState = self.serving(load.kind, load.array).of(self.packing).at(load, finite_overlap=finite_overlap)
+        state: ContactState = (
+            self.serving(load.kind, load.array)
+            .of(self.packing)
+            .at(load, finite_overlap=finite_overlap)
+        )
         return replace(state, chosen_automatically=True)
 
 
 #: the classes of media of packings by the names that scenes and sweeps use
 MEDIA: Registry[type[Medium[Any]]] = Registry("medium")
-for _one in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, DirectSimulation, AutoMedium):
+for _one in (
+    AveragedLattice,
+    AveragedForce,
+    EffectiveMedium,
+    ClusterMedium,
+    DirectSimulation,
+    AutoMedium,
+):
     MEDIA.own(_one.name, _one)
 
 
 def register_medium(medium: T) -> T:
-    """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words`` in figures.
+    """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words`` in
+    figures.
 
-    ``medium`` is a subclass of :class:`~granphon.LawMedium`, or of another medium, with a ``name`` of its own, which is made
-    of a packing. Returns it, so that it may stand above the class as a decorator. Raises
-    :class:`~granphon.base.errors.InputError` for what is no such class, and for a name that is taken.
+    ``medium`` is a subclass of :class:`~granphon.LawMedium`, or of another medium, with a ``name``
+    of its own, which is made of a packing. Returns it, so that it may stand above the class as a
+    decorator. Raises :class:`~granphon.base.errors.InputError` for what is no such class, and for a
+    name that is taken.
     """
     given: Any = medium
     own = vars(medium) if isinstance(given, type) and issubclass(given, Medium) else {}
@@ -192,7 +266,9 @@ def register_medium(medium: T) -> T:
 
 
 def find_medium(name: str) -> type[Any]:
-    """Return the class of a medium by its name, that of crystals among them; KeyError if there is none."""
+    """Return the class of a medium by its name, that of crystals among them; KeyError if there is
+    none.
+    """
     return CrystalMedium if name == CrystalMedium.name else MEDIA[name]
 
 
@@ -207,32 +283,44 @@ class MediumChoice:
 
     Raises
     ------
-    InputError : a name that no medium has, an option that the medium does not have, or a value that the option does not
-        take.
+    InputError : a name that no medium has, an option that the medium does not have, or a value that
+        the option does not take.
     """
 
     name: str
-    options: tuple[tuple[str, Load | Any], ...] = ()  # the class is named so that plain data are made into it again
+    options: tuple[
+        tuple[str, Load | Any], ...
+    ] = ()  # the class is named so that plain data are made into it again
 
     def __post_init__(self) -> None:
         name = require("medium", _read_name, self.name)
         given = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
-        kept = tuple(one for one in sorted(given.items()) if one[1] != find_medium(name).options[one[0]].default)
+        kept = tuple(
+            one
+            for one in sorted(given.items())
+            if one[1] != find_medium(name).options[one[0]].default
+        )
         object.__setattr__(self, "options", kept)
 
     @classmethod
     def parse(
-        cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice, lattice: Lattice | None = None
+        cls,
+        value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice,
+        lattice: Lattice | None = None,
     ) -> MediumChoice:
-        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see :func:`read_medium`."""
+        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see
+        :func:`read_medium`.
+        """
         found: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
         return found
 
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
-        """Every option with its value on a lattice, as a scene would give it: the default of a shape depends on the lattice.
+        """Every option with its value on a lattice, as a scene would give it: the default of a
+        shape depends on the lattice.
 
-        A history of friction is left out where there is none, with its options, and so is a geometry that is not named.
+        A history of friction is left out where there is none, with its options, and so is a
+        geometry that is not named.
         """
         found = self.settings
         if "shape" in found:
@@ -240,7 +328,9 @@ class MediumChoice:
         if "friction_history" in found and not self.history.is_loaded:
             found = {name: value for name, value in found.items() if name not in HISTORY_OPTIONS}
         if isinstance(start := found.get("start"), Load):
-            found["start"] = {start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))}
+            found["start"] = {
+                start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))
+            }
         return {name: value for name, value in found.items() if value is not None}
 
     @property
@@ -260,35 +350,56 @@ class MediumChoice:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Every option with its value, defaults included; a shape whose default depends on the lattice is None."""
-        return {option: known.default for option, known in find_medium(self.name).options.items()} | dict(self.options)
+        """Every option with its value, defaults included; a shape whose default depends on the
+        lattice is None.
+        """
+        return {
+            option: known.default for option, known in find_medium(self.name).options.items()
+        } | dict(self.options)
 
     @property
     def history(self) -> FrictionHistory:
-        """How the simulated arrays that it names come to their load: with friction if it has a history, else at rest."""
+        """How the simulated arrays that it names come to their load: with friction if it has a
+        history, else at rest.
+        """
         return FrictionHistory.read(dict(self.options))
 
-    def expected_error(self, packing: Packing, load: Load, against: FrictionHistory = REST) -> Array:
-        """Return the expected relative error of velocities and frequencies, with the shape of the load.
+    def expected_error(
+        self, packing: Packing, load: Load, against: FrictionHistory = REST
+    ) -> Array:
+        """Return the expected relative error of velocities and frequencies, with the shape of the
+        load.
 
-        It is +inf where the error is not known, for example if the history of friction is not that of the truth. It is zero
-        where every medium is exact: for equal balls, and on a line. That of a simulation at rest without friction against
-        arrays that were loaded with friction is what these differ by, and the chance in its samples.
+        It is +inf where the error is not known, for example if the history of friction is not that
+        of the truth. It is zero where every medium is exact: for equal balls, and on a line. That
+        of a simulation at rest without friction against arrays that were loaded with friction is
+        what these differ by, and the chance in its samples.
 
-        The arrays of the truth have true directions at the W/d of the packing. The table was measured at another W/d. Half
-        of the relative difference of the shear modulus, which is the difference of the transverse velocity, is added for the
-        W/d of the packing. To the chance of a simulation is added what its own directions leave out.
+        The arrays of the truth have true directions at the W/d of the packing. The table was
+        measured at another W/d. Half of the relative difference of the shear modulus, which is the
+        difference of the transverse velocity, is added for the W/d of the packing. To the chance of
+        a simulation is added what its own directions leave out.
         """
         if not packing.spread_matters:
             return np.zeros(load.shape)
         deficit = expect_shear_deficit(packing, load, against.is_loaded).reshape(load.shape)
-        known, own = accuracy(), self.history
+        known = accuracy()
+        own = self.history
         options: Any = dict(self.options)
-        loaded_otherwise = own.is_loaded and (own != against or options.get("geometry", EXACT) != EXACT)
-        if self.name not in known.media() or options.get("local_field") == "paper" or loaded_otherwise:
+        loaded_otherwise = own.is_loaded and (
+            own != against or options.get("geometry", EXACT) != EXACT
+        )
+        if (
+            self.name not in known.media()
+            or options.get("local_field") == "paper"
+            or loaded_otherwise
+        ):
             return np.full(load.shape, np.inf)
         ratio = known.ratio(packing, against)
-        elsewhere = 0.5 * np.abs(deficit - expect_shear_deficit(packing, load, against.is_loaded, ratio).reshape(load.shape))
+        elsewhere = 0.5 * np.abs(
+            deficit
+            - expect_shear_deficit(packing, load, against.is_loaded, ratio).reshape(load.shape)
+        )
         if not self.simulates:
             return known.error(self.name, packing, load, truth=against) + elsewhere
         medium = DirectSimulation(packing, **options)
@@ -306,19 +417,27 @@ class MediumChoice:
 
     @property
     def is_exact(self) -> bool:
-        """Whether it simulates balls in their exact geometry, which have finite overlap whether or not it is asked for.
+        """Whether it simulates balls in their exact geometry, which have finite overlap whether or
+        not it is asked for.
 
-        That is so by name, or after a history of friction; otherwise the geometry is left to the load (:meth:`by_geometry`).
+        That is so by name, or after a history of friction; otherwise the geometry is left to the
+        load (:meth:`by_geometry`).
         """
         named = dict(self.options).get("geometry")
         return named == EXACT or (named is None and self.simulates and self.history.is_loaded)
 
     def has_finite_overlap(self, asked: bool) -> bool:
-        """Whether its states have the terms of relative order delta/d, where they are ``asked`` for or not."""
+        """Whether its states have the terms of relative order delta/d, where they are ``asked`` for
+        or not.
+        """
         return asked or self.is_exact
 
-    def by_geometry(self, packing: Balls, load: Load, finite_overlap: bool = False) -> list[tuple[MediumChoice, list[int]]]:
-        """Return the choice in each geometry, by word, that the medium of a packing has at values of a load, and places."""
+    def by_geometry(
+        self, packing: Balls, load: Load, finite_overlap: bool = False
+    ) -> list[tuple[MediumChoice, list[int]]]:
+        """Return the choice in each geometry, by word, that the medium of a packing has at values
+        of a load, and places.
+        """
         medium = self.of(packing)
         return [
             (MediumChoice(self.name, (*self.options, ("geometry", one.geometry))), places)
@@ -328,39 +447,58 @@ class MediumChoice:
         ]
 
     def settle(self, packing: Packing, load: Load, finite_overlap: bool = False) -> MediumChoice:
-        """Return the choice in one geometry: exact if it is :meth:`by_geometry` at any value of the load."""
+        """Return the choice in one geometry: exact if it is :meth:`by_geometry` at any value of the
+        load.
+        """
         found = self.by_geometry(packing, load, finite_overlap)
         return next((one for one, _ in found if one.is_exact), found[0][0])
 
     @property
     def stand_in(self) -> MediumChoice:
-        """The medium that stands in for it where so many states are needed that its own would take long; itself if quick."""
+        """The medium that stands in for it where so many states are needed that its own would take
+        long; itself if quick.
+        """
         return MediumChoice(EffectiveMedium.name) if self.simulates else self
 
     def require_fixed(self, what: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for an :class:`AutoMedium`, with which ``what`` cannot be done."""
+        """Raise :class:`~granphon.base.errors.InputError` for an :class:`AutoMedium`, with which
+        ``what`` cannot be done.
+        """
         if self.name == AutoMedium.name:
             why = "It chooses another medium at each load and width"
-            raise InputError(f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium")
+            raise InputError(
+                f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium"
+            )
 
     def require_arrays(self, what: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` unless it simulates arrays, as ``what`` is asked of these."""
+        """Raise :class:`~granphon.base.errors.InputError` unless it simulates arrays, as ``what``
+        is asked of these.
+        """
         if not self.simulates:
             said = f"the medium {self.label!r} has no array of balls for {what}"
-            raise InputError(said, mend="Take medium: simulation, or in Python gp.Waves of a state's network")
+            raise InputError(
+                said, mend="Take medium: simulation, or in Python gp.Waves of a state's network"
+            )
 
     def require_for(self, balls: Balls) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if it is no medium of these balls, of one kind or of several."""
+        """Raise :class:`~granphon.base.errors.InputError` if it is no medium of these balls, of one
+        kind or of several.
+        """
         if bool(balls.kind_names) != (self.name == CrystalMedium.name):
-            several, mend = "balls of several kinds", f"Take {default_medium(balls)}"
-            why = f"{several.capitalize()} have the medium {CrystalMedium.name} alone, and no others have it"
+            several = "balls of several kinds"
+            mend = f"Take {default_medium(balls)}"
+            why = (
+                f"{several.capitalize()} have the medium {CrystalMedium.name} alone, and no"
+                f" others have it"
+            )
             raise InputError(f"the medium is {self.label!r}", why, mend)
 
     def of(self, packing: Balls) -> Medium[Any]:
         """Return the medium for this packing."""
         self.require_for(packing)
         options: Any = dict(self.options)
-        found: type[Any] = find_medium(require("medium", _read_name, self.name))  # a worker may not know it
+        # a worker may not know it
+        found: type[Any] = find_medium(require("medium", _read_name, self.name))
         return found(packing, **options)  # type: ignore[no-any-return]
 
     def choose(self, packing: Balls, load: Load) -> list[ServingMedium]:
@@ -399,7 +537,9 @@ class ServingMedium:
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s, unlike simulations, clusters, and an effective medium of long lists."""
+        """Whether its states take less than 0.1 s, unlike simulations, clusters, and an effective
+        medium of long lists.
+        """
         return self.medium.of(self.packing).is_quick
 
     @property
@@ -409,26 +549,39 @@ class ServingMedium:
 
     @property
     def samples(self) -> list[ServingMedium]:
-        """The simulation of each sample alone, which is the same however many samples there are; none of other media."""
+        """The simulation of each sample alone, which is the same however many samples there are;
+        none of other media.
+        """
         own = {name: value for name, value in self.medium.options if name != "samples"}
         return [
-            replace(self, medium=MediumChoice(self.medium.name, tuple((own | {"shape": one.shape, "seed": seed}).items())))
+            replace(
+                self,
+                medium=MediumChoice(
+                    self.medium.name, tuple((own | {"shape": one.shape, "seed": seed}).items())
+                ),
+            )
             for one in self.arrays
             for seed in range(one.seed, one.seed + one.samples)
         ]
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """Return the state of the medium at a load, any of those that it serves; the state says whether it was chosen."""
+        """Return the state of the medium at a load, any of those that it serves; the state says
+        whether it was chosen.
+        """
         state: ContactState = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)
         return replace(state, chosen_automatically=True) if self.chosen_automatically else state
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
-        """Return the medium in each geometry in which a simulation serves some of the loads, see :class:`MediumChoice`."""
+        """Return the medium in each geometry in which a simulation serves some of the loads, see
+        :class:`MediumChoice`.
+        """
         found = self.medium.by_geometry(self.packing, self.load, finite_overlap)
         if len(found) == 1:
             return [replace(self, medium=found[0][0])]
         return [
-            replace(self, medium=one, loads=self.loads[places], load=self.load[places], is_part=True)
+            replace(
+                self, medium=one, loads=self.loads[places], load=self.load[places], is_part=True
+            )
             for one, places in found
         ]
 
@@ -442,7 +595,8 @@ class ServingMedium:
 
 
 def list_options(packing: Packing, against: FrictionHistory = REST) -> list[MediumChoice]:
-    """Return the options of an :class:`AutoMedium`; the last is the largest simulation of the truth.
+    """Return the options of an :class:`AutoMedium`; the last is the largest simulation of the
+    truth.
 
     It is the most accurate one wherever several have a known error.
     """
@@ -450,46 +604,62 @@ def list_options(packing: Packing, against: FrictionHistory = REST) -> list[Medi
         return [MediumChoice(AveragedLattice.name)]  # exact for equal balls, and on a line
     structure = packing.structure
     shapes = [even_shape(structure, side) for side in SIDES[structure.periods]]
-    # samples at rest without friction cost less than those of a truth with it, and may differ from these by little
+    # samples at rest without friction cost less than those of a truth with it, and may differ from
+    # these by little
     truths = dict.fromkeys((REST, against))
     options = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
     for truth in truths:
         own = tuple(truth.options.items())
-        options += [MediumChoice(DirectSimulation.name, (("shape", shape), *own)) for shape in shapes]
+        options += [
+            MediumChoice(DirectSimulation.name, (("shape", shape), *own)) for shape in shapes
+        ]
     return options
 
 
-def sort_options(packing: Packing, load: Load, against: FrictionHistory = REST) -> list[MediumChoice]:
+def sort_options(
+    packing: Packing, load: Load, against: FrictionHistory = REST
+) -> list[MediumChoice]:
     """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
 
     def rough_time(option: MediumChoice) -> float:
-        """Return the rough time at all values of the load, s; zero of media that only evaluate a law."""
+        """Return the rough time at all values of the load, s; zero of media that only evaluate a
+        law.
+        """
         medium = option.of(packing)
         if isinstance(medium, DirectSimulation):
-            # at the least load, whose equilibrium takes longest; with a history at the greatest, which passes the others
+            # at the least load, whose equilibrium takes longest; with a history at the greatest,
+            # which passes the others
             decisive = np.argmax if medium.friction_history else np.argmin
-            return _SIMULATION_TIME + _BALL_TIME * estimate(medium, load[int(decisive(load.array))]).work
+            return (
+                _SIMULATION_TIME
+                + _BALL_TIME * estimate(medium, load[int(decisive(load.array))]).work
+            )
         return medium.seconds if isinstance(medium, EffectiveMedium) else 0.0
 
     return sorted(list_options(packing, against), key=rough_time)
 
 
 def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:
-    """Return the numbers of cells along each period of a sample whose sides are about ``side`` diameters."""
+    """Return the numbers of cells along each period of a sample whose sides are about ``side``
+    diameters.
+    """
     lengths = np.linalg.norm(structure.vectors, axis=1)
     return tuple(max(round(side / length), 1) for length in lengths.tolist())
 
 
 def read_medium(value: Any, lattice: Lattice | None = None, written: bool = False) -> MediumChoice:
-    """Read a medium given as its name or as {name: {option: value}}: a rule of :mod:`granphon.base.validation`.
+    """Read a medium given as its name or as {name: {option: value}}: a rule of
+    :mod:`granphon.base.validation`.
 
-    With a ``lattice``, the shape of a sample has one length for each of its periods. What is ``written`` in a file has
-    units; otherwise plain numbers are in SI.
+    With a ``lattice``, the shape of a sample has one length for each of its periods. What is
+    ``written`` in a file has units; otherwise plain numbers are in SI.
     """
     is_block = isinstance(value, Mapping) and len(value) == 1
     name, given = next(iter(value.items())) if is_block else (value, None)
     if isinstance(value, MediumChoice):
-        name, given, written = value.name, dict(value.options), False
+        name = value.name
+        given = dict(value.options)
+        written = False
     _read_name(name)
     rule = partial(_read_options, name, lattice=lattice, written=written)
     options = {} if given is None else read_inside(name, rule, given)
@@ -499,13 +669,16 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
 
 
 def default_medium(balls: Balls, differ: bool = False) -> str:
-    """Return the name of the medium of balls for which none is named, and whose diameters ``differ`` or not."""
+    """Return the name of the medium of balls for which none is named, and whose diameters
+    ``differ`` or not.
+    """
     name = EffectiveMedium.name if differ else AveragedLattice.name
     return CrystalMedium.name if balls.kind_names else name
 
 
 def no_simulation(media: Iterable[MediumChoice]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if a medium is a simulation without terms of finite overlap.
+    """Raise :class:`~granphon.base.errors.InputError` if a medium is a simulation without terms of
+    finite overlap.
 
     It has none in the directions of the lattice, which an automatic medium may choose.
     """
@@ -518,8 +691,12 @@ def _read_name(value: Any) -> str:
     return str(value) if is_one_of(value, (CrystalMedium.name,)) else choice(value, MEDIA)
 
 
-def _read_options(name: str, given: Any, lattice: Lattice | None = None, written: bool = False) -> dict[str, Any]:
-    """Read options of the medium ``name`` by their rules; see :func:`read_medium` for the other arguments."""
+def _read_options(
+    name: str, given: Any, lattice: Lattice | None = None, written: bool = False
+) -> dict[str, Any]:
+    """Read options of the medium ``name`` by their rules; see :func:`read_medium` for the other
+    arguments.
+    """
     rules = {option: known.rule for option, known in find_medium(name).options.items()}
     if lattice is not None and "shape" in rules:
         rules["shape"] = partial(read_cells, periods=lattice.periods)

@@ -1,11 +1,12 @@
 """Crystals: balls of several kinds on any sites, and their contacts under any load.
 
-A crystal is data: kinds of balls, a cell, places at which neighbours touch, the law of each contact, and how its edges are
-held. Its methods ``at_...`` find the state at rest (:mod:`granphon.media.crystal_statics`), whose network of contacts is
-what velocities, bands and waves are found from.
+A crystal is data: kinds of balls, a cell, places at which neighbours touch, the law of each
+contact, and how its edges are held. Its methods ``at_...`` find the state at rest
+(:mod:`granphon.media.crystal_statics`), whose network of contacts is what velocities, bands and
+waves are found from.
 
-Where a crystal has been cut, its remaining periods lie along x, or in the xy plane, and its layers follow each other along
-the next axis: y in a plane, z in space, x of a chain.
+Where a crystal has been cut, its remaining periods lie along x, or in the xy plane, and its layers
+follow each other along the next axis: y in a plane, z in space, x of a chain.
 """
 
 from __future__ import annotations
@@ -25,9 +26,25 @@ from numpy.typing import ArrayLike
 
 from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
-from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, law_of_pair, read_laws
+from granphon.balls.contact_laws import (
+    DMT,
+    JKR,
+    Hertz,
+    PairLaw,
+    PowerLaw,
+    TabulatedLaw,
+    check_law,
+    law_of_pair,
+    read_laws,
+)
 from granphon.balls.contact_model import ContactModel, PlainLaw
-from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, repeat_contacts, require_joined
+from granphon.balls.contact_table import (
+    TOUCH,
+    ContactTable,
+    find_contacts,
+    repeat_contacts,
+    require_joined,
+)
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
@@ -38,7 +55,16 @@ from granphon.base.memory import require_memory
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, index_array, label, lengths, real_array, require, truth, whole_number
+from granphon.base.validation import (
+    finite_array,
+    index_array,
+    label,
+    lengths,
+    real_array,
+    require,
+    truth,
+    whole_number,
+)
 from granphon.dynamics.elasticity import voigt_pairs
 from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
 from granphon.media.limits import Check, check_limit
@@ -52,9 +78,19 @@ _MOST_BALLS = 10_000_000
 #: memory of a ball, or of a contact, while a crystal is made and checked, bytes
 _BALL_BYTES = 550.0
 #: the arrays of a state, in the order of its fields
-_PER_LOAD = ("normal_force", "overlap", "normal_stiffness", "normal", "displacements", "stress", "strain", "ways")
+_PER_LOAD = (
+    "normal_force",
+    "overlap",
+    "normal_stiffness",
+    "normal",
+    "displacements",
+    "stress",
+    "strain",
+    "ways",
+)
 #: relative error at which a mean force or overlap is reached, and most states on the way to it
-_MEAN, _MEANS = 4e-15, 60
+_MEAN = 4e-15
+_MEANS = 60
 #: the first of these of a sample, which is at rest to 1e-12 of the mean force
 _SAMPLED = 1e-11
 #: difference of the exponents of contacts that is put down to rounding
@@ -65,7 +101,8 @@ _SAME_EXPONENT = 1e-9
 class Faces:
     """The two faces of a cut, across ``axis`` of the crystal, lower and upper.
 
-    ``balls`` are those that a face touches, or the layer that it holds; ``thickness`` is that of all layers, m.
+    ``balls`` are those that a face touches, or the layer that it holds; ``thickness`` is that of
+    all layers, m.
     """
 
     axis: int
@@ -80,7 +117,8 @@ class Faces:
 
 
 class Side(NamedTuple):
-    """One face of a cut: its axis, which side it is on (-1 lower, 1 upper), how it is held, and the balls there.
+    """One face of a cut: its axis, which side it is on (-1 lower, 1 upper), how it is held, and the
+    balls there.
 
     ``wall`` is the number of the wall that a load moves; -1 if it moves none.
     """
@@ -99,35 +137,39 @@ class Crystal(Result):
     Parameters
     ----------
     balls : a :class:`~granphon.Ball` for each site.
-    cell : (p, d) vectors as rows along which the crystal repeats, m; p <= d <= 3. One lies along x, two lie in the xy plane.
-        An empty list for a cluster without periods.
+    cell : (p, d) vectors as rows along which the crystal repeats, m; p <= d <= 3. One lies along x,
+        two lie in the xy plane. An empty list for a cluster without periods.
     positions : (n, d) centres, m.
-    law : the law of the normal force of all contacts, such as :class:`~granphon.Hertz` (the default), or a mapping from
-        pairs of names of kinds to laws, {("A", "B"): law}; a registered law by its name. A floor is the kind "floor". An
-        object of your own with the
-        methods of :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; it is compared with its derivatives
-        once. A law whose force is zero at overlaps below 0 only pushes. One that pulls there is a bond, which never
-        opens; or it adheres down to its ``least_overlap``, and is zero below that.
-    friction : whether contacts resist shear, with the stiffness of Mindlin for contacts that do not slip: kappa = 8 G* a,
-        where the contact radius a of any law follows from its stiffness k = 2 E* a.
+    law : the law of the normal force of all contacts, such as :class:`~granphon.Hertz` (the
+        default), or a mapping from pairs of names of kinds to laws, {("A", "B"): law}; a registered
+        law by its name. A floor is the kind "floor". An object of your own with the methods of
+        :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; it is compared with its
+        derivatives once. A law whose force is zero at overlaps below 0 only pushes. One that pulls
+        there is a bond, which never opens; or it adheres down to its ``least_overlap``, and is zero
+        below that.
+    friction : whether contacts resist shear, with the stiffness of Mindlin for contacts that do not
+        slip: kappa = 8 G* a, where the contact radius a of any law follows from its stiffness k = 2
+        E* a.
     motions : the motions of each ball, as for :class:`~granphon.Packing`.
-    torsion, bending : the stiffness of a contact against twist and rolling, over k times the square of the distance of its
-        two centres; or torsion="mindlin", which is (16/3) a^3 over the sum of 1/G of both balls.
+    torsion, bending : the stiffness of a contact against twist and rolling, over k times the square
+        of the distance of its two centres; or torsion="mindlin", which is (16/3) a^3 over the sum
+        of 1/G of both balls.
     name : what messages call the crystal.
 
     Attributes
     ----------
-    kinds, names : the different balls, and what each kind is called: A, B, C, ... if its ball has no name.
+    kinds, names : the different balls, and what each kind is called: A, B, C, ... if its ball has
+        no name.
     kind : (n,) the number of the kind of each ball.
-    deviations : (n,) diameters of the balls of a :meth:`sample`, minus the diameters of their kinds, m; None of balls that
-        are not drawn.
+    deviations : (n,) diameters of the balls of a :meth:`sample`, minus the diameters of their
+        kinds, m; None of balls that are not drawn.
     contacts : the :class:`~granphon.balls.contact_table.ContactTable`, in m.
 
     Raises
     ------
-    InputError : arrays whose shapes do not fit, numbers that are not finite, balls that overlap, that miss each other by
-        less than a thousandth, or that touch nothing; contacts that do not join all balls; a law that lacks a pair or a
-        method.
+    InputError : arrays whose shapes do not fit, numbers that are not finite, balls that overlap,
+        that miss each other by less than a thousandth, or that touch nothing; contacts that do not
+        join all balls; a law that lacks a pair or a method.
     """
 
     kinds: tuple[Ball, ...]
@@ -136,7 +178,15 @@ class Crystal(Result):
     cell: Annotated[Array, "p d", "", "finite"]
     positions: Annotated[Array, "n d", "", "finite"]
     contacts: ContactTable
-    law: Hertz | PowerLaw | DMT | JKR | TabulatedLaw | tuple[tuple[tuple[str, str], PlainLaw], ...] | Any
+    law: (
+        Hertz
+        | PowerLaw
+        | DMT
+        | JKR
+        | TabulatedLaw
+        | tuple[tuple[tuple[str, str], PlainLaw], ...]
+        | Any
+    )
     friction: bool
     motions: str | None
     torsion: float | str
@@ -146,9 +196,18 @@ class Crystal(Result):
     deviations: Annotated[Array | None, "n?", "", "finite"]
 
     def __init__(
-        self, balls: Sequence[Ball], cell: ArrayLike, positions: ArrayLike, *, law: Any = None, friction: bool = True,
-        motions: str | None = None, torsion: float | str = 0.0, bending: float = 0.0, name: str = "of these balls",
-    ) -> None:  # fmt: skip
+        self,
+        balls: Sequence[Ball],
+        cell: ArrayLike,
+        positions: ArrayLike,
+        *,
+        law: Any = None,
+        friction: bool = True,
+        motions: str | None = None,
+        torsion: float | str = 0.0,
+        bending: float = 0.0,
+        name: str = "of these balls",
+    ) -> None:
         require("name", label, name)
         places = real_array("positions", positions)
         vectors = real_array("cell", cell)
@@ -161,16 +220,25 @@ class Crystal(Result):
             what = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
             raise InputError(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
         if not (np.all(np.isfinite(places)) and np.all(np.isfinite(vectors))):
-            raise InputError("the cell or a position of the crystal is not finite", mend="Give finite numbers, in m")
+            raise InputError(
+                "the cell or a position of the crystal is not finite",
+                mend="Give finite numbers, in m",
+            )
         given = list_balls(balls)
         if len(given) != n:
-            raise InputError(f"there are {len(given)} balls and {n} positions", mend="Give one ball for each site")
+            raise InputError(
+                f"there are {len(given)} balls and {n} positions",
+                mend="Give one ball for each site",
+            )
         kinds, kind = find_kinds(given)
-        p, radii = len(vectors), np.array([ball.radius for ball in kinds])[kind]
+        p = len(vectors)
+        radii = np.array([ball.radius for ball in kinds])[kind]
         mean = float(np.mean(radii))
         if np.any(np.abs(vectors[:, p:]) > TOUCH * mean):
             where = ("", "along x", "in the xy plane", "")[p]
-            raise InputError(f"the cell of crystal {name!r} does not lie {where}", mend="Turn the crystal")
+            raise InputError(
+                f"the cell of crystal {name!r} does not lie {where}", mend="Turn the crystal"
+            )
         if p and not abs(np.linalg.det(vectors[:, :p] / mean)) > 1e-3:
             what = f"the cell of crystal {name!r} has no room for a ball"
             why = f"Its vectors are too short for balls of {2.0 * mean:.4g} m, or not independent"
@@ -180,10 +248,21 @@ class Crystal(Result):
         contacts = find_contacts(vectors, places, name, radii)
         read = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
         self._set(
-            kinds=kinds, names=name_kinds(kinds), kind=kind, cell=vectors, positions=places, contacts=contacts,
-            law=read_laws(law), friction=require("friction", truth, friction), motions=motions,
-            torsion=read[0], bending=read[1], name=name, faces=(), deviations=None,
-        )  # fmt: skip
+            kinds=kinds,
+            names=name_kinds(kinds),
+            kind=kind,
+            cell=vectors,
+            positions=places,
+            contacts=contacts,
+            law=read_laws(law),
+            friction=require("friction", truth, friction),
+            motions=motions,
+            torsion=read[0],
+            bending=read[1],
+            name=name,
+            faces=(),
+            deviations=None,
+        )
 
     def _set(self, **values: Any) -> None:
         for key, value in values.items():
@@ -198,35 +277,63 @@ class Crystal(Result):
         return made
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for what the constructor refuses or could not have found."""
+        """Raise :class:`~granphon.base.errors.InputError` for what the constructor refuses or could
+        not have found.
+        """
         super()._check()
-        read_rolling(f"the crystal {self.name!r}", self.dimension, self.motions, self.torsion, self.bending)
-        table, n, radii = self.contacts, self.n_balls, self._mean_radii
-        ends, allowed = np.concatenate([table.i, table.j, *(balls for face in self.faces for balls in face.balls)]), range(n)
+        read_rolling(
+            f"the crystal {self.name!r}", self.dimension, self.motions, self.torsion, self.bending
+        )
+        table = self.contacts
+        n = self.n_balls
+        radii = self._mean_radii
+        ends, allowed = (
+            np.concatenate(
+                [table.i, table.j, *(balls for face in self.faces for balls in face.balls)]
+            ),
+            range(n),
+        )
         apart = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
         small = TOUCH * float(np.mean(radii))
         for holds, what in (
             (np.all(np.isin(self.kind, range(len(self.kinds)))), "a ball has no kind"),
             (len(self.names) == len(self.kinds), "there are not as many names as kinds"),
             (np.all(np.isin(ends, allowed)), "a contact or a face names a ball that is not there"),
-            (np.all(np.abs(table.vector - apart) <= small), "a contact does not lead from ball to ball"),
             (
-                np.all(np.abs(table.normal * np.linalg.norm(apart, axis=1)[:, None] - apart) <= small),
+                np.all(np.abs(table.vector - apart) <= small),
+                "a contact does not lead from ball to ball",
+            ),
+            (
+                np.all(
+                    np.abs(table.normal * np.linalg.norm(apart, axis=1)[:, None] - apart) <= small
+                ),
                 "a normal is not along it",
             ),
             (np.all(np.abs(table.arm_i - radii[table.i]) <= small), "an arm is not the radius"),
             (np.all(np.abs(table.arm_j - radii[table.j]) <= small), "an arm is not the radius"),
-            (all(face.thickness > 0.0 and np.isfinite(face.thickness) for face in self.faces), "a cut has no thickness"),
+            (
+                all(face.thickness > 0.0 and np.isfinite(face.thickness) for face in self.faces),
+                "a cut has no thickness",
+            ),
         ):
             if not holds:
-                raise InputError(f"{what} in the data of the crystal {self.name!r}", mend="Make the crystal again")
+                raise InputError(
+                    f"{what} in the data of the crystal {self.name!r}",
+                    mend="Make the crystal again",
+                )
 
     def _derive(self, **changes: Any) -> Self:
         """Return the crystal with other values of some attributes."""
-        return self._of_fields(*(changes.get(one.name, getattr(self, one.name)) for one in fields(self)))
+        return self._of_fields(
+            *(changes.get(one.name, getattr(self, one.name)) for one in fields(self))
+        )
 
-    def _take(self, origin: Index, contacts: ContactTable, positions: Array, **changes: Any) -> Self:
-        """Return a crystal of balls that are those of the numbers ``origin``; they keep what they are, and their faces."""
+    def _take(
+        self, origin: Index, contacts: ContactTable, positions: Array, **changes: Any
+    ) -> Self:
+        """Return a crystal of balls that are those of the numbers ``origin``; they keep what they
+        are, and their faces.
+        """
         kind = self.kind[origin]
         used = kind[np.sort(np.unique(kind, return_index=True)[1])]
         faces = []
@@ -234,51 +341,75 @@ class Crystal(Result):
             low, high = (read_only(np.flatnonzero(np.isin(origin, at))) for at in face.balls)
             faces.append(replace(face, balls=(low, high)))
         return self._derive(
-            kinds=tuple(self.kinds[one] for one in used), names=tuple(self.names[one] for one in used),
-            kind=np.argsort(used)[np.searchsorted(np.sort(used), kind)], positions=positions, contacts=contacts,
+            kinds=tuple(self.kinds[one] for one in used),
+            names=tuple(self.names[one] for one in used),
+            kind=np.argsort(used)[np.searchsorted(np.sort(used), kind)],
+            positions=positions,
+            contacts=contacts,
             deviations=None if self.deviations is None else self.deviations[origin],
-            faces=tuple(faces), **changes,
-        )  # fmt: skip
+            faces=tuple(faces),
+            **changes,
+        )
 
-    # -- other ways to make one -------------------------------------------------------------------------------------------
+    # -- other ways to make one --------------------------------------------------------------------
 
     @classmethod
     def on(cls, lattice: str | Lattice, balls: Sequence[Ball], **options: Any) -> Self:
-        """Make a crystal of kinds of balls on the sites of a lattice, in turn, so that neighbours touch.
+        """Make a crystal of kinds of balls on the sites of a lattice, in turn, so that neighbours
+        touch.
 
         Parameters
         ----------
-        lattice : the name of a lattice of :class:`~granphon.Packing`, "NaCl", "CsCl" or "zincblende", or a
-            :class:`~granphon.Lattice`. A chain takes any number of kinds, and has as many balls in its cell; elsewhere the
-            number of sites in the cell must be a multiple of the number of kinds.
+        lattice : the name of a lattice of :class:`~granphon.Packing`, "NaCl", "CsCl" or
+            "zincblende", or a :class:`~granphon.Lattice`. A chain takes any number of kinds, and
+            has as many balls in its cell; elsewhere the number of sites in the cell must be a
+            multiple of the number of kinds.
         balls : a ball of each kind.
         options : options of the class: law, friction, motions, torsion, bending, name.
 
-        The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError` if they cannot all touch,
-        because the radii do not fit the lattice.
+        The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError`
+        if they cannot all touch, because the radii do not fit the lattice.
         """
         given = list_balls(balls)
         find_kinds(given)
         if (isinstance(lattice, str) and lattice == "chain") or lattice is LATTICES["chain"]:
-            steps = [one.radius + other.radius for one, other in zip(given, given[1:] + given[:1], strict=True)]
+            steps = [
+                one.radius + other.radius
+                for one, other in zip(given, given[1:] + given[:1], strict=True)
+            ]
             places = np.concatenate([[0.0], np.cumsum(steps)])
-            return cls(given, [[float(places[-1])]], places[:-1, None], **({"name": "chain"} | options))
+            return cls(
+                given, [[float(places[-1])]], places[:-1, None], **({"name": "chain"} | options)
+            )
         structure = find_structure(lattice)
         if len(given) > structure.n_balls or structure.n_balls % len(given):
             sites = counted(structure.n_balls, "site")
-            what = f"{counted(len(given), 'kind')} of balls do not go on the {sites} in a cell of {structure.name}"
-            mend = "Give a lattice that has a multiple, such as NaCl or CsCl for two kinds, or a cell and places"
+            what = (
+                f"{counted(len(given), 'kind')} of balls do not go on the {sites} in a cell of"
+                f" {structure.name}"
+            )
+            mend = (
+                "Give a lattice that has a multiple, such as NaCl or CsCl for two kinds, or a"
+                " cell and places"
+            )
             raise InputError(what, "Kinds follow each other on the sites of one cell", mend)
         balls_on = [given[site % len(given)] for site in range(structure.n_balls)]
-        radii, table = np.array([ball.radius for ball in balls_on]), structure.contacts
+        radii = np.array([ball.radius for ball in balls_on])
+        table = structure.contacts
         apart = radii[table.i] + radii[table.j]
         scale = float(np.mean(apart))
         if np.ptp(apart) > TOUCH * scale:
-            low, high = int(np.argmin(apart)), int(np.argmax(apart))
-            pairs = [f"those of sites {table.i[at]} and {table.j[at]} at {apart[at]:.6g} m" for at in (low, high)]
+            low = int(np.argmin(apart))
+            high = int(np.argmax(apart))
+            pairs = [
+                f"those of sites {table.i[at]} and {table.j[at]} at {apart[at]:.6g} m"
+                for at in (low, high)
+            ]
             said = f"Centres would be apart: {pairs[0]}, {pairs[1]}"
             what = f"balls of these sizes cannot all touch on the {structure.name} lattice"
-            raise InputError(what, said, "Give balls of one size, or a cell and places at which they touch")
+            raise InputError(
+                what, said, "Give balls of one size, or a cell and places at which they touch"
+            )
         cell = scale * structure.vectors
         if len(given) == structure.n_balls == 2:
             # the larger of two balls must not touch each other before they touch the smaller
@@ -287,41 +418,74 @@ class Crystal(Result):
             gap = float(np.min(np.linalg.norm(images[np.any(images, axis=1)] @ cell, axis=1)))
             small, large = sorted(given, key=lambda ball: ball.diameter)
             if gap < large.diameter * (1.0 - TOUCH):
-                least = 2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / gap) - large.diameter
+                least = (
+                    2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / gap)
+                    - large.diameter
+                )
                 called = small.name or "AB"[given.index(small)]
-                what = f"ball {called} of {small.diameter:g} m is too small for its site in {structure.name}"
-                ratio, wanted = small.diameter / large.diameter, least / large.diameter
+                what = (
+                    f"ball {called} of {small.diameter:g} m is too small for its site in"
+                    f" {structure.name}"
+                )
+                ratio = small.diameter / large.diameter
+                wanted = least / large.diameter
                 why = f"The others, of {large.diameter:g} m, touch each other before they touch it:"
-                why += f" the ratio of the diameters is {ratio:.4g}, and must be {wanted:.4g} or more"
+                why += (
+                    f" the ratio of the diameters is {ratio:.4g}, and must be {wanted:.4g} or more"
+                )
                 raise InputError(what, why, f"Give it a diameter of {least:.6g} m or more")
-        return cls(balls_on, cell, scale * structure.positions, **({"name": structure.name} | options))
+        return cls(
+            balls_on, cell, scale * structure.positions, **({"name": structure.name} | options)
+        )
 
     @classmethod
     def from_atoms(cls, atoms: Any, balls: Mapping[str, Ball], **options: Any) -> Self:
-        """Make a crystal from ``atoms``, an ``ase.Atoms`` with lengths in m, with one of ``balls`` for each chemical symbol.
+        """Make a crystal from ``atoms``, an ``ase.Atoms`` with lengths in m, with one of ``balls``
+        for each chemical symbol.
 
-        ``options`` are those of the class. The crystal repeats along the vectors of the cell that are periodic. Where all
-        balls have the same z and none of the periods leaves the plane, it is one of the plane; on a line it is a chain.
-        Kinds are called by their symbols.
+        ``options`` are those of the class. The crystal repeats along the vectors of the cell that
+        are periodic. Where all balls have the same z and none of the periods leaves the plane, it
+        is one of the plane; on a line it is a chain. Kinds are called by their symbols.
 
-        Raises :class:`~granphon.base.errors.InputError` for a symbol without a ball, and for what the class does not allow.
+        Raises :class:`~granphon.base.errors.InputError` for a symbol without a ball, and for what
+        the class does not allow.
         """
-        if not all(hasattr(atoms, name) for name in ("positions", "cell", "pbc", "get_chemical_symbols")):
-            raise InputError(f"{brief(atoms)} are not Atoms", mend="Give ase.Atoms, with lengths in m")
+        if not all(
+            hasattr(atoms, name) for name in ("positions", "cell", "pbc", "get_chemical_symbols")
+        ):
+            raise InputError(
+                f"{brief(atoms)} are not Atoms", mend="Give ase.Atoms, with lengths in m"
+            )
         symbols = atoms.get_chemical_symbols()
         if not symbols or not isinstance(balls, Mapping):
             what = f"the balls are {brief(balls)}" if symbols else "there are no atoms"
-            raise InputError(what, mend='Give balls by symbols, as {"Na": ball}' if symbols else "Give one or more")
+            raise InputError(
+                what,
+                mend='Give balls by symbols, as {"Na": ball}' if symbols else "Give one or more",
+            )
         if missing := sorted(set(symbols) - set(balls)):
-            raise InputError(f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol")
+            raise InputError(
+                f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol"
+            )
         find_kinds([balls[symbol] for symbol in symbols])
         named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
-        places, cell = np.array(atoms.positions, float), np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
+        places = np.array(atoms.positions, float)
+        cell = np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
         small = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
         d = 3
-        while d > 1 and len(cell) < d and np.ptp(places[:, d - 1]) <= small and not np.any(np.abs(cell[:, d - 1]) > small):
+        while (
+            d > 1
+            and len(cell) < d
+            and np.ptp(places[:, d - 1]) <= small
+            and not np.any(np.abs(cell[:, d - 1]) > small)
+        ):
             d -= 1
-        return cls([named[one] for one in symbols], cell[:, :d], places[:, :d], **({"name": "of these atoms"} | options))
+        return cls(
+            [named[one] for one in symbols],
+            cell[:, :d],
+            places[:, :d],
+            **({"name": "of these atoms"} | options),
+        )
 
     def repeat(self, shape: Any) -> Self:
         """Return the crystal of ``shape`` (L1, ..., Lp) cells of this one as one cell.
@@ -329,35 +493,50 @@ class Crystal(Result):
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
         """
         if not self.periods:
-            raise InputError(f"crystal {self.name!r} has no period along which it could be repeated", mend="Give its cell")
+            raise InputError(
+                f"crystal {self.name!r} has no period along which it could be repeated",
+                mend="Give its cell",
+            )
         full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
         _require_room(math.prod(full), self)
-        table, n = self.contacts, self.n_balls
+        table = self.contacts
+        n = self.n_balls
         cells, *ends = repeat_contacts(table.i, table.j, table.shift, n, tuple(full))
-        origin, rows = np.tile(np.arange(n), len(cells)), np.tile(np.arange(len(table)), len(cells))
+        origin = np.tile(np.arange(n), len(cells))
+        rows = np.tile(np.arange(len(table)), len(cells))
         positions = ((cells @ self.cell)[:, None] + self.positions).reshape(-1, self.dimension)
-        return self._take(origin, table.take(rows, *ends), positions, cell=self.cell * np.array(full)[:, None])
+        return self._take(
+            origin, table.take(rows, *ends), positions, cell=self.cell * np.array(full)[:, None]
+        )
 
     def sample(self, shape: Any = None, seed: int = 0, diameters: ArrayLike | None = None) -> Self:
-        """Return a supercell whose balls have their own diameters, with the distributions that their kinds have as spreads.
+        """Return a supercell whose balls have their own diameters, with the distributions that
+        their kinds have as spreads.
 
         Parameters
         ----------
         shape : (L1, ..., Lp), numbers of cells along the periods; by default one cell.
-        seed : the same seed gives the same diameters on any machine, and the same as in :class:`~granphon.DirectSimulation`.
-            A larger sample contains the diameters of a smaller one, before their mean is shifted.
-        diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a shape and a seed.
+        seed : the same seed gives the same diameters on any machine, and the same as in
+            :class:`~granphon.DirectSimulation`. A larger sample contains the diameters of a smaller
+            one, before their mean is shifted.
+        diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a
+            shape and a seed.
 
-        The diameters of a kind are shifted so that their mean is exactly the diameter of the kind. The diameters differ
-        little, as in a packing. All balls of a kind have the mass and the contact law of the mean ball, and mean balls touch
-        at the reference sites. A contact of balls with the deviations D_i and D_j has the overlap (D_i + D_j)/2 there. In
-        the state at rest some contacts are then open, and some balls may be loose. Means of forces and overlaps, as
+        The diameters of a kind are shifted so that their mean is exactly the diameter of the kind.
+        The diameters differ little, as in a packing. All balls of a kind have the mass and the
+        contact law of the mean ball, and mean balls touch at the reference sites. A contact of
+        balls with the deviations D_i and D_j has the overlap (D_i + D_j)/2 there. In the state at
+        rest some contacts are then open, and some balls may be loose. Means of forces and overlaps,
+        as
         :meth:`at_force` takes them, are over all contacts of the sample, the open ones too.
 
-        Raises :class:`~granphon.base.errors.InputError` for another shape of the arrays, numbers that are not finite and
-        above zero, and crystals without a spread of which no diameters are given.
+        Raises :class:`~granphon.base.errors.InputError` for another shape of the arrays, numbers
+        that are not finite and above zero, and crystals without a spread of which no diameters are
+        given.
         """
-        p, n, given = self.periods, self.n_balls, None
+        p = self.periods
+        n = self.n_balls
+        given = None
         if diameters is not None:
             given = finite_array("diameters", diameters, "m", "above zero")
             if given.ndim != p + (n > 1) or (n > 1 and given.shape[-1] != n) or shape is not None:
@@ -367,25 +546,35 @@ class Crystal(Result):
             shape = given.shape[:p]
         elif not any(ball.spread for ball in self.kinds):
             what = f"no ball of crystal {self.name!r} has a spread of diameters"
-            raise InputError(what, mend="Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or diameters")
+            raise InputError(
+                what,
+                mend="Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or"
+                " diameters",
+            )
         full = tuple(np.atleast_1d(np.asarray((1,) * p if shape is None else shape)).tolist())
         other = self.repeat(full) if p or full else self
         off = np.zeros(other.n_balls) if given is None else given.ravel().astype(float)
         for number, ball in enumerate(self.kinds):
             own = other.kind == number
             if given is None and ball.spread is not None:
-                off[own] = ball.spread.sample((*full, n) if n > 1 or not p else full, seed).ravel()[own]
-            # twice, so that what remains is zero to the rounding of the deviations, not of the diameters
+                off[own] = ball.spread.sample((*full, n) if n > 1 or not p else full, seed).ravel()[
+                    own
+                ]
+            # twice, so that what remains is zero to the rounding of the deviations, not of the
+            # diameters
             off[own] -= np.mean(off[own])
             off[own] -= np.mean(off[own])
             if (least := ball.diameter + float(np.min(off[own]))) <= 0.0:
-                raise InputError(f"the smallest ball has a diameter of {least:g} m", mend="Give a smaller spread")
+                raise InputError(
+                    f"the smallest ball has a diameter of {least:g} m", mend="Give a smaller spread"
+                )
         return other._derive(deviations=off)
 
     def replace(self, index: Any, ball: Ball) -> Self:
         """Return the crystal with another ball at one site, or at several: a defect.
 
-        ``index`` is the number of a ball, or a list of numbers. A ball of another size must touch the same neighbours.
+        ``index`` is the number of a ball, or a list of numbers. A ball of another size must touch
+        the same neighbours.
         """
         at = index_array("index", index, self.n_balls)
         given = list(self.balls)
@@ -393,44 +582,68 @@ class Crystal(Result):
             raise InputError(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball")
         for one in at.tolist():
             if abs(ball.radius - given[one].radius) > 0.5 * TOUCH * ball.radius:
-                what = f"ball {one} has the radius {given[one].radius:.9g} m, and the new one {ball.radius:.9g} m"
+                what = (
+                    f"ball {one} has the radius {given[one].radius:.9g} m, and the new one"
+                    f" {ball.radius:.9g} m"
+                )
                 why = "Its neighbours would overlap or miss it"
-                raise InputError(what, why, "Give a ball of the same size, or a new crystal from cell and positions")
+                raise InputError(
+                    what,
+                    why,
+                    "Give a ball of the same size, or a new crystal from cell and positions",
+                )
             given[one] = ball
         kinds, kind = find_kinds(given)
         known = dict(zip(self.kinds, self.names, strict=True))
         deviations = self.deviations
         if deviations is not None:
             deviations = np.where(np.isin(np.arange(self.n_balls), at), 0.0, deviations)
-        return self._derive(kinds=kinds, kind=kind, names=name_kinds(kinds, known), deviations=deviations)
+        return self._derive(
+            kinds=kinds, kind=kind, names=name_kinds(kinds, known), deviations=deviations
+        )
 
     def with_balls(self, balls: Mapping[str, Ball]) -> Self:
         """Return the crystal with other balls of some kinds, by name, at the same places.
 
-        Raises :class:`~granphon.base.errors.InputError` for what is no mapping of names to balls, a name without a kind, and
-        a ball of another diameter.
+        Raises :class:`~granphon.base.errors.InputError` for what is no mapping of names to balls, a
+        name without a kind, and a ball of another diameter.
         """
         known = dict(zip(self.names, self.kinds, strict=True))
         given: object = balls
-        if not isinstance(given, Mapping) or not all(isinstance(ball, Ball) for ball in given.values()):
-            mend = f'Give a granphon.Ball for each kind that changes, as {{"{self.names[0]}": ball}}'
+        if not isinstance(given, Mapping) or not all(
+            isinstance(ball, Ball) for ball in given.values()
+        ):
+            mend = (
+                f'Give a granphon.Ball for each kind that changes, as {{"{self.names[0]}": ball}}'
+            )
             raise InputError(f"the balls are {brief(given)}", mend=mend)
         for name, ball in balls.items():
             if name not in known:
-                raise InputError(f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(known)}")
+                raise InputError(
+                    f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(known)}"
+                )
             if ball.diameter != known[name].diameter:
-                what = f"balls {name!r} of {ball.diameter:g} m do not touch their neighbours where those of "
+                what = (
+                    f"balls {name!r} of {ball.diameter:g} m do not touch their neighbours where"
+                    f" those of "
+                )
                 why = "Only on a named lattice places follow from diameters"
-                raise InputError(f"{what}{known[name].diameter:g} m lie", why, "Make the crystal anew")
+                raise InputError(
+                    f"{what}{known[name].diameter:g} m lie", why, "Make the crystal anew"
+                )
         return self._derive(kinds=tuple((known | dict(balls)).values()))
 
     def remove(self, index: Any) -> Self:
-        """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number or a list of numbers."""
+        """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number
+        or a list of numbers.
+        """
         kept = np.ones(self.n_balls, bool)
         kept[index_array("index", index, self.n_balls)] = False
         if not np.any(kept):
             raise InputError("no ball is left", mend="Remove fewer")
-        place, table, origin = np.cumsum(kept) - 1, self.contacts, np.flatnonzero(kept)
+        place = np.cumsum(kept) - 1
+        table = self.contacts
+        origin = np.flatnonzero(kept)
         rows = np.flatnonzero(kept[table.i] & kept[table.j])
         contacts = table.take(rows, place[table.i[rows]], place[table.j[rows]], table.shift[rows])
         other = self._take(origin, contacts, self.positions[kept])
@@ -438,56 +651,85 @@ class Crystal(Result):
         return other
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
-        """Return so many layers of the crystal, which no longer repeat across them: a strip, slab or column.
+        """Return so many layers of the crystal, which no longer repeat across them: a strip, slab
+        or column.
 
         Parameters
         ----------
-        axis : index of the vector of the cell along which layers follow each other; or integer Miller indices of their
-            plane, one for each vector of the cell as given, or four in a hexagonal cell. The cells of fcc, bcc, diamond and
-            NaCl are primitive: the conventional plane (h, k, l) has the indices ``cell @ [h, k, l]``, made whole numbers, in
-            these. So fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
+        axis : index of the vector of the cell along which layers follow each other; or integer
+            Miller indices of their plane, one for each vector of the cell as given, or four in a
+            hexagonal cell. The cells of fcc, bcc, diamond and NaCl are primitive: the conventional
+            plane (h, k, l) has the indices ``cell @ [h, k, l]``, made whole numbers, in these. So
+            fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
         layers : their number, in cells.
-        edges : how the two faces are held: "free"; "clamped", the outer layer does not move by itself; "floor", a rigid
-            plane touches the outer balls. One word for both, or (lower, upper).
+        edges : how the two faces are held: "free"; "clamped", the outer layer does not move by
+            itself; "floor", a rigid plane touches the outer balls. One word for both, or (lower,
+            upper).
 
-        The layers follow each other along the first axis that is no longer a period, the lower face first: y of what was cut
-        from a plane, z from space, x from a chain. If need be the crystal is turned, so that the periods that are left lie
-        along x or in the xy plane. Where both faces are walls, a load moves the upper one.
+        The layers follow each other along the first axis that is no longer a period, the lower face
+        first: y of what was cut from a plane, z from space, x from a chain. If need be the crystal
+        is turned, so that the periods that are left lie along x or in the xy plane. Where both
+        faces are walls, a load moves the upper one.
 
-        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, and if layers do not hang together.
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, and if
+        layers do not hang together.
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count, self)
         words, layering = require("edges", read_edges, edges), Layers.across(axis, self.cell)
-        d, n, a, table = self.dimension, self.n_balls, self.periods - 1, self.contacts
-        turn, stack = layering.turn, layering.stack
+        d = self.dimension
+        n = self.n_balls
+        a = self.periods - 1
+        table = self.contacts
+        turn = layering.turn
+        stack = layering.stack
         sites, shift = layering.gather(self.positions, table.i, table.j, table.shift)
         i, j, rows, shift = layering.unfold(table.i, table.j, shift, n, count)
-        positions = ((sites @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, d)
+        positions = ((sites @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(
+            -1, d
+        )
         origin = np.tile(np.arange(n), count)
         outer = find_faces(positions[:, a], self._mean_radii[origin], words, n)
-        other = self._take(origin, table.take(rows, i, j, shift, turn), positions, cell=layering.cell)
+        other = self._take(
+            origin, table.take(rows, i, j, shift, turn), positions, cell=layering.cell
+        )
         face = Faces(a, count * abs(float(stack[a])), words, outer)
         other = other._derive(faces=(*other.faces, face))
         other._require_joined()
         return other
 
     def _require_joined(self) -> None:
-        """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp, and faces have balls."""
-        n, p, table = self.n_balls, self.periods, self.contacts
+        """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp,
+        and faces have balls.
+        """
+        n = self.n_balls
+        p = self.periods
+        table = self.contacts
         if not all(one.balls.size for one in self._sides):
-            what, why = f"no ball is left at a face of crystal {self.name!r}", "It could be neither held nor pressed there"
+            what = f"no ball is left at a face of crystal {self.name!r}"
+            why = "It could be neither held nor pressed there"
             raise InputError(what, why, "Remove balls first, and cut then")
         if not self.n_contacts:
-            raise InputError(f"no balls of crystal {self.name!r} touch", mend="Give more layers, or remove fewer balls")
+            raise InputError(
+                f"no balls of crystal {self.name!r} touch",
+                mend="Give more layers, or remove fewer balls",
+            )
         held = np.zeros(n, bool)  # by a wall, which extends along all periods
-        held[np.concatenate([np.zeros(0, np.intp), *(one.balls for one in self._sides if one.edge != "free")])] = True
+        held[
+            np.concatenate(
+                [np.zeros(0, np.intp), *(one.balls for one in self._sides if one.edge != "free")]
+            )
+        ] = True
         if (alone := np.setdiff1d(np.flatnonzero(~held), np.append(table.i, table.j))).size:
-            raise InputError(f"ball {alone[0]} of crystal {self.name!r} touches no other", mend="Remove it too")
+            raise InputError(
+                f"ball {alone[0]} of crystal {self.name!r} touches no other", mend="Remove it too"
+            )
         mend = "Remove one of them, or give more layers"
-        require_joined(table.i, table.j, table.shift, n, p, f"crystal {self.name!r}", mend=mend, held=held)
+        require_joined(
+            table.i, table.j, table.shift, n, p, f"crystal {self.name!r}", mend=mend, held=held
+        )
 
-    # -- what it is -------------------------------------------------------------------------------------------------------
+    # -- what it is --------------------------------------------------------------------------------
 
     @property
     def n_balls(self) -> int:
@@ -520,9 +762,13 @@ class Crystal(Result):
         return abs(float(np.linalg.det(self.cell[:, : self.periods]))) if self.periods else 1.0
 
     def __repr__(self) -> str:
-        kinds = ", ".join(f"{np.count_nonzero(self.kind == at)} {name}" for at, name in enumerate(self.names))
+        kinds = ", ".join(
+            f"{np.count_nonzero(self.kind == at)} {name}" for at, name in enumerate(self.names)
+        )
         what = f"{counted(self.n_balls, 'ball')} ({kinds}), {counted(self.n_contacts, 'contact')}"
-        return f"Crystal({self.name!r}: {what}, {counted(self.periods, 'period')}, {self.dimension}D)"
+        return (
+            f"Crystal({self.name!r}: {what}, {counted(self.periods, 'period')}, {self.dimension}D)"
+        )
 
     @cached_property
     def radii(self) -> Array:
@@ -541,7 +787,9 @@ class Crystal(Result):
 
     @property
     def mindlin_ratios(self) -> Array:
-        """(n_c,) shear over normal stiffness of each contact that resists shear: 4 G*/E*, without adhesion."""
+        """(n_c,) shear over normal stiffness of each contact that resists shear: 4 G*/E*, without
+        adhesion.
+        """
         return np.asarray(self._constants[2])
 
     @property
@@ -551,7 +799,8 @@ class Crystal(Result):
 
     @property
     def downward(self) -> Array:
-        """(d,) unit vector across the layers of what was cut, towards the face that is held; the lower one if both are.
+        """(d,) unit vector across the layers of what was cut, towards the face that is held; the
+        lower one if both are.
 
         Raises :class:`~granphon.base.errors.InputError` if no face is.
         """
@@ -559,7 +808,9 @@ class Crystal(Result):
             if one.edge != "free":
                 return np.asarray(one.sign * np.eye(self.dimension)[one.axis])
         what = f"nothing holds crystal {self.name!r} against gravity"
-        error = InputError(what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))')
+        error = InputError(
+            what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'
+        )
         error.block = ("load", "gravity")
         raise error
 
@@ -571,10 +822,19 @@ class Crystal(Result):
     @cached_property
     def _sides(self) -> list[Side]:
         """The faces of all cuts, the lower before the upper of each."""
-        out, walls = list[Side](), 0
+        out = list[Side]()
+        walls = 0
         for face in self.faces:
             for sign, edge, balls in zip((-1.0, 1.0), face.edges, face.balls, strict=True):
-                out.append(Side(face.axis, sign, edge, balls, walls if face.is_pressed and sign > 0.0 else -1))
+                out.append(
+                    Side(
+                        face.axis,
+                        sign,
+                        edge,
+                        balls,
+                        walls if face.is_pressed and sign > 0.0 else -1,
+                    )
+                )
             walls += face.is_pressed
         return out
 
@@ -584,16 +844,25 @@ class Crystal(Result):
 
     @cached_property
     def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
-        """The different pairs of kinds that touch, with their names, and the number (n_c,) of the pair of each contact."""
-        table, m = self.contacts, len(self.kinds)
-        one, other = self.kind[table.i], self.kind[table.j]
-        at_floor = np.concatenate([np.zeros(0, np.intp), *(self.kind[one.balls] for one in self._floors)])
+        """The different pairs of kinds that touch, with their names, and the number (n_c,) of the
+        pair of each contact.
+        """
+        table = self.contacts
+        m = len(self.kinds)
+        one = self.kind[table.i]
+        other = self.kind[table.j]
+        at_floor = np.concatenate(
+            [np.zeros(0, np.intp), *(self.kind[one.balls] for one in self._floors)]
+        )
         low = np.concatenate([np.minimum(one, other), at_floor])
         high = np.concatenate([np.maximum(one, other), np.full(len(at_floor), m)])
         keys, number = np.unique(low * (m + 1) + high, return_inverse=True)
         bodies: list[Body] = [*self.kinds, RIGID_PLANE]
         names = [*self.names, RIGID_PLANE.name]
-        pairs = [(bodies[a], bodies[b], names[a], names[b]) for a, b in (divmod(key, m + 1) for key in keys.tolist())]
+        pairs = [
+            (bodies[a], bodies[b], names[a], names[b])
+            for a, b in (divmod(key, m + 1) for key in keys.tolist())
+        ]
         return pairs, number.astype(np.intp)
 
     @cached_property
@@ -609,28 +878,52 @@ class Crystal(Result):
                 checked.add(id(found))
             laws.append(found)
         order = np.argsort(number, kind="stable")
-        split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[: len(pairs)]
-        return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number), self._constants[0])
+        split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[
+            : len(pairs)
+        ]
+        return Springs(
+            [(law, at) for law, at in zip(laws, split, strict=True)],
+            len(number),
+            self._constants[0],
+        )
 
     def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
-        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers from that of the balls on are floors."""
-        names = [self.names[self.kind[end]] if end < self.n_balls else RIGID_PLANE.name for end in (i, j)]
+        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers from that of the balls on
+        are floors.
+        """
+        names = [
+            self.names[self.kind[end]] if end < self.n_balls else RIGID_PLANE.name for end in (i, j)
+        ]
         return self.contact_model.law_of(names[0], names[1])
 
     def touch(self) -> CrystalState:
-        """Return the crystal as its balls touch, without load; stiffnesses are those at overlaps of 1e-6 of distances."""
-        frame, springs = self._frame[0], self._springs
-        overlap, d, p = TOUCH * frame.distance, self.dimension, self.periods
+        """Return the crystal as its balls touch, without load; stiffnesses are those at overlaps of
+        1e-6 of distances.
+        """
+        frame = self._frame[0]
+        springs = self._springs
+        overlap = TOUCH * frame.distance
+        d = self.dimension
+        p = self.periods
         unit = frame.vector / np.linalg.norm(frame.vector, axis=1, keepdims=True)
         return CrystalState(
-            self, springs.force(overlap), overlap, springs.stiffness(overlap), unit, np.zeros((self.n_balls, d)),
-            np.zeros((p, p)), np.zeros((p, p)), np.zeros(len(frame.walls)),
-        )  # fmt: skip
+            self,
+            springs.force(overlap),
+            overlap,
+            springs.stiffness(overlap),
+            unit,
+            np.zeros((self.n_balls, d)),
+            np.zeros((p, p)),
+            np.zeros((p, p)),
+            np.zeros(len(frame.walls)),
+        )
 
     @cached_property
     def contact_model(self) -> ContactModel:
         """The kinds and the laws of their contacts, which networks of the crystal have too."""
-        return ContactModel(self.kinds, self.names, self.law, self.friction, self.torsion, self.bending)
+        return ContactModel(
+            self.kinds, self.names, self.law, self.friction, self.torsion, self.bending
+        )
 
     @cached_property
     def _constants(self) -> Array:
@@ -644,18 +937,34 @@ class Crystal(Result):
         """The motions of each ball, without rotations if no contact resists any."""
         allowed = allowed_motions(self.dimension)
         among = next(iter(allowed.values())) if self.motions is None else allowed[self.motions]
-        return select_motions(1.0 if self.friction else 0.0, 1.0 if self.torsion else 0.0, self.bending, among)
+        return select_motions(
+            1.0 if self.friction else 0.0, 1.0 if self.torsion else 0.0, self.bending, among
+        )
 
     @cached_property
     def _frame(self) -> tuple[Frame, Index, Index]:
-        """The unknowns of the statics, the place of each ball among displacements (-1: held), and its wall (-1: none)."""
-        if self.deviations is None and any(ball.spread is not None and ball.spread.rms for ball in self.kinds):
+        """The unknowns of the statics, the place of each ball among displacements (-1: held), and
+        its wall (-1: none).
+        """
+        if self.deviations is None and any(
+            ball.spread is not None and ball.spread.rms for ball in self.kinds
+        ):
             what = f"balls of crystal {self.name!r} have a spread of diameters, and none are drawn"
-            raise InputError(what, "Each ball is simulated by itself", "Draw them: crystal.sample((8, 8), seed=0)")
-        n, d, p, table = self.n_balls, self.dimension, self.periods, self.contacts
-        radii, bulges = self._mean_radii, self._bulges
-        place, rider = np.zeros(n, np.intp), np.full(n, -1, np.intp)
-        walls = [(face.axis, len(face.balls[1])) for face in self.faces if face.is_pressed]  # axis, balls: those that move
+            raise InputError(
+                what,
+                "Each ball is simulated by itself",
+                "Draw them: crystal.sample((8, 8), seed=0)",
+            )
+        n = self.n_balls
+        d = self.dimension
+        p = self.periods
+        table = self.contacts
+        radii = self._mean_radii
+        bulges = self._bulges
+        place = np.zeros(n, np.intp)
+        rider = np.full(n, -1, np.intp)
+        # axis, balls: those that move
+        walls = [(face.axis, len(face.balls[1])) for face in self.faces if face.is_pressed]
         for side in self._sides:
             if side.edge == "clamped":
                 place[side.balls], rider[side.balls] = -1, side.wall
@@ -663,7 +972,8 @@ class Crystal(Result):
         place[free] = np.arange(np.count_nonzero(free))
         n_free = d * int(np.count_nonzero(free))
         pairs = tuple((a, b) for a in range(p) for b in range(a, p))
-        # forces on strains, sums over all contacts, are then of the size of those on balls, root of n as these are in sum
+        # forces on strains, sums over all contacts, are then of the size of those on balls, root of
+        # n as these are in sum
         length = 2.0 * float(np.mean(radii)) * math.sqrt(max(len(table), 1))
         first_wall = n_free + len(pairs)
         parts: list[tuple[Any, Any, Any]] = []
@@ -680,7 +990,9 @@ class Crystal(Result):
             parts.append((rows + a, n_free + number, table.vector[:, b] / length))
             if a != b:
                 parts.append((rows + b, n_free + number, table.vector[:, a] / length))
-        vectors, start, offsets = [table.vector], len(table), [bulges[table.i] + bulges[table.j]]
+        vectors = [table.vector]
+        start = len(table)
+        offsets = [bulges[table.i] + bulges[table.j]]
         for axis, sign, _, at, wall in self._floors:
             own = (start + np.arange(len(at))) * d + axis
             moves = place[at] >= 0
@@ -694,30 +1006,46 @@ class Crystal(Result):
         flat = np.arange(len(vector)) >= len(table)
         motion = compose(parts, (len(vector) * d, first_wall + len(walls)))
         counts = tuple(count for _, count in walls)
-        frame = Frame(vector, flat, motion, d, self.cell[:, :p], n_free, pairs, counts, length, np.concatenate(offsets))
+        frame = Frame(
+            vector,
+            flat,
+            motion,
+            d,
+            self.cell[:, :p],
+            n_free,
+            pairs,
+            counts,
+            length,
+            np.concatenate(offsets),
+        )
         return frame, place, rider
 
-    # -- under load -------------------------------------------------------------------------------------------------------
+    # -- under load --------------------------------------------------------------------------------
 
     def at_pressure(
-        self, pressure: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
+        self,
+        pressure: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        finite_overlap: bool | None = None,
     ) -> CrystalState:
         """Return the state at rest under a hydrostatic pressure.
 
         Parameters
         ----------
-        pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. On a cut crystal it also acts on
-            both faces; on a free face the outer balls share it equally.
-        gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp, or (..., d), of which there is
-            one for each load. Then the periods keep the length at which balls touch, as between walls, P acts on the upper
-            face alone, and may be zero.
-        finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed cell, and static forces
-            enter the response. By default overlaps are small, which drops terms of relative order delta/d.
+        pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. On a cut
+            crystal it also acts on both faces; on a free face the outer balls share it equally.
+        gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp, or
+            (..., d), of which there is one for each load. Then the periods keep the length at which
+            balls touch, as between walls, P acts on the upper face alone, and may be zero.
+        finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed
+            cell, and static forces enter the response. By default overlaps are small, which drops
+            terms of relative order delta/d.
 
         Raises
         ------
-        InputError : a pressure that is not above zero (zero or above with gravity; any if contacts adhere or are bonds),
-            gravity that nothing holds, or forces that contacts cannot bear.
+        InputError : a pressure that is not above zero (zero or above with gravity; any if contacts
+            adhere or are bonds), gravity that nothing holds, or forces that contacts cannot bear.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
         values, fields = self._read_gravity(finite_array("pressure", pressure), gravity)
@@ -726,74 +1054,102 @@ class Crystal(Result):
         adhere = self._springs.adhere
         if np.any(values < 0.0) and not adhere:
             what = f"pressure is {brief(values.tolist())}: tensile"
-            raise InputError(what, "One-sided contacts carry no tension", "Give a pressure above zero")
-        if not adhere and any(one == 0.0 and field is None for one, field in zip(values.flat, fields, strict=True)):
+            raise InputError(
+                what, "One-sided contacts carry no tension", "Give a pressure above zero"
+            )
+        if not adhere and any(
+            one == 0.0 and field is None for one, field in zip(values.flat, fields, strict=True)
+        ):
             why = "Balls that only touch have no stiffness, and carry no sound"
             raise InputError("pressure is zero", why, "Press them, or give gravity and a floor")
 
         loads = zip(values.ravel().tolist(), fields, strict=True)
-        pushes = (self._push_hydrostatic(one, field, f"a pressure of {one:g}") for one, field in loads)
+        pushes = (
+            self._push_hydrostatic(one, field, f"a pressure of {one:g}") for one, field in loads
+        )
         return self._solve_each(values, pushes, finite_overlap)
 
     def at_force(
-        self, force: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
+        self,
+        force: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        finite_overlap: bool | None = None,
     ) -> CrystalState:
-        """Return the state at rest under that hydrostatic pressure at which contacts carry the mean ``force``, N.
+        """Return the state at rest under that hydrostatic pressure at which contacts carry the mean
+        ``force``, N.
 
-        The mean is that over the contacts that carry a load, or touch if they adhere; of balls that differ in diameter that
-        over all contacts. ``gravity``, ``finite_overlap`` and the errors are as in :meth:`at_pressure`.
+        The mean is that over the contacts that carry a load, or touch if they adhere; of balls that
+        differ in diameter that over all contacts. ``gravity``, ``finite_overlap`` and the errors
+        are as in :meth:`at_pressure`.
         """
         return self._at_mean("force", force, gravity, finite_overlap)
 
     def at_overlap(
-        self, overlap: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
+        self,
+        overlap: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        finite_overlap: bool | None = None,
     ) -> CrystalState:
-        """Return the state at which contacts have the mean ``overlap``, m; see :meth:`at_force`, ``gravity`` too."""
+        """Return the state at which contacts have the mean ``overlap``, m; see :meth:`at_force`,
+        ``gravity`` too.
+        """
         return self._at_mean("overlap", overlap, gravity, finite_overlap)
 
     def at_stress(
-        self, stress: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
+        self,
+        stress: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        finite_overlap: bool | None = None,
     ) -> CrystalState:
         """Return the state at rest under a stress; tension is positive.
 
         Parameters
         ----------
-        stress : (p, p) symmetric, or Voigt: (1,), (3,) for xx, yy, xy or (6,) for xx, yy, zz, yz, xz, xy; or an array of
-            these. Pa in space, N/m in the plane, N on a line. Of what was cut it is that along the periods that are left,
-            and the faces are not pressed.
+        stress : (p, p) symmetric, or Voigt: (1,), (3,) for xx, yy, xy or (6,) for xx, yy, zz, yz,
+            xz, xy; or an array of these. Pa in space, N/m in the plane, N on a line. Of what was
+            cut it is that along the periods that are left, and the faces are not pressed.
         gravity : m/s^2, of a crystal that stands on a floor or clamp; see :meth:`at_pressure`.
         finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
 
         Raises
         ------
-        InputError : an array of another shape; a stress that contacts cannot bear, because they only push along the lines of
-            their centres.
+        InputError : an array of another shape; a stress that contacts cannot bear, because they
+            only push along the lines of their centres.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
         values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
 
         def name(one: Array) -> str:
-            words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())}"
-            return f"{words} {('', 'N', 'N/m', 'Pa')[self.periods]}"
+            rounded = np.round(one, 12) if np.max(np.abs(one)) > 1e-6 else one
+            return f"the stress {brief(rounded.tolist())} {('', 'N', 'N/m', 'Pa')[self.periods]}"
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
         pushes = (self._push(name(one), field, stress=one) for one, field in loads)
         return self._solve_each(values, pushes, finite_overlap, 2)
 
     def at_strain(
-        self, strain: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
+        self,
+        strain: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        finite_overlap: bool | None = None,
     ) -> CrystalState:
         """Return the state at rest of a crystal whose periods are strained; extension is positive.
 
         Parameters
         ----------
-        strain : (p, p) symmetric, or Voigt with twice the shear: (1,), (3,) for xx, yy, 2xy or (6,) for xx, yy, zz, 2yz,
-            2xz, 2xy; or an array of these. It is measured from the cell in which balls only touch.
+        strain : (p, p) symmetric, or Voigt with twice the shear: (1,), (3,) for xx, yy, 2xy or (6,)
+            for xx, yy, zz, 2yz, 2xz, 2xy; or an array of these. It is measured from the cell in
+            which balls only touch.
         gravity, finite_overlap : see :meth:`at_stress`.
 
         Raises
         ------
-        InputError : an array of another shape; a strain that opens all contacts, or shortens a period to nothing.
+        InputError : an array of another shape; a strain that opens all contacts, or shortens a
+            period to nothing.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
         values, fields = self._read_gravity(self._read_tensor("strain", strain, 0.5), gravity, 2)
@@ -802,14 +1158,22 @@ class Crystal(Result):
             raise InputError(what, "Nothing would be left of it", "Give a strain above -1")
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
-        pushes = (self._push(f"the strain {brief(one.tolist())}", field, strain=one) for one, field in loads)
+        pushes = (
+            self._push(f"the strain {brief(one.tolist())}", field, strain=one)
+            for one, field in loads
+        )
         return self._solve_each(values, pushes, finite_overlap, 2)
 
     def _read_tensor(self, name: str, values: ArrayLike, shear: float) -> Array:
-        """Return tensors (..., p, p), from these or from Voigt's order, in which shears count by the factor ``shear``."""
+        """Return tensors (..., p, p), from these or from Voigt's order, in which shears count by
+        the factor ``shear``.
+        """
         p = self.periods
         if not p:
-            raise InputError(f"crystal {self.name!r} has no period that a {name} could act on", mend="Give a pressure")
+            raise InputError(
+                f"crystal {self.name!r} has no period that a {name} could act on",
+                mend="Give a pressure",
+            )
         given = finite_array(name, values)
         voigt = voigt_pairs(p)
         if p == 1 and given.ndim == 0:
@@ -820,44 +1184,73 @@ class Crystal(Result):
             return given
         if given.shape[-1:] != (len(voigt),):
             what = f"{name} has the shape {given.shape}"
-            raise InputError(what, mend=f"Give ({p}, {p}), or ({len(voigt)},) in Voigt order, or an array of these")
+            raise InputError(
+                what,
+                mend=f"Give ({p}, {p}), or ({len(voigt)},) in Voigt order, or an array of these",
+            )
         out = np.zeros((*given.shape[:-1], p, p))
         for number, (a, b) in enumerate(voigt):
             out[..., a, b] = out[..., b, a] = given[..., number] * (1.0 if a == b else shear)
         return out
 
-    def _read_gravity(self, values: Array, gravity: ArrayLike | None, rank: int = 0) -> tuple[Array, list[Array | None]]:
-        """Return loads, whose last ``rank`` axes are those of one, broadcast with gravity, and this at each, or None."""
+    def _read_gravity(
+        self, values: Array, gravity: ArrayLike | None, rank: int = 0
+    ) -> tuple[Array, list[Array | None]]:
+        """Return loads, whose last ``rank`` axes are those of one, broadcast with gravity, and this
+        at each, or None.
+        """
         lead = values.shape[: values.ndim - rank]
         if gravity is None:
             return values, [None] * math.prod(lead)
-        field, d, p = finite_array("gravity", gravity), self.dimension, self.periods
+        field = finite_array("gravity", gravity)
+        d = self.dimension
+        p = self.periods
         field = field[..., None] if d == 1 and field.shape[-1:] != (1,) else field
         try:
-            shape = np.broadcast_shapes(lead, field.shape[:-1]) if field.shape[-1:] == (d,) else None
+            shape = (
+                np.broadcast_shapes(lead, field.shape[:-1]) if field.shape[-1:] == (d,) else None
+            )
         except ValueError:
             shape = None
         if shape is None:
-            what = f"gravity has the shape {field.shape}" + (f", and the loads {lead}" if lead else "")
-            raise InputError(what, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane")
+            what = f"gravity has the shape {field.shape}" + (
+                f", and the loads {lead}" if lead else ""
+            )
+            raise InputError(
+                what, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane"
+            )
         across = np.abs(field) > 1e-12 * np.max(np.abs(field), axis=-1, keepdims=True)
         walls = {one.axis for one in self._sides if one.edge != "free"}
         for axis in np.flatnonzero(np.any(across.reshape(-1, d), axis=0)).tolist():
-            if axis < p or (axis not in walls and not any("clamped" in face.edges for face in self.faces)):
+            if axis < p or (
+                axis not in walls and not any("clamped" in face.edges for face in self.faces)
+            ):
                 where = "repeats" if axis < p else "stands on nothing"
                 what = f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {where}"
-                mend = 'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))'
+                mend = (
+                    'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))'
+                )
                 raise InputError(what, "Nothing holds the balls there", mend)
         each = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
-        return np.broadcast_to(values, shape + values.shape[len(lead) :]), [one if np.any(one) else None for one in each]
+        return np.broadcast_to(values, shape + values.shape[len(lead) :]), [
+            one if np.any(one) else None for one in each
+        ]
 
     def _push(
-        self, words: str, field: Array | None, stress: Array | None = None, strain: Array | None = None,
+        self,
+        words: str,
+        field: Array | None,
+        stress: Array | None = None,
+        strain: Array | None = None,
         pressure: float = 0.0,
-    ) -> Push:  # fmt: skip
-        """Return the load of gravity, a ``stress`` or ``strain`` (p, p) of the periods, and a pressure on the faces."""
+    ) -> Push:
+        """Return the load of gravity, a ``stress`` or ``strain`` (p, p) of the periods, and a
+        pressure on the faces.
+        """
         frame, place, _ = self._frame
-        lifted: tuple[str, str] | None = None  # why gravity lifts balls off what they stand on, and what mends it
+        lifted: tuple[str, str] | None = (
+            None  # why gravity lifts balls off what they stand on, and what mends it
+        )
         force, pressed, given = np.zeros((3, frame.motion.shape[1]))
         held = np.zeros(len(force), bool)
         if field is not None:
@@ -867,18 +1260,33 @@ class Crystal(Result):
                 way = field[face.axis] if low != "free" else -field[face.axis]
                 others = math.prod(one.thickness for one in self.faces if one is not face)
                 weight = float(np.sum(self.masses[place >= 0])) * way / (self.measure * others)
-                if lifted is None and way > 0.0 and pressure <= weight and (low, high) != ("clamped", "clamped"):
+                if (
+                    lifted is None
+                    and way > 0.0
+                    and pressure <= weight
+                    and (low, high) != ("clamped", "clamped")
+                ):
                     unit = ("N", "N/m", "Pa")[self.periods + len(self.faces) - 1]
                     word, sign = (low, "") if low != "free" else (high, "-")
-                    why = f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which the balls stand"
-                    lifted = why, f"Turn it round, or press with more than their weight, {weight:.4g} {unit}"
+                    why = (
+                        f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on"
+                        f" which the balls stand"
+                    )
+                    lifted = (
+                        why,
+                        f"Turn it round, or press with more than their weight, {weight:.4g} {unit}",
+                    )
         if stress is not None:
             force[frame.strains] += frame.work_of(stress)
         if strain is not None:
             held[frame.strains] = True
             given[frame.strains] = [strain[a, b] * frame.length for a, b in frame.pairs]
         for one in self._sides:
-            push = pressure * frame.measure * math.prod(face.thickness for face in self.faces if face.axis != one.axis)
+            push = (
+                pressure
+                * frame.measure
+                * math.prod(face.thickness for face in self.faces if face.axis != one.axis)
+            )
             if one.wall >= 0:
                 pressed[frame.strains.stop + one.wall] -= push
             elif one.edge == "free":
@@ -891,34 +1299,56 @@ class Crystal(Result):
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
         words += f" {('N', 'N', 'N/m', 'Pa')[self.periods + len(self.faces)]}"
         if field is not None:
-            return self._push(f"{words} with gravity", field, strain=np.zeros((self.periods,) * 2), pressure=pressure)
+            return self._push(
+                f"{words} with gravity",
+                field,
+                strain=np.zeros((self.periods,) * 2),
+                pressure=pressure,
+            )
         stress = -pressure * np.eye(self.periods) * math.prod(face.thickness for face in self.faces)
         return self._push(words, None, stress, pressure=pressure)
 
-    def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
-        """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
+    def _at_mean(
+        self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None
+    ) -> CrystalState:
+        """Return the state at which contacts have a mean force or overlap, by a search for the
+        pressure.
+        """
         given, fields = self._read_gravity(finite_array(kind, values), gravity)
         self._require_pressable()
         if np.any(given <= 0.0):
             word = "zero" if np.any(given == 0.0) else f"{brief(given.tolist())}: tensile"
-            why, mend = "One-sided contacts carry no tension", f"Give {kind} above zero"
+            why = "One-sided contacts carry no tension"
+            mend = f"Give {kind} above zero"
             if self._springs.adhere:
                 why = "A mean of contacts that adhere has no one pressure there"
                 mend = "Use at_pressure, which may be zero or below"
             raise InputError(f"{kind} is {word}", why, mend)
         follows = read_finite_overlap(finite_overlap)
-        frame, springs = self._frame[0], self._springs
+        frame = self._frame[0]
+        springs = self._springs
         with _in_double_precision(given):
             loads = zip(given.ravel().tolist(), fields, strict=True)
-            each = [self._find_mean(kind, one, field, follows, frame, springs) for one, field in loads]
+            each = [
+                self._find_mean(kind, one, field, follows, frame, springs) for one, field in loads
+            ]
             return self._stack(given, each, 0, follows)
 
     def _require_pressable(self) -> None:
         if not (self.periods or self.faces):
-            raise InputError(f"crystal {self.name!r} has neither periods nor faces to press on", mend="Give a cell")
+            raise InputError(
+                f"crystal {self.name!r} has neither periods nor faces to press on",
+                mend="Give a cell",
+            )
 
     def _find_mean(
-        self, kind: str, goal: float, field: Array | None, follows: bool, frame: Frame, springs: Springs
+        self,
+        kind: str,
+        goal: float,
+        field: Array | None,
+        follows: bool,
+        frame: Frame,
+        springs: Springs,
     ) -> tuple[Rest, Push]:
         words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
         size = goal
@@ -928,17 +1358,24 @@ class Crystal(Result):
         area = frame.measure * math.prod(face.thickness for face in self.faces)
         dimension = self.periods + len(self.faces)
         pressure = size * float(np.sum(frame.distance)) / (dimension * area)
-        low, high = 0.0, math.inf
+        low = 0.0
+        high = math.inf
         start: Rest | None = None
         rest: Rest | None = None
-        last, before = math.inf, (0.0, math.nan)
+        last = math.inf
+        before = (0.0, math.nan)
         differ = bool(np.any(frame.offset))
         enough = _SAMPLED if differ else _MEAN
         for _ in range(_MEANS):
             push = self._push_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
             small = settle(frame, springs, push, start)
-            # from the last one where balls differ: their mean would jump with the places of loose balls
-            rest = settle_exactly(frame, springs, push, rest if differ and rest else small) if follows else small
+            # from the last one where balls differ: their mean would jump with the places of loose
+            # balls
+            rest = (
+                settle_exactly(frame, springs, push, rest if differ and rest else small)
+                if follows
+                else small
+            )
             force = springs.force(rest.overlap)
             stiffness = springs.stiffness(rest.overlap)
             loaded = (stiffness > 0.0 if springs.adhere else force != 0.0) | differ
@@ -949,17 +1386,27 @@ class Crystal(Result):
             off = mean / goal - 1.0
             rounded = 1e-13
             if differ:  # loose balls leave more, of the parts of the mean
-                rounded = 10.0 * _SAMPLED * max(1.0, float(np.mean(np.abs(rest.overlap)) / np.abs(np.mean(rest.overlap))))
+                rounded = (
+                    10.0
+                    * _SAMPLED
+                    * max(1.0, float(np.mean(np.abs(rest.overlap)) / np.abs(np.mean(rest.overlap))))
+                )
             if springs.adhere:  # the mean may be small against its parts, attraction and repulsion
-                parts = np.abs(stiffness * rest.overlap if kind == "force" else force / np.where(loaded, stiffness, np.inf))
+                parts = np.abs(
+                    stiffness * rest.overlap
+                    if kind == "force"
+                    else force / np.where(loaded, stiffness, np.inf)
+                )
                 rounded *= max(1.0, float(np.mean(parts[loaded])) / goal)
             if abs(off) <= enough or (abs(off) <= rounded and abs(off) >= last):
                 return rest, push
             if field is not None and off > 0.0 and abs(off - last) <= rounded * off:
-                break  # gravity alone presses more than is wanted, and less pressure changes nothing
+                # gravity alone presses more than is wanted, and less pressure changes nothing
+                break
             last = abs(off)
             low, high = (pressure, high) if off < 0.0 else (low, pressure)
-            # overlaps go as a power of the pressure, f/(k delta), and so does the start of the next state
+            # overlaps go as a power of the pressure, f/(k delta), and so does the start of the next
+            # state
             power = float(np.mean(force[loaded]) / np.mean((stiffness * rest.overlap)[loaded]))
             grow = goal / mean if mean / goal > 0.0 else 2.0
             new = pressure * (grow if kind == "force" else grow ** (1.0 / power))
@@ -975,26 +1422,44 @@ class Crystal(Result):
                 if abs(off) <= rounded:
                     return rest, push
                 break
-        what = f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any pressure"
-        why = f"At a pressure of {pressure:.4g} it is {mean:.4g}" + ", as gravity presses more" * (field is not None)
+        what = (
+            f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
+            f" pressure"
+        )
+        why = f"At a pressure of {pressure:.4g} it is {mean:.4g}" + ", as gravity presses more" * (
+            field is not None
+        )
         raise InputError(what, why, "Give a larger one" if field is not None else "")
 
-    def _solve_each(self, values: Array, pushes: Iterable[Push], finite_overlap: bool | None, rank: int = 0) -> CrystalState:
-        """Return the state at each load: ``pushes`` are those of the values, or of tensors of ``rank`` 2."""
+    def _solve_each(
+        self, values: Array, pushes: Iterable[Push], finite_overlap: bool | None, rank: int = 0
+    ) -> CrystalState:
+        """Return the state at each load: ``pushes`` are those of the values, or of tensors of
+        ``rank`` 2.
+        """
         follows = read_finite_overlap(finite_overlap)
-        frame, springs = self._frame[0], self._springs
+        frame = self._frame[0]
+        springs = self._springs
         found = []
         with _in_double_precision(values):
             for push in pushes:
                 rest = settle(frame, springs, push)
-                found.append((settle_exactly(frame, springs, push, rest) if follows else rest, push))
+                found.append(
+                    (settle_exactly(frame, springs, push, rest) if follows else rest, push)
+                )
             return self._stack(values, found, rank, follows)
 
-    def _stack(self, values: Array, found: Sequence[tuple[Rest, Push]], rank: int, follows: bool) -> CrystalState:
-        """Return the state of some loads, with the shape of ``values``, whose last ``rank`` axes are those of one."""
+    def _stack(
+        self, values: Array, found: Sequence[tuple[Rest, Push]], rank: int, follows: bool
+    ) -> CrystalState:
+        """Return the state of some loads, with the shape of ``values``, whose last ``rank`` axes
+        are those of one.
+        """
         frame, place, rider = self._frame
         lead = values.shape[: values.ndim - rank]
-        d, p, springs = self.dimension, self.periods, self._springs
+        d = self.dimension
+        p = self.periods
+        springs = self._springs
         moved = np.zeros((len(found), self.n_balls, d))
         ways = np.zeros((len(found), len(frame.walls)))
         strain, stress = np.zeros((2, len(found), p, p))
@@ -1005,9 +1470,13 @@ class Crystal(Result):
             force = springs.force(rest.overlap)
             if p:
                 deformed = np.eye(p) + strain[at] if follows else np.eye(p)
-                virial = (force[:, None] * rest.normal[:, :p]).T @ np.where(frame.flat[:, None], 0.0, frame.vector[:, :p])
+                virial = (force[:, None] * rest.normal[:, :p]).T @ np.where(
+                    frame.flat[:, None], 0.0, frame.vector[:, :p]
+                )
                 virial = virial @ deformed.T
-                stress[at] = -0.5 * (virial + virial.T) / (frame.measure * float(np.linalg.det(deformed)))
+                stress[at] = (
+                    -0.5 * (virial + virial.T) / (frame.measure * float(np.linalg.det(deformed)))
+                )
         for one in self._sides:
             if one.wall >= 0:
                 moved[:, rider == one.wall, one.axis] = ways[:, one.wall, None]
@@ -1023,8 +1492,12 @@ class Crystal(Result):
         modulus = min(ball.material.young_modulus for ball in self.kinds)
         require_shallow(modulus, float(np.max(deep)), found[int(np.argmax(deep))][1].words)
 
-        values_of = zip(_PER_LOAD, (force, overlap, stiffness, normal, moved, stress, strain, ways), strict=True)
-        shaped: dict[str, Any] = {name: read_only(array.reshape(*lead, *array.shape[1:])) for name, array in values_of}
+        values_of = zip(
+            _PER_LOAD, (force, overlap, stiffness, normal, moved, stress, strain, ways), strict=True
+        )
+        shaped: dict[str, Any] = {
+            name: read_only(array.reshape(*lead, *array.shape[1:])) for name, array in values_of
+        }
         return CrystalState(self, **shaped, finite_overlap=follows)
 
 
@@ -1035,18 +1508,19 @@ class CrystalState(Result):
     Attributes
     ----------
     crystal : the :class:`~granphon.Crystal`.
-    normal_force : (..., n_c) forces of the contacts, N, those with floors last; 0 where a contact is open, below 0 where it
-        adheres. "..." is the shape of the load.
+    normal_force : (..., n_c) forces of the contacts, N, those with floors last; 0 where a contact
+        is open, below 0 where it adheres. "..." is the shape of the load.
     overlap : (..., n_c) m; zero or below of an open contact.
     normal_stiffness : (..., n_c) N/m; 0 where a contact is open.
     normal : (..., n_c, d) unit vectors from ball i to ball j, or into the floor.
-    displacements : (..., n, d) of the balls from where they touch, beside the strain of the cell, m.
-    stress : (..., p, p) Pa, N/m or N along three, two or one periods; tension is positive. With finite overlap it is
-        Cauchy's.
+    displacements : (..., n, d) of the balls from where they touch, beside the strain of the cell,
+        m.
+    stress : (..., p, p) Pa, N/m or N along three, two or one periods; tension is positive. With
+        finite overlap it is Cauchy's.
     strain : (..., p, p) of the periods, from where balls only touch; extension is positive.
     ways : (..., n_w) displacement of each upper wall whose lower face is a wall too, m.
-    finite_overlap : whether contacts have turned and the cell has deformed. If not, the network has the places at which
-        balls touch, which drops terms of relative order delta/d.
+    finite_overlap : whether contacts have turned and the cell has deformed. If not, the network has
+        the places at which balls touch, which drops terms of relative order delta/d.
     """
 
     crystal: Crystal
@@ -1067,12 +1541,17 @@ class CrystalState(Result):
         """Return the state at some of the loads, indexed like an array."""
         if self.is_single:
             raise InputError("the state has one load, and no index", mend="Use it as it is")
-        count, axes = int(np.prod(self.shape)), len(self.shape)
+        count = int(np.prod(self.shape))
+        axes = len(self.shape)
         where = np.arange(count).reshape(self.shape)[index]
         if not np.size(where):
-            raise InputError(f"the index {brief(index)} selects none of the loads", mend="Select one or more")
+            raise InputError(
+                f"the index {brief(index)} selects none of the loads", mend="Select one or more"
+            )
         arrays = {name: getattr(self, name) for name in _PER_LOAD}
-        chosen: Any = {name: read_only(a.reshape(count, *a.shape[axes:])[where]) for name, a in arrays.items()}
+        chosen: Any = {
+            name: read_only(a.reshape(count, *a.shape[axes:])[where]) for name, a in arrays.items()
+        }
         return replace(self, **chosen)
 
     def __repr__(self) -> str:
@@ -1109,35 +1588,50 @@ class CrystalState(Result):
     @property
     def torsion_stiffness(self) -> Array:
         """(..., n_c) stiffness against twist, N m."""
-        twist_modulus, distance = self.crystal._constants[3], self.crystal._frame[0].distance
-        return self.crystal.contact_model.find_torsion(self.normal_stiffness, distance, self.contact_radius, twist_modulus)
+        twist_modulus = self.crystal._constants[3]
+        distance = self.crystal._frame[0].distance
+        return self.crystal.contact_model.find_torsion(
+            self.normal_stiffness, distance, self.contact_radius, twist_modulus
+        )
 
     @property
     def bending_stiffness(self) -> Array:
         """(..., n_c) stiffness against rolling, N m."""
-        return self.crystal.contact_model.find_bending(self.normal_stiffness, self.crystal._frame[0].distance)
+        return self.crystal.contact_model.find_bending(
+            self.normal_stiffness, self.crystal._frame[0].distance
+        )
 
     @property
     def contact_radius(self) -> Array:
-        """(..., n_c) radius of the contact, m: that of the law, or k/2E* of one that does not know it."""
+        """(..., n_c) radius of the contact, m: that of the law, or k/2E* of one that does not know
+        it.
+        """
         return np.asarray(self._punch / (2.0 * self.crystal._constants[0]))
 
     @property
     def exponent(self) -> Any:
-        """The exponent d log v / d log P of all sound velocities, if the load grows as a whole, without terms of delta/d.
+        """The exponent d log v / d log P of all sound velocities, if the load grows as a whole,
+        without terms of delta/d.
 
-        It is f k'/2k^2 of a contact, with the slope k' of its law: (a - 1)/2a where f goes as delta^a. Raises
-        :class:`~granphon.base.errors.InputError` if contacts do not have it in common: velocities are then no power.
+        It is f k'/2k^2 of a contact, with the slope k' of its law: (a - 1)/2a where f goes as
+        delta^a. Raises :class:`~granphon.base.errors.InputError` if contacts do not have it in
+        common: velocities are then no power.
         """
         found = np.empty(self.shape)
         for at in np.ndindex(self.shape):
-            force, k = self.normal_force[at], self.normal_stiffness[at]
+            force = self.normal_force[at]
+            k = self.normal_stiffness[at]
             live = k > 0.0
             slope = self.crystal._springs.stiffness_slope(self.overlap[at])
             each = 0.5 * (force[live] / k[live]) * (slope[live] / k[live])
             if np.ptp(each) > _SAME_EXPONENT:
-                what = f"the exponents of contacts differ, from {np.min(each):.6g} to {np.max(each):.6g}"
-                raise InputError(what, "Their laws are not one power", "Compare the velocities at two loads")
+                what = (
+                    f"the exponents of contacts differ, from {np.min(each):.6g} to"
+                    f" {np.max(each):.6g}"
+                )
+                raise InputError(
+                    what, "Their laws are not one power", "Compare the velocities at two loads"
+                )
             found[at] = np.mean(each)
         return found[()]
 
@@ -1153,16 +1647,23 @@ class CrystalState(Result):
     def limits(self) -> tuple[Check, ...]:
         """What limits the state, as conditions.
 
-        They are the contact radius over the radius of the ball, the overlap over the last overlap of a tabulated law, and
-        the mean pressure of a contact over the yield strength, each the largest over the contacts; and material constants
-        that no solid has.
+        They are the contact radius over the radius of the ball, the overlap over the last overlap
+        of a tabulated law, and the mean pressure of a contact over the yield strength, each the
+        largest over the contacts; and material constants that no solid has.
         """
-        crystal, table = self.crystal, self.crystal.contacts
+        crystal = self.crystal
+        table = self.crystal.contacts
         at = [one.balls for one in crystal._floors]
-        small = np.concatenate([np.minimum(table.arm_i, table.arm_j), *(crystal._mean_radii[one] for one in at)])
+        small = np.concatenate(
+            [np.minimum(table.arm_i, table.arm_j), *(crystal._mean_radii[one] for one in at)]
+        )
         out = [check_limit("contact_radius", np.max(self.contact_radius / small, axis=-1))]
         if np.any(np.isfinite(crystal._springs.most)):
-            out.append(check_limit("table", np.max(np.maximum(self.overlap, 0.0) / crystal._springs.most, axis=-1)))
+            out.append(
+                check_limit(
+                    "table", np.max(np.maximum(self.overlap, 0.0) / crystal._springs.most, axis=-1)
+                )
+            )
         for name, (attribute, _, _, limit, at_least) in BALL_LIMITS.items():
             for ball, called in zip(crystal.kinds, crystal.names, strict=True):
                 value = attrgetter(attribute)(ball)
@@ -1171,7 +1672,9 @@ class CrystalState(Result):
         strengths = [one.material.yield_strength for one in crystal.kinds]
         if any(strengths):
             yields = np.array([math.inf if one is None else one for one in strengths])[crystal.kind]
-            weak = np.concatenate([np.minimum(yields[table.i], yields[table.j]), *(yields[one] for one in at)])
+            weak = np.concatenate(
+                [np.minimum(yields[table.i], yields[table.j]), *(yields[one] for one in at)]
+            )
             area = math.pi * self.contact_radius**2
             mean = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
             out.append(check_limit("yield", np.max(mean / weak, axis=-1)))
@@ -1179,11 +1682,13 @@ class CrystalState(Result):
 
     @property
     def valid(self) -> Any:
-        """Whether the state is inside the range of its contact laws, at each load; :attr:`warnings` say why not.
+        """Whether the state is inside the range of its contact laws, at each load; :attr:`warnings`
+        say why not.
 
-        The contact radius must be no more than a tenth of the radius of a ball, the mean pressure of a contact below 1.07 of
-        the yield strength, if that is given, and the overlap within the table of a tabulated law. A diameter, density or
-        Young modulus that no solid ball has, so that its unit is probably wrong, is not valid either.
+        The contact radius must be no more than a tenth of the radius of a ball, the mean pressure
+        of a contact below 1.07 of the yield strength, if that is given, and the overlap within the
+        table of a tabulated law. A diameter, density or Young modulus that no solid ball has, so
+        that its unit is probably wrong, is not valid either.
         """
         met = np.all([check.ok for check in self.limits], axis=0)
         return bool(met) if self.is_single else met
@@ -1203,65 +1708,108 @@ class CrystalState(Result):
 
     @cached_property
     def _kept(self) -> Flags:
-        """(n_c,) which contacts the network has: those that are closed, and not of two bodies that are held."""
-        held, table = self._clamped, self.crystal.contacts
-        between = [held[table.i] & held[table.j], *(held[one.balls] for one in self.crystal._floors)]
+        """(n_c,) which contacts the network has: those that are closed, and not of two bodies that
+        are held.
+        """
+        held = self._clamped
+        table = self.crystal.contacts
+        between = [
+            held[table.i] & held[table.j],
+            *(held[one.balls] for one in self.crystal._floors),
+        ]
         return np.asarray((self.normal_stiffness > 0.0) & ~np.concatenate(between))
 
     @cached_property
     def network(self) -> ContactNetwork:
         """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open.
 
-        Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have an infinite mass. Its
-        ``kinds`` are the names of the crystal, and "floor". Raises :class:`~granphon.base.errors.InputError` for several
-        loads.
+        Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have
+        an infinite mass. Its ``kinds`` are the names of the crystal, and "floor". Raises
+        :class:`~granphon.base.errors.InputError` for several loads.
         """
         if not self.is_single:
-            what, why = f"the state holds {int(np.prod(self.shape))} loads", "A network, atoms and phonons belong to one"
-            mend = "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of these: state[0]"
+            what = f"the state holds {int(np.prod(self.shape))} loads"
+            why = "A network, atoms and phonons belong to one"
+            mend = (
+                "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of"
+                " these: state[0]"
+            )
             raise InputError(what, why, mend)
-        crystal, table, follows = self.crystal, self.crystal.contacts, self.finite_overlap
-        n, d, p = crystal.n_balls, crystal.dimension, crystal.periods
+        crystal = self.crystal
+        table = self.crystal.contacts
+        follows = self.finite_overlap
+        n = crystal.n_balls
+        d = crystal.dimension
+        p = crystal.periods
         floors = crystal._floors
         deformed = np.eye(d)
         deformed[:p, :p] += self.strain if follows else 0.0
         places = crystal.positions @ deformed.T + (self.displacements if follows else 0.0)
-        held, extra = self._clamped, len(floors)
-        positions, cell = np.zeros((n + extra, 3)), np.zeros((3, 3))
+        held = self._clamped
+        extra = len(floors)
+        positions = np.zeros((n + extra, 3))
+        cell = np.zeros((3, 3))
         positions[:n, :d], cell[:p, :d] = places, crystal.cell @ deformed.T
         masses = np.append(np.where(held, np.inf, crystal.masses), np.full(extra, np.inf))
-        inertias = np.append(np.array([one.inertia for one in crystal.kinds])[crystal.kind], np.full(extra, np.inf))
+        inertias = np.append(
+            np.array([one.inertia for one in crystal.kinds])[crystal.kind], np.full(extra, np.inf)
+        )
         radii = np.append(crystal.radii, np.full(extra, np.inf))
-        i, j, arm_i, arm_j = [table.i], [table.j], [table.arm_i], [table.arm_j]
+        i = [table.i]
+        j = [table.j]
+        arm_i = [table.arm_i]
+        arm_j = [table.arm_j]
         for number, (axis, sign, _, at, _) in enumerate(floors):
             i.append(at)
             j.append(np.full(len(at), n + number))
             arm_i.append(crystal._mean_radii[at])
             arm_j.append(np.zeros(len(at)))
-            positions[n + number, axis] = np.mean(positions[at, axis] + sign * crystal._mean_radii[at])
+            positions[n + number, axis] = np.mean(
+                positions[at, axis] + sign * crystal._mean_radii[at]
+            )
         ends = np.concatenate(i), np.concatenate(j)
-        shift, normal = np.zeros((crystal.n_contacts, 3), np.intp), np.zeros((crystal.n_contacts, 3))
+        shift = np.zeros((crystal.n_contacts, 3), np.intp)
+        normal = np.zeros((crystal.n_contacts, 3))
         shift[: len(table), :p], normal[:, :d] = table.shift, self.normal
         # radii less half of the overlap each in the true geometry
         half = 0.5 * self.overlap if follows else 0.0
         bulges = np.append(crystal._bulges, np.zeros(extra)) * follows
-        kept, allowed = self._kept, allowed_motions(d)
+        kept = self._kept
+        allowed = allowed_motions(d)
         fields: dict[str, Any] = {
-            "i": ends[0], "j": ends[1], "shift": shift, "normal": normal, "normal_force": self.normal_force,
-            "normal_stiffness": self.normal_stiffness, "shear_stiffness": self.shear_stiffness,
-            "torsion_stiffness": self.torsion_stiffness, "bending_stiffness": self.bending_stiffness,
+            "i": ends[0],
+            "j": ends[1],
+            "shift": shift,
+            "normal": normal,
+            "normal_force": self.normal_force,
+            "normal_stiffness": self.normal_stiffness,
+            "shear_stiffness": self.shear_stiffness,
+            "torsion_stiffness": self.torsion_stiffness,
+            "bending_stiffness": self.bending_stiffness,
             "arm_i": np.concatenate(arm_i) + bulges[ends[0]] - half,
             "arm_j": np.concatenate(arm_j) + bulges[ends[1]] - half,
-        }  # fmt: skip
+        }
         own: dict[str, Any] = {name: values[kept] for name, values in fields.items()}
         if follows:  # its statics are those of normal forces alone
             own["tangential_force"] = np.zeros((np.count_nonzero(kept), 3))
         return ContactNetwork(
-            cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=radii, masses=masses, inertias=inertias,
-            motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows,
-            adhesive=crystal._springs.adhere, contact_model=crystal.contact_model,
-            kinds=(*(crystal.names[one] for one in crystal.kind.tolist()), *(RIGID_PLANE.name,) * extra), **own,
-        )  # fmt: skip
+            cell=cell,
+            pbc=(p > 0, p > 1, p > 2),
+            positions=positions,
+            radii=radii,
+            masses=masses,
+            inertias=inertias,
+            motions=crystal.motions or next(iter(allowed)),
+            dimension=d,
+            prestress=follows,
+            adhesive=crystal._springs.adhere,
+            contact_model=crystal.contact_model,
+            kinds=(
+                *(crystal.names[one] for one in crystal.kind.tolist()),
+                *(RIGID_PLANE.name,) * extra,
+            ),
+            **own,
+        )
 
 
 def list_balls(balls: Any) -> list[Any]:
@@ -1273,7 +1821,9 @@ def list_balls(balls: Any) -> list[Any]:
 
 
 def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
-    """Return the different balls in the order in which they come, and the number of the kind of each."""
+    """Return the different balls in the order in which they come, and the number of the kind of
+    each.
+    """
     if not balls:
         raise InputError("there are no balls", mend="Give a list of granphon.Ball")
     of_object: dict[int, int] = {}
@@ -1283,32 +1833,46 @@ def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
         at = of_object.get(id(ball))
         if at is None:
             if not isinstance(ball, Ball):
-                raise InputError(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball for each site")
+                raise InputError(
+                    f"{brief(ball)} is not a ball", mend="Give a granphon.Ball for each site"
+                )
             at = of_object[id(ball)] = kinds.setdefault(ball, len(kinds))
         out.append(at)
     return tuple(kinds), np.array(out, np.intp)
 
 
 def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
-    """Return the name of each kind: that which is known or its own, or the next of the letters A, B, C, ..."""
+    """Return the name of each kind: that which is known or its own, or the next of the letters A,
+    B, C, ...
+    """
     names = {ball: (known or {}).get(ball) or ball.name for ball in kinds}
     taken = {name for name in names.values() if name} | {RIGID_PLANE.name}
-    letters = (map("".join, itertools.product(ascii_uppercase, repeat=size)) for size in itertools.count(1))
+    letters = (
+        map("".join, itertools.product(ascii_uppercase, repeat=size)) for size in itertools.count(1)
+    )
     free = (one for one in itertools.chain.from_iterable(letters) if one not in taken)
     found = tuple(names[ball] or next(free) for ball in kinds)
     if len(set(found)) < len(found) or RIGID_PLANE.name in found:
         twice = next(name for name in found if found.count(name) > 1 or name == RIGID_PLANE.name)
-        raise InputError(f"two kinds are called {twice!r}", "Laws are given by names", "Name each kind differently")
+        raise InputError(
+            f"two kinds are called {twice!r}",
+            "Laws are given by names",
+            "Name each kind differently",
+        )
     return found
 
 
 def _require_room(cells: int, crystal: Crystal) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for so many cells of a crystal that do not fit into memory."""
+    """Raise :class:`~granphon.base.errors.InputError` for so many cells of a crystal that do not
+    fit into memory.
+    """
     balls = cells * crystal.n_balls
     needed = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)
     require_memory(f"crystals of {balls:,} balls", needed, "Take fewer cells")
     if balls > _MOST_BALLS:
-        raise InputError(f"the crystal would have {balls:,} balls", mend=f"Make it of up to {_MOST_BALLS:,}")
+        raise InputError(
+            f"the crystal would have {balls:,} balls", mend=f"Make it of up to {_MOST_BALLS:,}"
+        )
 
 
 @contextmanager

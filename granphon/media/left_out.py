@@ -1,11 +1,13 @@
-"""What is expected of arrays before any is simulated, and the geometry that a simulation has if none is named.
+"""What is expected of arrays before any is simulated, and the geometry that a simulation has if
+none is named.
 
-From the load follow the f* of a typical array at an a* and the reverse, how many of its contacts are open, and what a
-simulation in the directions of the lattice leaves out. In these directions, the limit of zero width, a ball between two
-others in line is held by these two alone. In truth it leans on a third, with about W/d of the force. The stiffness of a
-shear spring there goes as the cube root of that, so that it still adds to the shear modulus; forces, spacings and normal
-stiffnesses hardly change. Without shear springs nothing is left out but terms of the order of the overlap over the
-diameter, which ``finite_overlap`` names.
+From the load follow the f* of a typical array at an a* and the reverse, how many of its contacts
+are open, and what a simulation in the directions of the lattice leaves out. In these directions,
+the limit of zero width, a ball between two others in line is held by these two alone. In truth it
+leans on a third, with about W/d of the force. The stiffness of a shear spring there goes as the
+cube root of that, so that it still adds to the shear modulus; forces, spacings and normal
+stiffnesses hardly change. Without shear springs nothing is left out but terms of the order of the
+overlap over the diameter, which ``finite_overlap`` names.
 """
 
 from __future__ import annotations
@@ -21,23 +23,28 @@ from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
 from granphon.media.loading import reduce_load
 
-#: the geometries of contacts: directions are those of the lattice, or follow from the positions of the balls
+#: the geometries of contacts: directions are those of the lattice, or follow from the positions of
+#: the balls
 LATTICE, EXACT = GEOMETRIES = "lattice", "exact"
-#: part of the shear modulus up to which the directions of the lattice may leave it out, if no geometry is named
+#: part of the shear modulus up to which the directions of the lattice may leave it out, if no
+#: geometry is named
 _CHOSEN_LIMIT = 1e-3
 #: part of the shear modulus beyond which a simulation in the directions of the lattice is not valid
 LEFT_OUT_LIMIT = 1e-2
-#: simulated shear moduli with friction are too small by the part A o^3.5 (W/d)^0.3, where o is the fraction of contacts that
-#: are open; A by the number of periods. Measured against the true geometry of the same samples (triangular lattice, fcc; o
-#: from 0.15 to 0.5, W/d from 1e-7 to 1e-3), to a factor of 1.5; what it is for more, or fewer, open contacts is not known
+#: simulated shear moduli with friction are too small by the part A o^3.5 (W/d)^0.3, where o is the
+#: fraction of contacts that are open; A by the number of periods. Measured against the true
+#: geometry of the same samples (triangular lattice, fcc; o from 0.15 to 0.5, W/d from 1e-7 to
+#: 1e-3), to a factor of 1.5; what it is for more, or fewer, open contacts is not known
 _DEFICITS = {2: 36.0, 3: 3.7}
-#: factor by which more is left out after a history of friction: contacts that are loose at its start bear tangential forces
-#: later. It is that of 32 x 32 balls of steel from a* = 1/2, with mu = 0.2 and without sliding, at f* from 0.03 to 0.12
+#: factor by which more is left out after a history of friction: contacts that are loose at its
+#: start bear tangential forces later. It is that of 32 x 32 balls of steel from a* = 1/2, with mu =
+#: 0.2 and without sliding, at f* from 0.03 to 0.12
 _BY_HISTORY = 3.0
 #: exponents of o and W/d
-_OPEN_POWER, _WIDTH_POWER = 3.5, 0.3
-#: a* of uniform diameters in the plane and in space, between which the f* of loads given as overlaps is interpolated, and f*
-#: at each of these a*; on a line the law is that of equal balls
+_OPEN_POWER = 3.5
+_WIDTH_POWER = 0.3
+#: a* of uniform diameters in the plane and in space, between which the f* of loads given as
+#: overlaps is interpolated, and f* at each of these a*; on a line the law is that of equal balls
 _CURVES = {
     2: (
         np.array([0.345, 0.35, 0.363, 0.42, 0.5, 0.7, 1.0]),
@@ -48,8 +55,9 @@ _CURVES = {
         np.array([3e-3, 5.33e-3, 9.49e-3, 1.69e-2, 3e-2, 9.49e-2, 0.3]),
     ),
 }
-#: f* at which the fraction of open contacts is known, and the largest fraction there of 19 distributions (those of
-#: tests/benchmarks/accuracy.py), in the plane (triangular, 48 x 48 balls) and in space (fcc and hcp, 10 diameters wide)
+#: f* at which the fraction of open contacts is known, and the largest fraction there of 19
+#: distributions (those of tests/benchmarks/accuracy.py), in the plane (triangular, 48 x 48 balls)
+#: and in space (fcc and hcp, 10 diameters wide)
 _OPEN_FORCES = np.array([0.003, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.27, 0.4, 0.6, 0.9])
 _OPEN_CONTACTS = {
     2: np.array([0.485, 0.387, 0.318, 0.266, 0.202, 0.137, 0.086, 0.047, 0.024, 0.007, 0.0, 0.0]),
@@ -80,24 +88,32 @@ def estimate_reduced_force(packing: Packing, load: Load) -> Array:
 
 
 def estimate_open_contacts(packing: Packing, load: Load) -> Array:
-    """Return the approximate fraction of open contacts (n,) at each value of an applied load, rather too many than too few.
+    """Return the approximate fraction of open contacts (n,) at each value of an applied load,
+    rather too many than too few.
 
-    It is known on the triangular lattice, in fcc and in hcp; on another lattice it is 1 where contacts are open on those.
+    It is known on the triangular lattice, in fcc and in hcp; on another lattice it is 1 where
+    contacts are open on those.
     """
     structure = packing.structure
-    with np.errstate(over="ignore"):  # of a load beyond the floating range, at which no contact is open
+    with np.errstate(over="ignore"):
+        # of a load beyond the floating range, at which no contact is open
         force = estimate_reduced_force(packing, load)
     if structure.periods not in _OPEN_CONTACTS or not packing.spread_matters:
         return np.zeros_like(force)
     with np.errstate(all="ignore"):  # a load that no array bears is refused elsewhere
-        found: Array = np.interp(np.log(force), np.log(_OPEN_FORCES), _OPEN_CONTACTS[structure.periods])
+        found: Array = np.interp(
+            np.log(force), np.log(_OPEN_FORCES), _OPEN_CONTACTS[structure.periods]
+        )
     if structure.name in ("triangular", "fcc", "hcp") and LATTICES[structure.name] == structure:
         return found
     return np.where(found > 0.0, 1.0, 0.0)
 
 
-def estimate_shear_deficit(contact_fraction: ArrayLike, ratio: float, periods: int, history: bool = False) -> Array:
-    """Return the part, at most 1, by which a shear modulus with friction is expected to be too small in the limit W/d = 0.
+def estimate_shear_deficit(
+    contact_fraction: ArrayLike, ratio: float, periods: int, history: bool = False
+) -> Array:
+    """Return the part, at most 1, by which a shear modulus with friction is expected to be too
+    small in the limit W/d = 0.
 
     Parameters
     ----------
@@ -111,10 +127,14 @@ def estimate_shear_deficit(contact_fraction: ArrayLike, ratio: float, periods: i
     return np.asarray(np.minimum(share * opened**_OPEN_POWER * ratio**_WIDTH_POWER, 1.0))
 
 
-def expect_shear_deficit(packing: Packing, load: Load, history: bool = False, ratio: float | None = None) -> Array:
-    """Return :func:`estimate_shear_deficit` (n,) at each value of an applied load, before anything is simulated.
+def expect_shear_deficit(
+    packing: Packing, load: Load, history: bool = False, ratio: float | None = None
+) -> Array:
+    """Return :func:`estimate_shear_deficit` (n,) at each value of an applied load, before anything
+    is simulated.
 
-    ``ratio`` is W/d, by default that of the packing. It is zero of balls that resist no slip, of equal balls and on a line.
+    ``ratio`` is W/d, by default that of the packing. It is zero of balls that resist no slip, of
+    equal balls and on a line.
     """
     if not (packing.mindlin_ratio and packing.spread_matters):
         return np.zeros(load.size)
@@ -124,9 +144,11 @@ def expect_shear_deficit(packing: Packing, load: Load, history: bool = False, ra
 
 
 def find_left_out(deficit: Array, geometry: str | None) -> Array:
-    """Return the part of the shear modulus that arrays leave out; ``deficit`` is that in the directions of the lattice.
+    """Return the part of the shear modulus that arrays leave out; ``deficit`` is that in the
+    directions of the lattice.
 
-    It is zero in the exact geometry, which a geometry that is not named (None) is where the deficit is too large.
+    It is zero in the exact geometry, which a geometry that is not named (None) is where the deficit
+    is too large.
     """
     if geometry == EXACT:
         return np.zeros_like(deficit)
@@ -134,17 +156,25 @@ def find_left_out(deficit: Array, geometry: str | None) -> Array:
 
 
 def can_be_exact(packing: Packing) -> bool:
-    """Whether the exact geometry is that of these balls: they differ, but not by more than a fifth of their diameter."""
+    """Whether the exact geometry is that of these balls: they differ, but not by more than a fifth
+    of their diameter.
+    """
     return packing.spread_matters and packing.width <= LARGEST_RATIO * packing.diameter
 
 
-def choose_geometries(packing: Packing, load: Load, finite_overlap: bool | None = None) -> list[str]:
-    """Return the geometry of an array at rest without friction at each value of an applied load, if none is named.
+def choose_geometries(
+    packing: Packing, load: Load, finite_overlap: bool | None = None
+) -> list[str]:
+    """Return the geometry of an array at rest without friction at each value of an applied load, if
+    none is named.
 
-    It is :data:`LATTICE` where its directions are expected to leave out less than 1e-3 of the shear modulus (of other
-    results that is less), else :data:`EXACT`. With ``finite_overlap`` it is exact, and where that is False, and not None, it
-    is not.
+    It is :data:`LATTICE` where its directions are expected to leave out less than 1e-3 of the shear
+    modulus (of other results that is less), else :data:`EXACT`. With ``finite_overlap`` it is
+    exact, and where that is False, and not None, it is not.
     """
     if finite_overlap is not None or not can_be_exact(packing):
         return [EXACT if finite_overlap else LATTICE] * load.size
-    return [EXACT if deficit > _CHOSEN_LIMIT else LATTICE for deficit in expect_shear_deficit(packing, load).tolist()]
+    return [
+        EXACT if deficit > _CHOSEN_LIMIT else LATTICE
+        for deficit in expect_shear_deficit(packing, load).tolist()
+    ]

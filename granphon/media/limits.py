@@ -1,4 +1,6 @@
-"""Limits of the model: the quantities that are compared with them, and what is said of a state beyond one."""
+"""Limits of the model: the quantities that are compared with them, and what is said of a state
+beyond one.
+"""
 
 from __future__ import annotations
 
@@ -15,60 +17,74 @@ from granphon.base.results import Result
 from granphon.base.scales import prefixed
 from granphon.media.left_out import LEFT_OUT_LIMIT
 
-#: conditions on the contacts, by name: the limit; the quantity that it limits; what a warning says of it, with the worst
-#: value and the limit; what fails beyond it. A rising load reaches the first four together, near delta/d = 1 %, where the
-#: terms that the contact law leaves out are of that size too. What is said of the medium is in :attr:`Check.warning`
+#: conditions on the contacts, by name: the limit; the quantity that it limits; what a warning says
+#: of it, with the worst value and the limit; what fails beyond it. A rising load reaches the first
+#: four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that
+#: size too. What is said of the medium is in :attr:`Check.warning`
 _LIMITS = {
     "contact_radius": (
-        MOST_CONTACT_RADIUS, "contact radius over ball radius",
+        MOST_CONTACT_RADIUS,
+        "contact radius over ball radius",
         "the radius of a contact is {part} of that of a ball, more than {limit_part}",
         "Hertz's law assumes that the contact is a small spot",
     ),
     "load": (
-        0.3, "(f/E d^2)^(1/6)", "the ratio (f/E d^2)^(1/6) is {worst}, more than {limit}",
+        0.3,
+        "(f/E d^2)^(1/6)",
+        "the ratio (f/E d^2)^(1/6) is {worst}, more than {limit}",
         "the balls must be much stiffer than their contacts",
     ),
     "velocity": (
-        0.5, "sound velocity over bulk velocity",
+        0.5,
+        "sound velocity over bulk velocity",
         "sound is {worst} times as fast as in the material of the balls, more than {limit}",
         "waves must be slow against those inside a ball",
     ),
     "resonance": (
-        0.5, "top frequency over the lowest resonance of a ball",
+        0.5,
+        "top frequency over the lowest resonance of a ball",
         "the top frequency is {part} of the lowest resonance of a ball, more than {limit_part}",
         "a ball must move as a rigid body",
     ),
     "spread": (
-        0.03, "rms difference of diameters over their mean",
+        0.03,
+        "rms difference of diameters over their mean",
         "the rms difference of diameters is {part} of their mean, more than {limit_part}",
         "contacts are treated as those of nearly equal balls",
     ),
     "shear": (
-        LEFT_OUT_LIMIT, "part by which the shear modulus of a simulation with friction is expected to be too small",
+        LEFT_OUT_LIMIT,
+        "part by which the shear modulus of a simulation with friction is expected to be too small",
         "the simulated shear modulus is too small, by {about} (v_T by {half})",
         "contacts of loose balls are left out. Use geometry: exact",
     ),
     "places": (
-        LEFT_OUT_LIMIT, "part by which a velocity depends on the numbering of the balls",
+        LEFT_OUT_LIMIT,
+        "part by which a velocity depends on the numbering of the balls",
         "velocities depend on the numbering of the balls, by some {part}",
-        "loose balls float in their cages as the array is pressed from the gas. Use geometry: exact",
+        "loose balls float in their cages as the array is pressed from the gas. Use geometry:"
+        " exact",
     ),
     "torsion": (
-        0.1, "overlap over diameter, over the torsion of a contact",
+        0.1,
+        "overlap over diameter, over the torsion of a contact",
         "overlap over diameter is {part} of the torsion of a contact, more than {limit_part}",
         "other terms of the order of this torsion are left out",
     ),
     "table": (
-        1.0, "overlap over the last of the table of its contact law",
-        "the overlap of a contact is {worst} times the last of the table of its law, more than {limit}",
+        1.0,
+        "overlap over the last of the table of its contact law",
+        "the overlap of a contact is {worst} times the last of the table of its law, more"
+        " than {limit}",
         "beyond its table the law goes on as a power",
     ),
     "yield": (
-        ONSET_OF_YIELD, "mean contact pressure over yield strength",
+        ONSET_OF_YIELD,
+        "mean contact pressure over yield strength",
         "the mean pressure in a contact is {worst} times the yield strength, more than {limit}",
         "beyond it the contact begins to flow plastically",
     ),
-}  # fmt: skip
+}
 
 
 def _write_force(force: float) -> str:
@@ -85,7 +101,8 @@ class Check(Result):
     ----------
     name : name of the condition.
     meaning : what the value is.
-    value : a pure number with the shape of the load. It must not be above ``limit``, or with ``at_least`` not below it.
+    value : a pure number with the shape of the load. It must not be above ``limit``, or with
+        ``at_least`` not below it.
     limit : the limit, a pure number.
     reason : why the value is limited.
     at_least : whether the limit is a lower one.
@@ -116,13 +133,16 @@ class Check(Result):
     @property
     def warning(self) -> str | None:
         """Warning for the user, a sentence or two, or None if the condition holds at every load."""
-        failing, loads = self.failing, np.size(self.value)
+        failing = self.failing
+        loads = np.size(self.value)
         if not failing:
             return None
-        several, value = loads > 1, np.asarray(self.value)
+        several = loads > 1
+        value = np.asarray(self.value)
         worst = float(value.min() if self.at_least else value.max())
         if self.name == "medium":
-            force, least = _write_force(worst), _write_force(self.limit)
+            force = _write_force(worst)
+            least = _write_force(self.limit)
             lower = "the contact force is"
             if several:
                 are = "is lower," if failing == 1 else "are lower, down to"
@@ -130,16 +150,22 @@ class Check(Result):
             return f"{self.reason} below {least}: {lower} {force}."
         if self.name in BALL_LIMITS:
             _, what, unit, *_ = BALL_LIMITS[self.name]
-            said = f"the {what} is {{worst}} {unit}, {'less' if self.at_least else 'more'} than {{limit}} {unit}"
+            said = (
+                f"the {what} is {{worst}} {unit}, {'less' if self.at_least else 'more'} than"
+                f" {{limit}} {unit}"
+            )
         else:
             said = _LIMITS[self.name][2]
         several &= self.name not in ("spread", *BALL_LIMITS)  # which do not depend on the load
         up = "up to " if several and failing > 1 else ""
         words = {
-            "worst": f"{up}{worst:.4g}", "part": f"{up}{100.0 * worst:.4g} %", "limit": f"{self.limit:g}",
-            "limit_part": f"{100.0 * self.limit:g} %", "about": f"{up}about {100.0 * worst:.2g} %",
+            "worst": f"{up}{worst:.4g}",
+            "part": f"{up}{100.0 * worst:.4g} %",
+            "limit": f"{self.limit:g}",
+            "limit_part": f"{100.0 * self.limit:g} %",
+            "about": f"{up}about {100.0 * worst:.2g} %",
             "half": f"{100.0 * (1.0 - math.sqrt(max(1.0 - worst, 0.0))):.2g} %",
-        }  # fmt: skip
+        }
         said = said.format_map(words)
         if several:
             which = f"all {loads}" if failing == loads else f"{failing} of {loads}"
@@ -148,7 +174,9 @@ class Check(Result):
 
 
 def check_limit(name: str, value: Any, more: str = "") -> Check:
-    """Return the condition of a name, of the contacts or of balls, for a ``value``; ``more`` is added to its reason."""
+    """Return the condition of a name, of the contacts or of balls, for a ``value``; ``more`` is
+    added to its reason.
+    """
     if name in BALL_LIMITS:
         _, what, unit, limit, at_least = BALL_LIMITS[name]
         return Check(name, f"{what} in {unit}", value, limit, WRONG_UNIT + more, at_least)

@@ -1,11 +1,14 @@
-"""Media: the state of a packing under a load given as a force, a pressure or an overlap; and those that are contact laws.
+"""Media: the state of a packing under a load given as a force, a pressure or an overlap; and those
+that are contact laws.
 
-The media of Section III are, in order of accuracy, the averaged lattice (equations 23 and 24), the averaged force (25) and
-the effective medium (28-46). They differ only in their contact law. For equal balls all are the averaged lattice, which is
-then exact. So they are on a line, where all contacts carry the same force even if balls differ.
+The media of Section III are, in order of accuracy, the averaged lattice (equations 23 and 24), the
+averaged force (25) and the effective medium (28-46). They differ only in their contact law. For
+equal balls all are the averaged lattice, which is then exact. So they are on a line, where all
+contacts carry the same force even if balls differ.
 
-The cluster medium goes a step beyond the effective medium, whose cluster is one ball: a ball and its shells, each with a
-diameter of its own, among balls that differ too. See :mod:`granphon.laws.cluster_balance`.
+The cluster medium goes a step beyond the effective medium, whose cluster is one ball: a ball and
+its shells, each with a diameter of its own, among balls that differ too. See
+:mod:`granphon.laws.cluster_balance`.
 """
 
 from __future__ import annotations
@@ -52,10 +55,11 @@ StateT = TypeVar("StateT", bound=ContactState, covariant=True)
 
 
 class Medium(ABC, Generic[StateT]):
-    """A medium: the state of a packing at a given load, which is given in three ways, each of which calls :meth:`at`.
+    """A medium: the state of a packing at a given load, which is given in three ways, each of which
+    calls :meth:`at`.
 
-    ``finite_overlap`` says whether to keep the terms of relative order delta/d; None and False leave them out. The state
-    stores the choice, and all functions of a state read it there.
+    ``finite_overlap`` says whether to keep the terms of relative order delta/d; None and False
+    leave them out. The state stores the choice, and all functions of a state read it there.
     """
 
     # the balls under load
@@ -65,7 +69,8 @@ class Medium(ABC, Generic[StateT]):
     words: ClassVar[str]
     # what a scene or a sweep may set of the medium besides the packing, by name
     options: ClassVar[Mapping[str, Option]] = {}
-    # what of it takes so long that a survey leaves it out, in words; simulations have words of their own
+    # what of it takes so long that a survey leaves it out, in words; simulations have words of
+    # their own
     slow_part = ""
 
     @property
@@ -75,7 +80,9 @@ class Medium(ABC, Generic[StateT]):
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s, so that they are found when a scene is only checked."""
+        """Whether its states take less than 0.1 s, so that they are found when a scene is only
+        checked.
+        """
         return True
 
     @property
@@ -90,38 +97,54 @@ class Medium(ABC, Generic[StateT]):
 
     @property
     def long_law(self) -> ClusterLaw | None:
-        """The law that takes long to solve, in reduced units, once for all media that share it; None if it does not."""
+        """The law that takes long to solve, in reduced units, once for all media that share it;
+        None if it does not.
+        """
         return None
 
     def prepare(self) -> None:
-        """Find what all states need of the lattice; :class:`~granphon.base.errors.MechanismError` if it has none."""
+        """Find what all states need of the lattice; :class:`~granphon.base.errors.MechanismError`
+        if it has none.
+        """
         return
 
     def require_sound(self, pushed: bool = False) -> None:
         """Raise if the lattice is known to have no sound, before a state is found.
 
         :class:`~granphon.base.errors.MechanismError` if it gives way without a force,
-        :class:`~granphon.base.errors.InstabilityError` if it is ``pushed`` by prestress and buckles under any. Of the
-        stiffnesses of contacts it matters only which of them there are.
+        :class:`~granphon.base.errors.InstabilityError` if it is ``pushed`` by prestress and buckles
+        under any. Of the stiffnesses of contacts it matters only which of them there are.
         """
         packing = self.packing
-        present = tuple(float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending))
+        present = tuple(
+            float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending)
+        )
         _require_sound(packing.structure, present, packing.ball_motions, pushed)
 
     def require(self, load: Load) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if an applied load is known not to be borne, solving nothing."""
+        """Raise :class:`~granphon.base.errors.InputError` if an applied load is known not to be
+        borne, solving nothing.
+        """
         return
 
     def count_start(self, load: Load) -> float:
-        """Return how many balls take as long as :meth:`require_start`; zero if a load has nothing to be compared with."""
+        """Return how many balls take as long as :meth:`require_start`; zero if a load has nothing
+        to be compared with.
+        """
         return 0.0
 
     def require_start(self, load: Load) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for a load below the start of the loading, which is solved."""
+        """Raise :class:`~granphon.base.errors.InputError` for a load below the start of the
+        loading, which is solved.
+        """
         return
 
-    def by_geometry(self, load: Load, finite_overlap: bool | None = None) -> list[tuple[Self, list[int]]]:
-        """Return the medium in each geometry that it has at values of an applied load, and their places."""
+    def by_geometry(
+        self, load: Load, finite_overlap: bool | None = None
+    ) -> list[tuple[Self, list[int]]]:
+        """Return the medium in each geometry that it has at values of an applied load, and their
+        places.
+        """
         return [(self, list(range(load.size)))]
 
     @abstractmethod
@@ -135,18 +158,23 @@ class Medium(ABC, Generic[StateT]):
     def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
         """State at the pressure P: N/m in the plane, Pa in space, N on a line.
 
-        P d = sqrt(3) f on the triangular lattice (equation 20), P d^2 = 2 sqrt(2) f in fcc. With ``finite_overlap`` the
-        boundary shrinks with the balls, and the spacing a takes the place of d.
+        P d = sqrt(3) f on the triangular lattice (equation 20), P d^2 = 2 sqrt(2) f in fcc. With
+        ``finite_overlap`` the boundary shrinks with the balls, and the spacing a takes the place of
+        d.
         """
         return self.at(Load("pressure", pressure), finite_overlap=finite_overlap)
 
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as some touch."""
+        """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as
+        some touch.
+        """
         return self.at(Load("overlap", overlap), finite_overlap=finite_overlap)
 
 
 @cache  # a sweep has many packings of one lattice
-def _require_sound(structure: Lattice, present: tuple[float, ...], motions: Motions, pushed: bool) -> None:
+def _require_sound(
+    structure: Lattice, present: tuple[float, ...], motions: Motions, pushed: bool
+) -> None:
     eta, torsion, bending = present
     lattice = ContactLattice.of(structure, eta, torsion=torsion, bending=bending, motions=motions)
     lattice.sound_velocities(np.eye(lattice.periods), _LEAST_PUSH if pushed else None)
@@ -161,11 +189,12 @@ def explain_untouched(load: Load, largest: float) -> InputError:
     return InputError(f"{load} m: no balls touch", why, f"Give an overlap above {-largest:g} m")
 
 
-# -- media that are contact laws -----------------------------------------------------------------------------------------
+# -- media that are contact laws -------------------------------------------------------------------
 
 
 #: rough time of the effective medium, s: for a density of diameters, and for 64 listed ones
-_DENSITY_TIME, _LIST_TIME = 0.03, 0.25
+_DENSITY_TIME = 0.03
+_LIST_TIME = 0.25
 #: overlaps at which contacts open for 64 listed diameters: one for each pair
 _LIST_OPENINGS = 64 * 65 / 2
 #: exponent with which the time grows with their number
@@ -180,16 +209,18 @@ _LOCAL_FIELDS = ("computed", "paper")
 class LawMedium(Medium[ContactState]):
     """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
 
-    A medium of your own is a subclass with a ``name``, its ``words`` in figures, and :attr:`spread_law`.
+    A medium of your own is a subclass with a ``name``, its ``words`` in figures, and
+    :attr:`spread_law`.
 
     Parameters
     ----------
     packing : the balls.
 
-    They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
-    together by their whole diameter, and :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not
-    known there. With ``finite_overlap`` every result from the state includes the terms of relative order delta/d, and
-    pressure and density count the boundary that shrinks with the balls.
+    They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not
+    compressive, or presses balls together by their whole diameter, and
+    :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not known there.
+    With ``finite_overlap`` every result from the state includes the terms of relative order
+    delta/d, and pressure and density count the boundary that shrinks with the balls.
     """
 
     packing: Packing
@@ -198,7 +229,9 @@ class LawMedium(Medium[ContactState]):
 
     @cached_property
     def law(self) -> Law:
-        """Contact law of the medium; for equal balls, and on a line, it is Hertz's law in every medium."""
+        """Contact law of the medium; for equal balls, and on a line, it is Hertz's law in every
+        medium.
+        """
         return self.spread_law if self.packing.spread_matters else self.packing.law
 
     @property
@@ -210,10 +243,17 @@ class LawMedium(Medium[ContactState]):
         given_packing(self.packing)
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
-        require_memory(f"states at {load.size:,} loads", self._load_bytes * load.size, "Take fewer loads")
-        load, follows, law = load.applied, read_finite_overlap(finite_overlap), self.law
-        diameter, periods = self.packing.diameter, self.packing.structure.periods
+        """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap`
+        take its value in SI.
+        """
+        require_memory(
+            f"states at {load.size:,} loads", self._load_bytes * load.size, "Take fewer loads"
+        )
+        load = load.applied
+        follows = read_finite_overlap(finite_overlap)
+        law = self.law
+        diameter = self.packing.diameter
+        periods = self.packing.structure.periods
         with np.errstate(all="ignore"):  # what is beyond double precision is refused below
             if load.kind == "overlap":
                 overlap = load.array
@@ -223,40 +263,63 @@ class LawMedium(Medium[ContactState]):
                     raise explain_untouched(load, -law.least_overlap)
                 force = np.asarray(law.force(overlap))
             elif load.kind == "pressure":
-                # P a^(p-1) is the lattice's pressure factor times f if the boundary follows the balls, else P d^(p-1)
+                # P a^(p-1) is the lattice's pressure factor times f if the boundary follows the
+                # balls, else P d^(p-1)
                 power = periods - 1
-                slope = load.array / self.packing.structure.pressure_factor  # force over spacing to the power p - 1
+                # force over spacing to the power p - 1
+                slope = load.array / self.packing.structure.pressure_factor
                 force = slope * diameter**power
                 overlap = np.asarray(law.overlap(force))
-                # solve f(delta) = slope (d - delta)^(p - 1): f rises and is convex, and the other side falls, so that
-                # Newton's method descends from a larger overlap
+                # solve f(delta) = slope (d - delta)^(p - 1): f rises and is convex, and the other
+                # side falls, so that Newton's method descends from a larger overlap
                 for _ in range(100 if follows and power else 0):
                     spacing = diameter - overlap
                     slide = power * slope * spacing ** (power - 1)
-                    step = (law.force(overlap) - slope * spacing**power) / (law.stiffness(overlap) + slide)
+                    step = (law.force(overlap) - slope * spacing**power) / (
+                        law.stiffness(overlap) + slide
+                    )
                     overlap = overlap - step
                     if np.all(np.abs(step) <= 4e-16 * np.abs(overlap)):
                         break
                 force = np.asarray(law.force(overlap)) if follows and power else force
             else:
-                force, overlap = load.array, np.asarray(law.overlap(load.array))
+                force = load.array
+                overlap = np.asarray(law.overlap(load.array))
             stiffness = np.asarray(law.stiffness(overlap))
             length = np.maximum(np.abs(overlap), self.packing.width)
-            # the last three are of the size of the slope of the stiffness, the pressure and the moduli
-            made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
+            # the last three are of the size of the slope of the stiffness, the pressure and the
+            # moduli
+            made = np.array(
+                [
+                    force,
+                    stiffness,
+                    length,
+                    stiffness / length,
+                    force / diameter,
+                    stiffness / diameter,
+                ]
+            )
         if not np.all((made >= LEAST_NORMAL) & (made < np.inf)):
-            raise InputError(f"{load.describe(periods)} is too small or too large for double precision")
+            raise InputError(
+                f"{load.describe(periods)} is too small or too large for double precision"
+            )
         modulus = self.packing.material.young_modulus
         require_shallow(modulus, float(np.max(overlap / diameter)), load.describe(periods))
         return ContactState(
-            packing=self.packing, medium=self.name, law=law, force=force[()], overlap=overlap[()],
-            normal_stiffness=stiffness[()], finite_overlap=follows,
-        )  # fmt: skip
+            packing=self.packing,
+            medium=self.name,
+            law=law,
+            force=force[()],
+            overlap=overlap[()],
+            normal_stiffness=stiffness[()],
+            finite_overlap=follows,
+        )
 
 
 @dataclass(frozen=True)
 class AveragedLattice(LawMedium):
-    """The averaged lattice: all balls have the mean diameter, f = (2/3) E* d^(1/2) delta^(3/2) (equation 23).
+    """The averaged lattice: all balls have the mean diameter, f = (2/3) E* d^(1/2) delta^(3/2)
+    (equation 23).
 
     It is exact for equal balls, and on a line.
 
@@ -265,7 +328,8 @@ class AveragedLattice(LawMedium):
     packing : the balls.
     """
 
-    name, words = "ala", "averaged lattice"
+    name = "ala"
+    words = "averaged lattice"
 
     @property
     def spread_law(self) -> Law:
@@ -275,61 +339,80 @@ class AveragedLattice(LawMedium):
 
 @dataclass(frozen=True)
 class AveragedForce(LawMedium):
-    """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over pairs (equation 25).
+    """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over
+    pairs (equation 25).
 
-    On a line balls cannot stay at the sites, because all contacts carry the same force: there it is Hertz's law.
+    On a line balls cannot stay at the sites, because all contacts carry the same force: there it is
+    Hertz's law.
 
     Parameters
     ----------
     packing : the balls.
     """
 
-    name, words = "afa", "averaged force"
+    name = "afa"
+    words = "averaged force"
     _load_bytes = 420.0
 
     @property
     def spread_law(self) -> Law:
         """Contact law of the medium for balls that differ, in SI."""
         spread = self.packing.spread
-        return AveragedLaw(self.packing.law.coefficient, self.packing.width, spread.shape) if spread else self.packing.law
+        return (
+            AveragedLaw(self.packing.law.coefficient, self.packing.width, spread.shape)
+            if spread
+            else self.packing.law
+        )
 
 
 @dataclass(frozen=True, init=False)
 class EffectiveMedium(LawMedium):
-    """The effective medium: balls that differ displace their neighbours, in the average lattice of all (equations 28-46).
+    """The effective medium: balls that differ displace their neighbours, in the average lattice of
+    all (equations 28-46).
 
-    Of the lattice it knows Xi alone (:attr:`local_field`), and so it is in one, two and three dimensions. It is valid from
-    f* = 0.08 (Section IV, by comparison with simulations of the triangular lattice); ``valid`` of a state says so. It is
-    solved from f* = 1e-6, and force and stiffness are accurate to 1e-8 or better from f* = 1e-4. Each pair of listed
-    diameters puts a kink into the law, which is resolved. For some lists with diameters rarer than about 1 % the stiffness
-    falls to zero at a higher f* than 1e-6, and the equation has no solution below. On a line it is Hertz's law.
+    Of the lattice it knows Xi alone (:attr:`local_field`), and so it is in one, two and three
+    dimensions. It is valid from f* = 0.08 (Section IV, by comparison with simulations of the
+    triangular lattice); ``valid`` of a state says so. It is solved from f* = 1e-6, and force and
+    stiffness are accurate to 1e-8 or better from f* = 1e-4. Each pair of listed diameters puts a
+    kink into the law, which is resolved. For some lists with diameters rarer than about 1 % the
+    stiffness falls to zero at a higher f* than 1e-6, and the equation has no solution below. On a
+    line it is Hertz's law.
 
-    Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against slip. It has no other
-    friction in the statics: contacts bear no tangential force at rest and do not slide, there is no friction coefficient,
-    and the path to the load does not matter. :class:`DirectSimulation` with ``friction_history`` has all of this. At a given
-    overlap the medium's friction adds too much force at low load, and less than half of what it should from a* = 0.8 to 1.
-    In sound every contact has the shear stiffness eta k, as with ``shear_response="stick"``.
+    Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against
+    slip. It has no other friction in the statics: contacts bear no tangential force at rest and do
+    not slide, there is no friction coefficient, and the path to the load does not matter.
+    :class:`DirectSimulation` with ``friction_history`` has all of this. At a given overlap the
+    medium's friction adds too much force at low load, and less than half of what it should from a*
+    = 0.8 to 1. In sound every contact has the shear stiffness eta k, as with
+    ``shear_response="stick"``.
 
     Parameters
     ----------
     packing : the balls.
-    local_field : "computed"; or "paper" for alpha and beta as printed in the paper, which do not satisfy their own
-        definition, and belong to the triangular lattice.
+    local_field : "computed"; or "paper" for alpha and beta as printed in the paper, which do not
+        satisfy their own definition, and belong to the triangular lattice.
 
     Raises
     ------
     InputError : another word, or "paper" on another lattice or with bending.
     """
 
-    name, words = "ema", "effective medium"
+    name = "ema"
+    words = "effective medium"
     slow_part = "the effective medium of long lists of diameters"
     options = {"local_field": Option(_LOCAL_FIELDS[0], partial(choice, options=_LOCAL_FIELDS))}
     source: str
 
-    def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
+    def __init__(
+        self, packing: Packing, local_field: Literal["computed", "paper"] = "computed"
+    ) -> None:
         one_of("local_field", local_field, _LOCAL_FIELDS)
         if local_field == "paper" and isinstance(packing, Packing):
-            other = f"of the {packing.structure.name} lattice" if packing.structure != TRIANGULAR else ""
+            other = (
+                f"of the {packing.structure.name} lattice"
+                if packing.structure != TRIANGULAR
+                else ""
+            )
             if lacking := other or "with bending" * bool(packing.bending):
                 raise InputError(f"the paper gives no local field {lacking}", mend="Use 'computed'")
         object.__setattr__(self, "packing", packing)
@@ -341,11 +424,15 @@ class EffectiveMedium(LawMedium):
 
     @property
     def seconds(self) -> float:
-        """Rough time of solving it, s, for any number of loads: long lists of diameters have many pairs that open."""
+        """Rough time of solving it, s, for any number of loads: long lists of diameters have many
+        pairs that open.
+        """
         shape = self.packing.spread.shape if self.packing.spread and self.packing.width else None
         if not isinstance(shape, PointShape):
             return _DENSITY_TIME if shape else 0.0
-        return max(_DENSITY_TIME, float(_LIST_TIME * (shape.openings.size / _LIST_OPENINGS) ** _LIST_POWER))
+        return max(
+            _DENSITY_TIME, float(_LIST_TIME * (shape.openings.size / _LIST_OPENINGS) ** _LIST_POWER)
+        )
 
     @property
     def is_quick(self) -> bool:
@@ -354,7 +441,9 @@ class EffectiveMedium(LawMedium):
 
     @property
     def is_solved_anew(self) -> bool:
-        """Whether each packing of a sweep has a law of its own, which takes its time: so has each list of diameters."""
+        """Whether each packing of a sweep has a law of its own, which takes its time: so has each
+        list of diameters.
+        """
         return isinstance(self.packing.spread, Discrete | Measured)
 
     def prepare(self) -> None:
@@ -364,13 +453,15 @@ class EffectiveMedium(LawMedium):
 
     @cached_property
     def local_field(self) -> LocalField:
-        """Local-field factor Xi, with alpha and beta, of the packing's lattice, Mindlin ratio, torsion and bending.
+        """Local-field factor Xi, with alpha and beta, of the packing's lattice, Mindlin ratio,
+        torsion and bending.
 
         Without friction, torsion and bending some lattices have none: it raises
-        :class:`~granphon.base.errors.MechanismError`. With ``torsion="mindlin"`` torsion is left out, because it is of the
-        order delta/d, as other terms that the medium leaves out.
+        :class:`~granphon.base.errors.MechanismError`. With ``torsion="mindlin"`` torsion is left
+        out, because it is of the order delta/d, as other terms that the medium leaves out.
         """
-        packing, eta = self.packing, self.packing.mindlin_ratio
+        packing = self.packing
+        eta = self.packing.mindlin_ratio
         if self.source == "paper":
             return paper_local_field(eta)
         torsion = packing.torsion if isinstance(packing.torsion, float) else 0.0
@@ -379,7 +470,8 @@ class EffectiveMedium(LawMedium):
     @property
     def spread_law(self) -> Law:
         """Contact law of the medium for balls that differ, in SI."""
-        spread, law = self.packing.spread, self.packing.law
+        spread = self.packing.spread
+        law = self.packing.law
         if not spread or self.local_field.is_determinate:
             return law
         return EffectiveLaw(law.coefficient, spread.width, spread.shape, self.local_field.xi)
@@ -387,26 +479,31 @@ class EffectiveMedium(LawMedium):
 
 @dataclass(frozen=True)
 class ClusterMedium(LawMedium):
-    """The cluster medium: a cluster of balls that differ, in the lattice whose stiffness it has, among balls that differ.
+    """The cluster medium: a cluster of balls that differ, in the lattice whose stiffness it has,
+    among balls that differ.
 
-    It is valid from f* = 0.03; ``valid`` of a state says so. It is solved from f* = 0.003. Means are over quasi-random
-    diameters, so many that their standard error is below 1e-4 of the force where the medium is valid. The first state takes
-    half a minute with the first shell and up to a minute and a half with more, of one processor; all processors share this.
-    The law is then kept for its distribution, lattice, Mindlin ratio and number of balls.
+    It is valid from f* = 0.03; ``valid`` of a state says so. It is solved from f* = 0.003. Means
+    are over quasi-random diameters, so many that their standard error is below 1e-4 of the force
+    where the medium is valid. The first state takes half a minute with the first shell and up to a
+    minute and a half with more, of one processor; all processors share this. The law is then kept
+    for its distribution, lattice, Mindlin ratio and number of balls.
 
     Parameters
     ----------
     packing : the balls, on any lattice that stands with its motions.
-    balls : number of balls of the cluster, one that completes a shell: 7, 19 or 37 on the triangular lattice, 13 in fcc and
-        hcp. None is the first shell: the ball in the middle and the balls that touch it.
+    balls : number of balls of the cluster, one that completes a shell: 7, 19 or 37 on the
+        triangular lattice, 13 in fcc and hcp. None is the first shell: the ball in the middle and
+        the balls that touch it.
 
     Raises
     ------
-    InputError : a number of balls that no shell completes; the message lists the numbers of complete shells. From ``law``
-        and ``at_*``, a :class:`~granphon.base.errors.MechanismError` if the lattice has a motion that costs no energy.
+    InputError : a number of balls that no shell completes; the message lists the numbers of
+        complete shells. From ``law`` and ``at_*``, a :class:`~granphon.base.errors.MechanismError`
+        if the lattice has a motion that costs no energy.
     """
 
-    name, words = "cluster", "cluster medium"
+    name = "cluster"
+    words = "cluster medium"
     _load_bytes = 1000.0
     slow_part = "the cluster medium"
 
@@ -420,7 +517,10 @@ class ClusterMedium(LawMedium):
         sizes = cluster_sizes(self.packing.structure)
         given = sizes[0] if self.balls is None else whole_number("balls", self.balls, 2)
         if given not in sizes:
-            what = f"balls is {given}, and no shell of the {self.packing.structure.name} lattice completes so many"
+            what = (
+                f"balls is {given}, and no shell of the {self.packing.structure.name} lattice"
+                f" completes so many"
+            )
             raise InputError(what, mend="Give " + " or ".join(map(str, sizes)))
         if self.balls == sizes[0]:
             object.__setattr__(self, "balls", None)
@@ -434,7 +534,9 @@ class ClusterMedium(LawMedium):
     def response(self) -> ClusterResponse:
         """How the lattice answers the contacts of the cluster."""
         packing = self.packing
-        return cluster_response(packing.structure, packing.mindlin_ratio, self.n_balls, packing.bending)
+        return cluster_response(
+            packing.structure, packing.mindlin_ratio, self.n_balls, packing.bending
+        )
 
     @property
     def is_quick(self) -> bool:
@@ -448,13 +550,17 @@ class ClusterMedium(LawMedium):
 
     @property
     def long_law(self) -> ClusterLaw | None:
-        """The law in reduced units, which has neither a width nor a coefficient; None of equal balls and on a line."""
+        """The law in reduced units, which has neither a width nor a coefficient; None of equal
+        balls and on a line.
+        """
         law = self.law
         return replace(law, coefficient=1.0, width=1.0) if isinstance(law, ClusterLaw) else None
 
     @property
     def quadrature_error(self) -> float:
-        """Largest relative standard error of the force where the medium is valid, from the quadrature; 0 for equal balls."""
+        """Largest relative standard error of the force where the medium is valid, from the
+        quadrature; 0 for equal balls.
+        """
         law = self.law
         if not isinstance(law, ClusterLaw):
             return 0.0
@@ -466,10 +572,16 @@ class ClusterMedium(LawMedium):
     @property
     def spread_law(self) -> Law:
         """Contact law of the medium for balls that differ, in SI."""
-        packing, spread = self.packing, self.packing.spread
-        # where all contacts must carry one force, as on a chain, balls that differ are as good as equal ones
+        packing = self.packing
+        spread = self.packing.spread
+        # where all contacts must carry one force, as on a chain, balls that differ are as good as
+        # equal ones
         if not spread or self.response.is_fixed:
             return packing.law
-        coefficient, shape = packing.law.coefficient, spread.shape
-        eta, balls = packing.mindlin_ratio, self.n_balls
-        return ClusterLaw(coefficient, spread.width, shape, packing.structure, eta, balls, packing.bending)
+        coefficient = packing.law.coefficient
+        shape = spread.shape
+        eta = packing.mindlin_ratio
+        balls = self.n_balls
+        return ClusterLaw(
+            coefficient, spread.width, shape, packing.structure, eta, balls, packing.bending
+        )

@@ -12,12 +12,13 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.left_out import estimate_reduced_force
 
-#: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
-#: lattice's Green's function
+#: bytes for each ball while a sample without rotations is worked on, with one, two and three
+#: periods, besides those of the lattice's Green's function
 _BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
 #: bytes for each ball while a linear response with rotations is worked on, besides the same
 _ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
-#: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and m motions of a ball
+#: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and
+#: m motions of a ball
 _GREEN_BYTES = 50.0
 #: f* below which contacts are factorised
 _FACTOR_FORCE = 0.015
@@ -26,9 +27,10 @@ _FACTOR_BYTES = 2100.0
 _ROTATING_FACTOR_BYTES = 4900.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
-#: bytes for each ball of the place where the operator of a further sample works, with one, two and three periods, and the
-#: most bytes of it
-_WORKSPACE_BYTES, _MOST_WORKSPACE = {1: 25.0, 2: 65.0, 3: 130.0}, 2.3e6
+#: bytes for each ball of the place where the operator of a further sample works, with one, two and
+#: three periods, and the most bytes of it
+_WORKSPACE_BYTES = {1: 25.0, 2: 65.0, 3: 130.0}
+_MOST_WORKSPACE = 2.3e6
 #: bytes for each ball of a further equilibrium that is kept: a displacement along each period
 _EQUILIBRIUM_BYTES = {1: 9.0, 2: 17.0, 3: 25.0}
 #: least f* of an estimate
@@ -40,11 +42,14 @@ _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 
 
 def estimate_memory(packing: Packing, balls: int, samples: int, load: Load, loaded: bool) -> float:
-    """Return the memory, bytes, that samples of so many ``balls`` each need at a load, with their moduli.
+    """Return the memory, bytes, that samples of so many ``balls`` each need at a load, with their
+    moduli.
 
     They are ``loaded`` step by step with friction, or brought to rest at each load.
     """
-    structure, turning, count = packing.structure, packing.ball_motions.rotate, load.size * samples
+    structure = packing.structure
+    turning = packing.ball_motions.rotate
+    count = load.size * samples
     periods = structure.periods
     motions = packing.ball_motions.count if turning else periods
     green = _GREEN_BYTES * structure.n_balls * motions**2

@@ -1,9 +1,11 @@
-"""The medium that simulates the disordered array: every ball has its own diameter and is at rest under load.
+"""The medium that simulates the disordered array: every ball has its own diameter and is at rest
+under load.
 
-Section III of Velicky and Caroli replaces the array by an average one. Here a periodic sample of L1 x L2 balls is simulated.
-Its mechanical equilibrium is found without friction (:mod:`granphon.array.equilibrium`); its linear response
-(:mod:`granphon.array.linear_response`) then has shear springs at every contact that carries load. A state is a mean over
-samples; its attributes, elastic tensor, sound waves and local exponent have standard errors.
+Section III of Velicky and Caroli replaces the array by an average one. Here a periodic sample of L1
+x L2 balls is simulated. Its mechanical equilibrium is found without friction
+(:mod:`granphon.array.equilibrium`); its linear response (:mod:`granphon.array.linear_response`)
+then has shear springs at every contact that carries load. A state is a mean over samples; its
+attributes, elastic tensor, sound waves and local exponent have standard errors.
 """
 
 from __future__ import annotations
@@ -37,7 +39,12 @@ from granphon.base.results import read_only
 from granphon.base.threads import naming_lost_workers
 from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
+from granphon.dynamics.elasticity import (
+    bulk_and_shear,
+    longitudinal_modulus,
+    symmetrise,
+    waves_of_tensor,
+)
 from granphon.media.left_out import (
     EXACT,
     GEOMETRIES,
@@ -67,17 +74,23 @@ _MOST_SEED = 2**64 - 1
 DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
 #: rule of validation for the numbers of cells in a scene; ``periods`` says how many they must be
 read_cells = partial(lengths, low=1, high=20_000)
-#: greatest numbers of balls along a side of a sample, of its cells, and of samples, far beyond what fits into memory
-_MOST_SIDE, _MOST_CELLS, _MOST_SAMPLES = 2**31, 2**48, 2**31
-#: wave vectors along each axis at which a lattice is probed: corners, edges and faces of the zone are among them
+#: greatest numbers of balls along a side of a sample, of its cells, and of samples, far beyond what
+#: fits into memory
+_MOST_SIDE = 2**31
+_MOST_CELLS = 2**48
+_MOST_SAMPLES = 2**31
+#: wave vectors along each axis at which a lattice is probed: corners, edges and faces of the zone
+#: are among them
 _PROBED = 12
 #: frequency, (k/M)^1/2, below which a wave costs nothing
 _SOFT = 1e-6
-#: least width over diameter: where overlaps are more than 1e20 widths, some samples find no equilibrium
+#: least width over diameter: where overlaps are more than 1e20 widths, some samples find no
+#: equilibrium
 _LEAST_WIDTH = 1e-20
 #: time of the start of a ball in the exact geometry over that on the lattice
 _EXACT_BALL = 20
-#: balls whose start takes as long as what any sample takes, on the lattice and in the exact geometry
+#: balls whose start takes as long as what any sample takes, on the lattice and in the exact
+#: geometry
 _LEAST_SAMPLE = {False: 625, True: 2500}
 #: f* of a start that takes twice as long as one at a high force; below it the time grows as 1/f*
 _SLOW_FORCE = 0.0015
@@ -85,11 +98,12 @@ _SLOW_FORCE = 0.0015
 
 @dataclass(frozen=True)
 class SampleLaw(EnergyLaw):
-    """The contact law of a simulation: mean force, stiffness and energy of a contact against the overlap.
+    """The contact law of a simulation: mean force, stiffness and energy of a contact against the
+    overlap.
 
-    Methods take scalars or arrays of overlaps, m: floats in, floats out. Each overlap needs an equilibrium of every sample,
-    which is found at the first request. The equilibria at the last 64 overlaps are kept. The variance of the slope of the
-    stiffness is infinite.
+    Methods take scalars or arrays of overlaps, m: floats in, floats out. Each overlap needs an
+    equilibrium of every sample, which is found at the first request. The equilibria at the last 64
+    overlaps are kept. The variance of the slope of the stiffness is infinite.
 
     Attributes
     ----------
@@ -105,14 +119,21 @@ class SampleLaw(EnergyLaw):
 
     @property
     def least_overlap(self) -> float:
-        """Overlap up to which all balls are apart while they are on the sites of the lattice, m; it is below zero."""
-        largest = max(float(np.max(self.simulation.deviations(index))) for index in range(self.simulation.samples))
+        """Overlap up to which all balls are apart while they are on the sites of the lattice, m; it
+        is below zero.
+        """
+        largest = max(
+            float(np.max(self.simulation.deviations(index)))
+            for index in range(self.simulation.samples)
+        )
         return -largest * self.simulation.packing.width_units.width
 
     def _average_at(self, overlap: ArrayLike, of: Callable[[Sample], float]) -> Any:
         values = np.asarray(overlap, float)
         different, where = np.unique(values, return_inverse=True)
-        means = [np.mean([of(one) for one in self._simulate(value)]) for value in different.tolist()]
+        means = [
+            np.mean([of(one) for one in self._simulate(value)]) for value in different.tolist()
+        ]
         return np.array(means)[where].reshape(values.shape)[()]
 
     @cached_property
@@ -124,10 +145,14 @@ class SampleLaw(EnergyLaw):
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        return self._average_at(overlap, attrgetter(("energy", "force", "normal_stiffness", "stiffness_slope")[order]))
+        return self._average_at(
+            overlap, attrgetter(("energy", "force", "normal_stiffness", "stiffness_slope")[order])
+        )
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Return the force fluctuation over the balls, the ratio Delta f / f, at each ``overlap``, m."""
+        """Return the force fluctuation over the balls, the ratio Delta f / f, at each ``overlap``,
+        m.
+        """
         return self._average_at(overlap, lambda sample: sample.force_fluctuation)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
@@ -135,7 +160,9 @@ class SampleLaw(EnergyLaw):
         return self._average_at(overlap, lambda sample: sample.contact_fraction())
 
     def least_valid_force(self, width: float) -> float:
-        """Return 0 N for any ``width``, m: the simulation is valid at every load at which it finds an equilibrium."""
+        """Return 0 N for any ``width``, m: the simulation is valid at every load at which it finds
+        an equilibrium.
+        """
         return 0.0
 
     def overlap(self, force: ArrayLike) -> Any:
@@ -144,11 +171,18 @@ class SampleLaw(EnergyLaw):
 
 
 #: the attributes that only samples with a history of friction have, with their units
-HISTORY_UNITS = {"sliding_fraction": "1", "tangential_ratio": "1", "work": "J", "dissipated_energy": "J"}
+HISTORY_UNITS = {
+    "sliding_fraction": "1",
+    "tangential_ratio": "1",
+    "work": "J",
+    "dissipated_energy": "J",
+}
 
 
 def _average_history(name: str, meaning: str) -> property:
-    """Return the property of a state that is the mean over samples of one of :data:`HISTORY_UNITS`; None without them."""
+    """Return the property of a state that is the mean over samples of one of :data:`HISTORY_UNITS`;
+    None without them.
+    """
 
     def find(state: SimulatedState) -> Any:
         known = getattr(state.samples[0], name, None) is not None
@@ -161,19 +195,21 @@ def _average_history(name: str, meaning: str) -> property:
 class SimulatedState(ContactState):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
 
-    At a given force or pressure every sample bears the same force, and overlaps are averaged. At a given overlap all samples
-    have the same overlap, and forces are averaged. In both cases ``normal_stiffness`` is the exact derivative of the mean
-    force with respect to the mean overlap; after a history with friction it belongs to the linear response, which differs
-    from the slope of the path (:attr:`PressedSample.normal_stiffness`).
+    At a given force or pressure every sample bears the same force, and overlaps are averaged. At a
+    given overlap all samples have the same overlap, and forces are averaged. In both cases
+    ``normal_stiffness`` is the exact derivative of the mean force with respect to the mean overlap;
+    after a history with friction it belongs to the linear response, which differs from the slope of
+    the path (:attr:`PressedSample.normal_stiffness`).
 
     Attributes
     ----------
-    samples : the samples at each load, in C order of the loads; the index of the sample runs fastest.
+    samples : the samples at each load, in C order of the loads; the index of the sample runs
+        fastest.
     fixed_overlap : True if all samples have the same overlap, False if they have the same force.
 
-    ``finite_overlap`` is True of samples in their exact geometry, if only at some loads. Otherwise it is False: the linear
-    response, pressure and density of the samples are in the paper's limit; :class:`~granphon.base.errors.InputError` if it
-    is set.
+    ``finite_overlap`` is True of samples in their exact geometry, if only at some loads. Otherwise
+    it is False: the linear response, pressure and density of the samples are in the paper's limit;
+    :class:`~granphon.base.errors.InputError` if it is set.
     """
 
     units = {**ContactState.units, "contact_force_fluctuation": "1", **HISTORY_UNITS}
@@ -188,21 +224,36 @@ class SimulatedState(ContactState):
 
         Its force or overlap is exact if the load is given as one of these.
         """
-        rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*load.shape, -1, 3)
+        rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(
+            *load.shape, -1, 3
+        )
         forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
         fixed_overlap = load.kind == "overlap"
-        # samples with the same overlap act in parallel: average stiffnesses; with the same force in series: compliances
-        k = np.mean(stiffnesses, axis=-1) if fixed_overlap else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
+        # samples with the same overlap act in parallel: average stiffnesses; with the same force in
+        # series: compliances
+        k = (
+            np.mean(stiffnesses, axis=-1)
+            if fixed_overlap
+            else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
+        )
         f = load.array if load.kind == "force" else np.mean(forces, axis=-1)
         delta = load.array if fixed_overlap else np.mean(overlaps, axis=-1)
         return cls(
-            packing=simulation.packing, medium=simulation.name, law=simulation.law, force=np.asarray(f)[()],
-            overlap=np.asarray(delta)[()], normal_stiffness=np.asarray(k)[()], samples=tuple(samples),
-            fixed_overlap=fixed_overlap, finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
-        )  # fmt: skip
+            packing=simulation.packing,
+            medium=simulation.name,
+            law=simulation.law,
+            force=np.asarray(f)[()],
+            overlap=np.asarray(delta)[()],
+            normal_stiffness=np.asarray(k)[()],
+            samples=tuple(samples),
+            fixed_overlap=fixed_overlap,
+            finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
+        )
 
     def __post_init__(self) -> None:
-        if self.finite_overlap and not (isinstance(self.law, SampleLaw) and self.law.simulation.geometry != LATTICE):
+        if self.finite_overlap and not (
+            isinstance(self.law, SampleLaw) and self.law.simulation.geometry != LATTICE
+        ):
             raise no_finite_overlap(self.medium)
         super().__post_init__()
 
@@ -210,9 +261,13 @@ class SimulatedState(ContactState):
         """Return the state at some of the loads, indexed like an array."""
         which = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
         samples = tuple(self._table.reshape(-1, self.n_samples)[which].ravel().tolist())
-        f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
+        f, delta, k = (
+            np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness)
+        )
         finite = bool(np.any(np.asarray(self._is_exact)[index]))
-        return replace(self, force=f, overlap=delta, normal_stiffness=k, samples=samples, finite_overlap=finite)
+        return replace(
+            self, force=f, overlap=delta, normal_stiffness=k, samples=samples, finite_overlap=finite
+        )
 
     def _find_again(self) -> dict[str, Any]:
         """Return the means over the samples."""
@@ -220,7 +275,9 @@ class SimulatedState(ContactState):
 
     @property
     def _table(self) -> NDArray[Any]:
-        """Samples as an array of objects, with the axes of the load and then the index of the sample."""
+        """Samples as an array of objects, with the axes of the load and then the index of the
+        sample.
+        """
         table = np.empty(len(self.samples), dtype=object)
         table[:] = self.samples
         return table.reshape(*self.shape, -1)
@@ -232,7 +289,9 @@ class SimulatedState(ContactState):
 
     @property
     def sample(self) -> Any:
-        """First sample; for several loads an array of the first samples, with the shape of the load."""
+        """First sample; for several loads an array of the first samples, with the shape of the
+        load.
+        """
         first = self._table[..., 0]
         return first if self.shape else first[()]
 
@@ -245,14 +304,21 @@ class SimulatedState(ContactState):
         return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
 
     def standard_error(self, of: str | Callable[[Any], ArrayLike]) -> Any:
-        """Return the standard error of the mean of a quantity over samples, in the unit of the quantity.
+        """Return the standard error of the mean of a quantity over samples, in the unit of the
+        quantity.
 
-        ``of`` is the name of an attribute of :class:`Sample`, or a function of a sample. The result has the shape of the
-        load followed by that of the quantity. Raises :class:`~granphon.base.errors.InputError` if there is only one sample.
+        ``of`` is the name of an attribute of :class:`Sample`, or a function of a sample. The result
+        has the shape of the load followed by that of the quantity. Raises
+        :class:`~granphon.base.errors.InputError` if there is only one sample.
         """
         if self.n_samples < 2:
-            raise InputError("one sample has no standard error", mend="Give samples=2 or more to granphon.DirectSimulation")
-        values = self.over_samples((lambda sample: getattr(sample, of)) if isinstance(of, str) else of)
+            raise InputError(
+                "one sample has no standard error",
+                mend="Give samples=2 or more to granphon.DirectSimulation",
+            )
+        values = self.over_samples(
+            (lambda sample: getattr(sample, of)) if isinstance(of, str) else of
+        )
         return standard_error(values, len(self.shape))[()]
 
     def _average(self, of: Callable[[Any], ArrayLike]) -> Any:
@@ -260,96 +326,128 @@ class SimulatedState(ContactState):
 
     @property
     def force_fluctuation(self) -> Any:
-        """Force fluctuation Delta f / f: rms over balls of the mean force of a ball's contacts, over the mean."""
+        """Force fluctuation Delta f / f: rms over balls of the mean force of a ball's contacts,
+        over the mean.
+        """
         return self._average(lambda sample: sample.force_fluctuation)
 
     @property
     def contact_force_fluctuation(self) -> Any:
-        """Rms deviation of the forces of single contacts from the mean force, divided by it; with the shape of the load."""
+        """Rms deviation of the forces of single contacts from the mean force, divided by it; with
+        the shape of the load.
+        """
         return self._average(lambda sample: sample.contact_force_fluctuation)
 
     @property
     def contact_fraction(self) -> Any:
-        """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / z (N_c / 6 on the triangular lattice).
+        """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / z (N_c / 6 on the
+        triangular lattice).
 
-        In the exact geometry loose balls lean on others with W/d of that or less, so that it depends on the threshold: at
-        a* = 0.4 it is 0.67, 0.68 of all forces above zero, and 0.58 of those above 1e-3 (steel balls, W/d = 2.6e-4).
-        ``contact_fraction(threshold=...)`` of one of the ``samples`` takes another threshold.
+        In the exact geometry loose balls lean on others with W/d of that or less, so that it
+        depends on the threshold: at a* = 0.4 it is 0.67, 0.68 of all forces above zero, and 0.58 of
+        those above 1e-3 (steel balls, W/d = 2.6e-4). ``contact_fraction(threshold=...)`` of one of
+        the ``samples`` takes another threshold.
         """
         return self._average(lambda sample: sample.contact_fraction())
 
-    def tangential_ratio_distribution(self, bins: int = 50, largest: float | None = None) -> tuple[Array, Array, Array]:
-        """Return (bins + 1,) edges, and the probability density of ``|T|/f`` with its standard error, (..., bins).
+    def tangential_ratio_distribution(
+        self, bins: int = 50, largest: float | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return (bins + 1,) edges, and the probability density of ``|T|/f`` with its standard
+        error, (..., bins).
 
         Both have the shape of the load in front: the density is the mean over samples of
-        :meth:`~granphon.array.pressed_sample.PressedSample.tangential_ratio_distribution`, which describes ``bins`` and
-        ``largest``, and its error is nan of one sample. Raises :class:`~granphon.base.errors.InputError` without a history
-        of friction.
+        :meth:`~granphon.array.pressed_sample.PressedSample.tangential_ratio_distribution`, which
+        describes ``bins`` and ``largest``, and its error is nan of one sample. Raises
+        :class:`~granphon.base.errors.InputError` without a history of friction.
         """
         return self._average_distribution("tangential_ratio_distribution", bins, largest)
 
     def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array, Array]:
-        """Return (bins + 1,) edges, and the probability density of ``|T|/(mu f)`` with its standard error, (..., bins).
+        """Return (bins + 1,) edges, and the probability density of ``|T|/(mu f)`` with its standard
+        error, (..., bins).
 
-        See :meth:`tangential_ratio_distribution`; raises :class:`~granphon.base.errors.InputError` if mu is zero or infinite
-        too.
+        See :meth:`tangential_ratio_distribution`; raises :class:`~granphon.base.errors.InputError`
+        if mu is zero or infinite too.
         """
         return self._average_distribution("mobilisation_distribution", bins)
 
     def _average_distribution(self, name: str, *given: Any) -> tuple[Array, Array, Array]:
-        """Return the edges of a distribution of the samples, its mean over them, and the standard error of the mean."""
+        """Return the edges of a distribution of the samples, its mean over them, and the standard
+        error of the mean.
+        """
         if not hasattr(self.samples[0], name):
-            what, why = f"there is no {name}", "Balls that come to rest without friction bear no tangential forces"
+            what = f"there is no {name}"
+            why = "Balls that come to rest without friction bear no tangential forces"
             raise InputError(what, why, "Give friction_history=True to granphon.DirectSimulation")
         edges: Array = getattr(self.samples[0], name)(*given)[0]
         each = self.over_samples(lambda sample: getattr(sample, name)(*given)[1])
         axis = len(self.shape)
         mean = np.mean(each, axis=axis)
-        return edges, mean, standard_error(each, axis) if self.n_samples > 1 else np.full_like(mean, np.nan)
+        return (
+            edges,
+            mean,
+            standard_error(each, axis) if self.n_samples > 1 else np.full_like(mean, np.nan),
+        )
 
     sliding_fraction = _average_history(
-        "sliding_fraction", "Part of the contacts that carry load whose tangential force is at Coulomb's limit"
+        "sliding_fraction",
+        "Part of the contacts that carry load whose tangential force is at Coulomb's limit",
     )
     tangential_ratio = _average_history(
         "tangential_ratio", "Mean magnitude of the tangential forces over the mean normal force"
     )
     work = _average_history("work", "Work of the load since the start, a mean over contacts, J")
-    dissipated_energy = _average_history("dissipated_energy", "Energy lost since the start, a mean over contacts, J")
+    dissipated_energy = _average_history(
+        "dissipated_energy", "Energy lost since the start, a mean over contacts, J"
+    )
 
     @property
     def elastic_tensor(self) -> Array:
         """Elastic tensor in Voigt order: the mean over samples of their linear response.
 
-        It is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy in space; (..., 1, 1), N, of
-        a chain. Samples of finite size do not have the symmetry of the lattice; velocities follow from
-        the part that has.
+        It is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy in
+        space; (..., 1, 1), N, of a chain. Samples of finite size do not have the symmetry of the
+        lattice; velocities follow from the part that has.
 
-        If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of compliances. For several samples
-        without friction the bulk modulus then differs from (3^(1/2)/2) k/d in second order of the differences of samples.
+        If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of
+        compliances. For several samples without friction the bulk modulus then differs from
+        (3^(1/2)/2) k/d in second order of the differences of samples.
         """
         return np.asarray(self._average(lambda sample: sample.elastic_tensor))
 
     @property
     def is_isotropic(self) -> bool:
-        """Whether samples are isotropic on average: in the plane if the lattice has that symmetry, in space never."""
+        """Whether samples are isotropic on average: in the plane if the lattice has that symmetry,
+        in space never.
+        """
         periods = self.packing.structure.periods
         return periods == 1 or (periods == 2 and super().is_isotropic)
 
     @property
     def sampled_tensors(self) -> Array | None:
-        """Elastic tensor of each sample, (..., n_samples, n, n), Voigt order; None if there is only one sample."""
-        return self.over_samples(lambda sample: sample.elastic_tensor) if self.n_samples > 1 else None
+        """Elastic tensor of each sample, (..., n_samples, n, n), Voigt order; None if there is only
+        one sample.
+        """
+        return (
+            self.over_samples(lambda sample: sample.elastic_tensor) if self.n_samples > 1 else None
+        )
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return velocities, m/s, (..., n_u) along ``direction``, or (..., n, n_u) for directions (n, p), and displacements.
+        """Return velocities, m/s, (..., n_u) along ``direction``, or (..., n, n_u) for directions
+        (n, p), and displacements.
 
-        Displacements are unit vectors, columns of (..., n_u, n_u) or (..., n, n_u, n_u). Both follow from the mean elastic
-        tensor: in an isotropic plane from its bulk and shear modulus.
+        Displacements are unit vectors, columns of (..., n_u, n_u) or (..., n, n_u, n_u). Both
+        follow from the mean elastic tensor: in an isotropic plane from its bulk and shear modulus.
         """
         return self._find_waves(self.elastic_tensor, self.effective_density, direction)
 
-    def _find_waves(self, tensor: Array, density: ArrayLike, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return velocities and displacements of waves from elastic tensors (..., n, n) of samples, or of their mean."""
+    def _find_waves(
+        self, tensor: Array, density: ArrayLike, direction: ArrayLike
+    ) -> tuple[Array, Array]:
+        """Return velocities and displacements of waves from elastic tensors (..., n, n) of samples,
+        or of their mean.
+        """
         structure = self.packing.structure
         along = as_direction(direction, structure.periods)
         if structure.periods != 2 or not self.is_isotropic:
@@ -359,7 +457,9 @@ class SimulatedState(ContactState):
         # a sample that resists no shear has a modulus of zero, to rounding
         shear = np.where(np.abs(shear) < 1e-12 * np.abs(bulk), np.maximum(shear, 0.0), shear)
         # v_L and v_T, m/s, from K and G, Pa (equation 16)
-        velocities = np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None])
+        velocities = np.sqrt(
+            np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]
+        )
         if along.ndim > 1:
             velocities = np.repeat(velocities[..., None, :], len(along), axis=-2)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
@@ -367,22 +467,35 @@ class SimulatedState(ContactState):
         return velocities, np.broadcast_to(vectors, (*velocities.shape, 2))
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
-        """Return standard errors of velocities along ``direction``, m/s, in the order of ``wave_names``; None of one."""
+        """Return standard errors of velocities along ``direction``, m/s, in the order of
+        ``wave_names``; None of one.
+        """
         every = self.sampled_tensors
         if every is None:
             return None
-        velocities, _ = self._find_waves(every, np.asarray(self.effective_density)[..., None], direction)
+        velocities, _ = self._find_waves(
+            every, np.asarray(self.effective_density)[..., None], direction
+        )
         return standard_error(velocities, len(self.shape))
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
-        """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
-        found, ideal = self.long_waves(direction), super().polarised_waves(direction)[0]
-        places, scales = [self.wave_names.index(name) for name in names], super().branch_scales(direction, names)
-        return [np.asarray(found[..., i] / (ideal[..., i] / scale)) for i, scale in zip(places, scales, strict=True)]
+        """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves
+        of the samples.
+        """
+        found = self.long_waves(direction)
+        ideal = super().polarised_waves(direction)[0]
+        places = [self.wave_names.index(name) for name in names]
+        scales = super().branch_scales(direction, names)
+        return [
+            np.asarray(found[..., i] / (ideal[..., i] / scale))
+            for i, scale in zip(places, scales, strict=True)
+        ]
 
     @property
     def _is_exact(self) -> Any:
-        """Whether the samples at each load are in their exact geometry: each load has its own if none is named."""
+        """Whether the samples at each load are in their exact geometry: each load has its own if
+        none is named.
+        """
         simulation = getattr(self.law, "simulation", None)
         if simulation is None or simulation.geometry is not None:
             return self._fill_shape(self.finite_overlap)
@@ -394,52 +507,69 @@ class SimulatedState(ContactState):
 
     @property
     def floats(self) -> bool:
-        """Whether loose balls float in their cages as samples are pressed from the gas: in the directions of the lattice."""
+        """Whether loose balls float in their cages as samples are pressed from the gas: in the
+        directions of the lattice.
+        """
         simulation = getattr(self.law, "simulation", None)
         return simulation is not None and simulation.floats
 
     @property
     def shear_deficit(self) -> Any:
-        """Part by which the shear modulus is expected to be too small, as contacts have the directions of the lattice.
+        """Part by which the shear modulus is expected to be too small, as contacts have the
+        directions of the lattice.
 
-        They leave out that loose balls lean on others (:func:`~granphon.media.left_out.estimate_shear_deficit`). It is None
-        in the exact geometry, for equal balls, on a line, and where no contact resists slip.
+        They leave out that loose balls lean on others
+        (:func:`~granphon.media.left_out.estimate_shear_deficit`). It is None in the exact geometry,
+        for equal balls, on a line, and where no contact resists slip.
         """
         simulation = getattr(self.law, "simulation", None)
         if simulation is None or np.all(self._is_exact) or not simulation.resists_slip:
             return None
-        ratio, periods = self.packing.relative_width, self.packing.structure.periods
-        deficit = estimate_shear_deficit(self.contact_fraction, ratio, periods, simulation.friction_history)
+        ratio = self.packing.relative_width
+        periods = self.packing.structure.periods
+        deficit = estimate_shear_deficit(
+            self.contact_fraction, ratio, periods, simulation.friction_history
+        )
         return np.where(self._is_exact, 0.0, deficit)[()]
 
     @property
     def valid(self) -> Any:
-        """Whether the directions of the lattice leave out at most 1 % of the shear modulus (:attr:`shear_deficit`).
+        """Whether the directions of the lattice leave out at most 1 % of the shear modulus
+        (:attr:`shear_deficit`).
 
-        From the gas in these directions none is, as velocities depend on the numbering of the balls (:attr:`floats`).
+        From the gas in these directions none is, as velocities depend on the numbering of the balls
+        (:attr:`floats`).
         """
         if self.floats:
             return self._fill_shape(False)
         deficit = self.shear_deficit
-        return self._fill_shape(True) if self.chosen_automatically or deficit is None else (deficit <= LEFT_OUT_LIMIT)
+        return (
+            self._fill_shape(True)
+            if self.chosen_automatically or deficit is None
+            else (deficit <= LEFT_OUT_LIMIT)
+        )
 
     @property
     def pressure(self) -> Any:
         """Pressure P, N/m in the plane, Pa in space: see :attr:`granphon.ContactState.pressure`.
 
-        In the exact geometry it is the work of the load on the cell, over the change of its size: the mean over samples.
+        In the exact geometry it is the work of the load on the cell, over the change of its size:
+        the mean over samples.
         """
         if not self.finite_overlap:
             return super().pressure
-        of_work = self.packing.pressure_per_force * self._average(lambda sample: sample.boundary_force)
+        of_work = self.packing.pressure_per_force * self._average(
+            lambda sample: sample.boundary_force
+        )
         return np.where(self._is_exact, of_work, super().pressure)[()]
 
     @property
     def mean_errors(self) -> dict[str, Any]:
-        """Standard error over samples of the force or overlap, as "force_error" (N) or "overlap_error" (m).
+        """Standard error over samples of the force or overlap, as "force_error" (N) or
+        "overlap_error" (m).
 
-        At a given force or pressure it is the error of the overlap, at a given overlap the error of the force. The
-        dictionary is empty if there is only one sample.
+        At a given force or pressure it is the error of the overlap, at a given overlap the error of
+        the force. The dictionary is empty if there is only one sample.
         """
         name = "force" if self.fixed_overlap else "overlap"
         return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
@@ -448,24 +578,29 @@ class SimulatedState(ContactState):
     def exponent(self) -> Any:
         """Local exponent d log v_L / d log P; exactly 1/6 for equal balls and on a line.
 
-        It belongs to the modulus of longitudinal waves, averaged over all directions and samples: K + G in the plane, K +
-        4G/3 in space, with the averages of Voigt where samples are not isotropic.
+        It belongs to the modulus of longitudinal waves, averaged over all directions and samples: K
+        + G in the plane, K + 4G/3 in space, with the averages of Voigt where samples are not
+        isotropic.
 
-        It is a difference over :data:`~granphon.array.sample.STEP` of log f to either side: each sample is solved at two
-        more loads, when the exponent or its error is first asked for. The derivative itself is not used, as its variance is
-        infinite: a contact about to open contributes a slope of h^(-1/2). After a history of friction both loads are higher,
-        by 5 % and 15 %. In the exact geometry the spacing falls with the load, by f/k for each unit of log f; density and
-        pressure follow.
+        It is a difference over :data:`~granphon.array.sample.STEP` of log f to either side: each
+        sample is solved at two more loads, when the exponent or its error is first asked for. The
+        derivative itself is not used, as its variance is infinite: a contact about to open
+        contributes a slope of h^(-1/2). After a history of friction both loads are higher, by 5 %
+        and 15 %. In the exact geometry the spacing falls with the load, by f/k for each unit of log
+        f; density and pressure follow.
         """
         if not self.packing.spread_matters:
             return super().exponent
-        periods, shortening = self.packing.structure.periods, self._shortening
+        periods = self.packing.structure.periods
+        shortening = self._shortening
         exponent = _compute_exponent(np.mean(self._exponent_terms, axis=-2))
         return ((exponent - 0.5 * periods * shortening) / (1.0 + (periods - 1.0) * shortening))[()]
 
     @property
     def exponent_error(self) -> Any:
-        """Standard error of ``exponent`` over the samples; nan (not known) of one sample, 0 of equal balls, on a line."""
+        """Standard error of ``exponent`` over the samples; nan (not known) of one sample, 0 of
+        equal balls, on a line.
+        """
         if not self.packing.spread_matters:
             return super().exponent_error
         if self.n_samples == 1:
@@ -475,24 +610,35 @@ class SimulatedState(ContactState):
 
     @property
     def _exponent_terms(self) -> Array:
-        """The terms of each sample whose means :func:`_compute_exponent` takes, (..., n_samples, 4)."""
-        low, high = np.moveaxis(longitudinal_modulus(self.over_samples(attrgetter("elastic_tensors_beside"))), -1, 0)
+        """The terms of each sample whose means :func:`_compute_exponent` takes, (..., n_samples,
+        4).
+        """
+        low, high = np.moveaxis(
+            longitudinal_modulus(self.over_samples(attrgetter("elastic_tensors_beside"))), -1, 0
+        )
         modulus = longitudinal_modulus(self.over_samples(attrgetter("elastic_tensor")))
         rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
-        # the mean force is an average of samples at the same overlap; at the same force the two are left out
+        # the mean force is an average of samples at the same overlap; at the same force the two are
+        # left out
         names = ("force", "normal_stiffness") if self.fixed_overlap else ()
-        f, k = [self.over_samples(attrgetter(name)) for name in names] or (np.ones_like(modulus),) * 2
+        f, k = [self.over_samples(attrgetter(name)) for name in names] or (
+            np.ones_like(modulus),
+        ) * 2
         return np.stack([rise * k / f, modulus, k, f], axis=-1)
 
     @property
     def _shortening(self) -> Array:
-        """Part by which the spacing falls for each unit of log f; 0 in the directions of the lattice."""
+        """Part by which the spacing falls for each unit of log f; 0 in the directions of the
+        lattice.
+        """
         spacing = self.packing.diameter - np.asarray(self.overlap)
         return np.where(self._is_exact, self.force / self.normal_stiffness / spacing, 0.0)
 
 
 def read_geometry(value: Any) -> str | None:
-    """Read the name of a geometry; None leaves it to the load. It is a rule of :mod:`granphon.base.validation`."""
+    """Read the name of a geometry; None leaves it to the load. It is a rule of
+    :mod:`granphon.base.validation`.
+    """
     return None if value is None else choice(value, options=GEOMETRIES)
 
 
@@ -502,50 +648,60 @@ class DirectSimulation(Medium[SimulatedState]):
 
     Parameters
     ----------
-    packing : the balls, on a lattice that stands without friction: the chain, the triangular lattice, fcc, hcp, or one given
-        as data; others with a history of friction from the gas.
-    shape : (L1, ..., Lp), numbers of cells of a periodic sample along the p vectors of the cell; by default (16384,),
+    packing : the balls, on a lattice that stands without friction: the chain, the triangular
+        lattice, fcc, hcp, or one given as data; others with a history of friction from the gas.
+    shape : (L1, ..., Lp), numbers of cells of a periodic sample along the p vectors of the cell; by
+        default (16384,),
         (128, 128) or (24, 24, 24).
-    seed : seed of the first sample; the next ones have the next seeds. Diameters are the same on any machine.
+    seed : seed of the first sample; the next ones have the next seeds. Diameters are the same on
+        any machine.
     samples : number of samples that are averaged.
-    diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a shape and a seed: one sample
-        of just these balls. They are shifted to have the packing's diameter as their mean; a packing without a spread takes
-        theirs.
-    executor : a :class:`concurrent.futures.Executor`, or an object with the same methods, that solves samples in parallel.
-    workers : number of threads for each Fourier transform. Neither ``executor`` nor ``workers`` changes results.
-    friction_history : load the samples with friction, step by step from ``start``: tangential forces, by Mindlin's law up to
-        Coulomb's limit, are then part of the statics. ``at_*`` is the state of monotonic loading, and :meth:`path` takes
-        loads up and down. By default samples come to rest without friction.
+    diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a shape
+        and a seed: one sample of just these balls. They are shifted to have the packing's diameter
+        as their mean; a packing without a spread takes theirs.
+    executor : a :class:`concurrent.futures.Executor`, or an object with the same methods, that
+        solves samples in parallel.
+    workers : number of threads for each Fourier transform. Neither ``executor`` nor ``workers``
+        changes results.
+    friction_history : load the samples with friction, step by step from ``start``: tangential
+        forces, by Mindlin's law up to Coulomb's limit, are then part of the statics. ``at_*`` is
+        the state of monotonic loading, and :meth:`path` takes loads up and down. By default samples
+        come to rest without friction.
     friction_coefficient : mu of the contacts, zero to infinity; a history needs it.
-    geometry : "exact": directions, lever arms and overlaps follow from positions, with ``finite_overlap`` (prestress and
-        boundary included). "lattice": contacts keep the directions of the lattice, the limit of small spread, which is
-        faster. None, the default: exact for a history of friction; without one "lattice" at loads where it is expected to
-        leave out less than 1e-3 of the shear modulus, else exact. Equal balls, and balls that differ by more than a fifth of
-        their diameter, have the directions of the lattice.
-    start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by default, or a load as
-        {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas": balls lie apart on their sites, and are
-        pressed with friction until they carry a load; for lattices that are not rigid without friction.
-    shear_response : tangential stiffness of a contact under sound, after a history. "stick": eta k everywhere, as for small
-        cycles of the load. For a load that continues in one direction, "slide": eta k, and zero where a contact slides; or
-        "partial_slip": ``eta k (1 - |T|/mu f)^(1/3)``, as if ``|T|`` were about to grow at every contact.
+    geometry : "exact": directions, lever arms and overlaps follow from positions, with
+        ``finite_overlap`` (prestress and boundary included). "lattice": contacts keep the
+        directions of the lattice, the limit of small spread, which is faster. None, the default:
+        exact for a history of friction; without one "lattice" at loads where it is expected to
+        leave out less than 1e-3 of the shear modulus, else exact. Equal balls, and balls that
+        differ by more than a fifth of their diameter, have the directions of the lattice.
+    start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by
+        default, or a load as {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas":
+        balls lie apart on their sites, and are pressed with friction until they carry a load; for
+        lattices that are not rigid without friction.
+    shear_response : tangential stiffness of a contact under sound, after a history. "stick": eta k
+        everywhere, as for small cycles of the load. For a load that continues in one direction,
+        "slide": eta k, and zero where a contact slides; or "partial_slip": ``eta k (1 - |T|/mu
+        f)^(1/3)``, as if ``|T|`` were about to grow at every contact.
     step_tolerance : steps of the load are halved until that changes f* by less than this fraction.
     ordered : whether ``at_*`` take the loads in the order given, as :meth:`path` does.
 
     Raises
     ------
-    MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square, honeycomb and kagome, and
-        there is no history of friction that starts from the gas.
-    InputError : motions other than those along the periods, a shape or number that is not whole and above zero, diameters
-        with a shape or samples, a width below 1e-20 of the diameter; options of a history without ``friction_history``, a
-        history without a friction coefficient, on a chain, or of balls that resist no slip.
+    MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square,
+        honeycomb and kagome, and there is no history of friction that starts from the gas.
+    InputError : motions other than those along the periods, a shape or number that is not whole and
+        above zero, diameters with a shape or samples, a width below 1e-20 of the diameter; options
+        of a history without ``friction_history``, a history without a friction coefficient, on a
+        chain, or of balls that resist no slip.
 
-    ``at_*`` take scalars or arrays: floats in, floats out. They raise :class:`~granphon.base.errors.InputError` for a load
-    that is not finite, not compressive, or presses balls together by their whole diameter; for a load so low that a
-    sample carries none (at and below the rigidity threshold, a* = 0.343 on the triangular lattice), or below the start of a
-    history; and with ``finite_overlap`` in the geometry of the lattice, which has no such terms. They raise
-    :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found, or a path ends before its last load;
-    ``reached`` of the error is then the state at the loads before. They raise
-    :class:`~granphon.base.errors.GranphonError` if the executor loses a worker.
+    ``at_*`` take scalars or arrays: floats in, floats out. They raise
+    :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or
+    presses balls together by their whole diameter; for a load so low that a sample carries none (at
+    and below the rigidity threshold, a* = 0.343 on the triangular lattice), or below the start of a
+    history; and with ``finite_overlap`` in the geometry of the lattice, which has no such terms.
+    They raise :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found, or a path
+    ends before its last load; ``reached`` of the error is then the state at the loads before. They
+    raise :class:`~granphon.base.errors.GranphonError` if the executor loses a worker.
     """
 
     packing: Packing
@@ -572,67 +728,102 @@ class DirectSimulation(Medium[SimulatedState]):
         **HISTORY_OPTIONS,
     }
 
-    name, words = "simulation", "simulation"
+    name = "simulation"
+    words = "simulation"
 
     def __post_init__(self) -> None:
         given_packing(self.packing)
         history = self.history
         for name, value in history.options.items():
             object.__setattr__(self, name, value)
-        # the balls move as simulated balls do, and stand without friction, or are held by it from the gas on
-        packing, structure, shape = self.packing, self.packing.structure, self.shape
-        periods, own = structure.periods, next(iter(allowed_motions(structure.periods).values()))
+        # the balls move as simulated balls do, and stand without friction, or are held by it from
+        # the gas on
+        packing = self.packing
+        structure = self.packing.structure
+        shape = self.shape
+        periods = structure.periods
+        own = next(iter(allowed_motions(structure.periods).values()))
         if structure.dimension > periods or packing.motions not in (None, own.name):
-            what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
+            what = f"the motions {packing.motions!r}"
+            mend = f"Use another medium, or the motions {own.name!r}"
             if structure.dimension > periods:
-                what, mend = f"a lattice of {periods} periods in space", "Use another medium"
+                what = f"a lattice of {periods} periods in space"
+                mend = "Use another medium"
             why = "Simulated balls move along the periods of their lattice"
             raise InputError(f"balls with {what} are not simulated", why, mend)
         held = history.is_loaded and history.from_gas and history.friction_coefficient != 0
         if not held and (falls := _explain_fall(structure, own)) is not None:
-            what = f"the {structure.name} lattice is not simulated, because it does not stand without friction"
+            what = (
+                f"the {structure.name} lattice is not simulated, because it does not stand"
+                f" without friction"
+            )
             mend = "use another medium, or a lattice with more contacts, such as triangular or fcc"
             friction = "" if packing.friction else "friction: true of the packing and "
-            if ContactLattice.of(structure, packing.material.mindlin_ratio, bending=packing.bending).mechanism:
+            if ContactLattice.of(
+                structure, packing.material.mindlin_ratio, bending=packing.bending
+            ).mechanism:
                 mend = f"Friction does not hold it either: {mend}"
             elif history.is_loaded:
                 keys = f"{friction}start: gas, and a friction_coefficient above zero"
-                mend = f"Start the history at the gas ({keys}), from which friction holds it; or {mend}"
+                mend = (
+                    f"Start the history at the gas ({keys}), from which friction holds it; or"
+                    f" {mend}"
+                )
             else:
-                keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
+                keys = (
+                    f"{friction}friction_history: true with a friction_coefficient and start: gas"
+                )
                 mend = f"A simulation with {keys} simulates it; or {mend}"
             raise MechanismError(what, falls, mend)
         if shape is not None:
-            shape = require("shape", partial(lengths, low=1, high=_MOST_SIDE, periods=periods), shape)
+            shape = require(
+                "shape", partial(lengths, low=1, high=_MOST_SIDE, periods=periods), shape
+            )
             if math.prod(shape) > _MOST_CELLS:
                 what = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
                 raise InputError(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer")
         object.__setattr__(self, "shape", shape or DEFAULT_SHAPES[periods])
-        if self.diameters is not None:  # the sample takes their shape, and the packing their spread if it has none
-            array, n = read_only(finite_array("diameters", self.diameters, "m", "above zero")), structure.n_balls
+        if self.diameters is not None:
+            # the sample takes their shape, and the packing their spread if it has none
+            array = read_only(finite_array("diameters", self.diameters, "m", "above zero"))
+            n = structure.n_balls
             if array.ndim != periods + (n > 1) or (n > 1 and array.shape[-1] != n):
-                wanted = ", ".join([*(f"L{axis + 1}" for axis in range(periods)), *[str(n)] * (n > 1)])
-                raise InputError(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})")
+                wanted = ", ".join(
+                    [*(f"L{axis + 1}" for axis in range(periods)), *[str(n)] * (n > 1)]
+                )
+                raise InputError(
+                    f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})"
+                )
             if packing.spread is None and np.ptp(array):
                 # the packing takes the mean of the shifted list, which rounding may have changed
-                spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
+                spread = Measured(
+                    tuple((packing.diameter + (array - np.mean(array))).ravel().tolist())
+                )
                 packing = replace(packing, spread=spread, diameter=spread.mean)
             object.__setattr__(self, "packing", packing)
             object.__setattr__(self, "diameters", array)
             if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
                 what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
-                raise InputError(what, "The diameters determine the shape of the sample", "Leave shape out")
+                raise InputError(
+                    what, "The diameters determine the shape of the sample", "Leave shape out"
+                )
             object.__setattr__(self, "shape", array.shape[:periods])
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
-            raise InputError(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out")
+            raise InputError(
+                what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out"
+            )
         object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
-        object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, _MOST_SEED + 1 - self.samples))
+        object.__setattr__(
+            self, "seed", whole_number("seed", self.seed, 0, _MOST_SEED + 1 - self.samples)
+        )
         whole_number("workers", self.workers, 1)
         if self.diameters is not None and self.samples > 1:
             raise InputError("diameters are given, which make one sample", mend="Leave samples out")
         if self.executor is not None and not hasattr(self.executor, "submit"):
-            raise InputError(f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none")
+            raise InputError(
+                f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none"
+            )
         geometry = require("geometry", read_geometry, self.geometry)
         if geometry is None and not can_be_exact(self.packing):
             geometry = LATTICE
@@ -642,14 +833,22 @@ class DirectSimulation(Medium[SimulatedState]):
         if geometry == EXACT and not self.packing.spread_matters:
             what = "on a line" if self.packing.width else "of equal balls"
             why = f"The contacts {what} have the directions of the lattice anyway"
-            raise InputError(f"the exact geometry {what} is not simulated", why, "Use a medium with finite_overlap")
+            raise InputError(
+                f"the exact geometry {what} is not simulated",
+                why,
+                "Use a medium with finite_overlap",
+            )
         require_small(self.ratio)
         if history.is_loaded and self.packing.structure.periods == 1:
             why = "On a line contacts do not slip, so that friction does nothing"
             raise InputError("a chain has no friction_history", why, "Leave it out")
         if history.is_loaded and not self.packing.mindlin_ratio > 0.0:
             why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
-            raise InputError("friction_history needs contacts with friction", why, "Give the packing friction=True")
+            raise InputError(
+                "friction_history needs contacts with friction",
+                why,
+                "Give the packing friction=True",
+            )
         # a start that no sample can bear is refused, solving none
         start = history.start
         if isinstance(start, float) and self.packing.width:
@@ -664,14 +863,18 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @cached_property
     def history(self) -> FrictionHistory:
-        """How samples are loaded: the options of a history, read as one; see :meth:`FrictionHistory.read`."""
+        """How samples are loaded: the options of a history, read as one; see
+        :meth:`FrictionHistory.read`.
+        """
         given = {name: getattr(self, name) for name in HISTORY_OPTIONS}
         return require("DirectSimulation", FrictionHistory.read, given)  # type: ignore[no-any-return]
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, DirectSimulation):
             return NotImplemented
-        return self._key == other._key and bool(np.all(np.asarray(self.diameters) == np.asarray(other.diameters)))
+        return self._key == other._key and bool(
+            np.all(np.asarray(self.diameters) == np.asarray(other.diameters))
+        )
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -694,43 +897,66 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def is_exact(self) -> bool:
-        """Whether contacts have the geometry of the displaced balls, and so finite overlap, whatever the load."""
+        """Whether contacts have the geometry of the displaced balls, and so finite overlap,
+        whatever the load.
+        """
         return self.geometry == EXACT
 
     @property
     def ratio(self) -> float:
-        """W/d in the exact geometry of contacts; zero where they keep the directions of the lattice."""
+        """W/d in the exact geometry of contacts; zero where they keep the directions of the
+        lattice.
+        """
         return self.packing.relative_width if self.is_exact else 0.0
 
-    def by_geometry(self, load: Load, finite_overlap: bool | None = None) -> list[tuple[Self, list[int]]]:
-        """Return this simulation in each geometry, by word, that it has at values of an applied load, and their places.
+    def by_geometry(
+        self, load: Load, finite_overlap: bool | None = None
+    ) -> list[tuple[Self, list[int]]]:
+        """Return this simulation in each geometry, by word, that it has at values of an applied
+        load, and their places.
 
-        Where no geometry is named, each load has its own (:func:`~granphon.media.left_out.choose_geometries`).
+        Where no geometry is named, each load has its own
+        (:func:`~granphon.media.left_out.choose_geometries`).
         """
         if self.geometry is not None:
             return [(self, list(range(load.size)))]
         words = choose_geometries(self.packing, load.applied.flat, finite_overlap)
         return [
-            (replace(self, geometry=word), [place for place, one in enumerate(words) if one == word])
+            (
+                replace(self, geometry=word),
+                [place for place, one in enumerate(words) if one == word],
+            )
             for word in dict.fromkeys(words)
         ]
 
     @property
     def floats(self) -> bool:
-        """Whether loose balls float in their cages as samples are pressed from the gas: in the directions of the lattice."""
+        """Whether loose balls float in their cages as samples are pressed from the gas: in the
+        directions of the lattice.
+        """
         return self.history.is_loaded and self.history.from_gas and not self.ratio
 
     @property
     def resists_slip(self) -> bool:
-        """Whether contacts have springs against slip under sound: not where all of them slide, as mu is zero."""
-        all_slide = self.history.friction_coefficient == 0.0 and self.history.shear_response != "stick"
+        """Whether contacts have springs against slip under sound: not where all of them slide, as
+        mu is zero.
+        """
+        all_slide = (
+            self.history.friction_coefficient == 0.0 and self.history.shear_response != "stick"
+        )
         return self.packing.mindlin_ratio > 0.0 and not all_slide
 
     @property
     def _largest(self) -> float:
-        """Excess of the diameter of the largest ball over the mean, m: of those that are given, or that may be drawn."""
+        """Excess of the diameter of the largest ball over the mean, m: of those that are given, or
+        that may be drawn.
+        """
         # diameters that are given may be larger than the largest of the packing's spread
-        given = self.packing.width_units.width * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
+        given = (
+            self.packing.width_units.width * float(np.max(self.deviations(0)))
+            if self.diameters is not None
+            else 0.0
+        )
         return max(given, self.packing.spread.largest if self.packing.spread else 0.0)
 
     def seed_of(self, index: int) -> int | None:
@@ -747,12 +973,17 @@ class DirectSimulation(Medium[SimulatedState]):
         shape = (*self.cells, n) if n > 1 else self.cells
         given = np.zeros(shape)
         if packing.spread is not None:
-            given = self.diameters if self.diameters is not None else packing.spread.sample(shape, self.seed + index)
+            given = (
+                self.diameters
+                if self.diameters is not None
+                else packing.spread.sample(shape, self.seed + index)
+            )
         if n > 1:
             given = np.ascontiguousarray(np.moveaxis(given, -1, 0))
         if packing.spread is None:
             return given
-        # the mean is subtracted twice, so that what remains is zero to the rounding of the deviations, not of the diameters
+        # the mean is subtracted twice, so that what remains is zero to the rounding of the
+        # deviations, not of the diameters
         off = given - np.mean(given)
         return np.asarray((off - np.mean(off)) / packing.width_units.width)
 
@@ -768,15 +999,23 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @cached_property
     def law(self) -> HertzLaw | SampleLaw:
-        """Contact law: mean force against overlap of the samples; Hertz's law for equal balls and on a line.
+        """Contact law: mean force against overlap of the samples; Hertz's law for equal balls and
+        on a line.
 
         With a history of friction it is the law of monotonic loading.
         """
-        return SampleLaw(replace(self, executor=None, ordered=False)) if self.packing.spread_matters else self.packing.law
+        return (
+            SampleLaw(replace(self, executor=None, ordered=False))
+            if self.packing.spread_matters
+            else self.packing.law
+        )
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
-        """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
-        load, wanted = load.applied, read_finite_overlap(finite_overlap)
+        """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap`
+        take its value in SI.
+        """
+        load = load.applied
+        wanted = read_finite_overlap(finite_overlap)
         if self.geometry is None:  # each load has its own
             self.require(load)
             groups = self.by_geometry(load, finite_overlap)
@@ -797,7 +1036,9 @@ class DirectSimulation(Medium[SimulatedState]):
             raise no_finite_overlap(self.name)
         if finite_overlap is not None and self.is_exact and not wanted:
             why = "Balls that have their true geometry overlap as much as they do"
-            raise InputError("the exact geometry has finite overlap", why, "Leave finite_overlap out")
+            raise InputError(
+                "the exact geometry has finite overlap", why, "Leave finite_overlap out"
+            )
         prescribed = self.prescribed(load)
         self._require_memory(load)
         if self.history.is_loaded:
@@ -810,11 +1051,14 @@ class DirectSimulation(Medium[SimulatedState]):
             with naming_lost_workers("the simulation"):
                 jobs = [self.executor.submit(find_equilibria, own, *given) for own in every]
                 found = [job.result() for job in jobs]
-            # equilibria that come from another process have copies of their own of the deviations and stencils: here they
-            # share one
+            # equilibria that come from another process have copies of their own of the deviations
+            # and stencils: here they share one
             for place, result in enumerate(found):
                 first = next(iter(result.values()))
-                shared = first.deviations, Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice)
+                shared = (
+                    first.deviations,
+                    Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice),
+                )
                 found[place] = {number: one.share(*shared) for number, one in result.items()}
         samples = [
             Sample(self.packing, self.seed_of(index), equilibria[place])
@@ -824,36 +1068,58 @@ class DirectSimulation(Medium[SimulatedState]):
         return SimulatedState.of(self, samples, load)
 
     def path(
-        self, load: Load | None = None, *, force: ArrayLike | None = None, pressure: ArrayLike | None = None,
-        overlap: ArrayLike | None = None, progress: Progress = silent,
-    ) -> SimulatedState:  # fmt: skip
+        self,
+        load: Load | None = None,
+        *,
+        force: ArrayLike | None = None,
+        pressure: ArrayLike | None = None,
+        overlap: ArrayLike | None = None,
+        progress: Progress = silent,
+    ) -> SimulatedState:
         """Return the states at loads that are applied in the order given: up, down, in cycles.
 
         Exactly one of force (N), pressure and overlap (m) is a list, or ``load`` is a
-        :class:`~granphon.balls.loads.Load` of many values. The path begins at :attr:`start`, from where the first load is
-        reached. Raises :class:`~granphon.base.errors.InputError` without ``friction_history``, where the order has no
-        meaning, and for numbers that do not say which load they are; and what :meth:`at` raises. If a load is not reached,
-        the error's ``reached`` is the state at those before it, None if there is none.
+        :class:`~granphon.balls.loads.Load` of many values. The path begins at :attr:`start`, from
+        where the first load is reached. Raises :class:`~granphon.base.errors.InputError` without
+        ``friction_history``, where the order has no meaning, and for numbers that do not say which
+        load they are; and what :meth:`at` raises. If a load is not reached, the error's ``reached``
+        is the state at those before it, None if there is none.
         """
         if not self.history.is_loaded:
             why = "Without friction the forces do not depend on the way to the load"
-            raise InputError("a path needs friction_history", why, "Give friction_history=True, or use at_force")
-        given: dict[str, ArrayLike | None] = {"force": force, "pressure": pressure, "overlap": overlap}
+            raise InputError(
+                "a path needs friction_history", why, "Give friction_history=True, or use at_force"
+            )
+        given: dict[str, ArrayLike | None] = {
+            "force": force,
+            "pressure": pressure,
+            "overlap": overlap,
+        }
         if load is None:
             load = Load.only(**given)
         elif not isinstance(load, Load):
             what = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
-            mend = "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of granphon.balls.loads"
+            mend = (
+                "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of"
+                " granphon.balls.loads"
+            )
             raise InputError(what, "It does not say what kind of load that is", mend)
         elif kinds := [kind for kind, values in given.items() if values is not None]:
-            raise InputError(f"the loads of a path are given as a Load and as {' and '.join(kinds)}", mend="Give one")
+            raise InputError(
+                f"the loads of a path are given as a Load and as {' and '.join(kinds)}",
+                mend="Give one",
+            )
         load = load.applied
         self._require_memory(load)
         simulation = replace(self, ordered=True)
         return simulation._press(load, simulation.prescribed(load), progress)
 
-    def _press(self, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent) -> SimulatedState:
-        """Load all samples along one path; an error at which it ends has ``reached`` the state at the loads before."""
+    def _press(
+        self, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent
+    ) -> SimulatedState:
+        """Load all samples along one path; an error at which it ends has ``reached`` the state at
+        the loads before.
+        """
         order = self.history.sort(prescribed)
         path = [prescribed[place] for place in order]
         jobs = [partial(self._loaded_sample(index).press, path) for index in range(self.samples)]
@@ -869,28 +1135,40 @@ class DirectSimulation(Medium[SimulatedState]):
         reached = min(len(samples) for samples, _ in found)
         places = sorted(range(reached), key=lambda place: order[place])
         every = [samples[place] for place in places for samples, _ in found]
-        error = next((error for samples, error in found if error is not None and len(samples) == reached), None)
+        error = next(
+            (error for samples, error in found if error is not None and len(samples) == reached),
+            None,
+        )
         if error is None:
             return SimulatedState.of(self, every, load)
         if error.load_index is not None:
             error.load_index = order[error.load_index]
         if reached:
-            error.reached = SimulatedState.of(self, every, load.flat[[order[place] for place in places]])
+            error.reached = SimulatedState.of(
+                self, every, load.flat[[order[place] for place in places]]
+            )
         raise error
 
     def _require_memory(self, load: Load) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if the samples do not fit into the memory of this machine."""
-        needed = estimate_memory(self.packing, self.balls, self.samples, load, self.history.is_loaded)
+        """Raise :class:`~granphon.base.errors.InputError` if the samples do not fit into the memory
+        of this machine.
+        """
+        needed = estimate_memory(
+            self.packing, self.balls, self.samples, load, self.history.is_loaded
+        )
         what = f"samples of {self.balls:,} balls"
         require_memory(what, needed, "Take fewer balls (shape), samples or loads")
 
     def _loaded_sample(self, index: int) -> LoadedSample:
         """Return one of the samples, as it is loaded with friction."""
         deviations = read_only(self.deviations(index))
-        return LoadedSample(self.packing, self.seed_of(index), deviations, self.history, self.ratio, self.workers)
+        return LoadedSample(
+            self.packing, self.seed_of(index), deviations, self.history, self.ratio, self.workers
+        )
 
     def prescribed(self, load: Load) -> list[ReducedLoad]:
-        """Convert each value of an applied load to a prescribed force or overlap in reduced units, in C order.
+        """Convert each value of an applied load to a prescribed force or overlap in reduced units,
+        in C order.
 
         Raises as :meth:`require` does.
         """
@@ -900,7 +1178,8 @@ class DirectSimulation(Medium[SimulatedState]):
     def sample(self, load: ReducedLoad, before: tuple[float, Array] | None = None) -> Sample:
         """Return the first sample under one load, with the same numbers as in a state.
 
-        ``before`` holds the overlap and displacements of its equilibrium under the previous load, in the order of
+        ``before`` holds the overlap and displacements of its equilibrium under the previous load,
+        in the order of
         :func:`~granphon.media.loading.sort_by_load`; it is None for the first load.
         """
         deviations = read_only(self.deviations(0))
@@ -909,7 +1188,8 @@ class DirectSimulation(Medium[SimulatedState]):
         return Sample(self.packing, self.seed_of(0), found)
 
     def require(self, load: Load) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can bear, solving none.
+        """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can
+        bear, solving none.
 
         It may be below the start of a loading, as far as that is known before the start is found.
         """
@@ -919,7 +1199,9 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def _start(self) -> ReducedLoad | None:
-        """The start below which no load may be, in reduced units; None if there is none, or if it is found as at the gas."""
+        """The start below which no load may be, in reduced units; None if there is none, or if it
+        is found as at the gas.
+        """
         history = self.history
         if not history.is_loaded or history.ordered or not self.packing.width:
             return None
@@ -927,9 +1209,11 @@ class DirectSimulation(Medium[SimulatedState]):
         return start if isinstance(start, ReducedLoad) else None
 
     def require_start(self, load: Load) -> None:
-        """Raise as :meth:`require` does where the start of a loading is of another kind than the load: the start is solved.
+        """Raise as :meth:`require` does where the start of a loading is of another kind than the
+        load: the start is solved.
 
-        A start as a force is at another overlap in each sample, and one as an overlap at another force.
+        A start as a force is at another overlap in each sample, and one as an overlap at another
+        force.
         """
         if self.count_start(load):
             path = self.prescribed(load)
@@ -937,40 +1221,59 @@ class DirectSimulation(Medium[SimulatedState]):
                 self._loaded_sample(index).require_start(path)
 
     def count_start(self, load: Load) -> float:
-        """Return how many balls take as long as the start that :meth:`require_start` solves; zero if it need not."""
-        start, exact = self._start, self.is_exact
+        """Return how many balls take as long as the start that :meth:`require_start` solves; zero
+        if it need not.
+        """
+        start = self._start
+        exact = self.is_exact
         if start is None:
             return 0.0
         by_force = start.overlap is None
         if all((one.overlap is None) == by_force for one in self.prescribed(load)):
             return 0.0
         slow = 1.0 + _SLOW_FORCE / start.force if by_force else 1.0
-        return slow * self.samples * max(self.balls * (_EXACT_BALL if exact else 1), _LEAST_SAMPLE[exact])
+        return (
+            slow
+            * self.samples
+            * max(self.balls * (_EXACT_BALL if exact else 1), _LEAST_SAMPLE[exact])
+        )
 
 
 def _compute_exponent(means: Array) -> Array:
-    """Return f M'/2kM, (...), from ``means`` (..., 4) over samples of M' = dM/d(delta), of M, k and f.
+    """Return f M'/2kM, (...), from ``means`` (..., 4) over samples of M' = dM/d(delta), of M, k and
+    f.
 
-    If all samples have the same force, the four are dM/d log f, M, 1 and 1. M is the modulus of longitudinal waves, Pa.
+    If all samples have the same force, the four are dM/d log f, M, 1 and 1. M is the modulus of
+    longitudinal waves, Pa.
     """
     rise, modulus, stiffness, force = np.moveaxis(means, -1, 0)
     return np.asarray(0.5 * force * rise / (stiffness * modulus))
 
 
 def no_finite_overlap(medium: str) -> InputError:
-    """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a simulation."""
+    """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a
+    simulation.
+    """
     what = f"the medium {medium!r} has no terms of finite overlap"
-    why = "Its linear response is found in the limit of spread and overlap small against the diameter"
-    return InputError(what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium")
+    why = (
+        "Its linear response is found in the limit of spread and overlap small against the diameter"
+    )
+    return InputError(
+        what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium"
+    )
 
 
 @lru_cache(maxsize=64)
 def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
-    """Return which waves of the lattice without friction cost no energy; None if all do, but translations of the whole."""
+    """Return which waves of the lattice without friction cost no energy; None if all do, but
+    translations of the whole.
+    """
     still = ContactLattice.of(structure, 0.0, motions=motions)
     if still.mechanism:
         return still.mechanism
     ticks = [np.arange(_PROBED) / _PROBED] * structure.periods
-    fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, structure.periods)[1:]
+    fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(
+        -1, structure.periods
+    )[1:]
     stands = np.all(still.frequencies(still.wavevectors(fractions))[:, 0] > _SOFT)
     return None if stands else "Some of its waves cost no energy"

@@ -1,8 +1,8 @@
 """States: what velocities, moduli, pulses and phonons are found from.
 
-The state that every medium returns is that of the contacts of a packing under load (:class:`ContactState`). A network of
-contacts is the state of what repeats without end: the cell of a crystal, a ribbon, a sample's own cell
-(:class:`NetworkState`).
+The state that every medium returns is that of the contacts of a packing under load
+(:class:`ContactState`). A network of contacts is the state of what repeats without end: the cell of
+a crystal, a ribbon, a sample's own cell (:class:`NetworkState`).
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
 
-#: greatest relative difference between a number of a state that was read and what follows from the others: rounding, also
-#: that of another machine
+#: greatest relative difference between a number of a state that was read and what follows from the
+#: others: rounding, also that of another machine
 _ALIKE = 1e-6
 #: a number for a state at a single load, an array for a state at several loads
 Values = Any
@@ -69,11 +69,15 @@ class ContactLaw(PairLaw, Protocol):
         ...
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
-        """Return the fraction of contacts that carry load: N_c / z, N_c / 6 on the triangular lattice."""
+        """Return the fraction of contacts that carry load: N_c / z, N_c / 6 on the triangular
+        lattice.
+        """
         ...
 
     def least_valid_force(self, width: float) -> float:
-        """Return the least mean contact force, N, at which the law is valid for diameters of width W (m)."""
+        """Return the least mean contact force, N, at which the law is valid for diameters of width
+        W (m).
+        """
         ...
 
 
@@ -82,20 +86,29 @@ Found = TypeVar("Found")
 Law = HertzLaw | AveragedLaw | EffectiveLaw | ClusterLaw | ContactLaw
 
 
-def ideal_lattice(packing: Packing, torsion: float | None = None, bending: float | None = None) -> ContactLattice:
+def ideal_lattice(
+    packing: Packing, torsion: float | None = None, bending: float | None = None
+) -> ContactLattice:
     """Return the lattice of contacts in the paper's limit, in reduced units.
 
-    It is the same under every load, except for the torsion of a Hertz contact, which is left out. ``torsion`` and
-    ``bending`` replace those of the packing, over k d^2.
+    It is the same under every load, except for the torsion of a Hertz contact, which is left out.
+    ``torsion`` and ``bending`` replace those of the packing, over k d^2.
     """
-    twist = (0.0 if packing.torsion == MINDLIN else float(packing.torsion)) if torsion is None else torsion
+    twist = (
+        (0.0 if packing.torsion == MINDLIN else float(packing.torsion))
+        if torsion is None
+        else torsion
+    )
     return ContactLattice.of(
-        packing.structure, packing.mindlin_ratio, torsion=twist,
-        bending=packing.bending if bending is None else bending, motions=packing.ball_motions,
-    )  # fmt: skip
+        packing.structure,
+        packing.mindlin_ratio,
+        torsion=twist,
+        bending=packing.bending if bending is None else bending,
+        motions=packing.ball_motions,
+    )
 
 
-# -- states -----------------------------------------------------------------------------------------------------------
+# -- states ----------------------------------------------------------------------------------------
 
 
 class State(ABC):
@@ -126,7 +139,9 @@ class State(ABC):
     @property
     @abstractmethod
     def scales(self) -> Units:
-        """Length (m), stiffness (N/m) and mass (kg) of the reduced units; an error for several loads."""
+        """Length (m), stiffness (N/m) and mass (kg) of the reduced units; an error for several
+        loads.
+        """
 
     @property
     @abstractmethod
@@ -141,7 +156,9 @@ class State(ABC):
     @property
     @abstractmethod
     def reference_lattice(self) -> ContactLattice:
-        """Lattice that has what does not depend on the load: names of waves, mechanisms, isotropy."""
+        """Lattice that has what does not depend on the load: names of waves, mechanisms,
+        isotropy.
+        """
 
     @property
     @abstractmethod
@@ -151,7 +168,9 @@ class State(ABC):
     @property
     @abstractmethod
     def elastic_tensor(self) -> Array:
-        """Elastic tensor in Voigt order, (..., n, n): N on a line, else Pa; a plane is one diameter thick."""
+        """Elastic tensor in Voigt order, (..., n, n): N on a line, else Pa; a plane is one diameter
+        thick.
+        """
 
     @property
     @abstractmethod
@@ -161,7 +180,9 @@ class State(ABC):
     @property
     @abstractmethod
     def twist_velocity(self) -> Values | None:
-        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if they do not."""
+        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if
+        they do not.
+        """
 
     @abstractmethod
     def contact_lattice(self) -> ContactLattice:
@@ -171,11 +192,14 @@ class State(ABC):
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
         """Return :meth:`long_waves` along ``direction``, and their unit displacements.
 
-        These are the columns of arrays (..., n_u, n_u), or (..., n, n_u, n_u) for directions (n, p).
+        These are the columns of arrays (..., n_u, n_u), or (..., n, n_u, n_u) for directions (n,
+        p).
         """
 
     def relax_inner_motions(self, progress: Progress) -> None:
-        """Do the long work that moduli and sound share, and report how far it has come; of few balls there is none."""
+        """Do the long work that moduli and sound share, and report how far it has come; of few
+        balls there is none.
+        """
         self.reference_lattice.relax_inner_motions(progress)
 
     def cached(self, find: Callable[..., Found], *more: Hashable) -> Found:
@@ -202,7 +226,9 @@ class State(ABC):
 
     @property
     def sampled_tensors(self) -> Array | None:
-        """Elastic tensor of each sample, (..., n_samples, n, n), Pa, Voigt order; None of fewer than two samples."""
+        """Elastic tensor of each sample, (..., n_samples, n, n), Pa, Voigt order; None of fewer
+        than two samples.
+        """
         return None
 
     @property
@@ -213,19 +239,26 @@ class State(ABC):
     def long_waves(self, direction: ArrayLike) -> Array:
         """Return the velocities of long waves in the order of :attr:`wave_names`, m/s, (..., n_u).
 
-        ``direction`` is a vector (p,) of any length. For directions (n, p) the shape is (..., n, n_u). In the plane the
-        waves are the longitudinal and the transverse one.
+        ``direction`` is a vector (p,) of any length. For directions (n, p) the shape is (..., n,
+        n_u). In the plane the waves are the longitudinal and the transverse one.
         """
         return self.polarised_waves(direction)[0]
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
-        """Return standard errors over samples of :meth:`long_waves` along ``direction``, m/s; None of fewer than two."""
+        """Return standard errors over samples of :meth:`long_waves` along ``direction``, m/s; None
+        of fewer than two.
+        """
         return None
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
-        """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for directions (n, 2)."""
-        scale, many = np.asarray(self.velocity_scale), np.shape(direction)[:-1]
-        return [np.broadcast_to(scale.reshape(scale.shape + (1,) * len(many)), scale.shape + many)] * len(names)
+        """Return the unit of velocity d (k/M)^1/2 of each named branch, m/s, (...) or (..., n) for
+        directions (n, 2).
+        """
+        scale = np.asarray(self.velocity_scale)
+        many = np.shape(direction)[:-1]
+        return [
+            np.broadcast_to(scale.reshape(scale.shape + (1,) * len(many)), scale.shape + many)
+        ] * len(names)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -234,21 +267,32 @@ class ContactState(State, Result):
 
     Attributes
     ----------
-    packing, medium, law : the packing, the name of the medium that made the state, and its contact law.
+    packing, medium, law : the packing, the name of the medium that made the state, and its contact
+        law.
     force : f, mean contact force, N.
-    overlap : delta = d - a, m. It is stored instead of the spacing a, which would lose every digit of it.
+    overlap : delta = d - a, m. It is stored instead of the spacing a, which would lose every digit
+        of it.
     normal_stiffness : k = df/d(delta), N/m.
-    finite_overlap : whether every result from the state includes the terms of relative order delta/d: spacing
-        a = d - delta, lever arm a/2, prestress f/a; pressure and density of a boundary that shrinks with the balls.
-    chosen_automatically : whether the medium was chosen for its expected error at this load; ``valid`` is then True.
+    finite_overlap : whether every result from the state includes the terms of relative order
+        delta/d: spacing a = d - delta, lever arm a/2, prestress f/a; pressure and density of a
+        boundary that shrinks with the balls.
+    chosen_automatically : whether the medium was chosen for its expected error at this load;
+        ``valid`` is then True.
     """
 
     follows_law = True
     units = {
-        "shear_stiffness": "N/m", "pressure": "N/m",
-        "relative_overlap": "1", "effective_density": "kg/m^3", "reduced_force": "1", "reduced_spacing": "1",
-        "force_fluctuation": "1", "contact_fraction": "1", "stiffness_ratio": "1", "valid": "1",
-    }  # fmt: skip
+        "shear_stiffness": "N/m",
+        "pressure": "N/m",
+        "relative_overlap": "1",
+        "effective_density": "kg/m^3",
+        "reduced_force": "1",
+        "reduced_spacing": "1",
+        "force_fluctuation": "1",
+        "contact_fraction": "1",
+        "stiffness_ratio": "1",
+        "valid": "1",
+    }
     _notebook_fields = ("shear_stiffness", "pressure")
 
     packing: Packing
@@ -261,12 +305,14 @@ class ContactState(State, Result):
     chosen_automatically: bool = False
 
     def _check(self) -> None:
-        """Raise :class:`InputError` too if an overlap that was read is out of range, or does not belong to its force.
+        """Raise :class:`InputError` too if an overlap that was read is out of range, or does not
+        belong to its force.
 
         Balls neither lie in each other nor, where they differ, are all of them apart.
         """
         super()._check()
-        overlap, diameter = np.asarray(self.overlap), self.packing.diameter
+        overlap = np.asarray(self.overlap)
+        diameter = self.packing.diameter
         least = -self.packing.width_units.width if self.samples else self.law.least_overlap
         out = ~((overlap > max(least, -diameter)) & (overlap < diameter))
         if np.any(out):
@@ -276,18 +322,27 @@ class ContactState(State, Result):
         for name, unit in (("force", "N"), ("overlap", "m"), ("normal_stiffness", "N/m")):
             if name not in found:
                 continue
-            values, again = np.asarray(getattr(self, name)), np.asarray(found[name])
+            values = np.asarray(getattr(self, name))
+            again = np.asarray(found[name])
             size = np.maximum(np.abs(values), self.packing.width if name == "overlap" else 0.0)
             wrong = ~(np.abs(again - values) <= _ALIKE * size)
             if np.any(wrong):
                 value, other = (float(one[wrong].flat[0]) for one in (values, again))
                 what = f"{name} of the {type(self).__name__} is {value:.6g} {unit}"
-                why = f"What the overlap, the law and the samples of the state make of it is {other:.6g} {unit}"
+                why = (
+                    f"What the overlap, the law and the samples of the state make of it is"
+                    f" {other:.6g} {unit}"
+                )
                 raise InputError(what, why, "Make the state again")
 
     def _find_again(self) -> dict[str, Any]:
-        """Return numbers of the state as they follow from its others, by their names: those of its law at the overlap."""
-        return {"force": self.law.force(self.overlap), "normal_stiffness": self.law.stiffness(self.overlap)}
+        """Return numbers of the state as they follow from its others, by their names: those of its
+        law at the overlap.
+        """
+        return {
+            "force": self.law.force(self.overlap),
+            "normal_stiffness": self.law.stiffness(self.overlap),
+        }
 
     def __getitem__(self, index: Any) -> Self:
         """Return the state at some of the loads, indexed like an array."""
@@ -295,16 +350,19 @@ class ContactState(State, Result):
         return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
 
     def _field_units(self) -> dict[str, str]:
-        """The SI unit of each attribute: those of pressure and density depend on the number of periods of the lattice."""
+        """The SI unit of each attribute: those of pressure and density depend on the number of
+        periods of the lattice.
+        """
         return {**self.units, **self.packing.structure.units_of({"pressure", "effective_density"})}
 
     @property
     def torsion(self) -> Values:
         """Stiffness of a contact against twist about its normal, over k d^2.
 
-        It is the torsion of the packing, also where balls differ. With ``torsion="mindlin"`` it is the torsion of a Hertz
-        contact that does not slip, at the mean force (:meth:`~granphon.balls.packing.Packing.find_torsion`). Each contact of
-        a simulated sample has the torsion at its own force.
+        It is the torsion of the packing, also where balls differ. With ``torsion="mindlin"`` it is
+        the torsion of a Hertz contact that does not slip, at the mean force
+        (:meth:`~granphon.balls.packing.Packing.find_torsion`). Each contact of a simulated sample
+        has the torsion at its own force.
         """
         return _unwrap_scalars(self.packing.find_torsion(self.force, self.normal_stiffness))
 
@@ -325,17 +383,23 @@ class ContactState(State, Result):
 
     @property
     def pressure(self) -> Values:
-        """Pressure P: in the plane force per length of boundary, N/m; in space per area, Pa; on a line the force, N.
+        """Pressure P: in the plane force per length of boundary, N/m; in space per area, Pa; on a
+        line the force, N.
 
-        It is sqrt(3) f / d on the triangular lattice (equation 20), 2 sqrt(2) f / d^2 in fcc and hcp, f on a chain. With
-        finite overlap the spacing a stands in place of d. Raises :class:`~granphon.base.errors.InputError` if the stress of
-        the lattice is not a pressure.
+        It is sqrt(3) f / d on the triangular lattice (equation 20), 2 sqrt(2) f / d^2 in fcc and
+        hcp, f on a chain. With finite overlap the spacing a stands in place of d. Raises
+        :class:`~granphon.base.errors.InputError` if the stress of the lattice is not a pressure.
         """
-        return self.packing.structure.pressure_per_force(self.packing.diameter * self._shrinkage) * self.force
+        return (
+            self.packing.structure.pressure_per_force(self.packing.diameter * self._shrinkage)
+            * self.force
+        )
 
     @property
     def effective_density(self) -> Values:
-        """Density that belongs to the moduli (:attr:`Packing.effective_density`), with finite overlap at the spacing a."""
+        """Density that belongs to the moduli (:attr:`Packing.effective_density`), with finite
+        overlap at the spacing a.
+        """
         return self.packing.effective_density / self._shrinkage**self.packing.structure.periods
 
     @property
@@ -350,7 +414,9 @@ class ContactState(State, Result):
 
     @property
     def reduced_force(self) -> Values:
-        """Reduced force f* = f / (c W^(3/2)) of Section IV, over the force of equal balls at overlap W; +inf if W = 0."""
+        """Reduced force f* = f / (c W^(3/2)) of Section IV, over the force of equal balls at
+        overlap W; +inf if W = 0.
+        """
         if not self.packing.width:
             return self._fill_shape(np.inf)
         # W may be so small that f* is above the floating range: it is then +inf
@@ -364,7 +430,8 @@ class ContactState(State, Result):
 
     @property
     def force_fluctuation(self) -> Values:
-        """Force fluctuation Delta f / f of Section IV: rms over balls of the force of their contacts, over the mean.
+        """Force fluctuation Delta f / f of Section IV: rms over balls of the force of their
+        contacts, over the mean.
 
         It is 0 for equal balls, and on a line.
         """
@@ -372,28 +439,39 @@ class ContactState(State, Result):
 
     @property
     def contact_fraction(self) -> Values:
-        """Fraction of contacts that carry load: N_c of a ball's z contacts over z (6 on the triangular lattice).
+        """Fraction of contacts that carry load: N_c of a ball's z contacts over z (6 on the
+        triangular lattice).
 
-        It is 1 for equal balls, and on a line. In a simulation, and in the cluster medium, contacts that carry less than
-        1e-6 of the mean force do not count.
+        It is 1 for equal balls, and on a line. In a simulation, and in the cluster medium, contacts
+        that carry less than 1e-6 of the mean force do not count.
         """
         return _unwrap_scalars(self.law.contact_fraction(self.overlap))
 
     @property
     def stiffness_ratio(self) -> Values:
-        """Normal stiffness k over the stiffness of the ideal lattice at the same force, the ordinate of Figure 11."""
-        return _unwrap_scalars(self.normal_stiffness / self.packing.law.stiffness(self.overlap_of_equal_balls))
+        """Normal stiffness k over the stiffness of the ideal lattice at the same force, the
+        ordinate of Figure 11.
+        """
+        return _unwrap_scalars(
+            self.normal_stiffness / self.packing.law.stiffness(self.overlap_of_equal_balls)
+        )
 
     @cached_property
     def overlap_of_equal_balls(self) -> Array:
-        """Overlap of equal balls at the mean force, m: where balls differ the mean overlap may be negative."""
+        """Overlap of equal balls at the mean force, m: where balls differ the mean overlap may be
+        negative.
+        """
         return np.asarray(self.packing.law.overlap(self.force))
 
     @property
     def exponent(self) -> Values:
-        """Local exponent d log v / d log P = f k'/2k^2 of both sound velocities, see :func:`granphon.local_exponent`."""
+        """Local exponent d log v / d log P = f k'/2k^2 of both sound velocities, see
+        :func:`granphon.local_exponent`.
+        """
         slope = self.law.stiffness_slope(self.overlap)
-        return _unwrap_scalars(0.5 * (self.force / self.normal_stiffness) * (slope / self.normal_stiffness))
+        return _unwrap_scalars(
+            0.5 * (self.force / self.normal_stiffness) * (slope / self.normal_stiffness)
+        )
 
     @property
     def exponent_error(self) -> Values:
@@ -402,22 +480,27 @@ class ContactState(State, Result):
 
     @property
     def valid(self) -> Values:
-        """Whether the load is inside the range of the medium; always True for equal balls, and on a line.
+        """Whether the load is inside the range of the medium; always True for equal balls, and on a
+        line.
 
-        The range of the effective medium is f* >= 0.08 (Section IV), on all lattices, though it was found on the triangular
-        one. The averaged lattice and the averaged force leave out what disorder does to the lattice, and hold at high
-        pressure (:attr:`regime`).
+        The range of the effective medium is f* >= 0.08 (Section IV), on all lattices, though it was
+        found on the triangular one. The averaged lattice and the averaged force leave out what
+        disorder does to the lattice, and hold at high pressure (:attr:`regime`).
         """
         return _unwrap_scalars(np.asarray(self.force) >= self.least_valid_force)
 
     @property
     def floats(self) -> bool:
-        """Whether loose balls float in their cages, so that velocities depend on the numbering of the balls."""
+        """Whether loose balls float in their cages, so that velocities depend on the numbering of
+        the balls.
+        """
         return False
 
     @property
     def shear_deficit(self) -> Values | None:
-        """Part by which the shear modulus is expected to be too small; None where nothing is known to be left out."""
+        """Part by which the shear modulus is expected to be too small; None where nothing is known
+        to be left out.
+        """
         return None
 
     @property
@@ -432,13 +515,18 @@ class ContactState(State, Result):
 
     @property
     def regime(self) -> Values:
-        """Pressure regime of Section III, with the shape of the load: "low", "intermediate" or "high", as for equal balls.
+        """Pressure regime of Section III, with the shape of the load: "low", "intermediate" or
+        "high", as for equal balls.
 
-        It is "high" if the overlap is sqrt(10) times Delta_rms or more, "low" if Delta_rms is sqrt(10) times the overlap or
-        more.
+        It is "high" if the overlap is sqrt(10) times Delta_rms or more, "low" if Delta_rms is
+        sqrt(10) times the overlap or more.
         """
-        ratio = math.sqrt(12.0) * np.asarray(self._convert_overlap(self.packing.width_units.reduced_overlap))
-        words = np.array(["low", "intermediate", "high"])[(ratio > 1.0 / MUCH_LARGER).astype(int) + (ratio >= MUCH_LARGER)]
+        ratio = math.sqrt(12.0) * np.asarray(
+            self._convert_overlap(self.packing.width_units.reduced_overlap)
+        )
+        words = np.array(["low", "intermediate", "high"])[
+            (ratio > 1.0 / MUCH_LARGER).astype(int) + (ratio >= MUCH_LARGER)
+        ]
         return words if self.shape else str(words)
 
     def _convert_overlap(self, reduce: Callable[[Values], Values]) -> Values:
@@ -461,7 +549,10 @@ class ContactState(State, Result):
         """
         if not self.is_single:
             what = f"the state holds {int(np.size(self.force))} loads"
-            mend = "Make a state with one load, as medium.at_force(1.0) does, or take one of these: state[0]"
+            mend = (
+                "Make a state with one load, as medium.at_force(1.0) does, or take one of these:"
+                " state[0]"
+            )
             raise InputError(what, "Atoms, force constants and phonons belong to one", mend)
         return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
 
@@ -479,10 +570,12 @@ class ContactState(State, Result):
     def reference_lattice(self) -> ContactLattice:
         """The lattice of contacts without terms of finite overlap, in reduced units.
 
-        The torsion of a Hertz contact is that at the largest load. What does not depend on the load is read from this
-        lattice: the names of waves, mechanisms, isotropy.
+        The torsion of a Hertz contact is that at the largest load. What does not depend on the load
+        is read from this lattice: the names of waves, mechanisms, isotropy.
         """
-        return ideal_lattice(self.packing, float(np.max(self.torsion)) if self.packing.torsion == MINDLIN else None)
+        return ideal_lattice(
+            self.packing, float(np.max(self.torsion)) if self.packing.torsion == MINDLIN else None
+        )
 
     @property
     def has_one_lattice(self) -> bool:
@@ -492,38 +585,57 @@ class ContactState(State, Result):
     def contact_lattice(self) -> ContactLattice:
         """Return the lattice of contacts, in reduced units.
 
-        With finite overlap it has the spacing a, the lever arm a/2 and the prestress f/a. With finite overlap or the torsion
-        of a Hertz contact the lattice depends on the load: :class:`~granphon.base.errors.InputError` for several loads.
+        With finite overlap it has the spacing a, the lever arm a/2 and the prestress f/a. With
+        finite overlap or the torsion of a Hertz contact the lattice depends on the load:
+        :class:`~granphon.base.errors.InputError` for several loads.
         """
         packing = self.packing
         if not self.has_one_lattice:
             _ = self.scales  # raises InputError
         if not self.finite_overlap and packing.torsion != MINDLIN:
             return ideal_lattice(packing)
-        spacing, load = (1.0 - self.relative_overlap, float(self._prestress)) if self.finite_overlap else (1.0, 0.0)
+        spacing, load = (
+            (1.0 - self.relative_overlap, float(self._prestress))
+            if self.finite_overlap
+            else (1.0, 0.0)
+        )
         return ContactLattice.of(
-            packing.structure, packing.mindlin_ratio, spacing, load,
-            torsion=float(self.torsion), bending=packing.bending, motions=packing.ball_motions,
-        )  # fmt: skip
+            packing.structure,
+            packing.mindlin_ratio,
+            spacing,
+            load,
+            torsion=float(self.torsion),
+            bending=packing.bending,
+            motions=packing.ball_motions,
+        )
 
     @property
     def velocity_scale(self) -> Array:
         """Unit of velocity d (k/M)^1/2 at each load, m/s."""
-        return np.asarray(self.packing.diameter * (np.sqrt(self.normal_stiffness) / np.sqrt(self.packing.mass)))
+        return np.asarray(
+            self.packing.diameter * (np.sqrt(self.normal_stiffness) / np.sqrt(self.packing.mass))
+        )
 
     @property
     def elastic_tensor(self) -> Array:
-        """Elastic tensor of the lattice of contacts in Voigt order, (..., 3, 3) in the plane, (..., 6, 6) in space.
+        """Elastic tensor of the lattice of contacts in Voigt order, (..., 3, 3) in the plane, (...,
+        6, 6) in space.
 
-        It is in Pa, in the plane for a layer one diameter thick (xx, yy, xy); of a chain, (..., 1, 1), in N.
+        It is in Pa, in the plane for a layer one diameter thick (xx, yy, xy); of a chain, (..., 1,
+        1), in N.
 
-        With finite overlap its entries are the coefficients between Cauchy stress and strain under the static pressure.
-        Raises :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
+        With finite overlap its entries are the coefficients between Cauchy stress and strain under
+        the static pressure. Raises :class:`~granphon.base.errors.MechanismError` if a motion costs
+        no energy.
         """
-        # with finite overlap the spacing a stands in place of d in space and on a line; the layer of a plane stays d thick
-        d, k = self.packing.diameter, self.normal_stiffness
+        # with finite overlap the spacing a stands in place of d in space and on a line; the layer
+        # of a plane stays d thick
+        d = self.packing.diameter
+        k = self.normal_stiffness
         spacing = d * (1.0 - np.asarray(self.relative_overlap)) if self.finite_overlap else d
-        scale = np.asarray({1: k * spacing, 2: k / d, 3: k / spacing}[self.packing.structure.periods])
+        scale = np.asarray(
+            {1: k * spacing, 2: k / d, 3: k / spacing}[self.packing.structure.periods]
+        )
         return scale[..., None, None] * self._at_each_load(ContactLattice.elastic_tensor)
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
@@ -542,7 +654,9 @@ class ContactState(State, Result):
         found = self._at_each_load(find)
         # axes for the directions, if there are many, and for the branches
         velocities = scale.reshape(*scale.shape, *(1,) * np.ndim(direction)) * found[..., 0, :]
-        return velocities, np.broadcast_to(found[..., 1:, :], (*velocities.shape, velocities.shape[-1]))
+        return velocities, np.broadcast_to(
+            found[..., 1:, :], (*velocities.shape, velocities.shape[-1])
+        )
 
     @property
     def _prestress(self) -> Array:
@@ -553,20 +667,30 @@ class ContactState(State, Result):
     def _at_each_load(self, find: Callable[[ContactLattice, Array | None], Array]) -> Array:
         """Return ``find(lattice, prestress)`` for many loads; of a lattice at spacing one.
 
-        With finite overlap all lengths scale with the spacing; of the load, only the prestress changes ratios of elastic
-        constants, and torsion and bending do where a cell has several balls. The prestress is None if it is left out.
+        With finite overlap all lengths scale with the spacing; of the load, only the prestress
+        changes ratios of elastic constants, and torsion and bending do where a cell has several
+        balls. The prestress is None if it is left out.
         """
-        packing, finite, shape = self.packing, self.finite_overlap, self.shape
+        packing = self.packing
+        finite = self.finite_overlap
+        shape = self.shape
         stress = self._prestress if finite else None
-        changes = packing.torsion == MINDLIN or (finite and bool(packing.torsion or packing.bending))
-        # where no strain twists contacts, it does not matter by how much they resist; prestress might change that
+        changes = packing.torsion == MINDLIN or (
+            finite and bool(packing.torsion or packing.bending)
+        )
+        # where no strain twists contacts, it does not matter by how much they resist; prestress
+        # might change that
         unmoved = stress is None and changes and not ideal_lattice(packing, 1.0).is_twisted_by_sound
         if packing.structure.n_balls == 1 or not changes or unmoved:
             return find(self.reference_lattice, stress)
         squared = np.broadcast_to((1.0 - self.relative_overlap) ** 2 if finite else 1.0, shape)
-        twist, roll = np.broadcast_to(self.torsion, shape) / squared, packing.bending / squared
+        twist = np.broadcast_to(self.torsion, shape) / squared
+        roll = packing.bending / squared
         found = [
-            find(ideal_lattice(packing, float(twist[at]), float(roll[at])), None if stress is None else stress[at])
+            find(
+                ideal_lattice(packing, float(twist[at]), float(roll[at])),
+                None if stress is None else stress[at],
+            )
             for at in np.ndindex(shape)
         ]
         return np.asarray(found).reshape(*shape, *found[0].shape)
@@ -583,41 +707,58 @@ class ContactState(State, Result):
 
     @property
     def has_cubic_axes(self) -> bool:
-        """Whether the lattice is square or cubic with its axes along x, y, z; a simulation is so on average over samples."""
+        """Whether the lattice is square or cubic with its axes along x, y, z; a simulation is so on
+        average over samples.
+        """
         return has_cubic_axes(self.packing.structure)
 
     @property
     def mean_errors(self) -> dict[str, Values]:
-        """Standard error over samples of the force or overlap, as "force_error" (N) or "overlap_error" (m).
+        """Standard error over samples of the force or overlap, as "force_error" (N) or
+        "overlap_error" (m).
 
-        At a given force or pressure it is the error of the overlap, at a given overlap the error of the force. The
-        dictionary is empty if there are fewer than two samples.
+        At a given force or pressure it is the error of the overlap, at a given overlap the error of
+        the force. The dictionary is empty if there are fewer than two samples.
         """
         return {}
 
     @property
     def network(self) -> ContactNetwork:
-        """One cell of the lattice at this load, as a network of contacts, which ``repeat`` makes an array.
+        """One cell of the lattice at this load, as a network of contacts, which ``repeat`` makes an
+        array.
 
-        With finite overlap it has the spacing a and prestress. Raises :class:`~granphon.base.errors.InputError` for several
-        loads, and for a state of samples, which have networks of their own.
+        With finite overlap it has the spacing a and prestress. Raises
+        :class:`~granphon.base.errors.InputError` for several loads, and for a state of samples,
+        which have networks of their own.
         """
         if self.samples:
-            what = f"the state is of {counted(self.n_samples, 'simulated sample')}, and not of a lattice"
+            what = (
+                f"the state is of {counted(self.n_samples, 'simulated sample')}, and not of a"
+                f" lattice"
+            )
             raise InputError(what, mend="Use the network of a sample: state.samples[0].network")
-        lattice, structure, units = self.contact_lattice(), self.packing.structure, self.scales
+        lattice = self.contact_lattice()
+        structure = self.packing.structure
+        units = self.scales
         ones = (1,) * structure.periods
         return lattice.contact_network(
-            units, self.force / units.force, lattice=structure, shape=ones, contact_model=ContactModel.of(self.packing)
+            units,
+            self.force / units.force,
+            lattice=structure,
+            shape=ones,
+            contact_model=ContactModel.of(self.packing),
         )
 
     @property
     def twist_velocity(self) -> Values | None:
-        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if they do not.
+        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if
+        they do not.
 
-        It is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of inertia I of a ball.
+        It is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of inertia I
+        of a ball.
         """
-        # the distance of balls over their radius of gyration; with finite overlap such a chain buckles
+        # the distance of balls over their radius of gyration; with finite overlap such a chain
+        # buckles
         twist = np.asarray(np.sqrt(self.torsion_stiffness / self.packing.mass) / GYRATION)
         return twist if self.reference_lattice.runs_twist else None
 
@@ -626,7 +767,8 @@ class ContactState(State, Result):
 
 
 def read_finite_overlap(given: bool | None) -> bool:
-    """Return whether terms of finite overlap are kept, which they are not if nothing (None) is given.
+    """Return whether terms of finite overlap are kept, which they are not if nothing (None) is
+    given.
 
     Raises :class:`InputError` if ``given`` is not True, False or None.
     """
@@ -638,26 +780,30 @@ def _unwrap_scalars(values: Any) -> Values:
     return np.asarray(values).item() if np.ndim(values) == 0 else values
 
 
-# -- networks as states -----------------------------------------------------------------------------------------------
+# -- networks as states ----------------------------------------------------------------------------
 
 
 class NetworkState(State):
-    """The state that a network with periods is: its contacts, with a stiffness and a force for each.
+    """The state that a network with periods is: its contacts, with a stiffness and a force for
+    each.
 
-    What has a network at each of several loads, as a crystal, has such a state for all of them. Lengths, stiffnesses and
-    masses are in the reduced units of each network, :attr:`ContactNetwork.scales`.
+    What has a network at each of several loads, as a crystal, has such a state for all of them.
+    Lengths, stiffnesses and masses are in the reduced units of each network,
+    :attr:`ContactNetwork.scales`.
 
     Parameters
     ----------
-    source : a network, which repeats along one, two or three axes; or what has one at each load: ``source[i]`` is that at
-        one of them.
-    warnings : what those who made it say of its limits, one sentence each; None for what the network itself shows.
+    source : a network, which repeats along one, two or three axes; or what has one at each load:
+        ``source[i]`` is that at one of them.
+    warnings : what those who made it say of its limits, one sentence each; None for what the
+        network itself shows.
     """
 
     name = "network"
 
     def __init__(self, source: Any, warnings: tuple[str, ...] | None = None) -> None:
-        self.source, self.warnings = source, warnings
+        self.source = source
+        self.warnings = warnings
         if isinstance(source, ContactNetwork):
             _ = self._each  # an error of its cell is one of the call
 
@@ -683,11 +829,15 @@ class NetworkState(State):
 
     @property
     def network(self) -> ContactNetwork:
-        """The network at the only load; :class:`~granphon.base.errors.InputError` for several, each with its own."""
+        """The network at the only load; :class:`~granphon.base.errors.InputError` for several, each
+        with its own.
+        """
         return given_network(self.source)
 
     def contact_lattice(self) -> ContactLattice:
-        """Return the lattice at the only load; :class:`~granphon.base.errors.InputError` for several, each with its own."""
+        """Return the lattice at the only load; :class:`~granphon.base.errors.InputError` for
+        several, each with its own.
+        """
         _ = self.network
         return self.reference_lattice
 
@@ -698,7 +848,9 @@ class NetworkState(State):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Names of the kinds of the balls that move, in the order of the lattice; empty if they are not known."""
+        """Names of the kinds of the balls that move, in the order of the lattice; empty if they are
+        not known.
+        """
         network = self._each[0][1]
         return tuple(itertools.compress(network.kinds or (), network.moving))
 
@@ -714,16 +866,22 @@ class NetworkState(State):
 
     @property
     def scales(self) -> Units:
-        """Length (m), stiffness (N/m) and mass (kg) of the reduced units; an error for several loads."""
+        """Length (m), stiffness (N/m) and mass (kg) of the reduced units; an error for several
+        loads.
+        """
         return self.network.scales
 
     @property
     def unit_length(self) -> float:
-        """Unit of length, m; :class:`~granphon.base.errors.InputError` if it is not the same at all loads."""
+        """Unit of length, m; :class:`~granphon.base.errors.InputError` if it is not the same at all
+        loads.
+        """
         found = self._stack(lambda _, network: network.scales.length)
         if np.ptp(found) > 0.0:
             what = "the balls are not as far apart at all loads"
-            raise InputError(what, "Wave numbers are in units of their distance", "Take one load, as state[0]")
+            raise InputError(
+                what, "Wave numbers are in units of their distance", "Take one load, as state[0]"
+            )
         return float(np.ravel(found)[0])
 
     @property
@@ -735,34 +893,47 @@ class NetworkState(State):
     def elastic_tensor(self) -> Array:
         """Elastic tensor of the periods in Voigt order, (..., n, n), with inner motions relaxed.
 
-        It is in N where the network repeats along a line, whatever its width; in Pa where it does so in a plane, the force
-        per length over one diameter, however thick the network is; in Pa in space.
+        It is in N where the network repeats along a line, whatever its width; in Pa where it does
+        so in a plane, the force per length over one diameter, however thick the network is; in Pa
+        in space.
         """
         unit = "force" if self.reference_lattice.periods == 1 else "modulus"
-        return self._stack(lambda lattice, network: getattr(network.scales, unit) * lattice.elastic_tensor())
+        return self._stack(
+            lambda lattice, network: getattr(network.scales, unit) * lattice.elastic_tensor()
+        )
 
     @property
     def has_cubic_axes(self) -> bool:
-        """Whether the elastic tensor is that of a square or cube with edges along x, y, z, to rounding, at all loads."""
+        """Whether the elastic tensor is that of a square or cube with edges along x, y, z, to
+        rounding, at all loads.
+        """
         tensor = self.elastic_tensor
         return all(map(is_cubic, tensor.reshape(-1, *tensor.shape[-2:])))
 
     @property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions, at all loads."""
-        return all("longitudinal" not in one.wave_names or one.is_isotropic for one, _ in self._each)
+        return all(
+            "longitudinal" not in one.wave_names or one.is_isotropic for one, _ in self._each
+        )
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return velocities, m/s, and unit displacements of long waves, see :meth:`State.polarised_waves`."""
+        """Return velocities, m/s, and unit displacements of long waves, see
+        :meth:`State.polarised_waves`.
+        """
         found = [one.sound_velocities(direction) for one, _ in self._each]
         velocities, vectors = (np.array(values) for values in zip(*found, strict=True))
         velocities = velocities.reshape((*self.shape, *velocities.shape[1:]))
-        scale = self.velocity_scale.reshape((*self.shape, *(1,) * (velocities.ndim - len(self.shape))))
+        scale = self.velocity_scale.reshape(
+            (*self.shape, *(1,) * (velocities.ndim - len(self.shape)))
+        )
         return velocities * scale, vectors.reshape((*self.shape, *vectors.shape[1:]))
 
     @property
     def twist_velocity(self) -> Values | None:
-        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if they do not."""
+        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if
+        they do not.
+        """
 
         def find(lattice: ContactLattice, network: ContactNetwork) -> float:
             torsion = np.broadcast_to(lattice.torsion, lattice.stiffness.shape) * lattice.stiffness
@@ -770,15 +941,19 @@ class NetworkState(State):
                 return 0.0
             # a cell of springs in a row, and of moments of inertia
             inertia = float(lattice.masses @ lattice.gyration**2)
-            return float(lattice.measure / np.sqrt(np.sum(1.0 / torsion) * inertia) * network.scales.velocity)
+            return float(
+                lattice.measure / np.sqrt(np.sum(1.0 / torsion) * inertia) * network.scales.velocity
+            )
 
         return self._stack(find)[()] if self.reference_lattice.runs_twist else None
 
 
 def as_state(source: Any) -> State:
-    """Return ``source``, the argument of a public call, as a state: the source itself, or the state of its network.
+    """Return ``source``, the argument of a public call, as a state: the source itself, or the state
+    of its network.
 
-    Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a network without periods.
+    Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a
+    network without periods.
     """
     if isinstance(source, NetworkState) and source.is_single:
         return NetworkState(source.network, source.warnings)
@@ -790,12 +965,18 @@ def as_state(source: Any) -> State:
 
 
 def given_state(state: Any) -> ContactState:
-    """Return ``state``, the argument of a public function; raises :class:`InputError` if it is not a ContactState."""
+    """Return ``state``, the argument of a public function; raises :class:`InputError` if it is not
+    a ContactState.
+    """
     if isinstance(state, NetworkState) and not state.is_single:
         _ = state.network  # an error: it has several loads
     if not isinstance(state, ContactState):
         refuse_unpressed(state)
-        why = "It needs the contact law of a packing" if isinstance(state, NetworkState | ContactNetwork) else ""
+        why = (
+            "It needs the contact law of a packing"
+            if isinstance(state, NetworkState | ContactNetwork)
+            else ""
+        )
         mend = "Give a ContactState, as medium.at_force gives it"
         raise InputError(f"state is {brief(getattr(state, 'network', state))}", why, mend)
     return state

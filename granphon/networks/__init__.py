@@ -1,1 +1,3 @@
-"""Finite networks of contacts, ordered or not: their balls, their contacts, and the files that hold them."""
+"""Finite networks of contacts, ordered or not: their balls, their contacts, and the files that hold
+them.
+"""

@@ -1,7 +1,8 @@
 """A finite network of contacts: balls, and springs between those that touch, in SI units.
 
-A network comes from a simulated sample, from ``ase.Atoms`` with a calculator, from a lattice, or from a program of discrete
-elements. It need not have any order. Waves in it are found by :class:`granphon.waves.waves.Waves`.
+A network comes from a simulated sample, from ``ase.Atoms`` with a calculator, from a lattice, or
+from a program of discrete elements. It need not have any order. Waves in it are found by
+:class:`granphon.waves.waves.Waves`.
 """
 
 from __future__ import annotations
@@ -53,10 +54,12 @@ _BALLS = ("radii", "masses", "inertias")
 _WHOLE = ("i", "j", "shift", "labels")
 #: forces and stiffnesses of contacts, and what they must be
 _SPRINGS = {
-    "normal_force": "zero or above", "normal_stiffness": "above zero",
+    "normal_force": "zero or above",
+    "normal_stiffness": "above zero",
     **dict.fromkeys(("shear_stiffness", "torsion_stiffness", "bending_stiffness"), "zero or above"),
-}  # fmt: skip
-#: deviation of the length of a normal from one, or of a normal from the plane, that is put down to rounding in a file
+}
+#: deviation of the length of a normal from one, or of a normal from the plane, that is put down to
+#: rounding in a file
 _UNIT = 1e-6
 #: greatest difference, over the sum of the two arms, between these and the distance of the centres
 _STRAY = 0.25
@@ -64,8 +67,9 @@ _STRAY = 0.25
 _FLAT = 1e-9
 #: greatest part of a tangential force along the normal: the rounding in a file
 _ALONG = 1e-2
-#: sum of the forces on a ball, over the sum of their sizes, or over the mean force of a contact, up to which they are in
-#: balance: programs of discrete elements leave 1e-4 or less, and weights, walls or digits that a file lacks leave more
+#: sum of the forces on a ball, over the sum of their sizes, or over the mean force of a contact, up
+#: to which they are in balance: programs of discrete elements leave 1e-4 or less, and weights,
+#: walls or digits that a file lacks leave more
 _BALANCED = 1e-3
 #: difference of the radii of balls that name no kind, over their mean, below which they are of one
 _ALIKE = 0.25
@@ -87,35 +91,41 @@ class ContactNetwork(Result):
     radii : (n,) m.
     masses : (n,) kg. A mass of infinity is a body that does not move, such as a wall.
     inertias : (n,) moments of inertia about a diameter, kg m^2.
-    i, j : (n_c,) indices of the two balls of each contact. A flat wall, whose radius is infinite, becomes ball j.
+    i, j : (n_c,) indices of the two balls of each contact. A flat wall, whose radius is infinite,
+        becomes ball j.
     shift : (n_c, 3) whole cells by which ball j is displaced.
     normal : (n_c, 3) unit vectors from i to j along which contacts are compressed.
-    normal_force : (n_c,) compressive forces, N, zero or above; below zero where balls that adhere pull.
+    normal_force : (n_c,) compressive forces, N, zero or above; below zero where balls that adhere
+        pull.
     normal_stiffness : (n_c,) N/m, above zero.
     shear_stiffness : (n_c,) N/m, zero where a contact does not resist slip.
     torsion_stiffness, bending_stiffness : (n_c,) resistance against twist and against rolling, N m.
     arm_i, arm_j : (n_c,) distances from the two centres to the contact, m.
-    tangential_force : (n_c, 3) static forces across contacts, with which ball i acts on ball j, N; None if they are not
-        known. With prestress they stay across the contacts as these turn, as in LAMMPS, and keep their size.
-    motions : "longitudinal", "in_plane", "out_of_plane" or "all": the motions of each ball. Balls rotate only if some
-        contact resists it.
+    tangential_force : (n_c, 3) static forces across contacts, with which ball i acts on ball j, N;
+        None if they are not known. With prestress they stay across the contacts as these turn, as
+        in LAMMPS, and keep their size.
+    motions : "longitudinal", "in_plane", "out_of_plane" or "all": the motions of each ball. Balls
+        rotate only if some contact resists it.
     dimension : 1, 2 or 3 for balls on a line, in a plane, in space.
-    prestress : whether static forces act on displacements across contacts, with the stiffness -f/r, where r is the
-        distance of the centres.
+    prestress : whether static forces act on displacements across contacts, with the stiffness -f/r,
+        where r is the distance of the centres.
     left_out : number of rattlers, balls that carry no load, that have been left out.
-    labels : (n,) whole numbers that name the balls, such as those in the file from which they come; None if there are none.
-    lattice, shape : the lattice and the numbers of cells (L1, ..., Lp) of an array whose balls come in the order of its
-        cells, ball by ball of each cell; None for a network of another kind.
+    labels : (n,) whole numbers that name the balls, such as those in the file from which they come;
+        None if there are none.
+    lattice, shape : the lattice and the numbers of cells (L1, ..., Lp) of an array whose balls come
+        in the order of its cells, ball by ball of each cell; None for a network of another kind.
     adhesive : whether contacts may pull.
-    kinds : (n,) names of the kinds of the balls, by which pictures and files tell them apart; None if they are not known.
-    contact_model : the materials of the kinds and the law of their contacts, from which :meth:`cut` knows how balls stand on
-        a floor; None if they are not known.
+    kinds : (n,) names of the kinds of the balls, by which pictures and files tell them apart; None
+        if they are not known.
+    contact_model : the materials of the kinds and the law of their contacts, from which :meth:`cut`
+        knows how balls stand on a floor; None if they are not known.
 
     Raises
     ------
-    InputError : arrays of different lengths, a contact that names a ball that is not there or that is listed twice, a force
-        that pulls, a number that is not finite or out of range, a normal whose length is not one or that does not lead from
-        ball i to ball j, balls whose distance differs from the two arms by a quarter, a contact that leaves the plane.
+    InputError : arrays of different lengths, a contact that names a ball that is not there or that
+        is listed twice, a force that pulls, a number that is not finite or out of range, a normal
+        whose length is not one or that does not lead from ball i to ball j, balls whose distance
+        differs from the two arms by a quarter, a contact that leaves the plane.
     """
 
     cell: Annotated[Array, "3 3", "m"]
@@ -154,7 +164,9 @@ class ContactNetwork(Result):
             what = f"pbc of the network is {brief(self.pbc)}"
             raise InputError(what, mend="Give three truth values, one for each vector of the cell")
         given: dict[str, Any] = {"pbc": tuple(require("pbc", truth, value) for value in plain)}
-        given |= {name: require(name, truth, getattr(self, name)) for name in ("prestress", "adhesive")}
+        given |= {
+            name: require(name, truth, getattr(self, name)) for name in ("prestress", "adhesive")
+        }
         given["dimension"] = whole_number("dimension", self.dimension, 1, 3)
         given["left_out"] = whole_number("left_out", self.left_out, 0)
         lattice: Any = self.lattice
@@ -174,7 +186,9 @@ class ContactNetwork(Result):
         for name, layout in self._shapes.items():
             values = getattr(self, name)
             if name != "kinds" and not (values is None and layout.endswith("?")):
-                given[name] = read_only((read_whole_numbers if name in _WHOLE else real_array)(name, values))
+                given[name] = read_only(
+                    (read_whole_numbers if name in _WHOLE else real_array)(name, values)
+                )
         if given["cell"].shape == (3, 3):  # a vector along which nothing repeats has no meaning
             given["cell"] = read_only(np.where(np.array(given["pbc"])[:, None], given["cell"], 0.0))
         for name, values in given.items():
@@ -185,8 +199,10 @@ class ContactNetwork(Result):
     def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for what the class does not allow."""
         super()._check()
-        walls, own = np.flatnonzero(np.isinf(self.radii)), vars(self)
-        if np.any(turned := np.isin(self.i, walls) & ~np.isin(self.j, walls)):  # contacts lead from balls to walls
+        walls = np.flatnonzero(np.isinf(self.radii))
+        own = vars(self)
+        if np.any(turned := np.isin(self.i, walls) & ~np.isin(self.j, walls)):
+            # contacts lead from balls to walls
             for at_i, at_j in (("i", "j"), ("arm_i", "arm_j")):
                 ends = np.stack([own[at_i], own[at_j]])
                 own[at_i], own[at_j] = map(read_only, np.where(turned, ends[::-1], ends))
@@ -198,15 +214,21 @@ class ContactNetwork(Result):
             raise InputError(what, mend="Use " + ", ".join(motions))
         if not self.n_balls:
             raise InputError("the network has no ball", mend="Give one or more")
-        # periodic vectors of the cell are finite, lie in the line or plane of the balls, and are independent
+        # periodic vectors of the cell are finite, lie in the line or plane of the balls, and are
+        # independent
         for axis in np.flatnonzero(self.pbc):
             vector = self.cell[axis]
             if not (np.all(np.abs(vector) < LARGEST) and np.any(vector)):
                 mend = "Give a vector of finite length, or let pbc be false there"
-                raise InputError(f"vector {axis} of the cell is {vector.tolist()} m, and periodic", mend=mend)
+                raise InputError(
+                    f"vector {axis} of the cell is {vector.tolist()} m, and periodic", mend=mend
+                )
             if axis >= self.dimension or np.any(vector[self.dimension :]):
                 where = "the line" if self.dimension == 1 else "the plane"
-                what = f"vector {axis} of the cell, {vector.tolist()} m, leaves {where} of a network in"
+                what = (
+                    f"vector {axis} of the cell, {vector.tolist()} m, leaves {where} of a network"
+                    f" in"
+                )
                 mend = "Let it lie there, or let pbc be false"
                 raise InputError(f"{what} {self.dimension} dimensions, and is periodic", mend=mend)
         if np.count_nonzero(self.pbc) > 1:
@@ -214,7 +236,9 @@ class ContactNetwork(Result):
             size = np.linalg.norm(periods, axis=1, keepdims=True)
             if np.prod(np.linalg.svd(periods / size, compute_uv=False)) < _FLAT:
                 mend = "Give other vectors, or let pbc be false"
-                raise InputError("the periodic vectors of the cell are not independent of each other", mend=mend)
+                raise InputError(
+                    "the periodic vectors of the cell are not independent of each other", mend=mend
+                )
         # every ball and contact: the message names the first that is wrong, and how many are
         for name, fine, wrong, mend in _list_demands(self):
             if not np.all(fine):
@@ -224,39 +248,64 @@ class ContactNetwork(Result):
                 if what == "contact" and name not in ("i", "j"):
                     found += f", between balls {self.i[bad[0]]} and {self.j[bad[0]]}"
                 more = f" ({bad.size} in all)" if bad.size > 1 else ""
-                raise InputError(f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend)
-        # no contact is listed twice, from one end or from both; a wall may touch a ball at several places
+                raise InputError(
+                    f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend
+                )
+        # no contact is listed twice, from one end or from both; a wall may touch a ball at several
+        # places
         if self.n_contacts:
-            i, j, shift = self.i, self.j, self.shift
-            leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
+            i = self.i
+            j = self.j
+            shift = self.shift
+            leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[
+                :, 0
+            ]
             turned = (i > j) | ((i == j) & (leading < 0))
             step = np.where(turned[:, None], -shift, shift)
             pair = np.where(turned, j, i) * self.n_balls + np.where(turned, i, j)
             order = np.argsort(pair, kind="stable")
             alike = np.diff(pair[order], prepend=-1) == 0
-            order = order[alike | np.append(alike[1:], False)]  # few: two balls rarely touch through more than one image
+            # few: two balls rarely touch through more than one image
+            order = order[alike | np.append(alike[1:], False)]
             order = order[np.lexsort((*step[order].T, pair[order]))]
             same = (np.diff(pair[order]) == 0) & ~np.any(np.diff(step[order], axis=0), axis=1)
-            before, after = order[:-1][same], order[1:][same]
+            before = order[:-1][same]
+            after = order[1:][same]
             of_wall = ~(self.moving[i[after]] & self.moving[j[after]])
             sign = np.where(turned[before] == turned[after], 1.0, -1.0)[:, None]
-            elsewhere = np.any(np.abs(self.normal[before] - sign * self.normal[after]) > _UNIT, axis=1)
+            elsewhere = np.any(
+                np.abs(self.normal[before] - sign * self.normal[after]) > _UNIT, axis=1
+            )
             twice = ~(of_wall & elsewhere)
             if np.any(twice):
-                one, other = int(before[twice][0]), int(after[twice][0])
-                more = f" ({np.count_nonzero(twice)} such in all)" if np.count_nonzero(twice) > 1 else ""
-                what = f"contacts {one} and {other} of the network are the same, between balls {i[one]} and {j[one]}{more}"
-                raise InputError(what, "Every contact counts once", "List each contact from one of its ends only")
+                one = int(before[twice][0])
+                other = int(after[twice][0])
+                more = (
+                    f" ({np.count_nonzero(twice)} such in all)"
+                    if np.count_nonzero(twice) > 1
+                    else ""
+                )
+                what = (
+                    f"contacts {one} and {other} of the network are the same, between balls"
+                    f" {i[one]} and {j[one]}{more}"
+                )
+                raise InputError(
+                    what, "Every contact counts once", "List each contact from one of its ends only"
+                )
         # names are unique, and an array has the balls of all of its cells
         if self.labels is not None and np.unique(self.labels).size != self.n_balls:
-            raise InputError("two balls of the network have the same label", mend="Give each a label of its own")
+            raise InputError(
+                "two balls of the network have the same label", mend="Give each a label of its own"
+            )
         if self.lattice is not None and self.shape is not None:
             balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
             if len(self.shape) != self.lattice.periods or balls != self.n_balls:
                 what = f"{self.shape} cells of the {self.lattice.name} lattice have {balls} balls"
-                raise InputError(f"{what}, and the network has {self.n_balls}", mend="Mend the shape")
+                raise InputError(
+                    f"{what}, and the network has {self.n_balls}", mend="Mend the shape"
+                )
 
-    # -- what it is -------------------------------------------------------------------------------------------------
+    # -- what it is --------------------------------------------------------------------------------
 
     @property
     def n_balls(self) -> int:
@@ -278,7 +327,9 @@ class ContactNetwork(Result):
     def ball_motions(self) -> Motions:
         """The motions of each ball, without rotations if no contact resists them."""
         among = allowed_motions(self.dimension)[self.motions]
-        return select_motions(self.shear_stiffness, self.torsion_stiffness, self.bending_stiffness, among)
+        return select_motions(
+            self.shear_stiffness, self.torsion_stiffness, self.bending_stiffness, among
+        )
 
     @cached_property
     def vector(self) -> Array:
@@ -287,15 +338,20 @@ class ContactNetwork(Result):
 
     @cached_property
     def distance(self) -> Array:
-        """(n_c,) distance of the centres, m; infinite at a flat wall, which is a body of infinite radius at any place."""
-        return read_only(np.where(np.isinf(self.radii[self.j]), np.inf, np.linalg.norm(self.vector, axis=1)))
+        """(n_c,) distance of the centres, m; infinite at a flat wall, which is a body of infinite
+        radius at any place.
+        """
+        return read_only(
+            np.where(np.isinf(self.radii[self.j]), np.inf, np.linalg.norm(self.vector, axis=1))
+        )
 
     @cached_property
     def static_forces(self) -> tuple[Array, Array]:
-        """Forces of the contacts at rest, with which ball i acts on ball j, N: (n_c,) along normals, (n_c, 3) across them.
+        """Forces of the contacts at rest, with which ball i acts on ball j, N: (n_c,) along
+        normals, (n_c, 3) across them.
 
-        What a tangential force has along the normal, as where contacts have turned since a program found it, is added to the
-        normal one.
+        What a tangential force has along the normal, as where contacts have turned since a program
+        found it, is added to the normal one.
         """
         if self.tangential_force is None:
             return self.normal_force, read_only(np.zeros((self.n_contacts, 3)))
@@ -305,7 +361,9 @@ class ContactNetwork(Result):
 
     @cached_property
     def unbalanced(self) -> tuple[Array, Array]:
-        """Sums of the static forces, N, and of their torques, N m, on each ball, (n, 3): zero of balls that do not move."""
+        """Sums of the static forces, N, and of their torques, N m, on each ball, (n, 3): zero of
+        balls that do not move.
+        """
         push, across = self.static_forces
         force, torque = np.zeros((2, self.n_balls, 3))
         for ball, sign, arm in ((self.j, 1.0, self.arm_j), (self.i, -1.0, self.arm_i)):
@@ -316,52 +374,73 @@ class ContactNetwork(Result):
 
     @cached_property
     def imbalance(self) -> tuple[int, float, float]:
-        """The ball that is farthest from balance, the force left on it, N, and that over the mean force of a contact."""
+        """The ball that is farthest from balance, the force left on it, N, and that over the mean
+        force of a contact.
+        """
         push, across = self.static_forces
-        left, mean = np.linalg.norm(self.unbalanced[0], axis=1), np.mean(np.hypot(push, np.linalg.norm(across, axis=1)))
+        left = np.linalg.norm(self.unbalanced[0], axis=1)
+        mean = np.mean(np.hypot(push, np.linalg.norm(across, axis=1)))
         worst = int(np.argmax(left))
         return worst, float(left[worst]), float(left[worst] / mean) if left[worst] else 0.0
 
     def describe_imbalance(self) -> str:
-        """Return in words which ball is farthest from balance, and by what force; empty if forces are zero."""
+        """Return in words which ball is farthest from balance, and by what force; empty if forces
+        are zero.
+        """
         worst, force, part = self.imbalance
         ball = worst if self.labels is None else int(self.labels[worst])
         if not force:
             return ""
-        return f"The static forces on ball {ball} add up to {force:.3g} N, {part:.2g} of the mean contact force"
+        return (
+            f"The static forces on ball {ball} add up to {force:.3g} N, {part:.2g} of the mean"
+            f" contact force"
+        )
 
     @property
     def imbalance_warning(self) -> str:
-        """One sentence on the ball that is farthest from balance; empty if static forces do not act, or are in balance."""
+        """One sentence on the ball that is farthest from balance; empty if static forces do not
+        act, or are in balance.
+        """
         if self.is_balanced:
             return ""
         mend = (
-            "Frequencies are of a network that is not at rest, unless something else acts on the ball, as its weight or a"
-            " wall"
+            "Frequencies are of a network that is not at rest, unless something else acts on"
+            " the ball, as its weight or a wall"
         )
         return message(self.describe_imbalance(), mend)
 
     @property
     def is_balanced(self) -> bool:
-        """Whether static forces leave no more on any ball than 1e-3 of their mean; also where they do not act."""
+        """Whether static forces leave no more on any ball than 1e-3 of their mean; also where they
+        do not act.
+        """
         return not (self.prestress and self.n_contacts) or self.imbalance[2] <= _BALANCED
 
     @property
     def contact_places(self) -> Array:
-        """(n_c, 3) where the contacts are, m: at the arm of ball i from its centre, along the normal."""
+        """(n_c, 3) where the contacts are, m: at the arm of ball i from its centre, along the
+        normal.
+        """
         return np.asarray(self.positions[self.i] + self.arm_i[:, None] * self.normal)
 
     @cached_property
     def walls(self) -> dict[int, tuple[Array, Array]]:
-        """By its index, each flat wall that balls touch: a place on it (3,), m, and its normal (3,), away from the balls."""
-        at = np.flatnonzero(np.isinf(self.distance))[::-1]  # of several contacts the first has the place
+        """By its index, each flat wall that balls touch: a place on it (3,), m, and its normal
+        (3,), away from the balls.
+        """
+        # of several contacts the first has the place
+        at = np.flatnonzero(np.isinf(self.distance))[::-1]
         return {
             int(wall): (place, n)
-            for wall, place, n in zip(self.j[at], self.contact_places[at], self.normal[at], strict=True)
+            for wall, place, n in zip(
+                self.j[at], self.contact_places[at], self.normal[at], strict=True
+            )
         }
 
     def cached(self, find: Callable[[Self], Found]) -> Found:
-        """Return ``find(self)``, which is called only the first time and then kept, as the network never changes."""
+        """Return ``find(self)``, which is called only the first time and then kept, as the network
+        never changes.
+        """
         if find not in self._found:
             self._found[find] = find(self)
         found: Found = self._found[find]
@@ -375,12 +454,15 @@ class ContactNetwork(Result):
     def scales(self) -> Units:
         """Length, stiffness and mass of the reduced units of this network.
 
-        They are the mean diameter and the mean mass of the balls that move, and the mean normal stiffness of the contacts
-        that carry load, or of all if none does. Raises :class:`~granphon.base.errors.InputError` for a network without a
-        ball that moves, or without a contact.
+        They are the mean diameter and the mean mass of the balls that move, and the mean normal
+        stiffness of the contacts that carry load, or of all if none does. Raises
+        :class:`~granphon.base.errors.InputError` for a network without a ball that moves, or
+        without a contact.
         """
         if not (np.any(self.moving) and self.n_contacts):
-            raise InputError("the network has no reduced units", "It has no ball that moves, or no contact")
+            raise InputError(
+                "the network has no reduced units", "It has no ball that moves, or no contact"
+            )
         loaded = self.normal_force > 0.0
         springs = self.normal_stiffness[loaded if np.any(loaded) else slice(None)]
         # a mean that is exact where all values are equal
@@ -398,18 +480,23 @@ class ContactNetwork(Result):
     @property
     def contact_fields(self) -> tuple[str, ...]:
         """Names of the fields that have one entry for each contact."""
-        return tuple(n for n, layout in self._shapes.items() if layout[0] == "c" and getattr(self, n) is not None)
+        return tuple(
+            n
+            for n, layout in self._shapes.items()
+            if layout[0] == "c" and getattr(self, n) is not None
+        )
 
-    # -- its parts --------------------------------------------------------------------------------------------------
+    # -- its parts ---------------------------------------------------------------------------------
 
     @cached_property
     def rattlers(self) -> Index:
-        """Indices of the balls that carry no load: balls with too few contacts to be held, then balls that have too few
-        contacts without them, and so on.
+        """Indices of the balls that carry no load: balls with too few contacts to be held, then
+        balls that have too few contacts without them, and so on.
 
-        A contact counts if its force is above 8e-9 of the mean of all. Under less, a contact of Hertz's law, whose stiffness
-        goes as the third root of its force, is less than 2e-3 as stiff as under the mean. If no contact of the network has a
-        force, all contacts count, as if their forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
+        A contact counts if its force is above 8e-9 of the mean of all. Under less, a contact of
+        Hertz's law, whose stiffness goes as the third root of its force, is less than 2e-3 as stiff
+        as under the mean. If no contact of the network has a force, all contacts count, as if their
+        forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
         """
         return read_only(self._find_rattlers())
 
@@ -417,15 +504,23 @@ class ContactNetwork(Result):
         slips = not np.any(self.shear_stiffness)
         least = (self.dimension + 1 if slips else 2) if held_by is None else held_by
         weight = self.normal_force if np.any(self.normal_force > 0.0) else np.ones(self.n_contacts)
-        live = weight > HOLDING_FORCE * np.mean(weight, where=weight > 0.0) if len(weight) else np.zeros(0, bool)
-        i, j, n, weight = self.i[live], self.j[live], self.n_balls, weight[live]
+        live = (
+            weight > HOLDING_FORCE * np.mean(weight, where=weight > 0.0)
+            if len(weight)
+            else np.zeros(0, bool)
+        )
+        i = self.i[live]
+        j = self.j[live]
+        n = self.n_balls
+        weight = weight[live]
         push = weight[:, None] * self.normal[live]
         count = np.bincount(i, minlength=n) + np.bincount(j, minlength=n)
         total = np.bincount(i, weight, n) + np.bincount(j, weight, n)
         pull = np.stack([np.bincount(j, one, n) - np.bincount(i, one, n) for one in push.T], axis=1)
 
         def is_held(balls: Index) -> Flags:
-            # two contacts or more whose forces are in balance, as along a straight row, hold a ball where contacts slip
+            # two contacts or more whose forces are in balance, as along a straight row, hold a ball
+            # where contacts slip
             balanced = np.linalg.norm(pull[balls], axis=1) <= _BALANCED * total[balls]
             in_row = (slips and held_by is None) & (count[balls] >= 2) & balanced
             return np.asarray((count[balls] >= least) | in_row | ~self.moving[balls])
@@ -437,7 +532,8 @@ class ContactNetwork(Result):
         loose = ~is_held(np.arange(n))
         if not np.any(self.moving & ~loose):
             return np.flatnonzero(loose)
-        left, open_contacts = np.flatnonzero(loose).tolist(), np.ones(len(i), bool)
+        left = np.flatnonzero(loose).tolist()
+        open_contacts = np.ones(len(i), bool)
         while left:
             ball = left.pop()
             contacts = order[first[ball] : first[ball + 1]] % len(i)
@@ -454,11 +550,13 @@ class ContactNetwork(Result):
         return np.flatnonzero(loose)
 
     def without_rattlers(self, held_by: int | None = None) -> Self:
-        """Return the network without the balls that carry no load; ``left_out`` says how many these are.
+        """Return the network without the balls that carry no load; ``left_out`` says how many these
+        are.
 
-        ``held_by`` is the least number of contacts that hold a ball: by default two if contacts resist slip, else one more
-        than there are dimensions. Without slip resistance two or more contacts whose forces are in balance, as along a
-        straight row, also hold a ball. Where gravity holds balls down, too, it is smaller: give it. Raises
+        ``held_by`` is the least number of contacts that hold a ball: by default two if contacts
+        resist slip, else one more than there are dimensions. Without slip resistance two or more
+        contacts whose forces are in balance, as along a straight row, also hold a ball. Where
+        gravity holds balls down, too, it is smaller: give it. Raises
         :class:`~granphon.base.errors.InputError` if no ball is held.
         """
         least = None if held_by is None else whole_number("held_by", held_by, 0)
@@ -471,13 +569,18 @@ class ContactNetwork(Result):
             why = "Each has fewer contacts than can hold it, or is left so by others"
             held = self._find_holding(self.dimension + 1 if least is None else least - 1)
             mend = f"If something else holds them too, give held_by={held}" if held else ""
-            raise InputError("all balls of the network are rattlers, which carry no load", why, mend)
+            raise InputError(
+                "all balls of the network are rattlers, which carry no load", why, mend
+            )
         return replace(self.select(kept), left_out=self.left_out + int(loose.size))
 
     def _find_holding(self, most: int) -> int:
-        """Return the greatest ``held_by`` up to ``most`` at which a ball that moves is held; 0 if none above 0 holds one."""
+        """Return the greatest ``held_by`` up to ``most`` at which a ball that moves is held; 0 if
+        none above 0 holds one.
+        """
         contacts = np.bincount(np.concatenate([self.i, self.j]), minlength=self.n_balls)
-        low, high = 0, min(most, int(np.max(contacts, initial=0)))
+        low = 0
+        high = min(most, int(np.max(contacts, initial=0)))
         while low < high:  # balls that are held by more contacts are held by fewer: bisection
             middle = (low + high + 1) // 2
             if np.any(np.delete(self.moving, self._find_rattlers(middle))):
@@ -487,10 +590,12 @@ class ContactNetwork(Result):
         return low
 
     def select(self, balls: ArrayLike) -> Self:
-        """Return the network of some balls, given by their indices or as (n,) truth values, and of the contacts among them.
+        """Return the network of some balls, given by their indices or as (n,) truth values, and of
+        the contacts among them.
 
-        It keeps the ``labels`` of the balls; if they have none, the labels are their indices in this network. Raises
-        :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given twice, and for none.
+        It keeps the ``labels`` of the balls; if they have none, the labels are their indices in
+        this network. Raises :class:`~granphon.base.errors.InputError` for balls that are not there,
+        for a ball given twice, and for none.
         """
         plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
         flags = isinstance(plain, list | tuple) and len(plain) == self.n_balls
@@ -498,45 +603,69 @@ class ContactNetwork(Result):
         chosen = index_array("balls", np.flatnonzero(plain) if flags else balls, self.n_balls)
         place = np.full(self.n_balls, -1)
         place[chosen] = np.arange(chosen.size)
-        i, j = place[self.i], place[self.j]
+        i = place[self.i]
+        j = place[self.j]
         among = (i >= 0) & (j >= 0)
         names = np.arange(self.n_balls) if self.labels is None else self.labels
-        fields: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ("positions", *_BALLS)}
+        fields: dict[str, Any] = {
+            name: getattr(self, name)[chosen] for name in ("positions", *_BALLS)
+        }
         fields |= {name: getattr(self, name)[among] for name in self.contact_fields}
-        fields |= {"i": i[among], "j": j[among], "labels": names[chosen], "lattice": None, "shape": None}
+        fields |= {
+            "i": i[among],
+            "j": j[among],
+            "labels": names[chosen],
+            "lattice": None,
+            "shape": None,
+        }
         fields["kinds"] = self.kinds and tuple(map(self.kinds.__getitem__, chosen.tolist()))
         return replace(self, **fields)
 
     def pieces(self) -> tuple[Self, ...]:
-        """Return the networks into which this one falls, the largest first; (self,) if contacts join all balls.
+        """Return the networks into which this one falls, the largest first; (self,) if contacts
+        join all balls.
 
         A wall does not move and joins no pieces; it is part of each piece that it touches.
         """
-        piece, moving = number_pieces(self.i, self.j, self.moving), self.moving
+        piece = number_pieces(self.i, self.j, self.moving)
+        moving = self.moving
         members = np.flatnonzero(moving)
         order = members[np.argsort(piece[members], kind="stable")]
         sets = np.split(order, np.flatnonzero(np.diff(piece[order])) + 1) if order.size else []
         walls = ~(moving[self.i] & moving[self.j])
-        ball, wall = np.where(moving[self.i], self.i, self.j)[walls], np.where(moving[self.i], self.j, self.i)[walls]
+        ball = np.where(moving[self.i], self.i, self.j)[walls]
+        wall = np.where(moving[self.i], self.j, self.i)[walls]
         if ball.size:
-            sets = [np.unique(np.append(balls, wall[piece[ball] == piece[balls[0]]])) for balls in sets]
-        return (self,) if len(sets) == 1 else tuple(self.select(balls) for balls in sorted(sets, key=len, reverse=True))
+            sets = [
+                np.unique(np.append(balls, wall[piece[ball] == piece[balls[0]]])) for balls in sets
+            ]
+        return (
+            (self,)
+            if len(sets) == 1
+            else tuple(self.select(balls) for balls in sorted(sets, key=len, reverse=True))
+        )
 
-    # -- where it comes from ----------------------------------------------------------------------------------------
+    # -- where it comes from -----------------------------------------------------------------------
 
     def repeat(self, shape: tuple[int, ...]) -> Self:
-        """Return the network of ``shape`` (L1, ..., Lp) cells of this one, one number for each period.
+        """Return the network of ``shape`` (L1, ..., Lp) cells of this one, one number for each
+        period.
 
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
         """
         axes = [axis for axis in range(3) if self.pbc[axis]]
         if not axes:
-            raise InputError("this network has no period along which it could be repeated", mend="Give its cell and pbc")
+            raise InputError(
+                "this network has no period along which it could be repeated",
+                mend="Give its cell and pbc",
+            )
         shape = require("shape", partial(lengths, low=1, high=MOST_CELLS, periods=len(axes)), shape)
         self._require_memory(math.prod(shape))
         full = np.ones(3, int)
         full[axes] = shape
-        cells, i, j, shift = repeat_contacts(self.i, self.j, self.shift, self.n_balls, tuple(full.tolist()))
+        cells, i, j, shift = repeat_contacts(
+            self.i, self.j, self.shift, self.n_balls, tuple(full.tolist())
+        )
         count = len(cells)
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
         contacts: dict[str, Any] = {
@@ -545,101 +674,166 @@ class ContactNetwork(Result):
         }
         contacts |= {"i": i, "j": j, "shift": shift}
         return replace(
-            self, cell=self.cell * full[:, None],
-            positions=(np.asarray(cells @ self.cell)[:, None] + self.positions).reshape(-1, 3), **balls,
-            left_out=self.left_out * count, labels=None, kinds=self.kinds and self.kinds * count, **contacts,
+            self,
+            cell=self.cell * full[:, None],
+            positions=(np.asarray(cells @ self.cell)[:, None] + self.positions).reshape(-1, 3),
+            **balls,
+            left_out=self.left_out * count,
+            labels=None,
+            kinds=self.kinds and self.kinds * count,
+            **contacts,
             # balls of many arrays side by side are not in the order of the cells of one
-            **({"shape": shape} if self.lattice and max(self.shape or (1,)) == 1 else {"lattice": None, "shape": None}),
-        )  # fmt: skip
+            **(
+                {"shape": shape}
+                if self.lattice and max(self.shape or (1,)) == 1
+                else {"lattice": None, "shape": None}
+            ),
+        )
 
     def _require_memory(self, count: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if so many cells of this network do not fit into memory."""
+        """Raise :class:`~granphon.base.errors.InputError` if so many cells of this network do not
+        fit into memory.
+        """
         arrays = [getattr(self, name) for name in self._shapes]
         size = sum(one.nbytes for one in arrays if isinstance(one, np.ndarray))
-        require_memory(f"networks of {count * self.n_balls:,} balls", _COPIES * count * size, "Take fewer cells")
+        require_memory(
+            f"networks of {count * self.n_balls:,} balls",
+            _COPIES * count * size,
+            "Take fewer cells",
+        )
 
     def layers_across(self, axis: Any) -> Layers:
-        """Return the layers of the network across an axis, as for :meth:`cut`; raises its error for another axis."""
+        """Return the layers of the network across an axis, as for :meth:`cut`; raises its error for
+        another axis.
+        """
         cell = self.cell[np.flatnonzero(self.pbc), : self.dimension]
         level = find_axes(cell) if len(cell) else np.eye(self.dimension)
         found = Layers.across(axis, cell @ level.T)
         return replace(found, turn=found.turn @ level)
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
-        """Return so many layers of the network, which no longer repeat across them: a strip, slab, column or flake.
+        """Return so many layers of the network, which no longer repeat across them: a strip, slab,
+        column or flake.
 
-        Contacts between balls have the stiffness of the bulk: a cut says what waves do at an edge, not how the edge came to
-        rest.
+        Contacts between balls have the stiffness of the bulk: a cut says what waves do at an edge,
+        not how the edge came to rest.
 
         Parameters
         ----------
-        axis : the number, among the periods, of the vector along which layers follow each other; or the integer Miller
-            indices of their plane, one for each period.
+        axis : the number, among the periods, of the vector along which layers follow each other; or
+            the integer Miller indices of their plane, one for each period.
         layers : their number, in cells.
-        edges : how the two faces are held: "free"; "clamped", the balls of the outer layer do not move; "floor", a rigid
-            plane touches the outer balls. The force on it is that of the contacts which each ball has lost there, and its
-            stiffness that of a ball on a rigid plane under this force, by the :attr:`contact_model`: the floor of
-            :meth:`Crystal.cut <granphon.Crystal.cut>`. One word for both, or (lower, upper).
+        edges : how the two faces are held: "free"; "clamped", the balls of the outer layer do not
+            move; "floor", a rigid plane touches the outer balls. The force on it is that of the
+            contacts which each ball has lost there, and its stiffness that of a ball on a rigid
+            plane under this force, by the :attr:`contact_model`: the floor of :meth:`Crystal.cut
+            <granphon.Crystal.cut>`. One word for both, or (lower, upper).
 
-        The layers follow each other along the first axis that is no longer a period, the lower face first: y of what was cut
-        from a plane, z from space, x from a chain. If need be the network is turned, so that the periods that are left lie
-        along x or in the xy plane.
+        The layers follow each other along the first axis that is no longer a period, the lower face
+        first: y of what was cut from a plane, z from space, x from a chain. If need be the network
+        is turned, so that the periods that are left lie along x or in the xy plane.
 
-        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few layers that a contact
-        reaches across all of them, if layers are not connected, if no ball can move, if a clamped ball touches no ball that
-        moves, and for a floor if materials are not known or no force presses a ball on it.
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few
+        layers that a contact reaches across all of them, if layers are not connected, if no ball
+        can move, if a clamped ball touches no ball that moves, and for a floor if materials are not
+        known or no force presses a ball on it.
         """
-        count, words = whole_number("layers", layers, 1, MOST_CELLS), require("edges", read_edges, edges)
+        count, words = (
+            whole_number("layers", layers, 1, MOST_CELLS),
+            require("edges", read_edges, edges),
+        )
         self._require_memory(count)
-        periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
-        cut, stack = self.layers_across(axis), np.zeros(3)
-        turn, p, stack[:d] = np.eye(3), len(cut.cell), cut.stack
+        periods = np.flatnonzero(self.pbc)
+        n = self.n_balls
+        d = self.dimension
+        cut = self.layers_across(axis)
+        stack = np.zeros(3)
+        turn = np.eye(3)
+        p = len(cut.cell)
+        stack[:d] = cut.stack
         turn[:d, :d] = cut.turn
-        sites, shift = self.positions.copy(), self.shift[:, periods]
+        sites = self.positions.copy()
+        shift = self.shift[:, periods]
         sites[:, :d], shift = cut.gather(sites[:, :d], self.i, self.j, shift, np.isinf(self.radii))
         _, rise = cut.split(shift)
-        reach, height = int(np.max(np.abs(rise), initial=0)), float(stack[p])
-        # a large cell, as that of a sample, is a layer of many rows, which hang together by themselves
+        reach = int(np.max(np.abs(rise), initial=0))
+        height = float(stack[p])
+        # a large cell, as that of a sample, is a layer of many rows, which hang together by
+        # themselves
         furthest = float(np.max(np.abs(self.vector @ turn.T[:, p])[rise != 0], initial=0.0))
         if furthest >= (1.0 - TOUCH) * count * height:
             least = int((1.0 + TOUCH) * furthest / height) + 1
             what = f"some contacts reach across {counted(count, 'layer')}"
             raise InputError(what, "None of them would be left", f"Give {least} layers or more")
-        # contacts of the layers and of those beyond, numbered from the lower face; one end of those that are cut is outside
+        # contacts of the layers and of those beyond, numbered from the lower face; one end of those
+        # that are cut is outside
         i, j, row, inner = cut.unfold(self.i, self.j, shift, n, count + 2 * reach)
-        i, j, total = i - reach * n, j - reach * n, n * count
-        has_i, has_j = (i >= 0) & (i < total), (j >= 0) & (j < total)
+        i = i - reach * n
+        j = j - reach * n
+        total = n * count
+        has_i = (i >= 0) & (i < total)
+        has_j = (j >= 0) & (j < total)
         kept = has_i & has_j
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
-        balls["positions"] = ((sites @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, 3)
+        balls["positions"] = (
+            (sites @ turn.T)[None] + np.arange(count)[:, None, None] * stack
+        ).reshape(-1, 3)
         # a layer of balls of one kind is a face though they differ, and by that are off their sites
-        kinds, solid = np.array(self.kinds or [""] * n), np.isfinite(self.radii)
-        differ = max(float(np.ptp(self.radii[solid & (kinds == kind)])) for kind in set(kinds[solid].tolist()))
+        kinds = np.array(self.kinds or [""] * n)
+        solid = np.isfinite(self.radii)
+        differ = max(
+            float(np.ptp(self.radii[solid & (kinds == kind)]))
+            for kind in set(kinds[solid].tolist())
+        )
         differ *= bool(self.kinds) or differ < _ALIKE * float(np.mean(self.radii[solid]))
         faces = find_faces(balls["positions"][:, p], balls["radii"], words, n, 4.0 * differ)
-        contacts: dict[str, Any] = {name: getattr(self, name)[row[kept]] for name in self.contact_fields}
-        contacts |= {name: contacts[name] @ turn.T for name in ("normal", "tangential_force") if name in contacts}
+        contacts: dict[str, Any] = {
+            name: getattr(self, name)[row[kept]] for name in self.contact_fields
+        }
+        contacts |= {
+            name: contacts[name] @ turn.T
+            for name in ("normal", "tangential_force")
+            if name in contacts
+        }
         contacts |= {"i": i[kept], "j": j[kept], "shift": np.pad(inner[kept], ((0, 0), (0, 3 - p)))}
         for side, word, at in zip((-1.0, 1.0), words, faces, strict=True):
             if word == "clamped":
                 balls["masses"][at] = np.inf
             if word != "floor":
                 continue
-            lost = np.flatnonzero((has_i | has_j) & ((np.minimum(i, j) < 0) if side < 0.0 else (np.maximum(i, j) >= total)))
-            ball, out = np.where(has_i, i, j)[lost], np.where(has_i, side, -side)[lost]
+            lost = np.flatnonzero(
+                (has_i | has_j)
+                & ((np.minimum(i, j) < 0) if side < 0.0 else (np.maximum(i, j) >= total))
+            )
+            ball = np.where(has_i, i, j)[lost]
+            out = np.where(has_i, side, -side)[lost]
             lost, ball, out = (one[np.isin(ball, at)] for one in (lost, ball, out))
-            spare, at = np.setdiff1d(at, ball), np.intersect1d(at, ball)
-            if spare.size and (not differ or not at.size):  # of balls that differ some may carry no load there
+            spare = np.setdiff1d(at, ball)
+            at = np.intersect1d(at, ball)
+            if spare.size and (not differ or not at.size):
+                # of balls that differ some may carry no load there
                 what = f"ball {spare[0]} of the {_name_face(side)} has lost no contact there"
-                raise InputError(what, "Nothing says with which force it stands on a floor", "Cut elsewhere, or clamp it")
-            place, which, m = np.searchsorted(at, ball), row[lost], len(at)
+                raise InputError(
+                    what,
+                    "Nothing says with which force it stands on a floor",
+                    "Cut elsewhere, or clamp it",
+                )
+            place = np.searchsorted(at, ball)
+            which = row[lost]
+            m = len(at)
             push = self.normal_force[which, None] * self.normal[which]  # of ball i on ball j
             push += 0.0 if self.tangential_force is None else self.tangential_force[which]
             force: Any = np.bincount(place, out * (push @ turn.T[:, p]))
             wall = self._press_on_floor(at, force, _name_face(side))
-            wall |= {"i": at, "j": np.full(m, len(balls["masses"])), "normal": side * np.eye(3)[np.full(m, p)]}
+            wall |= {
+                "i": at,
+                "j": np.full(m, len(balls["masses"])),
+                "normal": side * np.eye(3)[np.full(m, p)],
+            }
             wall |= {"tangential_force": np.zeros((m, 3)), "shift": np.zeros((m, 3), np.intp)}
-            contacts = {name: np.concatenate([values, wall[name]]) for name, values in contacts.items()}
+            contacts = {
+                name: np.concatenate([values, wall[name]]) for name, values in contacts.items()
+            }
             spot = np.eye(3)[p] * np.mean(balls["positions"][at, p] + side * balls["radii"][at])
             balls |= {name: np.append(balls[name], np.inf) for name in _BALLS}
             balls["positions"] = np.concatenate([balls["positions"], spot[None]])
@@ -647,50 +841,92 @@ class ContactNetwork(Result):
         live = ~(still[contacts["i"]] & still[contacts["j"]])
         contacts = {name: values[live] for name, values in contacts.items()}
         if np.all(still):
-            raise InputError(f"no ball moves in {counted(count, 'layer')} with these edges", mend="Give more layers")
+            raise InputError(
+                f"no ball moves in {counted(count, 'layer')} with these edges",
+                mend="Give more layers",
+            )
         i, j, inner = (contacts[name] for name in ("i", "j", "shift"))
         for word, at in zip(words, faces, strict=True):
             if word == "clamped" and not np.any(np.isin(i, at) | np.isin(j, at)):
-                raise InputError("the clamped balls of an edge touch none that moves", mend="Give more layers")
+                raise InputError(
+                    "the clamped balls of an edge touch none that moves", mend="Give more layers"
+                )
         # all that moves hangs together, or is held by bodies that do not move
         loose = self.rattlers.size
         require_joined(
-            i, j, inner[:, :p], len(still), p, "the cut network",
+            i,
+            j,
+            inner[:, :p],
+            len(still),
+            p,
+            "the cut network",
             f"Of its balls {loose} in each cell carry no load and hang on nothing" if loose else "",
-            "Leave them out: network.without_rattlers()" if loose else "Give more layers", still,
-        )  # fmt: skip
+            "Leave them out: network.without_rattlers()" if loose else "Give more layers",
+            still,
+        )
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell
         floors = (RIGID_PLANE.name,) * (len(still) - count * self.n_balls)
         return replace(
-            self, cell=cell, pbc=(p > 0, p > 1, False), **balls, **contacts, left_out=self.left_out * count, labels=None,
-            lattice=None, shape=None, kinds=self.kinds and self.kinds * count + floors,
-        )  # fmt: skip
+            self,
+            cell=cell,
+            pbc=(p > 0, p > 1, False),
+            **balls,
+            **contacts,
+            left_out=self.left_out * count,
+            labels=None,
+            lattice=None,
+            shape=None,
+            kinds=self.kinds and self.kinds * count + floors,
+        )
 
     def _press_on_floor(self, balls: Index, force: Array, face: str) -> dict[str, Any]:
-        """Return the fields of the contacts of ``balls`` of a cut with a rigid plane, each under its own ``force``, N."""
+        """Return the fields of the contacts of ``balls`` of a cut with a rigid plane, each under
+        its own ``force``, N.
+        """
         model = self.contact_model
         if model is None:
             what = f"there is no floor for the balls of the {face}, whose materials are not known"
-            mend = "Give the material where the network is read, as from_table(..., material=...); or clamp the face"
+            mend = (
+                "Give the material where the network is read, as from_table(..., material=...);"
+                " or clamp the face"
+            )
             raise InputError(what, "Its stiffness is that of a ball on a rigid plane", mend)
         ball = balls % self.n_balls  # of the layer
         if not self.kinds and len(model.kinds) > 1:
-            what = f"the balls of the {face} name no kinds, and are of {counted(len(model.kinds), 'material')}"
-            raise InputError(what, "Which of them stand on the floor is not known", "Keep the kinds of the network")
-        names = [self.kinds[number] for number in ball.tolist()] if self.kinds and model.names else []
+            what = (
+                f"the balls of the {face} name no kinds, and are of"
+                f" {counted(len(model.kinds), 'material')}"
+            )
+            raise InputError(
+                what,
+                "Which of them stand on the floor is not known",
+                "Keep the kinds of the network",
+            )
+        names = (
+            [self.kinds[number] for number in ball.tolist()] if self.kinds and model.names else []
+        )
         if missing := sorted(set(names) - set(model.names)):
             known = ", ".join(model.names)
-            raise InputError(f"no material is known of balls of the kind {missing[0]!r}", f"It is of {known}")
+            raise InputError(
+                f"no material is known of balls of the kind {missing[0]!r}", f"It is of {known}"
+            )
         try:
             found = model.press_on_floor(names, self.radii[ball], force)
         except InputError as error:
-            raise InputError(f"there is no floor for the balls of the {face}: {str(error).rstrip('.')}") from error
+            raise InputError(
+                f"there is no floor for the balls of the {face}: {str(error).rstrip('.')}"
+            ) from error
         loose = np.flatnonzero(~(found["normal_stiffness"] > 0.0))
         if loose.size:
             what = f"a floor bears no load of ball {balls[loose[0]]} of the {face}"
-            raise InputError(what, "Without a force its contact has no stiffness", "Press the network, or clamp the face")
-        # the arms of a network whose balls overlap; of small overlaps the places are those at which balls touch
+            raise InputError(
+                what,
+                "Without a force its contact has no stiffness",
+                "Press the network, or clamp the face",
+            )
+        # the arms of a network whose balls overlap; of small overlaps the places are those at which
+        # balls touch
         overlap = found.pop("overlap")
         if self.prestress or model.own_radii:
             found["arm"] = self.radii[ball] - 0.5 * overlap
@@ -700,71 +936,94 @@ class ContactNetwork(Result):
         return found | {"normal_force": force, "arm_i": found.pop("arm"), "arm_j": arm_j}
 
     def storable(self) -> Self:
-        """Return the network as plain data and files can hold it: without the contact model of a user's own law."""
+        """Return the network as plain data and files can hold it: without the contact model of a
+        user's own law.
+        """
         model = self.contact_model
         return self if model is None or model.is_plain else replace(self, contact_model=None)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the network as plain data, as of any result; without the contact model of a user's own law."""
+        """Return the network as plain data, as of any result; without the contact model of a user's
+        own law.
+        """
         network = self.storable()
         return Result.to_dict(network)
 
     @classmethod
     def from_table(
-        cls, balls: Any, contacts: Any, *, material: Material | None = None, cell: ArrayLike | None = None,
-        pbc: Sequence[bool] | None = None, dimension: int | None = None, motions: str | None = None, friction: bool = True,
-        prestress: bool | None = None, columns: Mapping[str, str] | None = None, keep_rattlers: bool = False,
+        cls,
+        balls: Any,
+        contacts: Any,
+        *,
+        material: Material | None = None,
+        cell: ArrayLike | None = None,
+        pbc: Sequence[bool] | None = None,
+        dimension: int | None = None,
+        motions: str | None = None,
+        friction: bool = True,
+        prestress: bool | None = None,
+        columns: Mapping[str, str] | None = None,
+        keep_rattlers: bool = False,
         held_by: int | None = None,
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """Return the network that a table of balls and one of contacts describe.
 
         Each table is the path of a CSV file whose headings have units, such as ``radius (mm)``; or
-        arrays in SI under the same names without units: a mapping, a structured array or a data frame. Balls have ``x``,
-        ``y``, ``z`` (only ``x``, ``y`` in a plane, ``x`` on a line), ``radius`` or ``diameter``; ``mass`` if there is no
-        material; and, if need be, ``inertia`` (default: a solid sphere), ``id``, the whole numbers that name them
-        (default: 0, 1, 2, ...), and ``kind``, names of their kinds. Contacts have ``i`` and ``j``, which name two balls, and
-        if need be ``normal_force``
-        (default: Hertz's at the overlap of the two balls), ``normal_stiffness`` and ``shear_stiffness`` (default: those of
-        Hertz and Mindlin under this force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``,
-        ``nz`` (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less half the overlap),
-        ``shift_1``, ``shift_2``, ``shift_3``, whole cells by which ball j is displaced (default: to where it is nearest),
-        ``tangential_x``, ``tangential_y``, ``tangential_z``, the static force across the contact with which ball i acts on
-        ball j (default: not known). Other columns are not read.
+        arrays in SI under the same names without units: a mapping, a structured array or a data
+        frame. Balls have ``x``, ``y``, ``z`` (only ``x``, ``y`` in a plane, ``x`` on a line),
+        ``radius`` or ``diameter``; ``mass`` if there is no material; and, if need be, ``inertia``
+        (default: a solid sphere), ``id``, the whole numbers that name them (default: 0, 1, 2, ...),
+        and ``kind``, names of their kinds. Contacts have ``i`` and ``j``, which name two balls, and
+        if need be ``normal_force`` (default: Hertz's at the overlap of the two balls),
+        ``normal_stiffness`` and ``shear_stiffness`` (default: those of Hertz and Mindlin under this
+        force), ``torsion_stiffness`` and ``bending_stiffness`` (default: 0), ``nx``, ``ny``, ``nz``
+        (default: along the line of the centres), ``arm_i`` and ``arm_j`` (default: the radii less
+        half the overlap), ``shift_1``, ``shift_2``, ``shift_3``, whole cells by which ball j is
+        displaced (default: to where it is nearest), ``tangential_x``, ``tangential_y``,
+        ``tangential_z``, the static force across the contact with which ball i acts on ball j
+        (default: not known). Other columns are not read.
 
         Parameters
         ----------
-        balls, contacts : the two tables. A mass of ``inf`` is a body that does not move; its contacts need a normal.
+        balls, contacts : the two tables. A mass of ``inf`` is a body that does not move; its
+            contacts need a normal.
         material : of all balls; also what :meth:`cut` needs for a floor.
         cell : lengths of the periods, m, or their vectors as rows, (p,) or (p, d); none by default.
-        pbc : whether the network repeats along each vector of the cell; by default along all of them.
-        dimension : 1, 2 or 3; by default the number of coordinates, or 2 where z is the same for all balls and no contact
-            leads up or down. A flat wall may have any place.
+        pbc : whether the network repeats along each vector of the cell; by default along all of
+            them.
+        dimension : 1, 2 or 3; by default the number of coordinates, or 2 where z is the same for
+            all balls and no contact leads up or down. A flat wall may have any place.
         motions : of each ball; by default the first that the dimension allows.
         friction : whether contacts resist slip, where their shear stiffness is not given.
-        prestress : whether static forces act on displacements across contacts; by default they do not. Contacts that resist
-            slip bear tangential forces of the same order: without these there is an
-            :class:`~granphon.base.errors.InconsistencyWarning`; and there is one if the static forces on a ball add up to
-            more than 1e-3 of their mean.
+        prestress : whether static forces act on displacements across contacts; by default they do
+            not. Contacts that resist slip bear tangential forces of the same order: without these
+            there is an :class:`~granphon.base.errors.InconsistencyWarning`; and there is one if the
+            static forces on a ball add up to more than 1e-3 of their mean.
         columns : headings of columns that go by other names: {"radius": "R (mm)"}.
-        keep_rattlers : keep balls that carry no load. By default they are left out, and ``left_out`` is their number.
+        keep_rattlers : keep balls that carry no load. By default they are left out, and
+            ``left_out`` is their number.
         held_by : least number of contacts that hold a ball, see :meth:`without_rattlers`.
 
-        Forces that follow from overlaps have the error of places with few digits: where its standard value is above 0.6 % of
-        the mean force there is an :class:`~granphon.base.errors.InconsistencyWarning`, above 6 % an error. There is a
-        warning too if masses differ from those of the material by 5 % (the masses count), or if the material is none in SI;
-        and, where stiffnesses follow from forces, if a force is more than ten times Hertz's force at the overlap of its
-        balls, or less than a tenth, or if all forces are one multiple of it (off by 5 % or more). Rounding in a file, and
-        contacts below a thousandth of the mean force, do not count.
+        Forces that follow from overlaps have the error of places with few digits: where its
+        standard value is above 0.6 % of the mean force there is an
+        :class:`~granphon.base.errors.InconsistencyWarning`, above 6 % an error. There is a warning
+        too if masses differ from those of the material by 5 % (the masses count), or if the
+        material is none in SI; and, where stiffnesses follow from forces, if a force is more than
+        ten times Hertz's force at the overlap of its balls, or less than a tenth, or if all forces
+        are one multiple of it (off by 5 % or more). Rounding in a file, and contacts below a
+        thousandth of the mean force, do not count.
 
-        Contacts without force whose stiffness follows from it are left out. Files of :meth:`write_tables` also give cell,
-        pbc, dimension, motions and prestress, where these are not given here. They have a digest: if one of the two has lost
-        it, there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
+        Contacts without force whose stiffness follows from it are left out. Files of
+        :meth:`write_tables` also give cell, pbc, dimension, motions and prestress, where these are
+        not given here. They have a digest: if one of the two has lost it, there is an
+        :class:`~granphon.base.errors.UnverifiedFileWarning`.
 
         Raises
         ------
-        InputError : a file is not as granphon has written it; a column is missing, has no unit or not the unit of its kind,
-            or coordinates are in different units; places have too few digits for overlaps, from which forces follow; a cell
-            cannot be read; and what the class itself does not allow.
+        InputError : a file is not as granphon has written it; a column is missing, has no unit or
+            not the unit of its kind, or coordinates are in different units; places have too few
+            digits for overlaps, from which forces follow; a cell cannot be read; and what the class
+            itself does not allow.
         """
         from granphon.networks.tables import read_tables
 
@@ -774,46 +1033,61 @@ class ContactNetwork(Result):
 
     @classmethod
     def from_lammps(
-        cls, dump: str | os.PathLike[str], pairs: str | os.PathLike[str], material: Material | None = None, *,
-        units: str | Units | None = None, columns: Sequence[str] | None = None, step: int | None = None,
-        normal_stiffness: float | None = None, shear_stiffness: float | None = None, dimension: int | None = None,
-        motions: str | None = None, friction: bool = True, prestress: bool = False, keep_rattlers: bool = False,
+        cls,
+        dump: str | os.PathLike[str],
+        pairs: str | os.PathLike[str],
+        material: Material | None = None,
+        *,
+        units: str | Units | None = None,
+        columns: Sequence[str] | None = None,
+        step: int | None = None,
+        normal_stiffness: float | None = None,
+        shear_stiffness: float | None = None,
+        dimension: int | None = None,
+        motions: str | None = None,
+        friction: bool = True,
+        prestress: bool = False,
+        keep_rattlers: bool = False,
         held_by: int | None = None,
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """Return the network in two dumps of LAMMPS: of atoms, and of pairs that touch.
 
         Parameters
         ----------
-        dump : written by ``dump custom``, with columns id, x, y, z (or scaled or unwrapped ones), radius or diameter, and
-            mass if there is no material. Elements, or else types, are the kinds of the balls where there are several.
-        pairs : written by ``dump local``, with columns i, j (the ids of a pair) and, if need be, force (compressive,
-            default: Hertz's at the overlap of the two balls); dx, dy, dz, the vector from j to i, as p10, p11, p12 of
-            ``compute pair/local`` (default: to the nearest image); and tx, ty, tz, the tangential force on i, as p1, p2, p3
-            (default: not known).
-        material : the one that the contacts of ``hertz/material`` have in the simulation; None for constant stiffnesses.
-        units : "si", "cgs", "micro" or "nano", LAMMPS' style of units; or the scales of "lj" units. By default what the dump
-            says, or "si".
+        dump : written by ``dump custom``, with columns id, x, y, z (or scaled or unwrapped ones),
+            radius or diameter, and mass if there is no material. Elements, or else types, are the
+            kinds of the balls where there are several.
+        pairs : written by ``dump local``, with columns i, j (the ids of a pair) and, if need be,
+            force (compressive, default: Hertz's at the overlap of the two balls); dx, dy, dz, the
+            vector from j to i, as p10, p11, p12 of ``compute pair/local`` (default: to the nearest
+            image); and tx, ty, tz, the tangential force on i, as p1, p2, p3 (default: not known).
+        material : the one that the contacts of ``hertz/material`` have in the simulation; None for
+            constant stiffnesses.
+        units : "si", "cgs", "micro" or "nano", LAMMPS' style of units; or the scales of "lj" units.
+            By default what the dump says, or "si".
         columns : names of the columns of pairs in their order, where the dump names them otherwise.
         step : the time step, of several in the files; by default the last one.
-        normal_stiffness, shear_stiffness : N/m, of all contacts whose law is linear, such as ``hooke``.
+        normal_stiffness, shear_stiffness : N/m, of all contacts whose law is linear, such as
+            ``hooke``.
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
         motions, friction, prestress, keep_rattlers, held_by : see :meth:`from_table`.
 
-        With ``prestress`` the response is that of ``mindlin/force``, with two differences: the part of the tangential forces
-        without a potential is left out, and LAMMPS computes slip with the radii. Contacts with walls are not in ``compute
-        pair/local``, and are missing.
+        With ``prestress`` the response is that of ``mindlin/force``, with two differences: the part
+        of the tangential forces without a potential is left out, and LAMMPS computes slip with the
+        radii. Contacts with walls are not in ``compute pair/local``, and are missing.
 
-        Forces that are not those of the overlaps, masses that are not those of the density, rounded places and static forces
-        out of balance are told as by :meth:`from_table`.
+        Forces that are not those of the overlaps, masses that are not those of the density, rounded
+        places and static forces out of balance are told as by :meth:`from_table`.
 
-        A dump whose last frame is cut, as a killed LAMMPS leaves it (also within a row, or before the line break at its
-        end), is read at a ``step`` before that, with a
+        A dump whose last frame is cut, as a killed LAMMPS leaves it (also within a row, or before
+        the line break at its end), is read at a ``step`` before that, with a
         :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
         Raises
         ------
-        InputError : a file is not such a dump, or ends within the frame that is read, a column is missing, the two files are
-            of different steps or units, places have too few digits for overlaps; and what the class itself does not allow.
+        InputError : a file is not such a dump, or ends within the frame that is read, a column is
+            missing, the two files are of different steps or units, places have too few digits for
+            overlaps; and what the class itself does not allow.
         """
         from granphon.networks.lammps import read_dumps
 
@@ -828,8 +1102,8 @@ class ContactNetwork(Result):
         "tables" is :meth:`from_table`, "lammps" :meth:`from_lammps`; others are those of
         :func:`~granphon.register_reader`. ``options`` are the reader's.
 
-        Raises :class:`~granphon.base.errors.InputError` for a name without a reader, for what the reader refuses, and where
-        it fails: the message names it.
+        Raises :class:`~granphon.base.errors.InputError` for a name without a reader, for what the
+        reader refuses, and where it fails: the message names it.
         """
         reader = READERS[one_of("program", program, READERS)]
         try:
@@ -841,20 +1115,30 @@ class ContactNetwork(Result):
             raise InputError(what, mend="Mend it, or the files") from error
         if not isinstance(found, ContactNetwork):
             what = f"{READERS.describe(program)} returns {brief(found)}"
-            raise InputError(what, mend="Let it return a granphon.ContactNetwork, as from_table makes one")
+            raise InputError(
+                what, mend="Let it return a granphon.ContactNetwork, as from_table makes one"
+            )
         return found
 
     def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
-        """Leave rattlers out of a network that was read, if they are not kept, and warn if it is out of balance."""
-        network = self if require("keep_rattlers", truth, keep_rattlers) else self.without_rattlers(held_by)
+        """Leave rattlers out of a network that was read, if they are not kept, and warn if it is
+        out of balance.
+        """
+        network = (
+            self
+            if require("keep_rattlers", truth, keep_rattlers)
+            else self.without_rattlers(held_by)
+        )
         if network.imbalance_warning:
             warnings.warn(network.imbalance_warning, InconsistencyWarning, stacklevel=3)
         return network
 
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
-        """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the last digit.
+        """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the
+        last digit.
 
-        Each has a comment with a digest of the rest. ``lattice`` and ``shape`` are not written. Folders are made if need be.
+        Each has a comment with a digest of the rest. ``lattice`` and ``shape`` are not written.
+        Folders are made if need be.
         """
         from granphon.networks.tables import write_tables
 
@@ -867,12 +1151,16 @@ READERS.own("tables", ContactNetwork.from_table)
 READERS.own("lammps", ContactNetwork.from_lammps)
 
 
-def register_reader(name: str, read: Callable[..., ContactNetwork]) -> Callable[..., ContactNetwork]:
-    """Make the reader of another program's contacts known by a name, to :meth:`ContactNetwork.read`.
+def register_reader(
+    name: str, read: Callable[..., ContactNetwork]
+) -> Callable[..., ContactNetwork]:
+    """Make the reader of another program's contacts known by a name, to
+    :meth:`ContactNetwork.read`.
 
-    ``read`` takes the paths of files, and options, and returns a :class:`~granphon.ContactNetwork`, as
-    :meth:`ContactNetwork.from_table` makes one of arrays in SI. Returns it. Raises
-    :class:`~granphon.base.errors.InputError` for what cannot be called, and for a name that is taken.
+    ``read`` takes the paths of files, and options, and returns a :class:`~granphon.ContactNetwork`,
+    as :meth:`ContactNetwork.from_table` makes one of arrays in SI. Returns it. Raises
+    :class:`~granphon.base.errors.InputError` for what cannot be called, and for a name that is
+    taken.
     """
     if not callable(read):
         raise InputError(f"{brief(read)} reads no files", mend="Give a function of paths")
@@ -880,7 +1168,8 @@ def register_reader(name: str, read: Callable[..., ContactNetwork]) -> Callable[
 
 
 def given_network(source: Any) -> ContactNetwork:
-    """Return the network of ``source``, the argument of a public call: itself, or that of a state, a sample or Atoms.
+    """Return the network of ``source``, the argument of a public call: itself, or that of a state,
+    a sample or Atoms.
 
     Raises :class:`~granphon.base.errors.InputError` if it has none.
     """
@@ -896,40 +1185,71 @@ def given_network(source: Any) -> ContactNetwork:
 
 
 def refuse_unpressed(source: Any) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a crystal or a medium, which must be pressed first."""
+    """Raise :class:`~granphon.base.errors.InputError` for a crystal or a medium, which must be
+    pressed first.
+    """
     if hasattr(source, "at_force") and not isinstance(source, type):
         name = "crystal" if hasattr(source, "cut") else "medium"
-        mend = f"Press it, and give its state: {name}.at_force(...), in N, or another of its methods at_..."
-        raise InputError(f"{brief(source)} has no load", "Its contacts are stiff under a load only", mend)
+        mend = (
+            f"Press it, and give its state: {name}.at_force(...), in N, or another of its methods"
+            f" at_..."
+        )
+        raise InputError(
+            f"{brief(source)} has no load", "Its contacts are stiff under a load only", mend
+        )
 
 
-# -- what it must be ---------------------------------------------------------------------------------------------------
+# -- what it must be -------------------------------------------------------------------------------
 
 
 def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]]:
-    """Yield what each ball or contact must meet: a field, whether each is right, what to say if not, and how to mend it."""
+    """Yield what each ball or contact must meet: a field, whether each is right, what to say if
+    not, and how to mend it.
+    """
     # a demand may rely on those before it; walls, which do not move, may have any size and place
-    moving, d, i, j = network.moving, network.dimension, network.i, network.j
+    moving = network.moving
+    d = network.dimension
+    i = network.i
+    j = network.j
     largest = f"that is not finite, or above {LARGEST:g}"
-    yield "positions", np.all(np.abs(network.positions) < LARGEST, axis=1), f"is at a place {largest} m", ""
+    yield (
+        "positions",
+        np.all(np.abs(network.positions) < LARGEST, axis=1),
+        f"is at a place {largest} m",
+        "",
+    )
     for name in _BALLS:
-        values, endless = getattr(network, name), "A body that does not move has an infinite mass"
+        values = getattr(network, name)
+        endless = "A body that does not move has an infinite mass"
         yield name, values > 0.0, f"has {name} that are not above zero", ""
-        yield name, (values < LARGEST) | ~moving, f"has {name} that are not finite, but moves", endless
+        yield (
+            name,
+            (values < LARGEST) | ~moving,
+            f"has {name} that are not finite, but moves",
+            endless,
+        )
     for name in ("i", "j"):
         there = (getattr(network, name) >= 0) & (getattr(network, name) < network.n_balls)
-        yield name, there, f"names a ball that is not there; balls are 0 to {network.n_balls - 1}", ""
+        yield (
+            name,
+            there,
+            f"names a ball that is not there; balls are 0 to {network.n_balls - 1}",
+            "",
+        )
     crosses = np.any(network.shift[:, [not one for one in network.pbc]], axis=1)
     yield "shift", ~crosses, "crosses a side of the cell that is not periodic", ""
     near = np.all(np.abs(network.shift) <= MOST_STEPS, axis=1)
     yield "shift", near, f"has a shift of more than {MOST_STEPS} cells", ""
     yield "i", (i != j) | np.any(network.shift, axis=1), "joins a ball with itself", ""
-    size = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)  # squares of larger numbers might overflow
+    # squares of larger numbers might overflow
+    size = np.linalg.norm(np.clip(network.normal, -2.0, 2.0), axis=1)
     yield "normal", np.abs(size - 1.0) <= _UNIT, "has a normal whose length is not one", ""
     for name, least in _SPRINGS.items():
         values = getattr(network, name)
         pulling = network.adhesive and name == "normal_force"
-        inside = np.isfinite(values) & ((values > 0.0) if least == "above zero" else (values >= 0.0) | pulling)
+        inside = np.isfinite(values) & (
+            (values > 0.0) if least == "above zero" else (values >= 0.0) | pulling
+        )
         pulls = "; forces that pull are not of elastic balls" if name == "normal_force" else ""
         yield name, inside, f"has a {name} that is not {least}{pulls}", ""
     if (force := network.tangential_force) is not None:
@@ -938,19 +1258,30 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
         # among the least of all numbers rounding turns a force
         least_along = _ALONG * np.linalg.norm(force, axis=1) + np.finfo(float).tiny
         across = np.abs(np.einsum("ca,ca->c", force, network.normal)) <= least_along
-        yield name, across, f"has a {name} that is not across its normal", "Leave the normal force out of it"
+        yield (
+            name,
+            across,
+            f"has a {name} that is not across its normal",
+            "Leave the normal force out of it",
+        )
     for name in ("arm_i", "arm_j"):
         yield name, np.abs(getattr(network, name)) < LARGEST, f"has an {name} {largest} m", ""
     flat = ~np.any(np.abs(network.normal[:, d:]) > _UNIT, axis=1)
     where = "the line along x" if d == 1 else "the plane"
     yield "normal", flat, f"leaves {where} of a network in {d} dimensions", ""
     at_wall = ~(moving[i] & moving[j])
-    vector, arms = network.vector, network.arm_i + network.arm_j
+    vector = network.vector
+    arms = network.arm_i + network.arm_j
     level = ~np.any(np.abs(vector[:, d:]) > _UNIT * np.abs(arms)[:, None], axis=1)
     yield "i", level | at_wall, f"joins balls that are not both in {where}", ""
     ahead = np.einsum("ca,ca->c", network.normal, vector) > 0.0
     backward = "has a normal that does not lead from ball i to ball j"
-    yield "normal", ahead | at_wall, backward, "Normals lead from ball i to ball j displaced by shift cells"
+    yield (
+        "normal",
+        ahead | at_wall,
+        backward,
+        "Normals lead from ball i to ball j displaced by shift cells",
+    )
     touching = np.abs(np.linalg.norm(vector, axis=1) - arms) <= _STRAY * np.abs(arms)
     stray = "joins balls whose distance is not the sum of the two arms"
     yield "arm_i", touching | at_wall, stray, "Compare shift and cell with the positions"
@@ -958,8 +1289,18 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
     said = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
     for name in _BALLS:
         values = getattr(network, name)
-        yield name, ((values >= 1.0 / LARGEST) & (values <= LARGEST)) | ~moving, f"has {name} {said}", ""
-    yield "normal_stiffness", network.normal_stiffness >= 1.0 / LARGEST, f"has a stiffness {said}", ""
+        yield (
+            name,
+            ((values >= 1.0 / LARGEST) & (values <= LARGEST)) | ~moving,
+            f"has {name} {said}",
+            "",
+        )
+    yield (
+        "normal_stiffness",
+        network.normal_stiffness >= 1.0 / LARGEST,
+        f"has a stiffness {said}",
+        "",
+    )
     for name in _SPRINGS:
         yield name, getattr(network, name) <= LARGEST, f"has a {name} {said}", ""
 
@@ -969,10 +1310,13 @@ def _name_face(side: float) -> str:
 
 
 def number_pieces(i: Index, j: Index, moving: Flags) -> Index:
-    """Number the sets of balls that contacts join: (n,) the number of the set of each ball. A wall joins none."""
+    """Number the sets of balls that contacts join: (n,) the number of the set of each ball. A wall
+    joins none.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    both, n = moving[i] & moving[j], len(moving)
+    both = moving[i] & moving[j]
+    n = len(moving)
     graph = coo_array((np.ones(np.count_nonzero(both)), (i[both], j[both])), shape=(n, n))
     return np.asarray(connected_components(graph, directed=False)[1], np.intp)

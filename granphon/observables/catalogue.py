@@ -1,7 +1,8 @@
-"""The catalogue of observables: for each quantity its name, SI unit and description, and the function that finds it.
+"""The catalogue of observables: for each quantity its name, SI unit and description, and the
+function that finds it.
 
-Sweeps, summaries, figures, the command line and the reference read this catalogue. An observable of granphon is one entry
-here and its function; others come by :func:`register_observable`.
+Sweeps, summaries, figures, the command line and the reference read this catalogue. An observable of
+granphon is one entry here and its function; others come by :func:`register_observable`.
 """
 
 from __future__ import annotations
@@ -25,18 +26,37 @@ from granphon.media.arrangement import Balls
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.validity import Validity, validity
-from granphon.observables.velocities import Moduli, SoundVelocities, local_exponent, moduli, sound_velocities
+from granphon.observables.velocities import (
+    Moduli,
+    SoundVelocities,
+    local_exponent,
+    moduli,
+    sound_velocities,
+)
 
-#: what must be worked out to find an observable: nothing beyond the packing; the state; the long waves of the state; its
-#: long waves at neighbouring loads, for which a simulation solves two more equilibria; a pulse through each sample, its
-#: spectral functions, or its density of states; bands, along a path that is given; the waves of an edge; or the network
-#: of the state, as it answers to a drive
-CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spectrum", "dos", "bands", "surface", "network"]
+#: what must be worked out to find an observable: nothing beyond the packing; the state; the long
+#: waves of the state; its long waves at neighbouring loads, for which a simulation solves two more
+#: equilibria; a pulse through each sample, its spectral functions, or its density of states; bands,
+#: along a path that is given; the waves of an edge; or the network of the state, as it answers to a
+#: drive
+CostClass = Literal[
+    "packing",
+    "state",
+    "velocities",
+    "exponent",
+    "pulse",
+    "spectrum",
+    "dos",
+    "bands",
+    "surface",
+    "network",
+]
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """A state, with the results that several observables share. Each result is found once, and only when it is needed.
+    """A state, with the results that several observables share. Each result is found once, and only
+    when it is needed.
 
     Attributes
     ----------
@@ -57,7 +77,11 @@ class Analysis:
     @cached_property
     def velocities(self) -> SoundVelocities:
         """Sound velocities along the direction, m/s."""
-        along = np.eye(self.state.packing.structure.periods)[0] if self.direction is None else self.direction
+        along = (
+            np.eye(self.state.packing.structure.periods)[0]
+            if self.direction is None
+            else self.direction
+        )
         return sound_velocities(self.state, along)
 
     @cached_property
@@ -75,20 +99,24 @@ class Observable:
     Attributes
     ----------
     name : the name in files, data sets and summaries.
-    unit : SI unit; "1" for a number without a unit, "" for a quantity that is not a number. Where ``per_dimension`` names a
-        quantity of :meth:`Lattice.units_of`, this is the unit in the plane; :func:`entry_of` has that of a packing.
+    unit : SI unit; "1" for a number without a unit, "" for a quantity that is not a number. Where
+        ``per_dimension`` names a quantity of :meth:`Lattice.units_of`, this is the unit in the
+        plane; :func:`entry_of` has that of a packing.
     title : a phrase that says what the quantity is; ``long_name`` in data sets.
     label : the name on an axis and in the terminal, without the unit; by default the name in words.
     meaning : the description in the reference; by default the title.
-    find : function that returns the value, with the shape of the load followed by ``dims``, or None if the state has no such
-        quantity. It is None for a quantity that cannot be found from a state alone.
+    find : function that returns the value, with the shape of the load followed by ``dims``, or None
+        if the state has no such quantity. It is None for a quantity that cannot be found from a
+        state alone.
     cost : what must be worked out to find it.
     dims : names of its dimensions besides those of loads, media and parameters.
     swept : whether sweeps store it.
-    sampled : whether it is a standard error over samples, which is zero for a medium that does not sample.
+    sampled : whether it is a standard error over samples, which is zero for a medium that does not
+        sample.
     per_direction : whether it has a value for each direction of sound, if there are many.
     told : whether the command line prints it.
-    per_dimension : "pressure", "effective_density" or "modulus", by which the unit depends on the number of periods.
+    per_dimension : "pressure", "effective_density" or "modulus", by which the unit depends on the
+        number of periods.
     """
 
     name: str
@@ -118,7 +146,9 @@ def _write_words(name: str) -> str:
 
 
 def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
-    """Make ``find`` return None where the lattice does not have the quantity, as of a stress that is no pressure."""
+    """Make ``find`` return None where the lattice does not have the quantity, as of a stress that
+    is no pressure.
+    """
 
     def found(of: Analysis) -> Any:
         with suppress(InputError):
@@ -129,59 +159,110 @@ def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
 
 
 def _find_direction(of: Analysis) -> Any:
-    """Return the direction of propagation; None if it is x and the velocities are the same in all directions."""
+    """Return the direction of propagation; None if it is x and the velocities are the same in all
+    directions.
+    """
     along = of.velocities.direction
-    return None if of.state.is_isotropic and np.array_equal(along, np.eye(along.shape[-1])[0]) else along
+    return (
+        None
+        if of.state.is_isotropic and np.array_equal(along, np.eye(along.shape[-1])[0])
+        else along
+    )
 
 
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
-    """Make ``find`` a function of an analysis that returns None for states of a contact law with finite overlap.
+    """Make ``find`` a function of an analysis that returns None for states of a contact law with
+    finite overlap.
 
-    Their exponent is that of the limit of small overlap, and does not belong to them. That of samples in their exact
-    geometry has all terms.
+    Their exponent is that of the limit of small overlap, and does not belong to them. That of
+    samples in their exact geometry has all terms.
     """
     return lambda of: None if of.state.finite_overlap and not of.state.n_samples else find(of.state)
 
 
 def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
-    """Make the entry of an attribute of the state; its value is None for states that do not have the attribute."""
-    return Observable(name, SimulatedState.units[name], title, find=lambda of: getattr(of.state, name, None), **more)
+    """Make the entry of an attribute of the state; its value is None for states that do not have
+    the attribute.
+    """
+    return Observable(
+        name,
+        SimulatedState.units[name],
+        title,
+        find=lambda of: getattr(of.state, name, None),
+        **more,
+    )
 
 
 def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
-    """Make the entry of an attribute of the sound velocities; its value is None if there is no such wave.
+    """Make the entry of an attribute of the sound velocities; its value is None if there is no such
+    wave.
 
     Of two transverse waves each has an entry of its own, and both together have none.
     """
     both = name in ("transverse", "transverse_error")
     return Observable(
-        name, "m/s", title, cost="velocities", per_direction=True, **more,
-        find=lambda of: None if both and of.velocities.transverse_slow is not None else getattr(of.velocities, name),
-    )  # fmt: skip
+        name,
+        "m/s",
+        title,
+        cost="velocities",
+        per_direction=True,
+        **more,
+        find=lambda of: (
+            None
+            if both and of.velocities.transverse_slow is not None
+            else getattr(of.velocities, name)
+        ),
+    )
 
 
 def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
-    """Make the entry of an attribute of the moduli; its value is None if the lattice has no such modulus."""
+    """Make the entry of an attribute of the moduli; its value is None if the lattice has no such
+    modulus.
+    """
     own = name.removesuffix("_error")  # a lattice without the modulus has no error of it either
-    find = _or_none(lambda of: None if getattr(of.moduli, own, None) is None else getattr(of.moduli, name))
-    return Observable(name, Moduli.units[name], title, find=find, cost="velocities", per_dimension="modulus", **more)
+    find = _or_none(
+        lambda of: None if getattr(of.moduli, own, None) is None else getattr(of.moduli, name)
+    )
+    return Observable(
+        name,
+        Moduli.units[name],
+        title,
+        find=find,
+        cost="velocities",
+        per_dimension="modulus",
+        **more,
+    )
 
 
 def _make_load_error_entry(name: str, title: str) -> Observable:
-    """Make the entry of the standard error of what samples may not have in common; its value is None where they have."""
+    """Make the entry of the standard error of what samples may not have in common; its value is
+    None where they have.
+    """
     error = f"{name}_error"
-    return Observable(error, SimulatedState.units[name], title, find=lambda of: of.state.mean_errors.get(error), swept=False)
+    return Observable(
+        error,
+        SimulatedState.units[name],
+        title,
+        find=lambda of: of.state.mean_errors.get(error),
+        swept=False,
+    )
 
 
 def _make_cubic_entry(name: str, title: str, **more: Any) -> Observable:
-    """Make the entry of an attribute of the moduli of a square or cubic lattice; its value is None of another lattice."""
-    find = lambda of: getattr(of.moduli, name) if of.moduli is not None and of.moduli.cubic else None  # noqa: E731
+    """Make the entry of an attribute of the moduli of a square or cubic lattice; its value is None
+    of another lattice.
+    """
+
+    def find(of: Any) -> Any:
+        return getattr(of.moduli, name) if of.moduli is not None and of.moduli.cubic else None
+
     return Observable(name, "1", title, find=find, cost="velocities", **more)
 
 
-# of a packing; of each plane wave in the spectrum of samples; of a density of states; of networks that answer to a drive; of
-# bands along a path
-_of_packing, _of_dos = partial(Observable, cost="packing", swept=False), partial(Observable, cost="dos", dims=("node",))
+# of a packing; of each plane wave in the spectrum of samples; of a density of states; of networks
+# that answer to a drive; of bands along a path
+_of_packing = partial(Observable, cost="packing", swept=False)
+_of_dos = partial(Observable, cost="dos", dims=("node",))
 _of_line = partial(Observable, cost="spectrum", dims=("polarisation", "wavevector"))
 _of_network, _of_response, _of_peaks = (
     partial(Observable, cost="network", dims=dims)
@@ -192,88 +273,167 @@ _OVER_SAMPLES = "standard error over samples of the"
 _LAYER = "of the layer taken one diameter thick"
 #: energies of a motion, and what they are
 _ENERGIES = (
-    ("translation", "kinetic energy of translations"), ("rotation", "kinetic energy of rotations"),
-    ("stored", "energy that contacts and the load have gained"), ("lost", "energy lost by friction and dashpots"),
+    ("translation", "kinetic energy of translations"),
+    ("rotation", "kinetic energy of rotations"),
+    ("stored", "energy that contacts and the load have gained"),
+    ("lost", "energy lost by friction and dashpots"),
     ("supplied", "energy that impacts and drives have supplied"),
-)  # fmt: skip
+)
 #: responses in frequency, with their units, and what they are
 _RESPONSES = (
-    ("receptance", "m/N", "displacement over the force"), ("mobility", "m/(N s)", "velocity over the force"),
+    ("receptance", "m/N", "displacement over the force"),
+    ("mobility", "m/(N s)", "velocity over the force"),
     ("transmissibility", "1", "displacement over that of a wall"),
-)  # fmt: skip
-#: parameters of packings over which sweeps run, each with its description; they are given, and need no function
+)
+#: parameters of packings over which sweeps run, each with its description; they are given, and need
+#: no function
 _PARAMETERS = {
-    "young_modulus": "Young modulus of the material", "poisson_ratio": "Poisson ratio of the material",
-    "density": "density of the material", "diameter": "mean diameter", "friction": "whether contacts resist shear",
-    "spread": "distribution of diameters", "lattice": "lattice of the contacts", "motions": "motions of the balls",
+    "young_modulus": "Young modulus of the material",
+    "poisson_ratio": "Poisson ratio of the material",
+    "density": "density of the material",
+    "diameter": "mean diameter",
+    "friction": "whether contacts resist shear",
+    "spread": "distribution of diameters",
+    "lattice": "lattice of the contacts",
+    "motions": "motions of the balls",
     "torsion": "stiffness of a contact against twist, over k d^2",
     "bending": "stiffness of a contact against rolling, over k d^2",
-}  # fmt: skip
+}
 _OBSERVABLES = (
     _make_state_entry("force", "mean contact force", label="Contact force", told=True),
-    _make_state_entry("overlap", "mean overlap, d - a", meaning="mean overlap d - a, the state variable", told=True),
+    _make_state_entry(
+        "overlap",
+        "mean overlap, d - a",
+        meaning="mean overlap d - a, the state variable",
+        told=True,
+    ),
     _make_state_entry("normal_stiffness", "normal stiffness of a contact"),
     _make_state_entry("shear_stiffness", "shear stiffness of a contact"),
     Observable(
-        "pressure", SimulatedState.units["pressure"], "force per length of boundary", per_dimension="pressure",
+        "pressure",
+        SimulatedState.units["pressure"],
+        "force per length of boundary",
+        per_dimension="pressure",
         find=_or_none(lambda of: of.state.pressure),
     ),
-    Observable("stress", "N/m", "size of the stress: its largest component", per_dimension="pressure", cost="packing"),
+    Observable(
+        "stress",
+        "N/m",
+        "size of the stress: its largest component",
+        per_dimension="pressure",
+        cost="packing",
+    ),
     Observable("strain", "1", "size of the strain: its largest component", cost="packing"),
     _make_state_entry("relative_overlap", "overlap over the mean diameter"),
     _make_state_entry("effective_density", f"density {_LAYER}", per_dimension="effective_density"),
-    _make_state_entry("reduced_force", "reduced force f*: the force over that at an overlap of the width", label="Force f*"),
+    _make_state_entry(
+        "reduced_force",
+        "reduced force f*: the force over that at an overlap of the width",
+        label="Force f*",
+    ),
     _make_state_entry("reduced_spacing", "reduced spacing a* = (d + W/2 - a)/W"),
     _make_state_entry(
-        "force_fluctuation", "rms over balls of the mean force of a ball's contacts, over the mean",
+        "force_fluctuation",
+        "rms over balls of the mean force of a ball's contacts, over the mean",
         label="Force fluctuation Δf/f",
     ),
     _make_state_entry(
-        "contact_fraction", "fraction of contacts that carry load, in a simulation more than 1e-6 of the mean force",
+        "contact_fraction",
+        "fraction of contacts that carry load, in a simulation more than 1e-6 of the mean force",
         label="Fraction of contacts",
     ),
     _make_state_entry(
-        "stiffness_ratio", "normal stiffness over that of the ideal lattice at the same force",
+        "stiffness_ratio",
+        "normal stiffness over that of the ideal lattice at the same force",
         label="k over the ideal lattice's",
     ),
     _make_state_entry("valid", "whether the load is within the range of the medium"),
-    _make_state_entry("contact_force_fluctuation", "rms difference of single contact forces from the mean, over the mean"),
-    _make_state_entry("sliding_fraction", "part of the contacts that carry load which slide", label="Sliding contacts"),
     _make_state_entry(
-        "tangential_ratio", "mean tangential force over the mean normal force", label="Tangential over normal force"
+        "contact_force_fluctuation",
+        "rms difference of single contact forces from the mean, over the mean",
     ),
-    _make_state_entry("work", "work of the load since the start of a history, a mean over contacts"),
-    _make_state_entry("dissipated_energy", "energy lost since the start of a history, a mean over contacts"),
+    _make_state_entry(
+        "sliding_fraction",
+        "part of the contacts that carry load which slide",
+        label="Sliding contacts",
+    ),
+    _make_state_entry(
+        "tangential_ratio",
+        "mean tangential force over the mean normal force",
+        label="Tangential over normal force",
+    ),
+    _make_state_entry(
+        "work", "work of the load since the start of a history, a mean over contacts"
+    ),
+    _make_state_entry(
+        "dissipated_energy", "energy lost since the start of a history, a mean over contacts"
+    ),
     Observable("regime", "", "pressure regime of Section III", find=lambda of: of.state.regime),
     _make_load_error_entry("force", f"{_OVER_SAMPLES} force, at a given overlap"),
     _make_load_error_entry("overlap", f"{_OVER_SAMPLES} overlap, at a given force or pressure"),
     _of_packing(
-        "width", "m", "width W of the distribution of diameters", find=lambda of: of.state.packing.width,
+        "width",
+        "m",
+        "width W of the distribution of diameters",
+        find=lambda of: of.state.packing.width,
         meaning="width W: √12 times the standard deviation of the diameters",
     ),
     _of_packing(
-        "mindlin_ratio", "1", "shear over normal stiffness η; 0 without friction",
+        "mindlin_ratio",
+        "1",
+        "shear over normal stiffness η; 0 without friction",
         find=lambda of: of.state.packing.mindlin_ratio,
     ),
-    _of_packing("mass", "kg", "mass of a ball of the mean diameter", find=lambda of: of.state.packing.mass),
-    _make_velocity_entry("longitudinal", "longitudinal sound velocity", label="Longitudinal velocity", told=True),
-    _make_velocity_entry("transverse", "transverse sound velocity", label="Transverse velocity", told=True),
-    _make_velocity_entry("transverse_slow", "slow transverse sound velocity", label="Slow transverse velocity", told=True),
-    _make_velocity_entry("transverse_fast", "fast transverse sound velocity", label="Fast transverse velocity", told=True),
-    _make_velocity_entry("out_of_plane", "sound velocity across the plane of the balls, 0 of a flexural wave"),
+    _of_packing(
+        "mass", "kg", "mass of a ball of the mean diameter", find=lambda of: of.state.packing.mass
+    ),
     _make_velocity_entry(
-        "twist", "velocity of the twist wave of a chain", label="Twist velocity", told=True,
+        "longitudinal", "longitudinal sound velocity", label="Longitudinal velocity", told=True
+    ),
+    _make_velocity_entry(
+        "transverse", "transverse sound velocity", label="Transverse velocity", told=True
+    ),
+    _make_velocity_entry(
+        "transverse_slow",
+        "slow transverse sound velocity",
+        label="Slow transverse velocity",
+        told=True,
+    ),
+    _make_velocity_entry(
+        "transverse_fast",
+        "fast transverse sound velocity",
+        label="Fast transverse velocity",
+        told=True,
+    ),
+    _make_velocity_entry(
+        "out_of_plane", "sound velocity across the plane of the balls, 0 of a flexural wave"
+    ),
+    _make_velocity_entry(
+        "twist",
+        "velocity of the twist wave of a chain",
+        label="Twist velocity",
+        told=True,
         meaning="velocity of the wave in which the balls of a chain turn about it",
     ),
     _make_modulus_entry("bulk", f"bulk modulus {_LAYER}", label="Bulk modulus", told=True),
     _make_modulus_entry("shear", f"shear modulus {_LAYER}", label="Shear modulus", told=True),
     Observable(
-        "direction", "1", "Cartesian direction of propagation, if velocities depend on it or it is not x",
-        find=_find_direction, cost="velocities", swept=False,
+        "direction",
+        "1",
+        "Cartesian direction of propagation, if velocities depend on it or it is not x",
+        find=_find_direction,
+        cost="velocities",
+        swept=False,
     ),
-    _make_modulus_entry("tensor", f"elastic tensor {_LAYER}, Voigt order", dims=("voigt_row", "voigt_column")),
+    _make_modulus_entry(
+        "tensor", f"elastic tensor {_LAYER}, Voigt order", dims=("voigt_row", "voigt_column")
+    ),
     *(
-        _make_velocity_entry(f"{words.replace(' ', '_')}_error", f"{_OVER_SAMPLES} {said} sound velocity", sampled=True)
+        _make_velocity_entry(
+            f"{words.replace(' ', '_')}_error",
+            f"{_OVER_SAMPLES} {said} sound velocity",
+            sampled=True,
+        )
         for words, said in (
             *((one, one) for one in ("longitudinal", "transverse")),
             *((f"transverse {one}", f"{one} transverse") for one in ("slow", "fast")),
@@ -281,42 +441,112 @@ _OBSERVABLES = (
     ),
     _make_modulus_entry("bulk_error", f"{_OVER_SAMPLES} bulk modulus", sampled=True),
     _make_modulus_entry("shear_error", f"{_OVER_SAMPLES} shear modulus", sampled=True),
-    _make_cubic_entry("anisotropy", "anisotropy 2 C44/(C11 - C12) of a cubic lattice, 2 C33/(C11 - C12) of a square one"),
+    _make_cubic_entry(
+        "anisotropy",
+        "anisotropy 2 C44/(C11 - C12) of a cubic lattice, 2 C33/(C11 - C12) of a square one",
+    ),
     _make_cubic_entry("anisotropy_error", f"{_OVER_SAMPLES} anisotropy", sampled=True),
     _make_modulus_entry(
-        "tensor_error", f"{_OVER_SAMPLES} entries of the elastic tensor", sampled=True, dims=("voigt_row", "voigt_column")
+        "tensor_error",
+        f"{_OVER_SAMPLES} entries of the elastic tensor",
+        sampled=True,
+        dims=("voigt_row", "voigt_column"),
     ),
     Observable(
-        "exponent", "1", "local exponent of the sound velocities, d log v / d log P",
-        "d log $v_L$ / d log $P$", "local exponent d log v_L / d log P",
-        _exclude_finite_overlap(local_exponent), "exponent",
+        "exponent",
+        "1",
+        "local exponent of the sound velocities, d log v / d log P",
+        "d log $v_L$ / d log $P$",
+        "local exponent d log v_L / d log P",
+        _exclude_finite_overlap(local_exponent),
+        "exponent",
     ),
     Observable(
-        "exponent_error", "1", f"{_OVER_SAMPLES} exponent", find=_exclude_finite_overlap(lambda state: state.exponent_error),
-        cost="exponent", meaning=f"{_OVER_SAMPLES} exponent; 0 for media that do not sample, nan for one sample",
+        "exponent_error",
+        "1",
+        f"{_OVER_SAMPLES} exponent",
+        find=_exclude_finite_overlap(lambda state: state.exponent_error),
+        cost="exponent",
+        meaning=f"{_OVER_SAMPLES} exponent; 0 for media that do not sample, nan for one sample",
     ),
-    Observable("pulse_velocity", "m/s", "distance over the time of flight of a pulse", cost="pulse", told=True),
-    Observable("pulse_velocity_error", "m/s", f"{_OVER_SAMPLES} velocity of a pulse", cost="pulse", sampled=True),
-    Observable("pulse_distance", "m", "distance from the source of a pulse to where it is heard", cost="pulse", swept=False),
+    Observable(
+        "pulse_velocity",
+        "m/s",
+        "distance over the time of flight of a pulse",
+        cost="pulse",
+        told=True,
+    ),
+    Observable(
+        "pulse_velocity_error",
+        "m/s",
+        f"{_OVER_SAMPLES} velocity of a pulse",
+        cost="pulse",
+        sampled=True,
+    ),
+    Observable(
+        "pulse_distance",
+        "m",
+        "distance from the source of a pulse to where it is heard",
+        cost="pulse",
+        swept=False,
+    ),
     Observable("time_of_flight", "s", "time of flight of a pulse by its envelope", cost="pulse"),
-    Observable("coherent_fraction", "1", "part of the energy of a pulse that is coherent", cost="pulse"),
-    Observable("path_corners", "1/m", "distances along the path of its corners", cost="spectrum", dims=("corner_of_path",)),
-    Observable("path_distance", "1/m", "distance of a wave vector along the path", cost="spectrum", dims=("wavevector",)),
-    Observable("wavenumber", "1/m", "length of a wave vector of the array", cost="spectrum", dims=("wavevector",)),
-    _of_line("line_frequency", "Hz", "frequency of a plane wave in the array: the peak of its spectral function"),
-    _of_line("line_frequency_error", "Hz", f"{_OVER_SAMPLES} frequency of a plane wave", sampled=True),
-    _of_line("line_width", "Hz", "width of the line of a plane wave: full, at half maximum, without the kernel's"),
+    Observable(
+        "coherent_fraction", "1", "part of the energy of a pulse that is coherent", cost="pulse"
+    ),
+    Observable(
+        "path_corners",
+        "1/m",
+        "distances along the path of its corners",
+        cost="spectrum",
+        dims=("corner_of_path",),
+    ),
+    Observable(
+        "path_distance",
+        "1/m",
+        "distance of a wave vector along the path",
+        cost="spectrum",
+        dims=("wavevector",),
+    ),
+    Observable(
+        "wavenumber",
+        "1/m",
+        "length of a wave vector of the array",
+        cost="spectrum",
+        dims=("wavevector",),
+    ),
+    _of_line(
+        "line_frequency",
+        "Hz",
+        "frequency of a plane wave in the array: the peak of its spectral function",
+    ),
+    _of_line(
+        "line_frequency_error", "Hz", f"{_OVER_SAMPLES} frequency of a plane wave", sampled=True
+    ),
+    _of_line(
+        "line_width",
+        "Hz",
+        "width of the line of a plane wave: full, at half maximum, without the kernel's",
+    ),
     _of_line("line_width_error", "Hz", f"{_OVER_SAMPLES} width of a line", sampled=True),
     _of_line("line_resolved", "1", "part of the samples in which the width of a line is resolved"),
     _of_line("phase_velocity", "m/s", "phase velocity of a plane wave in the array"),
     _of_line("phase_velocity_error", "m/s", f"{_OVER_SAMPLES} phase velocity", sampled=True),
-    _of_line("mean_free_path", "m", "mean free path of the energy of a plane wave; infinite where its line has no width"),
+    _of_line(
+        "mean_free_path",
+        "m",
+        "mean free path of the energy of a plane wave; infinite where its line has no width",
+    ),
     _of_line("attenuation", "1/m", "attenuation of the amplitude of a plane wave"),
     _of_line("attenuation_error", "1/m", f"{_OVER_SAMPLES} attenuation", sampled=True),
     *(
         Observable(
-            f"ioffe_regel_{name}{ending}", "Hz", f"{of}Ioffe-Regel frequency of {name} waves", cost="spectrum",
-            sampled=bool(ending), told=not ending,
+            f"ioffe_regel_{name}{ending}",
+            "Hz",
+            f"{of}Ioffe-Regel frequency of {name} waves",
+            cost="spectrum",
+            sampled=bool(ending),
+            told=not ending,
         )
         for name in ("longitudinal", "transverse", "rotational")
         for ending, of in (("", ""), ("_error", f"{_OVER_SAMPLES} "))
@@ -325,52 +555,112 @@ _OBSERVABLES = (
     _of_dos("dos_total", "1/Hz", "density of states of the array, per ball that moves"),
     _of_dos("dos_translational", "1/Hz", "part of the density of states in translations"),
     _of_dos("dos_rotational", "1/Hz", "part of the density of states in rotations"),
-    _of_dos("dos_error", "1/Hz", f"{_OVER_SAMPLES} density of states; of one sample that of the random vectors"),
-    Observable(
-        "surface_velocity", "m/s", "velocity of the long wave at the edge, along the first leg of the path",
-        label="Surface velocity", cost="surface", told=True,
+    _of_dos(
+        "dos_error",
+        "1/Hz",
+        f"{_OVER_SAMPLES} density of states; of one sample that of the random vectors",
     ),
     Observable(
-        "surface_frequency", "Hz", "frequencies of the undamped waves of the edge along the path, nan beyond these",
-        cost="surface", dims=("surface_point", "surface_wave"),
+        "surface_velocity",
+        "m/s",
+        "velocity of the long wave at the edge, along the first leg of the path",
+        label="Surface velocity",
+        cost="surface",
+        told=True,
+    ),
+    Observable(
+        "surface_frequency",
+        "Hz",
+        "frequencies of the undamped waves of the edge along the path, nan beyond these",
+        cost="surface",
+        dims=("surface_point", "surface_wave"),
     ),
     *(
-        _of_response(f"{name}{ending}", unit, f"{of}{title} at each frequency", sampled=bool(ending))
-        for name, unit, title in _RESPONSES for ending, of in (("", "magnitude of the "), ("_error", f"{_OVER_SAMPLES} "))
+        _of_response(
+            f"{name}{ending}", unit, f"{of}{title} at each frequency", sampled=bool(ending)
+        )
+        for name, unit, title in _RESPONSES
+        for ending, of in (("", "magnitude of the "), ("_error", f"{_OVER_SAMPLES} "))
     ),
-    _of_response("response_phase", "rad", "phase of the response, below zero where the receiver lags"),
-    _of_peaks("peaks_frequency", "Hz", "frequencies of the peaks of the response at each receiver, nan beyond these"),
+    _of_response(
+        "response_phase", "rad", "phase of the response, below zero where the receiver lags"
+    ),
+    _of_peaks(
+        "peaks_frequency",
+        "Hz",
+        "frequencies of the peaks of the response at each receiver, nan beyond these",
+    ),
     *(
-        _of_peaks(f"peaks_{name}", unit, f"{title} at these peaks, nan if narrower than the step of the frequencies")
+        _of_peaks(
+            f"peaks_{name}",
+            unit,
+            f"{title} at these peaks, nan if narrower than the step of the frequencies",
+        )
         for name, unit, title in _RESPONSES
     ),
     _of_peaks("peaks_quality", "1", "Q factors of these peaks; nan of those that are not resolved"),
-    _of_network("peak_frequency", "Hz", "frequency of the highest peak of the response at the first receiver", told=True),
+    _of_network(
+        "peak_frequency",
+        "Hz",
+        "frequency of the highest peak of the response at the first receiver",
+        told=True,
+    ),
     *(
-        _of_network(f"peak_{name}", unit, f"{title} at its highest peak, at the first receiver", told=True)
+        _of_network(
+            f"peak_{name}", unit, f"{title} at its highest peak, at the first receiver", told=True
+        )
         for name, unit, title in _RESPONSES
     ),
     _of_network(
-        "peak_quality", "1", "Q factor of that peak, of its width at half the square; nan if it is not resolved",
-        label="Q of the peak", told=True,
-    ),
-    _of_network(
-        "front_velocity", "m/s", "velocity of the front of a motion, where forces have changed by half of what they ever do",
+        "peak_quality",
+        "1",
+        "Q factor of that peak, of its width at half the square; nan if it is not resolved",
+        label="Q of the peak",
         told=True,
     ),
-    _of_network("peak_velocity", "m/s", "velocity of the greatest force of a motion between contacts", told=True),
+    _of_network(
+        "front_velocity",
+        "m/s",
+        "velocity of the front of a motion, where forces have changed by half of what they ever do",
+        told=True,
+    ),
+    _of_network(
+        "peak_velocity",
+        "m/s",
+        "velocity of the greatest force of a motion between contacts",
+        told=True,
+    ),
     _of_network("greatest_force", "N", "greatest normal force of a contact in a motion", told=True),
     *(
-        _of_network(f"{name}_error", unit, f"{_OVER_SAMPLES} {name.replace('_', ' ')} of a motion", sampled=True)
-        for name, unit in (("front_velocity", "m/s"), ("peak_velocity", "m/s"), ("greatest_force", "N"))
+        _of_network(
+            f"{name}_error",
+            unit,
+            f"{_OVER_SAMPLES} {name.replace('_', ' ')} of a motion",
+            sampled=True,
+        )
+        for name, unit in (
+            ("front_velocity", "m/s"),
+            ("peak_velocity", "m/s"),
+            ("greatest_force", "N"),
+        )
     ),
     *(
-        _of_network(f"energy_{name}", "J", f"{title} at the end of a motion", "Energy lost" * (name == "lost"),
-                    told=name == "lost")
+        _of_network(
+            f"energy_{name}",
+            "J",
+            f"{title} at the end of a motion",
+            "Energy lost" * (name == "lost"),
+            told=name == "lost",
+        )
         for name, title in _ENERGIES
     ),
-    *(_of_network(f"motion_{name}", "J", f"{title} over time", dims=("motion_time",)) for name, title in _ENERGIES),
-    _of_network("motion_force", "N", "greatest normal force of a contact over time", dims=("motion_time",)),
+    *(
+        _of_network(f"motion_{name}", "J", f"{title} over time", dims=("motion_time",))
+        for name, title in _ENERGIES
+    ),
+    _of_network(
+        "motion_force", "N", "greatest normal force of a contact over time", dims=("motion_time",)
+    ),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),
     Observable("truth", "", "simulated arrays that the expected error is relative to", swept=False),
@@ -378,58 +668,103 @@ _OBSERVABLES = (
     _of_bands("damped_frequency", "Hz", "frequencies of the branches of contacts that lose energy"),
     _of_bands("damped_decay", "1/s", "rates at which the amplitudes of these branches decay"),
     _of_bands("damped_quality", "1", "Q factors of these branches, infinite without loss"),
-    Observable("gaps", "Hz", "intervals from zero to the top frequency without a branch", cost="bands", swept=False),
-    Observable("top_frequency", "Hz", "the highest frequency of the bands", cost="bands", swept=False, told=True),
-)  # fmt: skip
-#: every observable and every parameter of a sweep by its name, in the order in which files store them
+    Observable(
+        "gaps",
+        "Hz",
+        "intervals from zero to the top frequency without a branch",
+        cost="bands",
+        swept=False,
+    ),
+    Observable(
+        "top_frequency",
+        "Hz",
+        "the highest frequency of the bands",
+        cost="bands",
+        swept=False,
+        told=True,
+    ),
+)
+#: every observable and every parameter of a sweep by its name, in the order in which files store
+#: them
 CATALOGUE: Registry[Observable] = Registry("observable")
-for _one in (*_OBSERVABLES, *(Observable(name, PARAMETERS[name] or "", title) for name, title in _PARAMETERS.items())):
+for _one in (
+    *_OBSERVABLES,
+    *(Observable(name, PARAMETERS[name] or "", title) for name, title in _PARAMETERS.items()),
+):
     CATALOGUE.own(_one.name, _one)
 
 
 def register_observable(
-    name: str, unit: str, words: str, find: Callable[[Analysis], Any], *, label: str = "",
-    cost: Literal["state", "velocities", "exponent"] = "state", told: bool = True,
-) -> Observable:  # fmt: skip
-    """Make a quantity known by its name: to sweeps and their tables, summaries, figures, scenes, and the command line.
+    name: str,
+    unit: str,
+    words: str,
+    find: Callable[[Analysis], Any],
+    *,
+    label: str = "",
+    cost: Literal["state", "velocities", "exponent"] = "state",
+    told: bool = True,
+) -> Observable:
+    """Make a quantity known by its name: to sweeps and their tables, summaries, figures, scenes,
+    and the command line.
 
     Parameters
     ----------
     name : its name in files and data sets, a word of letters, digits and underscores.
     unit : its SI unit; "1" for a number without a unit.
     words : what it is, in a few words.
-    find : function of an :class:`Analysis` that returns its value in SI, of the shape of the load; None where there is none.
+    find : function of an :class:`Analysis` that returns its value in SI, of the shape of the load;
+        None where there is none.
     label : its name on axes and in the terminal; by default the name in words.
-    cost : what ``find`` asks for: only the "state", the "velocities" or moduli, or an "exponent". It decides which runs have
-        it: all, or those that find these.
+    cost : what ``find`` asks for: only the "state", the "velocities" or moduli, or an "exponent".
+        It decides which runs have it: all, or those that find these.
     told : whether the command line prints it.
 
-    Returns its entry. A scene that names it in ``observe`` finds what it asks for. Where ``find`` fails, or returns what has
-    not the shape of the load, the result leaves it out with a warning that names it; if a scene observes it, that is an
-    error. Raises :class:`InputError` for a name that another ``find`` has or that is no such word, for what is no unit of
-    SI, and for a ``find`` that cannot be called.
+    Returns its entry. A scene that names it in ``observe`` finds what it asks for. Where ``find``
+    fails, or returns what has not the shape of the load, the result leaves it out with a warning
+    that names it; if a scene observes it, that is an error. Raises :class:`InputError` for a name
+    that another ``find`` has or that is no such word, for what is no unit of SI, and for a ``find``
+    that cannot be called.
     """
     good: dict[str, tuple[Any, Callable[[str], bool], str]] = {
-        "name": (name, _is_free, "a word of letters, digits and underscores that scenes and data sets do not have yet"),
+        "name": (
+            name,
+            _is_free,
+            "a word of letters, digits and underscores that scenes and data sets do not have yet",
+        ),
         "unit": (unit, is_si, 'a unit of SI without a factor, such as "N/m", or "1"'),
         "words": (words, bool, "a text"),
     }
     for what, (given, holds, allowed) in good.items():
         if not (isinstance(given, str) and holds(given)):
-            raise InputError(f"an observable cannot have the {what} {brief(given)}", mend=f"Give {allowed}")
+            raise InputError(
+                f"an observable cannot have the {what} {brief(given)}", mend=f"Give {allowed}"
+            )
     one_of("cost", cost, ("state", "velocities", "exponent"))
     if not callable(find):
-        raise InputError(f"{brief(find)} finds no observable", mend="Give a function of an Analysis")
-    return CATALOGUE.add(name, Observable(name, unit, words, label, find=find, cost=cost, told=told), find)
+        raise InputError(
+            f"{brief(find)} finds no observable", mend="Give a function of an Analysis"
+        )
+    return CATALOGUE.add(
+        name, Observable(name, unit, words, label, find=find, cost=cost, told=told), find
+    )
 
 
 def _is_free(name: str) -> bool:
-    """Whether a name is a word, and none of a dimension of data sets or of a part that scenes observe."""
+    """Whether a name is a word, and none of a dimension of data sets or of a part that scenes
+    observe.
+    """
     taken = {word for one in _OBSERVABLES for word in (one.cost, *one.dims)}
-    return name.isidentifier() and name not in taken | {"load", "medium", "gaps", "response", "motion"}
+    return name.isidentifier() and name not in taken | {
+        "load",
+        "medium",
+        "gaps",
+        "response",
+        "motion",
+    }
 
 
-#: words of titles and meanings that belong to the plane, with those in their place on a line and in space
+#: words of titles and meanings that belong to the plane, with those in their place on a line and in
+#: space
 _WORDS = {
     "force per length of boundary": ("force along the line", "force per area of boundary"),
     f"density {_LAYER}": ("mass per length", "density of the crystal"),
@@ -438,36 +773,47 @@ _WORDS = {
 
 
 def entry_of(name: str, packing: Balls) -> Observable:
-    """Return the entry of an observable with the unit, title and meaning that it has for a packing or crystal.
+    """Return the entry of an observable with the unit, title and meaning that it has for a packing
+    or crystal.
 
-    Those of pressure, density and moduli depend on the number of periods of the lattice: 1, 2 or 3. A parameter of a kind of
-    ball, "A.diameter", has the entry of the parameter, with the kind in its title.
+    Those of pressure, density and moduli depend on the number of periods of the lattice: 1, 2 or 3.
+    A parameter of a kind of ball, "A.diameter", has the entry of the parameter, with the kind in
+    its title.
     """
     kind, _, own = name.rpartition(".")
-    entry, periods = CATALOGUE[own], packing.structure.periods
+    entry = CATALOGUE[own]
+    periods = packing.structure.periods
     if kind:
         title = f"{spell(own)} of {kind}"
-        return replace(entry, name=name, title=title, meaning=title, label=title[0].upper() + title[1:])
+        return replace(
+            entry, name=name, title=title, meaning=title, label=title[0].upper() + title[1:]
+        )
     if periods == 2 or not entry.per_dimension:
         return entry
-    title, meaning = entry.title, entry.meaning
+    title = entry.title
+    meaning = entry.meaning
     for words, others in _WORDS.items():
         title, meaning = (text.replace(words, others[periods // 3]) for text in (title, meaning))
     unit = packing.structure.units_of({entry.per_dimension})[entry.per_dimension]
     return replace(entry, unit=unit, title=title, meaning=meaning)
 
 
-def find_all(of: Analysis, costs: Iterable[CostClass], swept: bool = False, observed: Container[str] = ()) -> dict[str, Any]:
-    """Find the observables of these ``costs`` that the state has, in the order of the costs, as values in SI by name.
+def find_all(
+    of: Analysis, costs: Iterable[CostClass], swept: bool = False, observed: Container[str] = ()
+) -> dict[str, Any]:
+    """Find the observables of these ``costs`` that the state has, in the order of the costs, as
+    values in SI by name.
 
-    With ``swept`` only those that sweeps store. Of those that were registered, one that fails is left out, and ``failed`` of
-    the analysis says why; if it is ``observed``, it is an error.
+    With ``swept`` only those that sweeps store. Of those that were registered, one that fails is
+    left out, and ``failed`` of the analysis says why; if it is ``observed``, it is an error.
     """
     found = {}
     for cost in costs:
         for name, one in CATALOGUE.items():
             if one.cost == cost and one.find is not None and (one.swept or not swept):
-                found[name] = _find_added(of, one, observed) if CATALOGUE.is_added(name) else one.find(of)
+                found[name] = (
+                    _find_added(of, one, observed) if CATALOGUE.is_added(name) else one.find(of)
+                )
     return {name: value for name, value in found.items() if value is not None}
 
 
@@ -477,14 +823,18 @@ def _find_added(of: Analysis, one: Observable, observed: Container[str]) -> Any:
         _ = of.velocities  # of a mechanism this is an error, and not of the observable
     assert one.find is not None
     try:
-        value, shape = one.find(of), np.shape(of.state.force)
+        value = one.find(of)
+        shape = np.shape(of.state.force)
         if value is None:
             return None
         if np.shape(value) != shape:
             raise ValueError(f"it has the shape {np.shape(value)}, and the load {shape}")
         found = np.asarray(value, float) if shape else float(value)
         if count := np.count_nonzero(np.isnan(found)):
-            of.failed[one.name] = f"{CATALOGUE.describe(one.name)} is not known (nan) at {count} of {np.size(found)} loads"
+            of.failed[one.name] = (
+                f"{CATALOGUE.describe(one.name)} is not known (nan) at {count} of"
+                f" {np.size(found)} loads"
+            )
         return found
     except Exception as error:
         why = f"{CATALOGUE.describe(one.name)} fails: {type(error).__name__}: {error}"
@@ -508,7 +858,11 @@ def axis_label(name: str, unit: str | None = None) -> str:
 
 
 def warn_of_missing_error(found: dict[str, Any]) -> tuple[str, ...]:
-    """Return a warning if ``found`` has an unknown standard error of the exponent (nan); else an empty tuple."""
+    """Return a warning if ``found`` has an unknown standard error of the exponent (nan); else an
+    empty tuple.
+    """
     if not np.any(np.isnan(found.get("exponent_error", 0.0))):
         return ()
-    return ("the standard error of the exponent is not known (nan) from one sample: take two or more",)
+    return (
+        "the standard error of the exponent is not known (nan) from one sample: take two or more",
+    )

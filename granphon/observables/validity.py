@@ -1,4 +1,6 @@
-"""Limits of the model: the conditions under which a state may be trusted, and how close the state is to each limit."""
+"""Limits of the model: the conditions under which a state may be trusted, and how close the state
+is to each limit.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +22,22 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.state import as_state, ideal_lattice
 from granphon.networks.network import ContactNetwork
 
-#: spread of log(k^3/f d*) of contacts that follow Hertz's law, over that of log f, at most, and what digits of a file add
-_HERTZIAN, _ROUNDED = 0.5, 1e-2
-#: part by which velocities of arrays that are pressed from the gas in the directions of the lattice changed where the same
-#: balls were numbered otherwise: v_T of sc, 3 x 3 x 3 cells, mu = 0.3, f* = 0.1, the most of two arrays, by
-#: ``tests/benchmarks/study_friction.py --only numbering``
+#: spread of log(k^3/f d*) of contacts that follow Hertz's law, over that of log f, at most, and
+#: what digits of a file add
+_HERTZIAN = 0.5
+_ROUNDED = 1e-2
+#: part by which velocities of arrays that are pressed from the gas in the directions of the lattice
+#: changed where the same balls were numbered otherwise: v_T of sc, 3 x 3 x 3 cells, mu = 0.3, f* =
+#: 0.1, the most of two arrays, by ``tests/benchmarks/study_friction.py --only numbering``
 _BY_NUMBERING = 0.08
 #: what mends the torsion, in media that have terms of finite overlap
 _KEEPS = "; finite_overlap=True keeps those of the static force and of the distance of balls"
 #: directions in which sound is compared with that in the balls, by the number of periods
-_DIRECTIONS = {1: [[1.0]], 2: [[1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]]}
+_DIRECTIONS = {
+    1: [[1.0]],
+    2: [[1.0, 0.0]],
+    3: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]],
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,37 +71,45 @@ class Validity(Result):
 
 
 def validity(state: Any) -> Validity:
-    """Compare the state with the limits of its medium (Section IV) and of the contact model (end of Section II).
+    """Compare the state with the limits of its medium (Section IV) and of the contact model (end of
+    Section II).
 
-    Of a crystal it is what :attr:`CrystalState.limits` has. Of a network, whose material is not known, it is the contact
-    radius alone, if its contacts follow Hertz's law. The quantities compared with limits are:
+    Of a crystal it is what :attr:`CrystalState.limits` has. Of a network, whose material is not
+    known, it is the contact radius alone, if its contacts follow Hertz's law. The quantities
+    compared with limits are:
 
     - if balls differ, the contact force against the least one at which the medium is valid
       (:attr:`ContactState.least_valid_force`), and the rms difference of diameters over their mean;
     - the contact radius over the ball radius;
     - (f/E d^2)^(1/6);
-    - the sound velocity over the bulk velocity: the largest of the longitudinal and transverse ratios, along x on a line and
-      in the plane, along (1, 0, 0), (0, 0, 1), (1, 1, 0) and (1, 1, 1) in space;
+    - the sound velocity over the bulk velocity: the largest of the longitudinal and transverse
+      ratios, along x on a line and in the plane, along (1, 0, 0), (0, 0, 1), (1, 1, 0) and (1, 1,
+      1) in space;
     - the top frequency of the branches over the lowest resonance of a free ball;
-    - for a simulation that starts from the gas in the geometry of the lattice, the part by which velocities depend on the
-      numbering of the balls, as far as that was seen;
-    - with ``torsion="mindlin"`` and without finite overlap, the order delta/d of the terms that are left out over that
-      torsion;
-    - if the material has a ``yield_strength``, the mean contact pressure over it (K. L. Johnson, Contact Mechanics, 1985:
-      yield begins at 1.07);
-    - for a simulation with friction of balls that differ, in the geometry of the lattice, the part by which its shear
-      modulus is expected to be too small, three times as much after a history of friction; not where no contact resists
-      slip, as after a history with a friction coefficient of zero, unless its contacts stick;
-    - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1 m: others are probably
-      given in a wrong unit.
+    - for a simulation that starts from the gas in the geometry of the lattice, the part by which
+      velocities depend on the numbering of the balls, as far as that was seen;
+    - with ``torsion="mindlin"`` and without finite overlap, the order delta/d of the terms that are
+      left out over that torsion;
+    - if the material has a ``yield_strength``, the mean contact pressure over it (K. L. Johnson,
+      Contact Mechanics, 1985: yield begins at 1.07);
+    - for a simulation with friction of balls that differ, in the geometry of the lattice, the part
+      by which its shear modulus is expected to be too small, three times as much after a history of
+      friction; not where no contact resists slip, as after a history with a friction coefficient of
+      zero, unless its contacts stick;
+    - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1
+      m: others are probably given in a wrong unit.
     """
-    if (limits := getattr(state, "limits", None)) is not None:  # a crystal says itself what limits it
+    if (
+        limits := getattr(state, "limits", None)
+    ) is not None:  # a crystal says itself what limits it
         return Validity(limits)
     return as_state(state).cached(_compute_validity)
 
 
 def find_warnings(state: Any) -> tuple[str, ...]:
-    """Return one sentence for each limit that a state exceeds: limits of the state, or else of :func:`validity`."""
+    """Return one sentence for each limit that a state exceeds: limits of the state, or else of
+    :func:`validity`.
+    """
     own = getattr(state, "warnings", None)
     if own is not None:
         return tuple(own)
@@ -101,10 +117,15 @@ def find_warnings(state: Any) -> tuple[str, ...]:
 
 
 def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]:
-    """Return the warnings that a simulation will have at the values of an applied load, as far as known before it is run."""
+    """Return the warnings that a simulation will have at the values of an applied load, as far as
+    known before it is run.
+    """
     if not simulation.resists_slip:
         return ()
-    deficit = find_left_out(expect_shear_deficit(simulation.packing, load, simulation.friction_history), simulation.geometry)
+    deficit = find_left_out(
+        expect_shear_deficit(simulation.packing, load, simulation.friction_history),
+        simulation.geometry,
+    )
     warning = check_limit("shear", deficit).warning
     return () if warning is None else (warning,)
 
@@ -112,26 +133,37 @@ def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]
 def _compute_validity(state: Any) -> Validity:
     if not state.follows_law:
         return check_network(state.network)
-    material, d = state.packing.material, state.packing.diameter
+    material = state.packing.material
+    d = state.packing.diameter
     lattice = state.reference_lattice
     radius = np.asarray(contact_radius_ratio(state.overlap_of_equal_balls, d))
     values = {
         "contact_radius": radius,
-        # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is not
+        # divide one factor at a time: E d^2 may be beyond the floating range though the ratio is
+        # not
         "load": np.cbrt(np.sqrt(state.force / (material.young_modulus * d) / d)),
     }
     if not lattice.mechanism:  # a mechanism has no sound
-        v, names = state.long_waves(_DIRECTIONS[lattice.periods]), lattice.wave_names
-        bulk = [material.longitudinal_velocity if name == "longitudinal" else material.transverse_velocity for name in names]
+        v = state.long_waves(_DIRECTIONS[lattice.periods])
+        names = lattice.wave_names
+        bulk = [
+            material.longitudinal_velocity
+            if name == "longitudinal"
+            else material.transverse_velocity
+            for name in names
+        ]
         values["velocity"] = np.max(v / bulk, axis=(-2, -1))
-    # the top frequency of the branches at each load, (k/M)^1/2, without terms of finite overlap. Where the torsion depends
-    # on the load, the square is interpolated between none and the largest torsion: it is a convex function, so that the
-    # result is not below the top frequency
-    top, torsion = lattice.top_frequency, np.asarray(state.torsion)
+    # the top frequency of the branches at each load, (k/M)^1/2, without terms of finite overlap.
+    # Where the torsion depends on the load, the square is interpolated between none and the largest
+    # torsion: it is a convex function, so that the result is not below the top frequency
+    top = lattice.top_frequency
+    torsion = np.asarray(state.torsion)
     if not state.has_one_lattice and np.ptp(torsion) > 0.0:
         ends = [ideal_lattice(state.packing).top_frequency ** 2, top**2]
         top = np.sqrt(np.interp(torsion, [0.0, np.max(torsion)], ends))
-    values["resonance"] = top * state.velocity_scale / d / (2.0 * np.pi) / material.lowest_resonance(d)
+    values["resonance"] = (
+        top * state.velocity_scale / d / (2.0 * np.pi) / material.lowest_resonance(d)
+    )
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
     if (deficit := state.shear_deficit) is not None:
@@ -139,33 +171,50 @@ def _compute_validity(state: Any) -> Validity:
     if state.floats:
         values["places"] = np.full(state.shape, _BY_NUMBERING)
     if state.packing.torsion == MINDLIN and not state.finite_overlap:
-        # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal balls
+        # where balls differ the mean overlap may be negative: take 3 f/2 k, the overlap of equal
+        # balls
         values["torsion"] = overlap_from(state.force, state.normal_stiffness) / d / state.torsion
     if material.yield_strength is not None:
         spot = radius * d / 2.0
         values["yield"] = state.force / spot / (np.pi * spot) / material.yield_strength
     keeps = {"torsion": _KEEPS} if not state.n_samples else {}
-    checks = [check_limit(name, np.asarray(value), keeps.get(name, "")) for name, value in values.items()]
+    checks = [
+        check_limit(name, np.asarray(value), keeps.get(name, "")) for name, value in values.items()
+    ]
     if state.packing.width:
         reason = f"{state.medium} is not reliable"
         force = np.asarray(state.force)
-        checks.insert(0, Check("medium", "contact force in N", force, state.least_valid_force, reason, at_least=True))
+        checks.insert(
+            0,
+            Check(
+                "medium",
+                "contact force in N",
+                force,
+                state.least_valid_force,
+                reason,
+                at_least=True,
+            ),
+        )
     for name, (attribute, *_) in BALL_LIMITS.items():
         checks.append(check_limit(name, np.full(state.shape, attrgetter(attribute)(state.packing))))
     return Validity(tuple(checks))
 
 
 def check_network(network: ContactNetwork) -> Validity:
-    """Return the limits of a network, whose material is not known: that of the mean contact radius, or none.
+    """Return the limits of a network, whose material is not known: that of the mean contact radius,
+    or none.
 
-    The overlap follows from force and stiffness, 3 f/2 k. So the contacts must be those of Hertz's law: k^3/(f d*) is then
-    the same for all, and varies less than forces do.
+    The overlap follows from force and stiffness, 3 f/2 k. So the contacts must be those of Hertz's
+    law: k^3/(f d*) is then the same for all, and varies less than forces do.
     """
     pressed = (network.normal_force > 0.0) & np.isfinite(network.distance)
     if not np.any(pressed):
         return Validity(())
-    force, stiffness = network.normal_force[pressed], network.normal_stiffness[pressed]
-    diameter = harmonic_diameter(*(2.0 * network.radii[end[pressed]] for end in (network.i, network.j)))
+    force = network.normal_force[pressed]
+    stiffness = network.normal_stiffness[pressed]
+    diameter = harmonic_diameter(
+        *(2.0 * network.radii[end[pressed]] for end in (network.i, network.j))
+    )
     law = 3.0 * np.log(stiffness) - np.log(force) - np.log(diameter)
     if np.std(law) > _HERTZIAN * np.std(np.log(force)) + _ROUNDED:
         return Validity(())
@@ -174,6 +223,8 @@ def check_network(network: ContactNetwork) -> Validity:
 
 
 def network_warnings(network: ContactNetwork) -> tuple[str, ...]:
-    """Return one sentence for each limit that a network exceeds, and one if its static forces act and are out of balance."""
+    """Return one sentence for each limit that a network exceeds, and one if its static forces act
+    and are out of balance.
+    """
     told = network.imbalance_warning
     return (*check_network(network).warnings, *([told] if told else []))

@@ -1,4 +1,6 @@
-"""Sound velocities, m/s, of long waves and of pulses of finite frequency; elastic moduli, Pa; the exponent of velocities."""
+"""Sound velocities, m/s, of long waves and of pulses of finite frequency; elastic moduli, Pa; the
+exponent of velocities.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +28,13 @@ from granphon.observables.validity import find_warnings
 
 #: a result of several loads
 Found = TypeVar("Found", "SoundVelocities", "Moduli")
-#: largest part of the stress under an even strain that may differ from a pressure; it allows for rounding
+#: largest part of the stress under an even strain that may differ from a pressure; it allows for
+#: rounding
 _EVEN = 1e-10
-#: memory of the velocities of a pulse in one branch, and of each entry of the matrix of its motions, bytes
-_PULSE_BYTES, _MODE_BYTES = 900.0, 36.0
+#: memory of the velocities of a pulse in one branch, and of each entry of the matrix of its
+#: motions, bytes
+_PULSE_BYTES = 900.0
+_MODE_BYTES = 36.0
 #: what to use in place of the moduli of an isotropic lattice
 _AVERAGES = "Use .tensor, or the averages over directions .voigt, .reuss and .hill"
 #: top of a branch, (k/M)^1/2, that is zero but for rounding
@@ -39,19 +44,21 @@ _NO_FREQUENCY = 1e-12
 def local_exponent(state: ContactState) -> Any:
     """Return the exponent d log v / d log P of both sound velocities, with the shape of the load.
 
-    Terms of relative order delta/d are left out of media with a contact law; of a simulation with geometry="exact" they are
-    not. With ``finite_overlap`` scenes and sweeps have the exponent of such a simulation alone. As v goes as the root of k,
-    and P as f, the exponent is f k'/2k^2, with the slope k' = dk/d(delta) of the medium's law; it is 1/6 for equal balls.
-    With listed diameters k has a kink, and the exponent a spike, where the contacts between two of the diameters open.
+    Terms of relative order delta/d are left out of media with a contact law; of a simulation with
+    geometry="exact" they are not. With ``finite_overlap`` scenes and sweeps have the exponent of
+    such a simulation alone. As v goes as the root of k, and P as f, the exponent is f k'/2k^2, with
+    the slope k' = dk/d(delta) of the medium's law; it is 1/6 for equal balls. With listed diameters
+    k has a kink, and the exponent a spike, where the contacts between two of the diameters open.
 
-    The moduli of a simulation are not all proportional to k. Its exponent is that of the longitudinal velocity, which
-    follows from the mean K + G of the samples: the same samples are solved at two loads, 5 % below and above, and the
-    difference is taken. ``state.exponent_error`` is the standard error over the samples: 0 for a medium that does not
-    sample, nan for one sample. That of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
+    The moduli of a simulation are not all proportional to k. Its exponent is that of the
+    longitudinal velocity, which follows from the mean K + G of the samples: the same samples are
+    solved at two loads, 5 % below and above, and the difference is taken. ``state.exponent_error``
+    is the standard error over the samples: 0 for a medium that does not sample, nan for one sample.
+    That of a crystal is f k'/2k^2 of its contacts, (a - 1)/2a where f goes as delta^a.
 
-    Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails, and
-    :class:`~granphon.base.errors.InputError` for a network, whose law is not known, and for a crystal whose contacts have
-    different exponents.
+    Raises :class:`~granphon.base.errors.ConvergenceError` if a simulation beside the load fails,
+    and :class:`~granphon.base.errors.InputError` for a network, whose law is not known, and for a
+    crystal whose contacts have different exponents.
     """
     found = getattr(state, "exponent", None)
     return given_state(state).exponent if found is None else found
@@ -59,23 +66,28 @@ def local_exponent(state: ContactState) -> Any:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SoundVelocities(Result):
-    """Velocities of long waves, m/s, with the shape of the load followed by the shape of the directions.
+    """Velocities of long waves, m/s, with the shape of the load followed by the shape of the
+    directions.
 
     Attributes
     ----------
-    longitudinal : velocity of the (quasi-)longitudinal wave; None if the balls do not move along the lattice.
-    transverse : velocity of the (quasi-)transverse wave in the plane; in space, and on a chain that moves both ways across
-        itself, (..., 2): the slow and the fast one. None if there is none.
+    longitudinal : velocity of the (quasi-)longitudinal wave; None if the balls do not move along
+        the lattice.
+    transverse : velocity of the (quasi-)transverse wave in the plane; in space, and on a chain that
+        moves both ways across itself, (..., 2): the slow and the fast one. None if there is none.
     direction : unit vector (p,), or (n, p).
-    warnings : one sentence for each limit of the model that the state exceeds; where a velocity is zero, one that counts the
-        branches that vanish at every wave vector and says what would stop them.
-    longitudinal_error, transverse_error : standard errors over the samples of a simulation, m/s; None if there are fewer
-        than two samples.
-    out_of_plane : velocity of the wave across a plane of balls, if they move that way: zero, because it is a flexural wave.
+    warnings : one sentence for each limit of the model that the state exceeds; where a velocity is
+        zero, one that counts the branches that vanish at every wave vector and says what would stop
+        them.
+    longitudinal_error, transverse_error : standard errors over the samples of a simulation, m/s;
+        None if there are fewer than two samples.
+    out_of_plane : velocity of the wave across a plane of balls, if they move that way: zero,
+        because it is a flexural wave.
     velocities : (..., n) of all these waves, ascending.
-    twist : velocity of the wave in which the balls of a straight chain turn about it; zero without torsion, None if they do
-        not turn. It displaces nothing, and is not among ``velocities``.
-    polarisations : (..., n, n) their unit displacements (x, y, z, as far as the balls move), as columns.
+    twist : velocity of the wave in which the balls of a straight chain turn about it; zero without
+        torsion, None if they do not turn. It displaces nothing, and is not among ``velocities``.
+    polarisations : (..., n, n) their unit displacements (x, y, z, as far as the balls move), as
+        columns.
     """
 
     longitudinal: Annotated[Any, "...?", "m/s"]
@@ -90,13 +102,18 @@ class SoundVelocities(Result):
     twist: Annotated[Any, "...?", "m/s"] = None
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` also if the named waves are not those of ``velocities``."""
+        """Raise :class:`~granphon.base.errors.InputError` also if the named waves are not those of
+        ``velocities``.
+        """
         super()._check()
-        load, count = np.shape(self.velocities)[:-1], self._count_transverse()
+        load = np.shape(self.velocities)[:-1]
+        count = self._count_transverse()
         shapes = [None, load, (*load, 2)]
         found = None if self.transverse is None else np.shape(self.transverse)
         if not 0 <= count <= 2 or found != shapes[count]:
-            raise InputError("the SoundVelocities data lack a wave that 'velocities' has, or have one more")
+            raise InputError(
+                "the SoundVelocities data lack a wave that 'velocities' has, or have one more"
+            )
 
     @property
     def transverse_slow(self) -> Any:
@@ -110,12 +127,16 @@ class SoundVelocities(Result):
 
     @property
     def transverse_slow_error(self) -> Any:
-        """Standard error of :attr:`transverse_slow`, m/s; None where there are not two waves, or not two samples."""
+        """Standard error of :attr:`transverse_slow`, m/s; None where there are not two waves, or
+        not two samples.
+        """
         return self._take_transverse(0, self.transverse_error)
 
     @property
     def transverse_fast_error(self) -> Any:
-        """Standard error of :attr:`transverse_fast`, m/s; None where there are not two waves, or not two samples."""
+        """Standard error of :attr:`transverse_fast`, m/s; None where there are not two waves, or
+        not two samples.
+        """
         return self._take_transverse(1, self.transverse_error)
 
     def _count_transverse(self) -> int:
@@ -124,38 +145,46 @@ class SoundVelocities(Result):
         return int(np.shape(self.velocities)[-1]) - sum(one is not None for one in others)
 
     def _take_transverse(self, place: int, of: Any) -> Any:
-        return None if of is None or self._count_transverse() != 2 else np.asarray(of)[..., place][()]
+        return (
+            None if of is None or self._count_transverse() != 2 else np.asarray(of)[..., place][()]
+        )
 
 
-def sound_velocities(state: Any, direction: ArrayLike | None = None, *, progress: Progress = silent) -> SoundVelocities:
+def sound_velocities(
+    state: Any, direction: ArrayLike | None = None, *, progress: Progress = silent
+) -> SoundVelocities:
     """Return the velocities of sound, m/s, in the limit of long waves (equations 13, 14, 16).
 
     Parameters
     ----------
     state : the state of the contacts, at one load or many; the state of a crystal, a sample, or a
-        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. Waves run along the periods: along the one of
-        a ribbon, in any direction of the plane of a slab.
-    direction : direction of propagation, Cartesian, (p,) for a lattice with p periods, or (n, p) for many at once, whose
-        axis follows those of the load. It may be left out where sound is isotropic, as on the triangular lattice and on a
-        chain. On other lattices the waves are quasi-longitudinal and quasi-transverse. A simulation is isotropic on average:
-        its velocities follow from its mean bulk and shear modulus. The quasi-longitudinal wave is the one whose displacement
-        is nearest to the direction. The slow transverse wave comes before the fast one. If their velocities are equal, as
-        along [100] and [111] of a cubic lattice, the first polarisation is along the axis x, y or z farthest from the
-        longitudinal one, in this order if several are.
-    progress : told how far the factors of a network of many balls have come, which takes long once; the network keeps what
+        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. Waves run along the
+        periods: along the one of a ribbon, in any direction of the plane of a slab.
+    direction : direction of propagation, Cartesian, (p,) for a lattice with p periods, or (n, p)
+        for many at once, whose axis follows those of the load. It may be left out where sound is
+        isotropic, as on the triangular lattice and on a chain. On other lattices the waves are
+        quasi-longitudinal and quasi-transverse. A simulation is isotropic on average: its
+        velocities follow from its mean bulk and shear modulus. The quasi-longitudinal wave is the
+        one whose displacement is nearest to the direction. The slow transverse wave comes before
+        the fast one. If their velocities are equal, as along [100] and [111] of a cubic lattice,
+        the first polarisation is along the axis x, y or z farthest from the longitudinal one, in
+        this order if several are.
+    progress : told how far the factors of a network of many balls have come, which takes long once;
+        the network keeps what
         :func:`moduli` shares with this.
 
     Raises
     ------
-    InputError : no direction is given and velocities depend on it; a direction is not p finite numbers, or has no length;
-        a network repeats nowhere, or has bodies that do not move.
+    InputError : no direction is given and velocities depend on it; a direction is not p finite
+        numbers, or has no length; a network repeats nowhere, or has bodies that do not move.
     MechanismError : a motion of the lattice costs no energy.
     InstabilityError : with finite overlap, the lattice buckles.
     """
     state = as_state(state)
     state.relax_inner_motions(progress)
     along = choose_direction(state, direction, "sound velocities", state.is_isotropic)
-    names, (v, vectors) = state.wave_names, state.polarised_waves(along)
+    names = state.wave_names
+    (v, vectors) = state.polarised_waves(along)
     order = np.argsort(v, axis=-1, kind="stable")
     named = {name: v[..., place] for place, name in enumerate(names)}
     if "transverse_slow" in names:
@@ -170,28 +199,37 @@ def sound_velocities(state: Any, direction: ArrayLike | None = None, *, progress
         if "transverse_slow" in names:
             errors["transverse"] = found[..., first : first + 2]
     return SoundVelocities(
-        longitudinal=named.get("longitudinal"), transverse=named.get("transverse"), direction=along,
-        warnings=find_warnings(state) + state.reference_lattice.loose_warnings + warn_of_free_branches(state, v),
-        longitudinal_error=errors.get("longitudinal"), transverse_error=errors.get("transverse"),
-        out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
+        longitudinal=named.get("longitudinal"),
+        transverse=named.get("transverse"),
+        direction=along,
+        warnings=find_warnings(state)
+        + state.reference_lattice.loose_warnings
+        + warn_of_free_branches(state, v),
+        longitudinal_error=errors.get("longitudinal"),
+        transverse_error=errors.get("transverse"),
+        out_of_plane=named.get("out_of_plane"),
+        velocities=np.take_along_axis(v, order, -1),
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
         twist=twist,
-    )  # fmt: skip
+    )
 
 
 def warn_of_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
     """Return a sentence that counts the branches that nothing resists, or none.
 
-    A wave across a row or a layer has no velocity because it bends, or because nothing resists it; so only where one of the
-    ``velocities`` is zero are branches counted.
+    A wave across a row or a layer has no velocity because it bends, or because nothing resists it;
+    so only where one of the ``velocities`` is zero are branches counted.
     """
     return state.reference_lattice.free_branch_warnings if np.any(velocities == 0.0) else ()
 
 
-def choose_direction(state: State, direction: ArrayLike | None, what: str, isotropic: bool) -> Array:
+def choose_direction(
+    state: State, direction: ArrayLike | None, what: str, isotropic: bool
+) -> Array:
     """Return the direction as unit vectors (p,) or (n, p): x if it is None.
 
-    None is an :class:`~granphon.base.errors.InputError` unless ``what``, which has the direction, is ``isotropic``.
+    None is an :class:`~granphon.base.errors.InputError` unless ``what``, which has the direction,
+    is ``isotropic``.
     """
     periods = state.reference_lattice.periods
     if direction is None and not isotropic:
@@ -219,15 +257,17 @@ class Moduli(Result):
 
     Attributes
     ----------
-    tensor : (..., n, n), Pa: the shape of the load, then the strains :attr:`components` in Voigt order: xx; xx, yy, xy; or
-        xx, yy, zz, yz, xz, xy.
-    isotropic : whether the tensor is the same in all directions. For a simulation it is True, though samples are isotropic
-        only on average.
+    tensor : (..., n, n), Pa: the shape of the load, then the strains :attr:`components` in Voigt
+        order: xx; xx, yy, xy; or xx, yy, zz, yz, xz, xy.
+    isotropic : whether the tensor is the same in all directions. For a simulation it is True,
+        though samples are isotropic only on average.
     cubic : whether the lattice is square or cubic, in the same sense.
-    bulk_error, shear_error : standard errors over the samples of a simulation, Pa, with the shape of the load; of the
-        averages :attr:`voigt` where the lattice is not isotropic. None if there are fewer than two samples.
+    bulk_error, shear_error : standard errors over the samples of a simulation, Pa, with the shape
+        of the load; of the averages :attr:`voigt` where the lattice is not isotropic. None if there
+        are fewer than two samples.
     tensor_error : (..., n, n) standard error of each entry of the tensor, Pa; None likewise.
-    anisotropy_error : standard error of :attr:`anisotropy`, a pure number with the shape of the load; None likewise.
+    anisotropy_error : standard error of :attr:`anisotropy`, a pure number with the shape of the
+        load; None likewise.
     warnings : one sentence for each limit of the model that the state exceeds.
     """
 
@@ -244,7 +284,10 @@ class Moduli(Result):
     cubic: bool = False
 
     def _field_units(self) -> dict[str, str]:
-        return {name: "N" if unit == "Pa" and self.periods == 1 else unit for name, unit in self.units.items()}
+        return {
+            name: "N" if unit == "Pa" and self.periods == 1 else unit
+            for name, unit in self.units.items()
+        }
 
     @property
     def periods(self) -> int:
@@ -258,32 +301,44 @@ class Moduli(Result):
 
     @property
     def bulk(self) -> Any:
-        """Bulk modulus K, Pa (equation 17): pressure over relative change of area or volume. Of a chain its modulus, N.
+        """Bulk modulus K, Pa (equation 17): pressure over relative change of area or volume. Of a
+        chain its modulus, N.
 
-        Raises :class:`~granphon.base.errors.InputError` if the strain under pressure is not the same in all directions.
+        Raises :class:`~granphon.base.errors.InputError` if the strain under pressure is not the
+        same in all directions.
         """
-        bulk, p = self._find_bulk(), self.periods
+        bulk = self._find_bulk()
+        p = self.periods
         if self.isotropic or self.cubic:
             return bulk[()]
         # the stress under a strain that is the same in all directions, without its mean pressure
-        stress = np.sum(self.tensor[..., :p], axis=-1) - p * bulk[..., None] * (np.arange(self.tensor.shape[-1]) < p)
+        stress = np.sum(self.tensor[..., :p], axis=-1) - p * bulk[..., None] * (
+            np.arange(self.tensor.shape[-1]) < p
+        )
         if np.any(np.abs(stress) > _EVEN * np.abs(bulk)[..., None]):
-            raise InputError("this lattice has no single bulk modulus", "Its strain under pressure is not even", _AVERAGES)
+            raise InputError(
+                "this lattice has no single bulk modulus",
+                "Its strain under pressure is not even",
+                _AVERAGES,
+            )
         return bulk[()]
 
     @property
     def shear(self) -> Any:
         """Shear modulus G, Pa (equation 17), the mean of :attr:`shears`.
 
-        Raises :class:`~granphon.base.errors.InputError` if the lattice is not isotropic, and for a chain.
+        Raises :class:`~granphon.base.errors.InputError` if the lattice is not isotropic, and for a
+        chain.
         """
         return np.mean(self.shears, axis=-1)[()]
 
     @property
     def shears(self) -> Array:
-        """Shear moduli, Pa: (..., 2) of the shears xx - yy and xy; in space (..., 5) of 2zz - xx - yy, xx - yy, yz, xz, xy.
+        """Shear moduli, Pa: (..., 2) of the shears xx - yy and xy; in space (..., 5) of 2zz - xx -
+        yy, xx - yy, yz, xz, xy.
 
-        In a sample of finite size they differ; the difference shows how far the sample is from isotropic. Raises
+        In a sample of finite size they differ; the difference shows how far the sample is from
+        isotropic. Raises
         :class:`~granphon.base.errors.InputError` if the lattice is not isotropic, and for a chain.
         """
         if not self.isotropic:
@@ -292,13 +347,15 @@ class Moduli(Result):
 
     @property
     def anisotropy(self) -> Any:
-        """Anisotropy of a cubic or square lattice, 2 C44/(C11 - C12) or 2 C33/(C11 - C12); 1 if it is isotropic (Zener).
+        """Anisotropy of a cubic or square lattice, 2 C44/(C11 - C12) or 2 C33/(C11 - C12); 1 if it
+        is isotropic (Zener).
 
-        C44 is the mean of the shear moduli yz, xz, xy, and C11 - C12 the mean over three axes; they differ in a sample of
-        finite size. So its distance from 1 in the triangular lattice shows how far samples are from isotropic.
+        C44 is the mean of the shear moduli yz, xz, xy, and C11 - C12 the mean over three axes; they
+        differ in a sample of finite size. So its distance from 1 in the triangular lattice shows
+        how far samples are from isotropic.
 
-        Raises :class:`~granphon.base.errors.InputError` if the lattice is neither isotropic nor square or cubic, and for a
-        chain.
+        Raises :class:`~granphon.base.errors.InputError` if the lattice is neither isotropic nor
+        square or cubic, and for a chain.
         """
         self._require_shear()
         if not (self.isotropic or self.cubic):
@@ -308,7 +365,8 @@ class Moduli(Result):
 
     @property
     def voigt(self) -> AveragedModuli:
-        """The moduli of grains in all directions under the same strain: the upper limit (W. Voigt, 1889).
+        """The moduli of grains in all directions under the same strain: the upper limit (W. Voigt,
+        1889).
 
         Raises :class:`~granphon.base.errors.InputError` for a chain.
         """
@@ -316,10 +374,12 @@ class Moduli(Result):
 
     @property
     def reuss(self) -> AveragedModuli:
-        """The moduli of grains in all directions under the same stress: the lower limit (A. Reuss, 1929).
+        """The moduli of grains in all directions under the same stress: the lower limit (A. Reuss,
+        1929).
 
-        Raises :class:`~granphon.base.errors.InputError` for a chain, and :class:`~granphon.base.errors.InstabilityError` if
-        a strain gives energy back, as it may with finite overlap.
+        Raises :class:`~granphon.base.errors.InputError` for a chain, and
+        :class:`~granphon.base.errors.InstabilityError` if a strain gives energy back, as it may
+        with finite overlap.
         """
         self._require_shear()
         p = self.periods
@@ -327,52 +387,72 @@ class Moduli(Result):
         size = np.where(np.arange(self.tensor.shape[-1]) < p, 1.0, np.sqrt(2.0))
         stiffness = self.tensor * size[:, None] * size
         if np.min(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.swapaxes(-1, -2)))) <= 0.0:
-            raise InstabilityError("the elastic tensor is not positive", "A strain gives energy back", "Use .tensor")
+            raise InstabilityError(
+                "the elastic tensor is not positive", "A strain gives energy back", "Use .tensor"
+            )
         compliance = np.linalg.inv(stiffness)
         under_pressure = np.sum(compliance[..., :p, :p], axis=(-2, -1))
         rest = np.trace(compliance, axis1=-2, axis2=-1) - under_pressure / p
-        return AveragedModuli((1.0 / under_pressure)[()], ((stiffness.shape[-1] - 1) / (2.0 * rest))[()])
+        return AveragedModuli(
+            (1.0 / under_pressure)[()], ((stiffness.shape[-1] - 1) / (2.0 * rest))[()]
+        )
 
     @property
     def hill(self) -> AveragedModuli:
-        """The means of :attr:`voigt` and :attr:`reuss` (R. Hill, Proc. Phys. Soc. A 65, 349, 1952)."""
-        upper, lower = self.voigt, self.reuss
+        """The means of :attr:`voigt` and :attr:`reuss` (R. Hill, Proc. Phys. Soc. A 65, 349,
+        1952).
+        """
+        upper = self.voigt
+        lower = self.reuss
         return AveragedModuli(0.5 * (upper.bulk + lower.bulk), 0.5 * (upper.shear + lower.shear))
 
     def _find_bulk(self) -> Array:
-        """Return the mean pressure under a strain that is the same in all directions, over the change of volume."""
-        return np.asarray(np.sum(self.tensor[..., : self.periods, : self.periods], axis=(-2, -1)) / self.periods**2)
+        """Return the mean pressure under a strain that is the same in all directions, over the
+        change of volume.
+        """
+        return np.asarray(
+            np.sum(self.tensor[..., : self.periods, : self.periods], axis=(-2, -1))
+            / self.periods**2
+        )
 
     def _require_shear(self) -> None:
         if self.periods == 1:
             raise InputError("a chain has no shear modulus", mend="Use .bulk, its modulus in N")
 
     def _find_shears(self) -> Array:
-        """Return the shear moduli of an orthonormal set of shears, (..., 2), or (..., 5) in space; Pa."""
+        """Return the shear moduli of an orthonormal set of shears, (..., 2), or (..., 5) in space;
+        Pa.
+        """
         self._require_shear()
         return shears(self.tensor)
 
 
 def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
-    """Return the elastic moduli: the tensor, with bulk and shear modulus where they exist (equation 17), and averages.
+    """Return the elastic moduli: the tensor, with bulk and shear modulus where they exist (equation
+    17), and averages.
 
-    They are in Pa, in the plane of the layer taken one diameter thick; a chain has one modulus, in N, which is its ``bulk``.
-    ``state`` is a state, a sample or a network, and ``progress`` is told how far it is, as in :func:`sound_velocities`. Of a
-    network that repeats along one axis, such as a ribbon, the modulus is the force over the strain, N; along two, such as a
-    slab of any thickness, moduli are the force per length over the strain and one mean diameter, Pa.
-    Raises :class:`~granphon.base.errors.InputError` if balls do not move along the lattice, and
+    They are in Pa, in the plane of the layer taken one diameter thick; a chain has one modulus, in
+    N, which is its ``bulk``. ``state`` is a state, a sample or a network, and ``progress`` is told
+    how far it is, as in :func:`sound_velocities`. Of a network that repeats along one axis, such as
+    a ribbon, the modulus is the force over the strain, N; along two, such as a slab of any
+    thickness, moduli are the force per length over the strain and one mean diameter, Pa. Raises
+    :class:`~granphon.base.errors.InputError` if balls do not move along the lattice, and
     :class:`~granphon.base.errors.MechanismError` if a motion of the lattice costs no energy.
 
-    With finite overlap these are the coefficients between Cauchy stress and strain under the static pressure, for which
-    equation (16) still holds. Under a static stress that is no pressure, as in a network with ``prestress``, the tensor of
-    these coefficients is not symmetric.
+    With finite overlap these are the coefficients between Cauchy stress and strain under the static
+    pressure, for which equation (16) still holds. Under a static stress that is no pressure, as in
+    a network with ``prestress``, the tensor of these coefficients is not symmetric.
     """
     state = as_state(state)
     state.relax_inner_motions(progress)
     errors: dict[str, Any] = {}
-    tensor, isotropic, cubic = state.elastic_tensor, state.is_isotropic, state.has_cubic_axes
+    tensor = state.elastic_tensor
+    isotropic = state.is_isotropic
+    cubic = state.has_cubic_axes
     if (every := state.sampled_tensors) is not None:
-        errors["bulk_error"], errors["shear_error"] = np.moveaxis(standard_error(bulk_and_shear(every), -2), -1, 0)
+        errors["bulk_error"], errors["shear_error"] = np.moveaxis(
+            standard_error(bulk_and_shear(every), -2), -1, 0
+        )
         errors["tensor_error"] = standard_error(every, -3)
         if (isotropic or cubic) and tensor.shape[-1] > 1:
             errors["anisotropy_error"] = jackknife(anisotropy, shears(every))
@@ -386,11 +466,14 @@ class PulseVelocities(Result):
 
     Attributes
     ----------
-    branches : names of the branches, along the first axis of all arrays; then come loads and frequencies, then directions.
+    branches : names of the branches, along the first axis of all arrays; then come loads and
+        frequencies, then directions.
     phase : (n_branches, ...) phase velocity, m/s.
-    group : (n_branches, ...) m/s, the component of the group velocity along the wave vector, d omega/dq in its direction.
-    group_vector : (n_branches, ..., p) m/s, the group velocity itself: the direction and speed of the flow of energy. Where
-        two branches coincide along an axis of symmetry it is the mean of both.
+    group : (n_branches, ...) m/s, the component of the group velocity along the wave vector, d
+        omega/dq in its direction.
+    group_vector : (n_branches, ..., p) m/s, the group velocity itself: the direction and speed of
+        the flow of energy. Where two branches coincide along an axis of symmetry it is the mean of
+        both.
     wavenumber : (n_branches, ...) rad/m.
     frequency : the given frequencies, Hz.
     direction : unit vector of the wave vector, (p,) or (n, p).
@@ -415,54 +498,65 @@ def pulse_velocities(
 ) -> PulseVelocities:
     """Return phase and group velocity of the acoustic branches at a given frequency, m/s.
 
-    Both are below the velocity of long waves, except where that is zero: waves of finite length travel across a plane or a
-    chain of balls if contacts resist torsion or bending.
+    Both are below the velocity of long waves, except where that is zero: waves of finite length
+    travel across a plane or a chain of balls if contacts resist torsion or bending.
 
     Parameters
     ----------
-    state : the state of the contacts, at one load or many; or a sample or network, as in :func:`sound_velocities`.
+    state : the state of the contacts, at one load or many; or a sample or network, as in
+        :func:`sound_velocities`.
     frequency : Hz; a scalar or an array that broadcasts against the load.
-    direction : direction of the wave vector, Cartesian, (p,) for a lattice with p periods, or (n, p) for many at once. It
-        may be left out on a chain, and where sound in the plane is isotropic, as on the triangular lattice: it is then x.
-        In the named plane lattices (1, 0) is along a row of touching balls: Gamma-K of the triangular and kagome lattices
-        (where (0, 1) is Gamma-M), and Gamma-X of the square lattice. In cubic ones x is along the cube.
-    branches : names of the branches, in the order of the result: "longitudinal" and "transverse"; in space, and on a chain
-        that moves both ways across itself, "transverse_slow" and "transverse_fast"; "out_of_plane" on a plane of balls that
-        move across it (:attr:`ContactState.wave_names`). By default those whose long waves have a velocity above zero, or
-        all if there are none.
+    direction : direction of the wave vector, Cartesian, (p,) for a lattice with p periods, or (n,
+        p) for many at once. It may be left out on a chain, and where sound in the plane is
+        isotropic, as on the triangular lattice: it is then x. In the named plane lattices (1, 0) is
+        along a row of touching balls: Gamma-K of the triangular and kagome lattices (where (0, 1)
+        is Gamma-M), and Gamma-X of the square lattice. In cubic ones x is along the cube.
+    branches : names of the branches, in the order of the result: "longitudinal" and "transverse";
+        in space, and on a chain that moves both ways across itself, "transverse_slow" and
+        "transverse_fast"; "out_of_plane" on a plane of balls that move across it
+        (:attr:`ContactState.wave_names`). By default those whose long waves have a velocity above
+        zero, or all if there are none.
 
-    For a simulation the branches are those of the ideal lattice, each scaled to the long-wave velocity of the samples.
+    For a simulation the branches are those of the ideal lattice, each scaled to the long-wave
+    velocity of the samples.
 
     Returns
     -------
-    :class:`PulseVelocities`; the wavenumber solves the dispersion relation to rounding. Its ``group`` is the component of
-    the group velocity along the wave vector; the vector itself, which points elsewhere off the axes of symmetry, is
-    ``group_vector``. Arrays run over the branches, then loads and frequencies, then directions, so that ``phase[0]`` belongs
-    to the first branch.
+    :class:`PulseVelocities`; the wavenumber solves the dispersion relation to rounding. Its
+    ``group`` is the component of the group velocity along the wave vector; the vector itself, which
+    points elsewhere off the axes of symmetry, is ``group_vector``. Arrays run over the branches,
+    then loads and frequencies, then directions, so that ``phase[0]`` belongs to the first branch.
 
     Raises
     ------
-    UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the frequency; or its waves cost
-        no energy in that direction.
-    InputError : a frequency that is not finite and above zero; an unknown branch; no direction where velocities depend on
-        it; a direction that is not p finite numbers or has no length; frequencies whose shape does not broadcast against the
-        load.
+    UnreachableFrequencyError : a branch ends, at its first maximum or the zone edge, below the
+        frequency; or its waves cost no energy in that direction.
+    InputError : a frequency that is not finite and above zero; an unknown branch; no direction
+        where velocities depend on it; a direction that is not p finite numbers or has no length;
+        frequencies whose shape does not broadcast against the load.
     MechanismError : a motion of the lattice costs no energy.
     """
     state = as_state(state)
     hertz = finite_array("frequency", frequency, "Hz", "above zero")
-    d, periods = state.unit_length, state.reference_lattice.periods
+    d = state.unit_length
+    periods = state.reference_lattice.periods
     even = periods == 1 or ("longitudinal" in state.wave_names and state.is_isotropic)
     along = choose_direction(state, direction, "pulses", even)
     known = state.wave_names
     if branches is None:
         v = state.long_waves(along).reshape(-1, len(known))
-        names = tuple(name for name, one in zip(known, v.T, strict=True) if np.all(one > 0.0)) or known
+        names = (
+            tuple(name for name, one in zip(known, v.T, strict=True) if np.all(one > 0.0)) or known
+        )
     else:
         names = texts("branches", branches)
         unknown = [name for name in names if name not in known]
         if unknown or not names:
-            among = "longitudinal, transverse or both" if known == ("longitudinal", "transverse") else ", ".join(known)
+            among = (
+                "longitudinal, transverse or both"
+                if known == ("longitudinal", "transverse")
+                else ", ".join(known)
+            )
             raise InputError(f"unknown branch {brief(unknown)}", mend=f"Use {among}")
     scales = state.branch_scales(along, names)
     axes = along.ndim - 1
@@ -470,22 +564,29 @@ def pulse_velocities(
         shape = np.broadcast_shapes(hertz.shape, state.shape)
     except ValueError:
         what = f"the frequencies have the shape {hertz.shape}, and the loads {state.shape}"
-        raise InputError(what, mend="Give one frequency, or shapes that numpy can broadcast") from None
+        raise InputError(
+            what, mend="Give one frequency, or shapes that numpy can broadcast"
+        ) from None
     count = len(names) * math.prod(shape + along.shape[:-1])
     needed = (_PULSE_BYTES + _MODE_BYTES * state.reference_lattice.n_branches**2) * count
-    require_memory(f"velocities of {count:,} pulses", needed, "Take fewer frequencies, loads or directions")
+    require_memory(
+        f"velocities of {count:,} pulses", needed, "Take fewer frequencies, loads or directions"
+    )
     scale = np.stack([np.broadcast_to(one, shape + along.shape[:-1]) for one in scales])
     with np.errstate(over="ignore"):  # infinity is beyond every branch, too
         target = hertz.reshape(hertz.shape + (1,) * axes) * (2.0 * np.pi * d / scale)
     if np.min(target) < np.finfo(float).tiny:
         what = f"a frequency of {np.min(hertz):.6g} Hz has lost digits in double precision"
-        raise InputError(what, mend="Raise it: the velocities are those of long waves, gp.sound_velocities")
+        raise InputError(
+            what, mend="Raise it: the velocities are those of long waves, gp.sound_velocities"
+        )
     # shape (branches, loads and frequencies, directions)
     many = along.reshape(-1, periods)
     flat = (len(names), -1, len(many))
-    target, units = target.reshape(flat), scale.reshape(flat) / d
-    # in the paper's limit all loads share one dispersion relation; with finite overlap, or the torsion of a Hertz contact,
-    # each load has its own
+    target = target.reshape(flat)
+    units = scale.reshape(flat) / d
+    # in the paper's limit all loads share one dispersion relation; with finite overlap, or the
+    # torsion of a Hertz contact, each load has its own
     parts: list[tuple[Any, slice]] = [(state, slice(None))]
     if not state.has_one_lattice:
         size = math.prod(state.shape)
@@ -500,15 +601,22 @@ def pulse_velocities(
     group = np.sum(vector * many, axis=-1)
     phase = (target / wavenumber).reshape(scale.shape) * scale
     return PulseVelocities(
-        names, phase, group.reshape(scale.shape) * scale, vector.reshape(*scale.shape, periods) * scale[..., None],
-        wavenumber.reshape(scale.shape) / d, hertz, along, find_warnings(state),
-    )  # fmt: skip
+        names,
+        phase,
+        group.reshape(scale.shape) * scale,
+        vector.reshape(*scale.shape, periods) * scale[..., None],
+        wavenumber.reshape(scale.shape) / d,
+        hertz,
+        along,
+        find_warnings(state),
+    )
 
 
 def _find_wavenumbers(
     lattice: ContactLattice, along: Array, names: Sequence[str], target: Array, scale: Array
 ) -> tuple[Array, Array]:
-    """Find wavenumber (b, m, n) and group velocity (b, m, n, p), in reduced units, in directions ``along`` (n, p).
+    """Find wavenumber (b, m, n) and group velocity (b, m, n, p), in reduced units, in directions
+    ``along`` (n, p).
 
     ``target`` (b, m, n) holds angular frequencies in units of ``scale`` (rad/s).
     """
@@ -519,9 +627,12 @@ def _find_wavenumbers(
     q, group = np.empty(target.shape), np.empty((*target.shape, along.shape[1]))
     row = np.arange(len(along))
     for one, which in enumerate(places):
-        last = np.where(every.rising[which] > 0, every.frequencies[which, row, every.rising[which] - 1], 0.0)
+        last = np.where(
+            every.rising[which] > 0, every.frequencies[which, row, every.rising[which] - 1], 0.0
+        )
         beyond = wanted[which] > last
-        # directions are solved together if the frequency is below the last point before the maximum; the others one by one
+        # directions are solved together if the frequency is below the last point before the
+        # maximum; the others one by one
         inside = np.flatnonzero(~beyond)
         if inside.size:
             flat = np.broadcast_to(inside, (target.shape[1], len(inside))).ravel()
@@ -529,7 +640,8 @@ def _find_wavenumbers(
             q[one][:, inside] = found[0].reshape(-1, len(inside))
             group[one][:, inside] = found[1].reshape(*target[one][:, inside].shape, -1)
         for place in np.flatnonzero(beyond).tolist():
-            goal, unit = target[one, :, place], scale[one, :, place]
+            goal = target[one, :, place]
+            unit = scale[one, :, place]
             branch = every.take_branch(which, place)
             if np.any(goal > branch.top):
                 raise _explain_unreachable(branch, goal, unit)
@@ -537,9 +649,14 @@ def _find_wavenumbers(
     return q, group
 
 
-def _explain_unreachable(branch: AcousticBranch, target: Array, scale: Array) -> UnreachableFrequencyError:
-    """Return the error for angular frequencies (in units of ``scale``, rad/s) above the top of a branch."""
-    wanted, top = float(np.max(target / (2.0 * np.pi) * scale)), float(np.min(branch.top * scale))
+def _explain_unreachable(
+    branch: AcousticBranch, target: Array, scale: Array
+) -> UnreachableFrequencyError:
+    """Return the error for angular frequencies (in units of ``scale``, rad/s) above the top of a
+    branch.
+    """
+    wanted = float(np.max(target / (2.0 * np.pi) * scale))
+    top = float(np.min(branch.top * scale))
     along = f"in direction ({', '.join(f'{one:.6g}' for one in branch.direction)})"
     if branch.top <= _NO_FREQUENCY:
 
@@ -549,8 +666,17 @@ def _explain_unreachable(branch: AcousticBranch, target: Array, scale: Array) ->
 
         remedy = branch.lattice.find_remedy(travels)
         what = f"the {branch.name} branch has no pulses {along}"
-        why = "Its waves cost no energy there, as they deform no contact, so that their frequency is zero"
-        return UnreachableFrequencyError(what, why, f"{remedy.capitalize()}, or name other branches")
+        why = (
+            "Its waves cost no energy there, as they deform no contact, so that their frequency"
+            " is zero"
+        )
+        return UnreachableFrequencyError(
+            what, why, f"{remedy.capitalize()}, or name other branches"
+        )
     what = f"the {branch.name} branch does not reach {wanted:.6g} Hz {along}"
-    ends = f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else "")
-    return UnreachableFrequencyError(what, ends, "Lower the frequency, or name the branches that reach it")
+    ends = f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (
+        " at the least load" if np.ptp(scale) > 0.0 else ""
+    )
+    return UnreachableFrequencyError(
+        what, ends, "Lower the frequency, or name the branches that reach it"
+    )

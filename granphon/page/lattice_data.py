@@ -1,4 +1,6 @@
-"""What a page knows of a lattice: its balls, the rows of its contacts, its motions, its path and its zone."""
+"""What a page knows of a lattice: its balls, the rows of its contacts, its motions, its path and
+its zone.
+"""
 
 from __future__ import annotations
 
@@ -15,39 +17,57 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
-from granphon.phonons.paths import BandPath, default_letters, special_points, split_letters, zone_faces, zone_polygon
+from granphon.phonons.paths import (
+    BandPath,
+    default_letters,
+    special_points,
+    split_letters,
+    zone_faces,
+    zone_polygon,
+)
 
 
 def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
     """Return what a page needs of the lattice of a packing, as plain numbers and texts.
 
-    Lengths are in spacings of touching balls. ``rows`` are those of :mod:`granphon.dynamics.rows`, for all six motions of
-    each ball and stiffnesses of one: a page takes the motions that it shows, and weights each kind by the root of its
-    stiffness. ``statements`` say, for each set of motions and each choice of the kinds of stiffness, what the lattice is
-    then called: its free branches, and the mechanism that it is.
+    Lengths are in spacings of touching balls. ``rows`` are those of :mod:`granphon.dynamics.rows`,
+    for all six motions of each ball and stiffnesses of one: a page takes the motions that it shows,
+    and weights each kind by the root of its stiffness. ``statements`` say, for each set of motions
+    and each choice of the kinds of stiffness, what the lattice is then called: its free branches,
+    and the mechanism that it is.
     """
     structure = packing.structure
     whole = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=ALL)
     return {
         **_describe_cell(whole, structure.name, path),
         "gyration": float(whole.gyration[0]),
-        "rows": [_describe_row(row) for row in (*whole.rows, *push_rows(whole.contacts.normal, ALL))],
-        "motions": [_describe_motions(structure, motions) for motions in allowed_motions(structure.dimension).values()],
+        "rows": [
+            _describe_row(row) for row in (*whole.rows, *push_rows(whole.contacts.normal, ALL))
+        ],
+        "motions": [
+            _describe_motions(structure, motions)
+            for motions in allowed_motions(structure.dimension).values()
+        ],
     }
 
 
 def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     """Return what a page needs of the lattice of a network, as :func:`describe_lattice` does.
 
-    Rows have ``weights``, the stiffness of each contact, so that the page takes a stiffness of one for each kind; balls have
-    ``masses`` and radii of gyration of their own. ``complex`` says that the rows of a single ball are not real. Of a cut,
-    ``sides`` are -1 and 1 of balls in its lower and upper quarter, and 0 of others; otherwise None.
+    Rows have ``weights``, the stiffness of each contact, so that the page takes a stiffness of one
+    for each kind; balls have ``masses`` and radii of gyration of their own. ``complex`` says that
+    the rows of a single ball are not real. Of a cut, ``sides`` are -1 and 1 of balls in its lower
+    and upper quarter, and 0 of others; otherwise None.
     """
     if lattice.has_tangential_force:
-        what, mend = "a page draws no bands under static tangential forces", "Give a network without prestress"
+        what = "a page draws no bands under static tangential forces"
+        mend = "Give a network without prestress"
         raise InputError(what, mend=mend)
-    table, motions, p = lattice.contacts, lattice.named_motions, lattice.periods
-    vectors, repeats = lattice.cell[:, :p], (True,) * p
+    table = lattice.contacts
+    motions = lattice.named_motions
+    p = lattice.periods
+    vectors = lattice.cell[:, :p]
+    repeats = (True,) * p
     known = special_points(vectors, repeats)
     pieces = [list(piece) for piece in split_letters(default_letters(vectors, repeats))]
     points: Any = [[known[letter].tolist() for letter in piece] for piece in pieces]
@@ -55,29 +75,48 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     gyration = np.append(lattice.gyration, 1.0)  # the last of a body that does not move
     ratios = {"slip": lattice.mindlin_ratio, "twist": lattice.torsion, "roll": lattice.bending}
     rows = contact_rows(
-        table.normal, table.arm_i, table.arm_j, ALL, **ratios, gyration_i=gyration[table.i], gyration_j=gyration[table.j]
+        table.normal,
+        table.arm_i,
+        table.arm_j,
+        ALL,
+        **ratios,
+        gyration_i=gyration[table.i],
+        gyration_j=gyration[table.j],
     )
-    weights = [(row, np.broadcast_to(row.stiffness, len(table)) * lattice.stiffness) for row in rows]
+    weights = [
+        (row, np.broadcast_to(row.stiffness, len(table)) * lattice.stiffness) for row in rows
+    ]
     if lattice.is_prestressed:
         weights += [(row, lattice.prestress) for row in push_rows(table.normal, ALL)]
     mechanism = "Bodies that do not move hold the balls" if lattice.is_held else lattice.mechanism
     statement = {
-        "rotate": lattice.motions.rotate, "free": lattice.free_branches, "warnings": list(lattice.free_branch_warnings),
+        "rotate": lattice.motions.rotate,
+        "free": lattice.free_branches,
+        "warnings": list(lattice.free_branch_warnings),
         "mechanism": mechanism,
-    }  # fmt: skip
+    }
     heights = lattice.positions[:, p] if p < lattice.dimension else np.zeros(1)
     lower, upper = find_outer(heights).astype(int)
     return {
-        **_describe_cell(lattice, name, path), "sides": (upper - lower).tolist() if np.any(upper != lower) else None,
-        "gyration": lattice.gyration.tolist(), "masses": lattice.masses.tolist(),
+        **_describe_cell(lattice, name, path),
+        "sides": (upper - lower).tolist() if np.any(upper != lower) else None,
+        "gyration": lattice.gyration.tolist(),
+        "masses": lattice.masses.tolist(),
         "complex": np.iscomplexobj(lattice.compatibility(np.zeros((1, p)))),
         "rows": [{**_describe_row(row), "weights": weight.tolist()} for row, weight in weights],
-        "motions": [{
-            "name": motions.name, "translations": list(motions.translations), "rotations": list(motions.rotations),
-            "twist": motions.twist, "waves": list(lattice.wave_names),
-            "statements": {"".join(str(int(np.any(one))) for one in ratios.values()): statement},
-        }],
-    }  # fmt: skip
+        "motions": [
+            {
+                "name": motions.name,
+                "translations": list(motions.translations),
+                "rotations": list(motions.rotations),
+                "twist": motions.twist,
+                "waves": list(lattice.wave_names),
+                "statements": {
+                    "".join(str(int(np.any(one))) for one in ratios.values()): statement
+                },
+            }
+        ],
+    }
 
 
 def _describe_row(row: Row) -> dict[str, Any]:
@@ -85,24 +124,43 @@ def _describe_row(row: Row) -> dict[str, Any]:
 
 
 def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[str, Any]:
-    table, p, reciprocal = lattice.contacts, lattice.periods, lattice.reciprocal
-    labels, pieces = list(path.labels or ()), []
+    table = lattice.contacts
+    p = lattice.periods
+    reciprocal = lattice.reciprocal
+    labels = list(path.labels or ())
+    pieces = []
     for points in path.arrays:
-        names = [labels.pop(0) for _ in points] if path.labels else [" ".join(f"{x:.3g}" for x in q) for q in points]
+        names = (
+            [labels.pop(0) for _ in points]
+            if path.labels
+            else [" ".join(f"{x:.3g}" for x in q) for q in points]
+        )
         pieces.append({"points": points.tolist(), "labels": names})
     if p == 3:
         faces = [face.tolist() for face in zone_faces(reciprocal)]
     else:  # one, in the plane
-        faces = [_pad(zone_polygon(reciprocal) if p == 2 else np.array([[-0.5], [0.5]]) * reciprocal[0]).tolist()]
+        faces = [
+            _pad(
+                zone_polygon(reciprocal) if p == 2 else np.array([[-0.5], [0.5]]) * reciprocal[0]
+            ).tolist()
+        ]
     return {
-        "name": name, "periods": p, "dimension": lattice.dimension, "cell": _pad(lattice.cell).tolist(),
-        "reciprocal": _pad(reciprocal).tolist(), "measure": lattice.measure, "positions": _pad(lattice.positions).tolist(),
+        "name": name,
+        "periods": p,
+        "dimension": lattice.dimension,
+        "cell": _pad(lattice.cell).tolist(),
+        "reciprocal": _pad(reciprocal).tolist(),
+        "measure": lattice.measure,
+        "positions": _pad(lattice.positions).tolist(),
         "contacts": {
-            "i": table.i.tolist(), "j": table.j.tolist(), "shift": table.shift.tolist(),
+            "i": table.i.tolist(),
+            "j": table.j.tolist(),
+            "shift": table.shift.tolist(),
             "vector": _pad(table.vector).tolist(),
         },
-        "path": pieces, "zone": faces,
-    }  # fmt: skip
+        "path": pieces,
+        "zone": faces,
+    }
 
 
 def _pad(vectors: Array) -> Array:
@@ -110,11 +168,15 @@ def _pad(vectors: Array) -> Array:
 
 
 def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
-    """Return the axes of a set of motions, and what the lattice is with each choice of the kinds of stiffness."""
+    """Return the axes of a set of motions, and what the lattice is with each choice of the kinds of
+    stiffness.
+    """
     statements = {}
     for kinds in itertools.product((False, True), repeat=3):
         eta, torsion, bending = map(float, kinds)
-        lattice = ContactLattice.of(structure, eta, torsion=torsion, bending=bending, motions=motions)
+        lattice = ContactLattice.of(
+            structure, eta, torsion=torsion, bending=bending, motions=motions
+        )
         statements["".join(str(int(one)) for one in kinds)] = {
             "rotate": select_motions(eta, torsion, bending, motions).rotate,
             "free": lattice.free_branches,
@@ -122,6 +184,10 @@ def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
             "mechanism": lattice.mechanism,
         }
     return {
-        "name": motions.name, "translations": list(motions.translations), "rotations": list(motions.rotations),
-        "twist": motions.twist, "waves": list(lattice.wave_names), "statements": statements,
-    }  # fmt: skip
+        "name": motions.name,
+        "translations": list(motions.translations),
+        "rotations": list(motions.rotations),
+        "twist": motions.twist,
+        "waves": list(lattice.wave_names),
+        "statements": statements,
+    }

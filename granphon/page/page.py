@@ -35,14 +35,16 @@ from granphon.waves.settings import BandsSettings
 
 #: an import of other modules of the page, on one line
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./(\w+)\.js";\n', re.MULTILINE)
-#: libraries: what is imported from another file, what is exported from it, and what a file exports itself
+#: libraries: what is imported from another file, what is exported from it, and what a file exports
+#: itself
 _TAKEN = re.compile(r'import\{([^}]*)\}from"[^"]*";')
 _PASSED_ON = re.compile(r'export\{[^}]*\}from"[^"]*";')
 _GIVEN = re.compile(r"export\{([^}]*)\};")
 #: number of the layout of a page's data
 PAGE_SCHEMA = 1
 #: lowest force of the slider over the least of the scene, and highest over the greatest
-_BELOW, _ABOVE = 1e-2, 1e2
+_BELOW = 1e-2
+_ABOVE = 1e2
 #: overlap, over the diameter, up to which the slider goes: above it contacts are no longer small
 _MOST_OVERLAP = 0.05
 #: f* of the first load at the largest width of the slider
@@ -54,9 +56,15 @@ _MOST_ROLLING = 0.2
 
 
 def make_page(
-    source: Any, media: Sequence[MediumChoice] = (), load: Load | None = None, *, title: str = "granphon", **options: Any
+    source: Any,
+    media: Sequence[MediumChoice] = (),
+    load: Load | None = None,
+    *,
+    title: str = "granphon",
+    **options: Any,
 ) -> str:
-    """Return the text of the page, HTML, of a packing under load, or of a state of a crystal, a sample or a network.
+    """Return the text of the page, HTML, of a packing under load, or of a state of a crystal, a
+    sample or a network.
 
     ``options``, and what is raised, are those of :func:`describe_page` for a packing, and of
     :func:`describe_network_page` for others, which have no ``media`` and no ``load`` to choose.
@@ -67,9 +75,12 @@ def make_page(
 
 
 def describe_network_page(
-    source: Any, *, direction: Sequence[float] | None = None, losses: BandsSettings | None = None,
+    source: Any,
+    *,
+    direction: Sequence[float] | None = None,
+    losses: BandsSettings | None = None,
     remarks: Sequence[str] = (),
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Return all that the page of a network computes from; it has no sliders but those of the mode.
 
     Balls are drawn with their radii, and kinds of balls with the names and colours of figures.
@@ -78,15 +89,20 @@ def describe_network_page(
     ----------
     source : the state of a crystal, a sample, or a :class:`~granphon.ContactNetwork` that repeats.
     direction : of sound, (p,); x by default.
-    losses : of contacts; the page then tells the Q factor of a mode, if they lose alike in all motions.
+    losses : of contacts; the page then tells the Q factor of a mode, if they lose alike in all
+        motions.
     remarks : sentences that the page shows, after what is doubtful about the network.
 
     Raises
     ------
-    InputError : there is no network, it repeats nowhere, or it has more branches than a browser can compute.
+    InputError : there is no network, it repeats nowhere, or it has more branches than a browser can
+        compute.
     """
     state = NetworkState(given_network(source), getattr(source, "warnings", None))
-    lattice, network, scales, p = state.contact_lattice(), state.network, state.scales, state.contact_lattice().periods
+    lattice = state.contact_lattice()
+    network = state.network
+    scales = state.scales
+    p = state.contact_lattice().periods
     if lattice.n_branches > _MOST_BRANCHES:
         why = f"A browser computes up to {_MOST_BRANCHES} while it is looked at"
         raise InputError(f"the network has {lattice.n_branches} branches", why, "Use gp.Phonons")
@@ -95,37 +111,71 @@ def describe_network_page(
     along = as_direction((1.0, 0.0, 0.0)[:p] if direction is None else direction, p)
     force = network.normal_force[network.normal_force > 0.0]
     facts = [
-        ["Balls that move, of the cell", str(lattice.n_balls)], ["Contacts", str(len(lattice.contacts))],
-        ["Mean diameter", write_quantity(scales.length, "m")], ["Mean mass", write_quantity(1e3 * scales.mass, "g")],
+        ["Balls that move, of the cell", str(lattice.n_balls)],
+        ["Contacts", str(len(lattice.contacts))],
+        ["Mean diameter", write_quantity(scales.length, "m")],
+        ["Mean mass", write_quantity(1e3 * scales.mass, "g")],
         ["Mean normal stiffness", write_quantity(scales.stiffness, "N/m")],
-        *([["Mean force of a contact", write_quantity(float(force.mean()), "N")]] if force.size else []),
-    ]  # fmt: skip
-    kinds, names = [], np.array(state.kinds)
+        *(
+            [["Mean force of a contact", write_quantity(float(force.mean()), "N")]]
+            if force.size
+            else []
+        ),
+    ]
+    kinds = []
+    names = np.array(state.kinds)
     radii, masses = (one[network.moving] for one in (network.radii, network.masses))
     for name, colour in colour_kinds(state.kinds).items():
         own = np.flatnonzero(names == name)
         kinds.append({"name": name, "colour": colour, "balls": own.tolist()})
-        sizes = write_quantity(1e3 * float(masses[own].mean()), "g"), write_quantity(2.0 * float(radii[own].mean()), "m")
-        several = "mean " if max(np.ptp(radii[own]) / radii[own[0]], np.ptp(masses[own]) / masses[own[0]]) > 1e-9 else ""
-        facts.append([name, f"{counted(own.size, 'ball')}, {several}{sizes[0]}, {several}diameter {sizes[1]}"])
+        sizes = (
+            write_quantity(1e3 * float(masses[own].mean()), "g"),
+            write_quantity(2.0 * float(radii[own].mean()), "m"),
+        )
+        several = (
+            "mean "
+            if max(np.ptp(radii[own]) / radii[own[0]], np.ptp(masses[own]) / masses[own[0]]) > 1e-9
+            else ""
+        )
+        facts.append(
+            [
+                name,
+                f"{counted(own.size, 'ball')}, {several}{sizes[0]}, {several}diameter {sizes[1]}",
+            ]
+        )
     return {
-        "schema": PAGE_SCHEMA, "kinds": kinds,
-        "lattice": describe_network(lattice, "network") | {"radii": (radii / scales.length).tolist()},
+        "schema": PAGE_SCHEMA,
+        "kinds": kinds,
+        "lattice": describe_network(lattice, "network")
+        | {"radii": (radii / scales.length).tolist()},
         "balls": {"diameter": scales.length, "mass": scales.mass, "stiffness": scales.stiffness},
-        "fixed": {**fixed, "spacing": 1.0, "push": float(lattice.is_prestressed)}, "facts": facts,
-        "units": {"modulus": "N" if p == 1 else "Pa"}, "media": [{"name": "network", "words": "network", "valid": 0.0}],
-        "limits": {"force": [0.5, 2.0], "width": 0.0, "eta": 1.0, "rolling": 1.0}, "direction": along.tolist(),
+        "fixed": {**fixed, "spacing": 1.0, "push": float(lattice.is_prestressed)},
+        "facts": facts,
+        "units": {"modulus": "N" if p == 1 else "Pa"},
+        "media": [{"name": "network", "words": "network", "valid": 0.0}],
+        "limits": {"force": [0.5, 2.0], "width": 0.0, "eta": 1.0, "rolling": 1.0},
+        "direction": along.tolist(),
         "start": {
-            "force": 1.0, "width": 0.0, **fixed, "mindlin": False, "overlap": False, "motions": lattice.named_motions.name,
+            "force": 1.0,
+            "width": 0.0,
+            **fixed,
+            "mindlin": False,
+            "overlap": False,
+            "motions": lattice.named_motions.name,
         },
-        "remarks": [*find_warnings(state), *remarks], "losses": _find_losses(losses),
-    }  # fmt: skip
+        "remarks": [*find_warnings(state), *remarks],
+        "losses": _find_losses(losses),
+    }
 
 
 def _find_losses(losses: BandsSettings | None) -> dict[str, float] | None:
-    """Return damping, s, and loss factor of all motions of contacts; None if none are given, or they differ."""
+    """Return damping, s, and loss factor of all motions of contacts; None if none are given, or
+    they differ.
+    """
     found = dict[str, float]()
-    for name, given in () if losses is None else (("damping", losses.damping), ("loss_factor", losses.loss_factor)):
+    for name, given in (
+        () if losses is None else (("damping", losses.damping), ("loss_factor", losses.loss_factor))
+    ):
         normal, other = given if isinstance(given, tuple) else (given, given)
         if normal != other:
             return None
@@ -144,41 +194,52 @@ def describe_page(
     losses: BandsSettings | None = None,
     remarks: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return all that a page computes from, as plain numbers and texts; SI units unless the key says otherwise.
+    """Return all that a page computes from, as plain numbers and texts; SI units unless the key
+    says otherwise.
 
     Parameters
     ----------
     packing : the balls.
-    media : the media among which the page lets choose; an automatic one is the medium that it takes at the first load, and a
-        remark says which.
-    load : one load or more. The page begins at the first, and its slider reaches beyond all of them.
+    media : the media among which the page lets choose; an automatic one is the medium that it takes
+        at the first load, and a remark says which.
+    load : one load or more. The page begins at the first, and its slider reaches beyond all of
+        them.
     finite_overlap : whether the page begins with the terms of relative order delta/d.
     path : the path of the bands, by default that of the lattice.
     direction : of sound, (p,); x by default.
-    losses : of contacts; the page then tells the Q factor of a mode, if they lose alike in all motions.
+    losses : of contacts; the page then tells the Q factor of a mode, if they lose alike in all
+        motions.
     remarks : sentences that the page shows.
 
     Raises
     ------
     InputError : the balls cannot carry a load; an automatic medium cannot be chosen.
     """
-    structure, law = packing.structure, packing.law
-    forces, chosen, notes = [], [], list(remarks)
+    structure = packing.structure
+    law = packing.law
+    forces = []
+    chosen = []
+    notes = list(remarks)
     for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
         serving = choice.choose(packing, load.applied.flat[np.zeros(1, int)])[0].medium
         if serving != choice:
             words = f"{find_medium(serving.name).words} ({serving.label})"
-            notes.append(f"At the first load the medium {choice.label} takes the {words}; the page keeps it at all loads.")
+            notes.append(
+                f"At the first load the medium {choice.label} takes the {words}; the page"
+                f" keeps it at all loads."
+            )
         chosen.append(serving)
     few: Any = slice(None) if load.size <= 2 else [0, np.argmin(load.array), np.argmax(load.array)]
     for value in load.applied.flat.array[few]:
         state: Any = chosen[0].of(packing).at(Load(load.applied.kind, float(value)))
         forces.append(float(state.force))
     if packing.spread is None and [one.name for one in chosen] == ["ala"] and structure.periods > 1:
-        chosen = [MediumChoice("ema")]  # that of balls that differ, once the slider makes them so; equal ones are the same
+        # that of balls that differ, once the slider makes them so; equal ones are the same
+        chosen = [MediumChoice("ema")]
     # the ends of the slider of the load, N
     most = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
-    least, most = _BELOW * min(forces), min(_ABOVE * max(forces), most)
+    least = _BELOW * min(forces)
+    most = min(_ABOVE * max(forces), most)
     widest = float(law.overlap(forces[0] / _LEAST_REDUCED))
     widest = min(max(widest, 2.0 * packing.width), 0.5 * packing.diameter)
     most_friction = max(1.0, packing.mindlin_ratio)
@@ -196,13 +257,19 @@ def describe_page(
     pressure: float | None = None
     with suppress(InputError):  # the stress of some lattices is not a pressure
         pressure = packing.pressure_per_force
-    along = as_direction((1.0, 0.0, 0.0)[: structure.periods] if direction is None else direction, structure.periods)
+    along = as_direction(
+        (1.0, 0.0, 0.0)[: structure.periods] if direction is None else direction, structure.periods
+    )
     return {
         "schema": PAGE_SCHEMA,
         "lattice": describe_lattice(packing, path or BandPath.default(structure)),
         "balls": {
-            "diameter": packing.diameter, "mass": packing.mass, "coefficient": law.coefficient, "power": EXPONENT,
-            "shear_modulus": packing.material.shear_modulus, "density": packing.effective_density,
+            "diameter": packing.diameter,
+            "mass": packing.mass,
+            "coefficient": law.coefficient,
+            "power": EXPONENT,
+            "shear_modulus": packing.material.shear_modulus,
+            "density": packing.effective_density,
             "mindlin_ratio": packing.material.mindlin_ratio,
             "spread": type(packing.spread or Uniform(1.0)).__name__.lower(),
         },
@@ -210,17 +277,25 @@ def describe_page(
         "units": structure.units_of(("pressure", "modulus")),
         "media": tables,
         "limits": {
-            "force": [least, most], "width": widest if structure.periods > 1 else 0.0, "eta": most_friction,
+            "force": [least, most],
+            "width": widest if structure.periods > 1 else 0.0,
+            "eta": most_friction,
             "rolling": most_rolling,
         },
         "direction": along.tolist(),
         "start": {
-            "force": forces[0], "width": packing.width if structure.periods > 1 else 0.0, "eta": packing.mindlin_ratio,
-            "torsion": float(torsion), "mindlin": packing.torsion == MINDLIN, "bending": packing.bending,
-            "overlap": bool(finite_overlap), "motions": packing.named_motions.name,
+            "force": forces[0],
+            "width": packing.width if structure.periods > 1 else 0.0,
+            "eta": packing.mindlin_ratio,
+            "torsion": float(torsion),
+            "mindlin": packing.torsion == MINDLIN,
+            "bending": packing.bending,
+            "overlap": bool(finite_overlap),
+            "motions": packing.named_motions.name,
         },
-        "remarks": notes, "losses": _find_losses(losses),
-    }  # fmt: skip
+        "remarks": notes,
+        "losses": _find_losses(losses),
+    }
 
 
 def read_asset(name: str) -> str:
@@ -229,10 +304,11 @@ def read_asset(name: str) -> str:
 
 
 def join_modules(*names: str) -> str:
-    """Return the text of modules of the folder ``assets`` and of those that they import, each once and after its imports.
+    """Return the text of modules of the folder ``assets`` and of those that they import, each once
+    and after its imports.
 
-    A module begins with its imports, one on a line, and exports by the word ``export``. Joined, all modules share their
-    names, so that no two of them may have the same one.
+    A module begins with its imports, one on a line, and exports by the word ``export``. Joined, all
+    modules share their names, so that no two of them may have the same one.
     """
     parts: list[str] = []
     done: set[str] = set()
@@ -253,10 +329,14 @@ def join_modules(*names: str) -> str:
 
 def wrap_three() -> str:
     """Return three.js, of two modules, as a script that defines the object ``THREE``."""
-    core = _GIVEN.sub(lambda found: f"return{{{_swap(found[1])}}};", read_asset("vendor/three.core.min.js"))
+    core = _GIVEN.sub(
+        lambda found: f"return{{{_swap(found[1])}}};", read_asset("vendor/three.core.min.js")
+    )
     module = read_asset("vendor/three.module.min.js")
     module = _TAKEN.sub(lambda found: f"const{{{found[1].replace(' as ', ':')}}}=core;", module)
-    module = _GIVEN.sub(lambda found: f"return{{...core,{_swap(found[1])}}};", _PASSED_ON.sub("", module))
+    module = _GIVEN.sub(
+        lambda found: f"return{{...core,{_swap(found[1])}}};", _PASSED_ON.sub("", module)
+    )
     return f"const THREE=((core)=>{{{module}}})((()=>{{{core}}})());"
 
 
@@ -271,7 +351,9 @@ def fill_template(data: dict[str, Any], title: str) -> str:
     parts = {
         "title": escape(title, quote=False),
         "style": read_asset("style.css"),
-        "licences": "\n\n".join(read_asset(f"vendor/{name}.LICENSE").strip() for name in ("plotly", "three")),
+        "licences": "\n\n".join(
+            read_asset(f"vendor/{name}.LICENSE").strip() for name in ("plotly", "three")
+        ),
         "plotly": read_asset("vendor/plotly-basic.min.js"),
         "three": wrap_three(),
         # "<" would end the element, as "</script>"; JSON reads \\u003c as the same character

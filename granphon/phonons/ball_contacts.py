@@ -1,8 +1,9 @@
 """The ASE calculator of any balls in contact, in SI, and what ASE finds by granphon's entry points.
 
-Balls are Atoms whose lengths are in m. Each has a radius and a kind; which balls touch, and how far they overlap, follows
-from their places, and the force from the contact law of the two. ASE calls the files of tables and dumps of networks by the
-formats ``granphon-tables`` and ``granphon-lammps``, and finds the calculators as plug-ins.
+Balls are Atoms whose lengths are in m. Each has a radius and a kind; which balls touch, and how far
+they overlap, follows from their places, and the force from the contact law of the two. ASE calls
+the files of tables and dumps of networks by the formats ``granphon-tables`` and
+``granphon-lammps``, and finds the calculators as plug-ins.
 """
 
 from __future__ import annotations
@@ -22,7 +23,14 @@ from ase.calculators.calculator import Calculator, all_changes
 from ase.utils.plugins import ExternalIOFormat
 
 from granphon.balls.ball import Ball, ContactConstants
-from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_of_pair, opening_overlap, read_laws
+from granphon.balls.contact_laws import (
+    Hertz,
+    PairLaw,
+    check_law,
+    law_of_pair,
+    opening_overlap,
+    read_laws,
+)
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.contact_table import find_pairs
 from granphon.balls.material import Material
@@ -33,14 +41,17 @@ from granphon.media.crystal_statics import Springs
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import choose_symbols
 
-#: distance of balls, over their diameter, from which on their places are taken for those in another unit, as mm
+#: distance of balls, over their diameter, from which on their places are taken for those in another
+#: unit, as mm
 _FARTHEST = 100.0
 #: rows and columns of a matrix in Voigt order
 VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
 
 class ContactCalculator(Calculator):  # type: ignore[misc]
-    """What calculators of contacts have in common: their properties, and the arrays of the Atoms that these follow from."""
+    """What calculators of contacts have in common: their properties, and the arrays of the Atoms
+    that these follow from.
+    """
 
     implemented_properties = ["energy", "free_energy", "forces", "stress"]
     discard_results_on_any_change = True
@@ -48,49 +59,61 @@ class ContactCalculator(Calculator):  # type: ignore[misc]
     follows: tuple[str, ...] = ()
 
     def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
-        """Return the names of what has changed since the last calculation, arrays of the balls among them."""
+        """Return the names of what has changed since the last calculation, arrays of the balls
+        among them.
+        """
         changes: list[str] = super().check_state(atoms, tol=tol)
         old = self.atoms
         own = self.follows if old is not None else ()
-        return changes + [name for name in own if not np.array_equal(old.arrays.get(name), atoms.arrays.get(name))]
+        return changes + [
+            name for name in own if not np.array_equal(old.arrays.get(name), atoms.arrays.get(name))
+        ]
 
 
 class BallContacts(ContactCalculator):
     """ASE calculator of any balls, in SI: Atoms in m, energy in J, forces in N, stress in Pa.
 
-    A contact has the energy of the law of its two balls at the overlap, the sum of the radii less the distance of the
-    centres, in the true direction. These are the normal forces, by which statics are found; they let balls roll and slide
-    freely. :meth:`contact_network` has the shear stiffness of Mindlin as well. Stress is over the volume of the cell as the
-    Atoms have it; there is none if that is zero.
+    A contact has the energy of the law of its two balls at the overlap, the sum of the radii less
+    the distance of the centres, in the true direction. These are the normal forces, by which
+    statics are found; they let balls roll and slide freely. :meth:`contact_network` has the shear
+    stiffness of Mindlin as well. Stress is over the volume of the cell as the Atoms have it; there
+    is none if that is zero.
 
-    :class:`~granphon.HertzMindlin` of a mapping of kinds returns one. ASE's optimisers move balls by forces over ``alpha``,
-    by ``maxstep`` at most, and stop at ``fmax``: give a stiffness (N/m), a part of the overlap (m) and a part of the force
-    of a contact (N).
+    :class:`~granphon.HertzMindlin` of a mapping of kinds returns one. ASE's optimisers move balls
+    by forces over ``alpha``, by ``maxstep`` at most, and stop at ``fmax``: give a stiffness (N/m),
+    a part of the overlap (m) and a part of the force of a contact (N).
 
     Parameters
     ----------
-    balls : a :class:`~granphon.Ball` or :class:`~granphon.Material` for each kind. The kind of each of the Atoms is in their
-        array ``kinds``, or else their chemical symbol; its radius is in the array ``radius``, m, or else that of the ball.
+    balls : a :class:`~granphon.Ball` or :class:`~granphon.Material` for each kind. The kind of each
+        of the Atoms is in their array ``kinds``, or else their chemical symbol; its radius is in
+        the array ``radius``, m, or else that of the ball.
     law : the contact law of all pairs, Hertz's by default, or one for each pair of kinds, as for a
         :class:`~granphon.Crystal`.
     friction : whether contacts of a network resist slip.
 
     Raises
     ------
-    InputError : no balls, or others; a law that is none. When used: Atoms of another kind, without radii, or with radii that
-        are not above zero; places that are not finite; a bond, which has no end and so no neighbours.
+    InputError : no balls, or others; a law that is none. When used: Atoms of another kind, without
+        radii, or with radii that are not above zero; places that are not finite; a bond, which has
+        no end and so no neighbours.
     """
 
     follows = ("radius", "kinds")
 
-    def __init__(self, balls: Mapping[str, Ball | Material], law: Any = None, friction: bool = True) -> None:
+    def __init__(
+        self, balls: Mapping[str, Ball | Material], law: Any = None, friction: bool = True
+    ) -> None:
         super().__init__()
         given: Any = balls
-        known = isinstance(given, Mapping) and all(isinstance(one, Ball | Material) for one in given.values())
+        known = isinstance(given, Mapping) and all(
+            isinstance(one, Ball | Material) for one in given.values()
+        )
         if not known or not given:
             mend = 'Give a granphon.Ball or Material for each kind, as {"Na": ball}'
             raise InputError(f"the balls are {brief(given)}", mend=mend)
-        self.balls, self.friction = dict(balls), friction
+        self.balls = dict(balls)
+        self.friction = friction
         self._law = read_laws(law)
         self._known = dict[tuple[str, float, str, float], tuple[PairLaw, float, float]]()
 
@@ -99,26 +122,40 @@ class BallContacts(ContactCalculator):
         kinds = [str(one) for one in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
         if missing := sorted(set(kinds) - set(self.balls)):
             what = f"there is no ball for the kind {list_names(missing)}"
-            raise InputError(what, mend="Give one for each kind in the array 'kinds', or each symbol")
+            raise InputError(
+                what, mend="Give one for each kind in the array 'kinds', or each symbol"
+            )
         radii = atoms.arrays.get("radius")
         if radii is None:
             own = {kind: getattr(self.balls[kind], "radius", None) for kind in set(kinds)}
             if None in own.values():
                 what = "the Atoms have no array 'radius', and the kinds are materials"
-                raise InputError(what, mend="Set the radii, m, or give a granphon.Ball for each kind")
+                raise InputError(
+                    what, mend="Set the radii, m, or give a granphon.Ball for each kind"
+                )
             radii = np.array([own[kind] for kind in kinds])
         radii = np.asarray(radii, float).reshape(len(kinds))
-        if not (np.all(np.isfinite(atoms.positions)) and np.all(np.isfinite(radii)) and np.all(radii > 0.0)):
+        if not (
+            np.all(np.isfinite(atoms.positions))
+            and np.all(np.isfinite(radii))
+            and np.all(radii > 0.0)
+        ):
             mend = "Mend their positions, or the array radius"
-            raise InputError("the Atoms have a place that is not finite, or a radius that is not above zero", mend=mend)
+            raise InputError(
+                "the Atoms have a place that is not finite, or a radius that is not above zero",
+                mend=mend,
+            )
         return kinds, radii
 
-    def _find_law(self, kind: str, radius: float, other: str, wide: float) -> tuple[PairLaw, float, float]:
+    def _find_law(
+        self, kind: str, radius: float, other: str, wide: float
+    ) -> tuple[PairLaw, float, float]:
         """Return the law of two balls, and 4 G*/E* and E*, Pa, of their contacts."""
         key = (kind, radius, other, wide)
         if key not in self._known:
             one, two = (self._make(name, size) for name, size in ((kind, radius), (other, wide)))
-            found, constants = law_of_pair(self._law, one, two, kind, other), ContactConstants.of(one, two)
+            found = law_of_pair(self._law, one, two, kind, other)
+            constants = ContactConstants.of(one, two)
             check_law(found, constants.radius)
             self._known[key] = found, constants.mindlin_ratio, constants.modulus
         return self._known[key]
@@ -128,7 +165,9 @@ class BallContacts(ContactCalculator):
         return Ball(own if isinstance(own, Material) else own.material, 2.0 * radius, name=kind)
 
     def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, Springs, Array]:
-        """Return i, j and the shift of each contact, the vectors (n_c, 3) between centres, m, the laws, and 4 G*/E*."""
+        """Return i, j and the shift of each contact, the vectors (n_c, 3) between centres, m, the
+        laws, and 4 G*/E*.
+        """
         kinds, radii = self.find_radii(atoms)
         keys = list(zip(kinds, radii.tolist(), strict=True))
         every = list(dict.fromkeys(keys))
@@ -137,31 +176,46 @@ class BallContacts(ContactCalculator):
         # balls that adhere touch until they are this much apart: Hertz's are cheap to tell
         apart = 0.0
         if not isinstance(self._law, Hertz):
-            ends = [opening_overlap(self._find_law(*one, *two)[0]) for one in every for two in every]
+            ends = [
+                opening_overlap(self._find_law(*one, *two)[0]) for one in every for two in every
+            ]
             apart = -min([0.0, *ends])
         if math.isinf(apart):
-            raise InputError("a bond has no end, and so no neighbours", mend="Give a law with a least_overlap")
-        reach, periods = (radii + 0.5 * apart) * (1.0 + 1e-12), np.flatnonzero(atoms.pbc)
+            raise InputError(
+                "a bond has no end, and so no neighbours", mend="Give a law with a least_overlap"
+            )
+        reach = (radii + 0.5 * apart) * (1.0 + 1e-12)
+        periods = np.flatnonzero(atoms.pbc)
         most = 2.0 * float(np.max(reach, initial=0.0))
         i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], most)
         near = np.linalg.norm(vector, axis=1) < reach[i] + reach[j]
-        i, j, vector, shift = i[near], j[near], vector[near], np.zeros((np.count_nonzero(near), 3), np.intp)
+        i = i[near]
+        j = j[near]
+        vector = vector[near]
+        shift = np.zeros((np.count_nonzero(near), 3), np.intp)
         shift[:, periods] = steps[near]
         pair = np.minimum(code[i], code[j]) * len(every) + np.maximum(code[i], code[j])
         groups = list[tuple[PairLaw, Index]]()
-        ratio, modulus = np.empty(len(i)), np.empty(len(i))
+        ratio = np.empty(len(i))
+        modulus = np.empty(len(i))
         order = np.argsort(pair, kind="stable")
         for at in np.split(order, np.flatnonzero(np.diff(pair[order])) + 1) if len(order) else ():
-            law, ratio[at], modulus[at] = self._find_law(*every[code[i[at[0]]]], *every[code[j[at[0]]]])
+            law, ratio[at], modulus[at] = self._find_law(
+                *every[code[i[at[0]]]], *every[code[j[at[0]]]]
+            )
             groups.append((law, at))
         return i, j, shift, vector, Springs(groups, len(i), modulus), ratio
 
     def calculate(
-        self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
+        self,
+        atoms: Atoms | None = None,
+        properties: Any = ("energy",),
+        system_changes: Any = all_changes,
     ) -> None:
         """Find the energy (J), forces (N) and stress (Pa) of the atoms."""
         super().calculate(atoms, properties, system_changes)
-        balls, radii = self.atoms, self.find_radii(self.atoms)[1]
+        balls = self.atoms
+        radii = self.find_radii(self.atoms)[1]
         i, j, _, vector, springs, _ = self.find_contacts(balls)
         if len(balls) > 1 and not len(i):
             _warn_of_lengths(balls, radii)
@@ -171,77 +225,112 @@ class BallContacts(ContactCalculator):
         forces = np.zeros((len(balls), 3))
         np.add.at(forces, i, pull)
         np.add.at(forces, j, -pull)
-        energy, volume = math.fsum(springs.energy(overlap)), abs(float(np.linalg.det(balls.cell.array)))
+        energy = math.fsum(springs.energy(overlap))
+        volume = abs(float(np.linalg.det(balls.cell.array)))
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         if volume > 0.0:
             stress = vector.T @ pull / volume
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
-            raise InputError("the cell has no volume", "Stress is force over area", "Give it three vectors")
+            raise InputError(
+                "the cell has no volume", "Stress is force over area", "Give it three vectors"
+            )
 
     def contact_network(self, atoms: Atoms, **options: Any) -> ContactNetwork:
         """Return the balls and their contacts as a network, in SI, with Mindlin's shear stiffness.
 
-        ``options`` are those of :meth:`ContactNetwork.from_table`, such as ``dimension``, ``motions`` or ``prestress``. The
-        masses are those of the balls; those of Atoms are atomic, and are not read.
+        ``options`` are those of :meth:`ContactNetwork.from_table`, such as ``dimension``,
+        ``motions`` or ``prestress``. The masses are those of the balls; those of Atoms are atomic,
+        and are not read.
         """
         kinds, radii = self.find_radii(atoms)
         i, j, shift, vector, springs, ratio = self.find_contacts(atoms)
         overlap = radii[i] + radii[j] - np.linalg.norm(vector, axis=1)
-        force, stiffness = springs.force(overlap), springs.stiffness(overlap)
+        force = springs.force(overlap)
+        stiffness = springs.stiffness(overlap)
         given = [self.balls[kind] for kind in kinds]
         mass = [
-            one.mass if isinstance(one, Ball) and one.radius == radius else self._make(kind, radius).mass
+            one.mass
+            if isinstance(one, Ball) and one.radius == radius
+            else self._make(kind, radius).mass
             for kind, radius, one in zip(kinds, radii.tolist(), given, strict=True)
-        ]  # fmt: skip
+        ]
         x, y, z = atoms.positions.T
         balls = {"x": x, "y": y, "z": z, "radius": radii, "mass": mass, "kind": kinds}
         contacts = {
-            "i": i, "j": j, "normal_force": force, "normal_stiffness": stiffness,
+            "i": i,
+            "j": j,
+            "normal_force": force,
+            "normal_stiffness": stiffness,
             "shear_stiffness": ratio * springs.punch(overlap) * self.friction,
             **{f"shift_{axis + 1}": shift[:, axis] for axis in range(3)},
-        }  # fmt: skip
-        periods = {"cell": atoms.cell.array, "pbc": list(map(bool, atoms.pbc))} if np.any(atoms.pbc) else {}
-        mean = {kind: float(np.mean(radii[np.array(kinds) == kind])) for kind in dict.fromkeys(kinds)}
+        }
+        periods = (
+            {"cell": atoms.cell.array, "pbc": list(map(bool, atoms.pbc))}
+            if np.any(atoms.pbc)
+            else {}
+        )
+        mean = {
+            kind: float(np.mean(radii[np.array(kinds) == kind])) for kind in dict.fromkeys(kinds)
+        }
         known = tuple(self._make(kind, radius) for kind, radius in mean.items())
         model = ContactModel(known, tuple(mean), self._law, self.friction, own_radii=True)
-        return replace(ContactNetwork.from_table(balls, contacts, **(periods | options)), contact_model=model)
+        return replace(
+            ContactNetwork.from_table(balls, contacts, **(periods | options)), contact_model=model
+        )
 
 
 def _warn_of_lengths(atoms: Atoms, radii: Array) -> None:
     """Warn if balls that do not touch are so far from each other that their places are not in m."""
-    from scipy.spatial import cKDTree  # it loads much of scipy, which balls in contact do not need here
+    # it loads much of scipy, which balls in contact do not need here
+    from scipy.spatial import (
+        cKDTree,
+    )
 
-    distances, _ = cKDTree(atoms.positions).query(atoms.positions, k=[2])  # the first is the ball itself
+    # the first is the ball itself
+    distances, _ = cKDTree(atoms.positions).query(atoms.positions, k=[2])
     nearest = float(np.min(distances))
     diameter = 2.0 * float(np.max(radii))
     if nearest > _FARTHEST * diameter:
         what = f"the balls are {nearest:.3g} m from each other or more, and {diameter:.3g} m wide"
-        warnings.warn(f"{what}: none touch. Their places are to be in m", InconsistencyWarning, stacklevel=4)
+        warnings.warn(
+            f"{what}: none touch. Their places are to be in m", InconsistencyWarning, stacklevel=4
+        )
 
 
-# -- what ASE finds by entry points -------------------------------------------------------------------------------------
+# -- what ASE finds by entry points ----------------------------------------------------------------
 
-#: formats of :func:`ase.io.read`: tables that granphon has written are known by what they begin with
+#: formats of :func:`ase.io.read`: tables that granphon has written are known by what they begin
+#: with
 tables_format = ExternalIOFormat(
-    "granphon: table of balls, beside one of their contacts", "1S", __name__, glob="*balls.csv",
+    "granphon: table of balls, beside one of their contacts",
+    "1S",
+    __name__,
+    glob="*balls.csv",
     magic_regex=rb".{0,200}# granphon network: ",
-)  # fmt: skip
-lammps_format = ExternalIOFormat("granphon: LAMMPS dump of balls, beside one of the pairs that touch", "1S", __name__)
+)
+lammps_format = ExternalIOFormat(
+    "granphon: LAMMPS dump of balls, beside one of the pairs that touch", "1S", __name__
+)
 
 
 def _write_atoms(network: ContactNetwork) -> Atoms:
-    """Return the balls of a network as Atoms in its reduced units, with the arrays ``radius`` and ``kinds``.
+    """Return the balls of a network as Atoms in its reduced units, with the arrays ``radius`` and
+    ``kinds``.
 
     Balls that are held are Atoms of infinite mass; a flat wall, which has no size, is left out.
     """
-    scales, shown = network.scales, np.isfinite(network.radii)
+    scales = network.scales
+    shown = np.isfinite(network.radii)
     kinds = np.array(network.kinds or ["X"] * len(shown))[shown]
     symbols = choose_symbols(kinds.tolist()) if network.kinds else {"X": "X"}
     balls = Atoms(
-        [symbols[kind] for kind in kinds.tolist()], positions=network.positions[shown] / scales.length,
-        cell=network.cell / scales.length, pbc=network.pbc, masses=network.masses[shown] / scales.mass,
-    )  # fmt: skip
+        [symbols[kind] for kind in kinds.tolist()],
+        positions=network.positions[shown] / scales.length,
+        cell=network.cell / scales.length,
+        pbc=network.pbc,
+        masses=network.masses[shown] / scales.mass,
+    )
     balls.set_array("radius", network.radii[shown] / scales.length)
     balls.set_array("kinds", kinds)
     balls.info.update(scales.to_info())
@@ -249,9 +338,15 @@ def _write_atoms(network: ContactNetwork) -> Atoms:
 
 
 def _find_beside(path: Any, given: Any, words: Mapping[str, str]) -> Any:
-    """Return the file of contacts, by default that beside the file of balls, with a word of its name replaced."""
+    """Return the file of contacts, by default that beside the file of balls, with a word of its
+    name replaced.
+    """
     found = Path(path)
-    beside = [found.with_name(found.name.replace(*pair)) for pair in words.items() if pair[0] in found.name]
+    beside = [
+        found.with_name(found.name.replace(*pair))
+        for pair in words.items()
+        if pair[0] in found.name
+    ]
     if given is None and not beside:
         what = f"{path} has its contacts in another file"
         raise InputError(what, mend=f"Name it, or call the file ...{next(iter(words))}...")
@@ -259,35 +354,50 @@ def _find_beside(path: Any, given: Any, words: Mapping[str, str]) -> Any:
 
 
 def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Atoms:
-    """Read a table of balls and one of ``contacts`` as Atoms in the reduced units of their network, for :mod:`ase.io`.
+    """Read a table of balls and one of ``contacts`` as Atoms in the reduced units of their network,
+    for :mod:`ase.io`.
 
-    The table of contacts is by default beside that of balls, with "contacts" for "balls" in its name. ``options`` are those
-    of :meth:`ContactNetwork.from_table`, which also says what is raised; rattlers are kept.
+    The table of contacts is by default beside that of balls, with "contacts" for "balls" in its
+    name. ``options`` are those of :meth:`ContactNetwork.from_table`, which also says what is
+    raised; rattlers are kept.
     """
     found = _find_beside(path, contacts, {"balls": "contacts"})
-    return _write_atoms(ContactNetwork.from_table(path, found, **{"keep_rattlers": True, **options}))
+    return _write_atoms(
+        ContactNetwork.from_table(path, found, **{"keep_rattlers": True, **options})
+    )
 
 
 def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
-    """Read a dump of atoms and one of ``pairs`` as Atoms in the reduced units of their network, for :mod:`ase.io`.
+    """Read a dump of atoms and one of ``pairs`` as Atoms in the reduced units of their network, for
+    :mod:`ase.io`.
 
-    The dump of pairs is by default beside that of atoms, with "pairs" for "atoms" in its name. ``options`` are those of
-    :meth:`ContactNetwork.from_lammps`, which also says what is raised; rattlers are kept. Without a material and
-    stiffnesses the unit of stiffness is 1 N/m.
+    The dump of pairs is by default beside that of atoms, with "pairs" for "atoms" in its name.
+    ``options`` are those of :meth:`ContactNetwork.from_lammps`, which also says what is raised;
+    rattlers are kept. Without a material and stiffnesses the unit of stiffness is 1 N/m.
     """
     if not {"material", "normal_stiffness"} & set(options):
         options |= {"normal_stiffness": 1.0, "shear_stiffness": 0.0}
     found = _find_beside(path, pairs, {"atoms": "pairs"})
-    return _write_atoms(ContactNetwork.from_lammps(path, found, **{"keep_rattlers": True, **options}))
+    return _write_atoms(
+        ContactNetwork.from_lammps(path, found, **{"keep_rattlers": True, **options})
+    )
 
 
 def __getattr__(name: str) -> Any:
-    """Return ``__ase_plugins__``, the calculators that ASE lists; empty for an ASE that knows no plug-ins."""
+    """Return ``__ase_plugins__``, the calculators that ASE lists; empty for an ASE that knows no
+    plug-ins.
+    """
     if name != "__ase_plugins__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     for place in ("ase.plugins", "ase._4.plugins.plugin"):
         with suppress(ImportError, AttributeError):
             make = import_module(place).CalculatorPlugin
             citation = "B. Velicky and C. Caroli, Phys. Rev. E 65, 021307 (2002)"
-            return {make("hertz-mindlin", citation=citation, implementation="granphon.phonons.calculator.HertzMindlin")}
+            return {
+                make(
+                    "hertz-mindlin",
+                    citation=citation,
+                    implementation="granphon.phonons.calculator.HertzMindlin",
+                )
+            }
     return set()

@@ -1,8 +1,9 @@
 """The ASE calculator for balls in contact, and the ``ase.Atoms`` of one cell of a lattice.
 
-Atoms are in reduced units and carry the arrays of :mod:`granphon.array.atoms`. The reference direction of a contact is the
-nearest contact vector of the lattice, so that reference positions need not be stored: slip does not change when the lattice
-is moved as a whole. A pair of balls counts as the contact of the lattice whose vector is nearest to its own.
+Atoms are in reduced units and carry the arrays of :mod:`granphon.array.atoms`. The reference
+direction of a contact is the nearest contact vector of the lattice, so that reference positions
+need not be stored: slip does not change when the lattice is moved as a whole. A pair of balls
+counts as the contact of the lattice whose vector is nearest to its own.
 """
 
 from __future__ import annotations
@@ -27,11 +28,18 @@ from granphon.array.atoms import (
     has_sampled,
     require_lying,
     take_arrays,
-)  # fmt: skip
+)
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.contact_table import TOUCH, ContactTable, find_pairs
 from granphon.balls.lattices import BALL
-from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, allowed_motions, select_motions
+from granphon.balls.motions import (
+    ALL,
+    IN_PLANE,
+    LONGITUDINAL,
+    OUT_OF_PLANE,
+    allowed_motions,
+    select_motions,
+)
 from granphon.balls.packing import MINDLIN
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief
@@ -53,55 +61,68 @@ if TYPE_CHECKING:
 
 #: least delta/d at which double-precision positions still hold six digits of the overlap
 _LEAST_OVERLAP = 1e-10
-#: most displacement of balls in contact against each other that a harmonic energy is asked for, in diameters
+#: most displacement of balls in contact against each other that a harmonic energy is asked for, in
+#: diameters
 _FAR = 0.5
 #: all motions of balls that have 1, 2 or 3 coordinates
 _MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
 #: what the cell of a lattice of 1, 2 or 3 periods is measured by
 _EXTENTS = ("length along x", "area in the plane", "volume")
-#: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice for the pair to count as
-#: that contact
+#: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice
+#: for the pair to count as that contact
 _CATCH = 0.25
-#: greatest rotation of the whole lattice that is accepted when energies are found. The measure is the overlap that the
-#: rotation would add to contacts of fixed direction, over the overlap that they have
+#: greatest rotation of the whole lattice that is accepted when energies are found. The measure is
+#: the overlap that the rotation would add to contacts of fixed direction, over the overlap that
+#: they have
 _TURN_PER_OVERLAP = 1e-2
-#: the same when force constants are found, as added overlap over the spacing. It is larger, because positions then only tell
-#: which balls touch
+#: the same when force constants are found, as added overlap over the spacing. It is larger, because
+#: positions then only tell which balls touch
 _TURN_PER_SPACING = 1e-4
-#: distance, in diameters, by which a list reaches beyond the cutoff. A list serves until a ball has moved by half of it. It
-#: is small enough that a list does not reach the second neighbours of the lattices.
+#: distance, in diameters, by which a list reaches beyond the cutoff. A list serves until a ball has
+#: moved by half of it. It is small enough that a list does not reach the second neighbours of the
+#: lattices.
 _SKIN = 0.3
 #: length, area or volume, in diameters, below which a cell counts as one of none
 _FLAT = 1e-12
 
 
 def atoms(state: Any) -> Atoms:
-    """Return one cell of the lattice in ``state`` as an ``ase.Atoms`` with :class:`HertzMindlin` attached.
+    """Return one cell of the lattice in ``state`` as an ``ase.Atoms`` with :class:`HertzMindlin`
+    attached.
 
-    Lengths and masses are in reduced units. The cell is primitive, with Cartesian axes along the cube of cubic lattices; for
-    the triangular lattice it is ASE's HEX2D cell (120 degrees). A lattice of fewer than three periods lies along x, or in
-    the xy plane; across it the cell is one diameter thick and not periodic. With finite overlap the cell has the spacing
-    a = d - delta. Arrays are those of a file ``sample.extxyz``.
+    Lengths and masses are in reduced units. The cell is primitive, with Cartesian axes along the
+    cube of cubic lattices; for the triangular lattice it is ASE's HEX2D cell (120 degrees). A
+    lattice of fewer than three periods lies along x, or in the xy plane; across it the cell is one
+    diameter thick and not periodic. With finite overlap the cell has the spacing a = d - delta.
+    Arrays are those of a file ``sample.extxyz``.
 
-    The state of a crystal, a sample or a :class:`~granphon.ContactNetwork` with periods gives the cell of its network: the
-    balls that move, with masses, radii (the array ``radius``), a chemical symbol for each kind, and the scales in ``info``.
-    The name of a kind is its symbol if it is one; ``info["kinds"]`` has the name of each symbol. Where kinds are not known,
-    balls of each mass have a symbol.
-    Its calculator is :class:`HarmonicContacts`, as a network has stiffnesses and no contact law.
+    The state of a crystal, a sample or a :class:`~granphon.ContactNetwork` with periods gives the
+    cell of its network: the balls that move, with masses, radii (the array ``radius``), a chemical
+    symbol for each kind, and the scales in ``info``. The name of a kind is its symbol if it is one;
+    ``info["kinds"]`` has the name of each symbol. Where kinds are not known, balls of each mass
+    have a symbol. Its calculator is :class:`HarmonicContacts`, as a network has stiffnesses and no
+    contact law.
 
-    Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a network without a period.
+    Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a
+    network without a period.
     """
     found: Any = as_state(state)
     scales = found.scales
     lattice: Any = found.packing.structure if found.follows_law else found.contact_lattice()
     spacing = 1.0 - found.relative_overlap if found.follows_law and found.finite_overlap else 1.0
-    cell, positions = np.eye(3), np.zeros((lattice.n_balls, 3))
+    cell = np.eye(3)
+    positions = np.zeros((lattice.n_balls, 3))
     cell[: lattice.periods] = 0.0
-    cell[: lattice.periods, : lattice.dimension] = (lattice.vectors if found.follows_law else lattice.cell) * spacing
+    cell[: lattice.periods, : lattice.dimension] = (
+        lattice.vectors if found.follows_law else lattice.cell
+    ) * spacing
     positions[:, : lattice.dimension] = lattice.positions * spacing
-    balls = Atoms([BALL] * lattice.n_balls, positions=positions, cell=cell, pbc=np.arange(3) < lattice.periods)
+    balls = Atoms(
+        [BALL] * lattice.n_balls, positions=positions, cell=cell, pbc=np.arange(3) < lattice.periods
+    )
     if not found.follows_law:
-        network, kinds = found.network, found.kinds
+        network = found.network
+        kinds = found.kinds
         balls.symbols = name_balls(lattice.masses, kinds)
         balls.set_masses(lattice.masses)
         balls.set_array("radius", network.radii[network.moving] / scales.length)
@@ -120,51 +141,78 @@ def atoms(state: Any) -> Atoms:
 
 
 class HarmonicContacts(ContactCalculator):
-    """ASE calculator of a network of contacts, to second order about its state, in the reduced units of the network.
+    """ASE calculator of a network of contacts, to second order about its state, in the reduced
+    units of the network.
 
-    The energy over that of the state is V s:(F - 1), with the volume V of the cell, the stress s of the normal forces, and F
-    the deformation of the cell, plus k e^2/2 + kappa s^2/2 + k_t twist^2/2 + k_b roll^2/2 of each contact, less f t^2/2r
-    with prestress (t is the displacement across the contact, r the distance of the centres). Forces and torques are zero at
-    rest, and their slopes are the dynamical matrix of :class:`~granphon.Phonons`. Contacts neither open nor stiffen, so that
-    displacements must be small against the overlap. Stress is
-    as for :class:`HertzMindlin`. Rotations about the axes of the motions count, from the array ``rotations``.
+    The energy over that of the state is V s:(F - 1), with the volume V of the cell, the stress s of
+    the normal forces, and F the deformation of the cell, plus k e^2/2 + kappa s^2/2 + k_t twist^2/2
+    + k_b roll^2/2 of each contact, less f t^2/2r with prestress (t is the displacement across the
+    contact, r the distance of the centres). Forces and torques are zero at rest, and their slopes
+    are the dynamical matrix of :class:`~granphon.Phonons`. Contacts neither open nor stiffen, so
+    that displacements must be small against the overlap. Stress is as for :class:`HertzMindlin`.
+    Rotations about the axes of the motions count, from the array ``rotations``.
 
-    :func:`~granphon.atoms` attaches it to the Atoms of a network, of which it keeps the places. It serves the same balls in
-    the same order; of a larger cell, ``gp.atoms(network.repeat(...))`` has its own. Raises
-    :class:`~granphon.base.errors.InputError` for other Atoms, for displacements of half a diameter, and for the stress of
-    balls that bodies without motion hold.
+    :func:`~granphon.atoms` attaches it to the Atoms of a network, of which it keeps the places. It
+    serves the same balls in the same order; of a larger cell, ``gp.atoms(network.repeat(...))`` has
+    its own. Raises :class:`~granphon.base.errors.InputError` for other Atoms, for displacements of
+    half a diameter, and for the stress of balls that bodies without motion hold.
     """
 
     follows = ("rotations",)
 
     def __init__(self, state: NetworkState, rest: Atoms) -> None:
         super().__init__()
-        self.state, self._rest = state, rest.copy()
+        self.state = state
+        self._rest = rest.copy()
 
     def calculate(
-        self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
+        self,
+        atoms: Atoms | None = None,
+        properties: Any = ("energy",),
+        system_changes: Any = all_changes,
     ) -> None:
         """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms."""
         super().calculate(atoms, properties, system_changes)
-        balls, rest, lattice = self.atoms, self._rest, self.state.contact_lattice()
+        balls = self.atoms
+        rest = self._rest
+        lattice = self.state.contact_lattice()
         self.contact_network(balls)
-        table, n, p, motions = lattice.contacts, len(balls), lattice.periods, lattice.motions
-        translations, rotations = list(motions.translations), list(motions.rotations)
-        # displacements and w = R_g phi of the balls, and of a body that does not move; whole periods count nothing
-        u, w, gyration = np.zeros((n + 1, 3)), np.zeros((n + 1, len(rotations))), lattice.gyration[:, None]
-        steps = np.rint(balls.get_scaled_positions(wrap=False) - rest.get_scaled_positions(wrap=False)) * balls.pbc
+        table = lattice.contacts
+        n = len(balls)
+        p = lattice.periods
+        motions = lattice.motions
+        translations = list(motions.translations)
+        rotations = list(motions.rotations)
+        # displacements and w = R_g phi of the balls, and of a body that does not move; whole
+        # periods count nothing
+        u = np.zeros((n + 1, 3))
+        w = np.zeros((n + 1, len(rotations)))
+        gyration = lattice.gyration[:, None]
+        steps = (
+            np.rint(balls.get_scaled_positions(wrap=False) - rest.get_scaled_positions(wrap=False))
+            * balls.pbc
+        )
         u[:n] = balls.positions - steps @ balls.cell - rest.positions
         turned = balls.arrays.get("rotations", np.zeros((n, 3))).reshape(n, -1)
         w[:n] = gyration * (turned if turned.shape[1] == len(rotations) else turned[:, rotations])
-        i, j, energy, pull, torques = table.i, table.j, 0.0, np.zeros((len(table), 3)), np.zeros_like(w)
+        i = table.i
+        j = table.j
+        energy = 0.0
+        pull = np.zeros((len(table), 3))
+        torques = np.zeros_like(w)
         moved = u[j] - u[i] + table.shift @ (balls.cell - rest.cell)[:p]
         if np.max(np.abs(moved), initial=0.0) > _FAR:
             what = f"balls in contact have moved against each other by more than {_FAR} diameters"
-            raise InputError(what, "Displacements must be small", "Compare the order of the balls, and the cell")
+            raise InputError(
+                what, "Displacements must be small", "Compare the order of the balls, and the cell"
+            )
         for row, stiffness in _list_springs(lattice):
-            head, tail = row.head[:, motions.turning], row.tail[:, motions.turning]
+            head = row.head[:, motions.turning]
+            tail = row.tail[:, motions.turning]
             along = row.head[:, motions.translating]
-            change = np.sum(along * moved[:, translations], axis=1) + np.sum(head * w[j] - tail * w[i], axis=1)
+            change = np.sum(along * moved[:, translations], axis=1) + np.sum(
+                head * w[j] - tail * w[i], axis=1
+            )
             tension = (stiffness * change)[:, None]
             energy += 0.5 * float(np.sum(tension[:, 0] * change))
             pull[:, translations] -= tension * along
@@ -175,7 +223,8 @@ class HarmonicContacts(ContactCalculator):
         np.add.at(forces, i, -pull)
         self._torques: Array = np.zeros((n, 3))
         self._torques[:, rotations] = torques[:n] * gyration
-        network, vector = self.state.network, np.zeros((len(table), 3))
+        network = self.state.network
+        vector = np.zeros((len(table), 3))
         vector[:, : lattice.dimension] = table.vector
         live = network.moving[network.i] | network.moving[network.j]
         force = network.normal_force[live, None] / self.state.scales.force * table.normal
@@ -189,7 +238,9 @@ class HarmonicContacts(ContactCalculator):
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             mend = "Ask for energy or forces"
-            raise InputError("a network that bodies without motion hold has no stress of its own", mend=mend)
+            raise InputError(
+                "a network that bodies without motion hold has no stress of its own", mend=mend
+            )
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N, 3)."""
@@ -197,20 +248,27 @@ class HarmonicContacts(ContactCalculator):
         return self._torques.copy()
 
     def contact_network(self, atoms: Atoms) -> ContactNetwork:
-        """Return the network; raises :class:`~granphon.base.errors.InputError` for Atoms that are not its balls."""
+        """Return the network; raises :class:`~granphon.base.errors.InputError` for Atoms that are
+        not its balls.
+        """
         rest = self._rest
-        if not (len(atoms) == len(rest) and np.array_equal(atoms.pbc, rest.pbc) and np.array_equal(
-            atoms.get_masses(), rest.get_masses())):  # fmt: skip
-            why, mend = "Its calculator serves these alone", "Use gp.atoms(network.repeat(...)), or of another network"
+        if not (
+            len(atoms) == len(rest)
+            and np.array_equal(atoms.pbc, rest.pbc)
+            and np.array_equal(atoms.get_masses(), rest.get_masses())
+        ):
+            why = "Its calculator serves these alone"
+            mend = "Use gp.atoms(network.repeat(...)), or of another network"
             raise InputError(f"the Atoms are not the {len(rest)} balls of the network", why, mend)
         return self.state.network
 
 
 class Pairs(NamedTuple):
-    """Pairs of balls, each once: indices ``i`` and ``j`` (n,), vectors (n, m) from i to j, in diameters.
+    """Pairs of balls, each once: indices ``i`` and ``j`` (n,), vectors (n, m) from i to j, in
+    diameters.
 
-    ``shift`` (n, m) is the number of whole cells by which the image of ball j is shifted. m is 1, 2 or 3, the number of
-    coordinates of a ball.
+    ``shift`` (n, m) is the number of whole cells by which the image of ball j is shifted. m is 1, 2
+    or 3, the number of coordinates of a ball.
     """
 
     i: Index
@@ -220,43 +278,70 @@ class Pairs(NamedTuple):
 
 
 def keep_rows(kept: Flags, *arrays: Any) -> tuple[Any, ...]:
-    """Return the rows of each array that are ``kept``; the arrays themselves if that is all of them, as it mostly is."""
+    """Return the rows of each array that are ``kept``; the arrays themselves if that is all of
+    them, as it mostly is.
+    """
     return arrays if kept.all() else tuple(values[kept] for values in arrays)
 
 
 class PairList:
-    """A search for pairs that keeps its list. The list reaches beyond the cutoff, and serves until it might miss a pair."""
+    """A search for pairs that keeps its list. The list reaches beyond the cutoff, and serves until
+    it might miss a pair.
+    """
 
     def __init__(self) -> None:
         self._kept: tuple[Pairs, Array, Array, tuple[bool, ...], float] | None = None
 
-    def near(self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float) -> Pairs:
-        """Find the pairs nearer than ``cutoff``, in the order of (i, j, shift); all lengths are in diameters.
+    def near(
+        self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float
+    ) -> Pairs:
+        """Find the pairs nearer than ``cutoff``, in the order of (i, j, shift); all lengths are in
+        diameters.
 
-        ``positions`` are (N, m), ``cell`` is (m, m), with a row for each axis, periodic or not. A kept list gives the same
-        numbers to the last digit as a new one. Raises :class:`~granphon.base.errors.InputError` for a periodic axis whose
-        cell vector has no length, and for periods that are not independent of each other.
+        ``positions`` are (N, m), ``cell`` is (m, m), with a row for each axis, periodic or not. A
+        kept list gives the same numbers to the last digit as a new one. Raises
+        :class:`~granphon.base.errors.InputError` for a periodic axis whose cell vector has no
+        length, and for periods that are not independent of each other.
         """
         serves = False
-        if self._kept is not None and positions.shape == self._kept[1].shape and periodic == self._kept[3]:
+        if (
+            self._kept is not None
+            and positions.shape == self._kept[1].shape
+            and periodic == self._kept[3]
+        ):
             _, old, last, _, reach = self._kept
-            # a change of the cell maps every vector to vector F. A pair that was beyond the reach is then at least s times
-            # the reach apart, where s is the smallest singular value of F, less what its two balls have moved besides
+            # a change of the cell maps every vector to vector F. A pair that was beyond the reach
+            # is then at least s times the reach apart, where s is the smallest singular value of F,
+            # less what its two balls have moved besides
             stretch = 1.0
             if not np.array_equal(cell, last):
-                change = np.linalg.solve(last, cell) if abs(np.linalg.det(last)) >= _FLAT else np.zeros_like(cell)
-                stretch, old = float(np.linalg.svd(change, compute_uv=False)[-1]), old @ change
+                change = (
+                    np.linalg.solve(last, cell)
+                    if abs(np.linalg.det(last)) >= _FLAT
+                    else np.zeros_like(cell)
+                )
+                stretch = float(np.linalg.svd(change, compute_uv=False)[-1])
+                old = old @ change
             moved = positions - old
             farthest = float(np.sqrt(np.max(np.einsum("na,na->n", moved, moved), initial=0.0)))
             serves = stretch * reach - 2.0 * farthest >= cutoff
         if self._kept is None or not serves:
-            reach, axes = cutoff + _SKIN, np.flatnonzero(periodic)
+            reach = cutoff + _SKIN
+            axes = np.flatnonzero(periodic)
             periods = cell[axes]
             if not np.all(np.any(periods, axis=1)):
-                raise InputError("the balls are periodic along a cell vector of zero length", "The period is not known")
+                raise InputError(
+                    "the balls are periodic along a cell vector of zero length",
+                    "The period is not known",
+                )
             if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
-                what = f"the balls are periodic in a cell without {('a length', 'an area', 'a volume')[len(axes) - 1]}"
-                raise InputError(what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}")
+                what = (
+                    f"the balls are periodic in a cell without"
+                    f" {('a length', 'an area', 'a volume')[len(axes) - 1]}"
+                )
+                raise InputError(
+                    what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}"
+                )
             i, j, steps, vector = find_pairs(positions, periods, reach)
             shift = np.zeros((len(i), len(cell)), np.intp)
             shift[:, axes] = steps
@@ -270,26 +355,30 @@ class PairList:
 class HertzMindlin(ContactCalculator):
     """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
 
-    Energy, forces, torques and stress follow from positions and rotations. The energy of a contact follows from the state's
-    contact law at the overlap of the contact, plus kappa s^2/2 + k_t twist^2/2 + k_b roll^2/2: s is the slip since the
-    reference configuration, twist and roll are the rotation of one ball relative to the other about the normal and across
-    it, and the stiffnesses belong to the reference. Balls that are apart exert no force on each other. Stress, in Voigt
-    order, is force over area; across a line or a plane of balls the cell counts as one diameter thick. Multiplied by
-    ``Units.modulus`` it is in Pa.
+    Energy, forces, torques and stress follow from positions and rotations. The energy of a contact
+    follows from the state's contact law at the overlap of the contact, plus kappa s^2/2 + k_t
+    twist^2/2 + k_b roll^2/2: s is the slip since the reference configuration, twist and roll are
+    the rotation of one ball relative to the other about the normal and across it, and the
+    stiffnesses belong to the reference. Balls that are apart exert no force on each other. Stress,
+    in Voigt order, is force over area; across a line or a plane of balls the cell counts as one
+    diameter thick. Multiplied by ``Units.modulus`` it is in Pa.
 
-    The balls may be any cell of the lattice: a supercell, a slab (periodic in some directions only), a cluster, a cell with
-    vacancies. If the motions of the state lead out of the plane, balls may stand out of the plane, and rotations and torques
-    are (N, 3). Energy, forces and torques include what all coordinates do, also where the state names the motions out of the
-    plane only.
+    The balls may be any cell of the lattice: a supercell, a slab (periodic in some directions
+    only), a cluster, a cell with vacancies. If the motions of the state lead out of the plane,
+    balls may stand out of the plane, and rotations and torques are (N, 3). Energy, forces and
+    torques include what all coordinates do, also where the state names the motions out of the plane
+    only.
 
-    In the paper's limit (the default of a state) the overlap is delta - (r - d n).n with n fixed; if the state has finite
-    overlap it is ``d - |r|``. Slip is counted from the array ``slip_origin``.
+    In the paper's limit (the default of a state) the overlap is delta - (r - d n).n with n fixed;
+    if the state has finite overlap it is ``d - |r|``. Slip is counted from the array
+    ``slip_origin``.
 
-    Force constants come from the state and from the arrays ``displacements`` and ``diameter_deviations``. Positions only
-    tell which balls touch.
+    Force constants come from the state and from the arrays ``displacements`` and
+    ``diameter_deviations``. Positions only tell which balls touch.
 
-    The state of one simulated sample serves two kinds of Atoms: the sample's own ``sample.atoms()``, whose contacts have the
-    law of two balls, and ``gp.atoms(state)``, whose contacts have the mean law.
+    The state of one simulated sample serves two kinds of Atoms: the sample's own
+    ``sample.atoms()``, whose contacts have the law of two balls, and ``gp.atoms(state)``, whose
+    contacts have the mean law.
 
     Any other Atoms, in m, have the calculator ``HertzMindlin({"A": ball, "B": ball})``, which is a
     :class:`~granphon.BallContacts`.
@@ -300,10 +389,11 @@ class HertzMindlin(ContactCalculator):
 
     Raises
     ------
-    InputError : unknown keywords, or a state with several loads. When used: Atoms that lack masses or an array that
-        :func:`~granphon.atoms` gives (:meth:`adopt` adds what is missing), or that belong to another state; a cell that is
-        tilted out of the line or plane of the lattice, or periodic across it; balls that touch in directions other than
-        those of the lattice, as when it is turned (allowed with ``finite_overlap`` where balls do not rotate).
+    InputError : unknown keywords, or a state with several loads. When used: Atoms that lack masses
+        or an array that :func:`~granphon.atoms` gives (:meth:`adopt` adds what is missing), or that
+        belong to another state; a cell that is tilted out of the line or plane of the lattice, or
+        periodic across it; balls that touch in directions other than those of the lattice, as when
+        it is turned (allowed with ``finite_overlap`` where balls do not rotate).
     PrecisionError : when used, if delta/d < 1e-10: positions hold too few digits of the overlap.
     """
 
@@ -311,7 +401,11 @@ class HertzMindlin(ContactCalculator):
 
     def __new__(cls, state: Any = None, *balls: Any, **options: Any) -> Any:
         """Return a :class:`BallContacts` for a mapping of kinds of balls."""
-        return BallContacts(state, *balls, **options) if isinstance(state, Mapping) else super().__new__(cls)
+        return (
+            BallContacts(state, *balls, **options)
+            if isinstance(state, Mapping)
+            else super().__new__(cls)
+        )
 
     def __init__(self, state: ContactState, **unknown: Any) -> None:
         super().__init__(**unknown)
@@ -319,60 +413,87 @@ class HertzMindlin(ContactCalculator):
         self.finite_overlap = state.finite_overlap
         self.scales: Units = state.scales
         packing = state.packing
-        self._coordinates, self._periods = count_coordinates(packing), packing.structure.periods
-        self._eta, self._torsion = float(packing.mindlin_ratio), float(state.torsion)
+        self._coordinates = count_coordinates(packing)
+        self._periods = packing.structure.periods
+        self._eta = float(packing.mindlin_ratio)
+        self._torsion = float(state.torsion)
         self._bending = float(packing.bending)
         # without the rotations that no contact resists
-        self._motions = select_motions(self._eta, self._torsion, self._bending, _MOTIONS[self._coordinates - 1])
-        self._overlap, self._apart = float(self.state.relative_overlap), self.state.law.least_overlap / self.scales.length
+        self._motions = select_motions(
+            self._eta, self._torsion, self._bending, _MOTIONS[self._coordinates - 1]
+        )
+        self._overlap = float(self.state.relative_overlap)
+        self._apart = self.state.law.least_overlap / self.scales.length
         self._spacing = 1.0 - self._overlap if self.finite_overlap else 1.0
-        # with finite overlap a contact of balls that do not turn acts along the line between them, whatever the lattice
-        self._free, self._near = self.finite_overlap and not self._motions.rotate, PairList()
+        # with finite overlap a contact of balls that do not turn acts along the line between them,
+        # whatever the lattice
+        self._free = self.finite_overlap and not self._motions.rotate
+        self._near = PairList()
 
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Raise InputError for any parameter: all that this calculator needs is in its state."""
         if unknown:
             mend = "Make another one of another state"
-            raise InputError(f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}", mend=mend)
+            raise InputError(
+                f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}", mend=mend
+            )
         return {}
 
-    # -- ASE's protocol ---------------------------------------------------------------------------------------------
+    # -- ASE's protocol ----------------------------------------------------------------------------
 
     def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
-        """Return the names of what has changed since the last calculation: ASE's six properties and granphon's arrays."""
+        """Return the names of what has changed since the last calculation: ASE's six properties and
+        granphon's arrays.
+        """
         changes: list[str] = super().check_state(atoms, tol=tol)
-        return changes + ["masses"] * (self.atoms is not None and has_masses(self.atoms) != has_masses(atoms))
+        return changes + ["masses"] * (
+            self.atoms is not None and has_masses(self.atoms) != has_masses(atoms)
+        )
 
     def adopt(self, atoms: Atoms, like: Atoms | None = None) -> Atoms:
-        """Return a copy of Atoms from elsewhere that has all that balls of this state need, and this calculator.
+        """Return a copy of Atoms from elsewhere that has all that balls of this state need, and
+        this calculator.
 
-        The copy keeps what the Atoms have, including what was set by hand. Masses, scales and arrays of
-        :func:`~granphon.atoms` that are missing are taken from ``like``, ball by ball. Without ``like`` the balls are those
-        of the state, on the sites of its lattice, with masses (1 + deviation)^3. Positions and cell must be in units of the
-        mean diameter.
+        The copy keeps what the Atoms have, including what was set by hand. Masses, scales and
+        arrays of :func:`~granphon.atoms` that are missing are taken from ``like``, ball by ball.
+        Without ``like`` the balls are those of the state, on the sites of its lattice, with masses
+        (1 + deviation)^3. Positions and cell must be in units of the mean diameter.
 
-        Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if the Atoms belong to
-        another state.
+        Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or
+        if the Atoms belong to another state.
         """
-        balls = adopt(atoms, self.scales, FINITE if self.finite_overlap else LATTICE, like, self._coordinates)
+        balls = adopt(
+            atoms, self.scales, FINITE if self.finite_overlap else LATTICE, like, self._coordinates
+        )
         find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         balls.calc = self
         return balls
 
     def calculate(
-        self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
+        self,
+        atoms: Atoms | None = None,
+        properties: Any = ("energy",),
+        system_changes: Any = all_changes,
     ) -> None:
         """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms.
 
-        ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes`` since the last call.
+        ASE gives the names of the ``properties`` that it asks for, and of the ``system_changes``
+        since the last call.
         """
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
         if self._overlap - self._apart < _LEAST_OVERLAP:
-            what = f"energy, forces and stress need positions, and balls overlap by {self._overlap - self._apart:.3g} d"
+            what = (
+                f"energy, forces and stress need positions, and balls overlap by"
+                f" {self._overlap - self._apart:.3g} d"
+            )
             mend = "Use force constants, bands and velocities, which need none"
-            raise PrecisionError(what, f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that", mend)
-        law, n, m = self._choose_law(balls), len(balls), self._coordinates
+            raise PrecisionError(
+                what, f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that", mend
+            )
+        law = self._choose_law(balls)
+        n = len(balls)
+        m = self._coordinates
         # the contacts that are closed at the positions of the balls
         i, j, _, vector = self._find_pairs(balls, balls.positions[:, :m])
         deviations = balls.arrays["diameter_deviations"]
@@ -386,9 +507,12 @@ class HertzMindlin(ContactCalculator):
             along = normal
             overlap = self._overlap + extra - (np.einsum("ca,ca->c", vector, normal) - 1.0)
         closed = near & (overlap > law.least_overlap / self.scales.length)
-        i, j, vector, normal, along, overlap = keep_rows(closed, i, j, vector, normal, along, overlap)
+        i, j, vector, normal, along, overlap = keep_rows(
+            closed, i, j, vector, normal, along, overlap
+        )
         # energy of each contact and force on ball j, in units of k d^2 and k d
-        d, k = self.scales.length, self.scales.stiffness
+        d = self.scales.length
+        k = self.scales.stiffness
         energies = law.energy(overlap * d) / (k * d * d)
         pull = (law.force(overlap * d) / (k * d))[:, None] * along
         angles = np.atleast_2d(balls.arrays["rotations"].T)  # one row for each axis
@@ -397,14 +521,22 @@ class HertzMindlin(ContactCalculator):
             axis_at_rest, overlap_at_rest, _ = self._find_rest(balls, i, j, normal)
             origin = balls.arrays["slip_origin"][:, :m]
             moved = vector - self._spacing * normal - (origin[j] - origin[i])
-            # kappa is that of the reference state: slip adds to the energy of that state; so do twist and roll
+            # kappa is that of the reference state: slip adds to the energy of that state; so do
+            # twist and roll
             stiffness, torsion = self._find_springs(law, overlap_at_rest)
             arm_i, arm_j = (self._spacing * 0.5 * (1.0 + deviations[ball]) for ball in (i, j))
             for row in contact_rows(
-                axis_at_rest, arm_i, arm_j, self._motions,
-                elongation=0.0, slip=self._eta, twist=torsion, roll=self._bending,
-            ):  # fmt: skip
-                head, tail = row.head.T, row.tail.T
+                axis_at_rest,
+                arm_i,
+                arm_j,
+                self._motions,
+                elongation=0.0,
+                slip=self._eta,
+                twist=torsion,
+                roll=self._bending,
+            ):
+                head = row.head.T
+                tail = row.tail.T
                 change = head[0] * moved[:, 0]
                 for axis in range(1, m):
                     change += head[axis] * moved[:, axis]
@@ -415,39 +547,53 @@ class HertzMindlin(ContactCalculator):
                 energies += 0.5 * tension * change
                 for axis in range(m):
                     pull[:, axis] -= tension * head[axis]
-                for turn_j, turn_i, on_j, on_i in zip(head[m:], tail[m:], torque_j, torque_i, strict=True):
+                for turn_j, turn_i, on_j, on_i in zip(
+                    head[m:], tail[m:], torque_j, torque_i, strict=True
+                ):
                     on_i += tension * turn_i
                     on_j -= tension * turn_j
         # sums over the contacts of each ball
-        forces, energy = np.zeros((n, 3)), float(energies.sum())
+        forces = np.zeros((n, 3))
+        energy = float(energies.sum())
         for axis in range(m):
             forces[:, axis] = np.bincount(j, pull[:, axis], n) - np.bincount(i, pull[:, axis], n)
         ends = zip(torque_i, torque_j, strict=True)
         torques = [np.bincount(i, at_i, n) + np.bincount(j, at_j, n) for at_i, at_j in ends]
-        self._torques: Array = np.stack(torques, axis=1) if m == 3 else np.asarray(torques[0], float)
+        self._torques: Array = (
+            np.stack(torques, axis=1) if m == 3 else np.asarray(torques[0], float)
+        )
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         periods = self._periods
         volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:periods, :periods])))
         if volume > 0.0:
-            # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across the periods
+            # stress is dE/d(strain of positions and cell) over the volume, one diameter thick
+            # across the periods
             stress = np.zeros((3, 3))
             stress[:m, :m] = -np.einsum("ca,cb->ab", pull, vector) / volume
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
-            mend = f"Give the cell {('a vector along x', 'two vectors in the plane', 'three vectors')[periods - 1]}"
-            raise InputError(f"the cell has no {_EXTENTS[periods - 1]}", "Stress is force over area", mend)
+            mend = (
+                f"Give the cell"
+                f" {('a vector along x', 'two vectors in the plane', 'three vectors')[periods - 1]}"
+            )
+            raise InputError(
+                f"the cell has no {_EXTENTS[periods - 1]}", "Stress is force over area", mend
+            )
 
     def get_torques(self, atoms: Atoms) -> Array:
-        """Return the torque on each ball, -dE/dphi, in units of k d^2: (N,) where balls turn about z only, else (N, 3)."""
+        """Return the torque on each ball, -dE/dphi, in units of k d^2: (N,) where balls turn about
+        z only, else (N, 3).
+        """
         self.get_property("energy", atoms)
         return self._torques.copy()
 
-    # -- contacts ---------------------------------------------------------------------------------------------------
+    # -- contacts ----------------------------------------------------------------------------------
 
     def _find_pairs(self, balls: Atoms, places: Array) -> Pairs:
         """Find the pairs of balls that are near enough to touch, each pair once."""
         largest = 1.0 + float(np.max(balls.arrays["diameter_deviations"], initial=0.0)) + _CATCH
-        m, p = self._coordinates, self._periods
+        m = self._coordinates
+        p = self._periods
         cell = np.asarray(balls.cell)[:m, :m]
         if p < m:  # no vector across the periods counts
             cell = np.concatenate([cell[:p], np.eye(m)[p:]])
@@ -457,32 +603,47 @@ class HertzMindlin(ContactCalculator):
     def _directions(self) -> Array:
         """(2 n_c, m) contact vectors of the lattice, both ways, at spacing one."""
         normal = self.state.packing.structure.contacts.normal
-        return np.pad(np.concatenate([normal, -normal]), ((0, 0), (0, self._coordinates - normal.shape[1])))
+        return np.pad(
+            np.concatenate([normal, -normal]), ((0, 0), (0, self._coordinates - normal.shape[1]))
+        )
 
     @cached_property
     def _midway(self) -> float:
-        """Distance halfway from that of touching balls to that of second neighbours, if these are close."""
-        cell, places = np.eye(3), np.zeros((self.state.packing.structure.n_balls, 3))
-        cell[: self._periods, : self.state.packing.structure.dimension] = self.state.packing.structure.vectors
+        """Distance halfway from that of touching balls to that of second neighbours, if these are
+        close.
+        """
+        cell = np.eye(3)
+        places = np.zeros((self.state.packing.structure.n_balls, 3))
+        cell[: self._periods, : self.state.packing.structure.dimension] = (
+            self.state.packing.structure.vectors
+        )
         places[:, : self.state.packing.structure.dimension] = self.state.packing.structure.positions
-        pairs = PairList().near(places, cell, tuple(axis < self._periods for axis in range(3)), 1.0 + 2.0 * _CATCH)
+        pairs = PairList().near(
+            places, cell, tuple(axis < self._periods for axis in range(3)), 1.0 + 2.0 * _CATCH
+        )
         distance = np.linalg.norm(pairs.vector, axis=1)
         second = np.min(distance, where=distance > 1.0 + TOUCH, initial=1.0 + 2.0 * _CATCH)
         return 0.5 * self._spacing * (1.0 + float(second))
 
-    def _find_normals(self, vector: Array, extra: Array, at_sites: bool = False) -> tuple[Array, Flags]:
-        """Find the direction of the lattice contact nearest to each pair, and whether the pair is near enough to be it.
+    def _find_normals(
+        self, vector: Array, extra: Array, at_sites: bool = False
+    ) -> tuple[Array, Flags]:
+        """Find the direction of the lattice contact nearest to each pair, and whether the pair is
+        near enough to be it.
 
-        ``extra`` (n,) is what the diameters of the two balls add to the distance at which they touch. ``at_sites`` says that
-        the vectors join the sites of the balls, and so only tell which balls touch.
+        ``extra`` (n,) is what the diameters of the two balls add to the distance at which they
+        touch. ``at_sites`` says that the vectors join the sites of the balls, and so only tell
+        which balls touch.
 
-        Raises :class:`InputError` if balls touch in another direction, or if the lattice is turned too far for contacts of
-        fixed direction.
+        Raises :class:`InputError` if balls touch in another direction, or if the lattice is turned
+        too far for contacts of fixed direction.
         """
         distance = np.linalg.norm(vector, axis=1)
         if self._free:
             near = np.abs(distance - self._spacing) < _CATCH
-            return vector / distance[:, None], near & (distance < self._midway) if at_sites else near
+            return vector / distance[:, None], near & (
+                distance < self._midway
+            ) if at_sites else near
         nearest = np.argmax(vector @ self._directions.T, axis=1)
         normal = self._directions[nearest]
         near = np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
@@ -490,23 +651,33 @@ class HertzMindlin(ContactCalculator):
         astray = ~near & (distance < reach)
         touching = near & (np.einsum("ca,ca->c", vector, normal) < reach)
         turn = _find_turn(normal, vector, distance, touching)
-        turned = _TURN_PER_SPACING if at_sites else _TURN_PER_OVERLAP * (self._overlap - self._apart)
+        turned = (
+            _TURN_PER_SPACING if at_sites else _TURN_PER_OVERLAP * (self._overlap - self._apart)
+        )
         if np.any(astray) or 0.5 * turn**2 > turned:
-            what = f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g} degrees on average"
+            what = (
+                f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g}"
+                f" degrees on average"
+            )
             if np.any(astray):
                 what = "balls touch in directions that are not those of the lattice"
             why = "With friction, and in the limit of small overlap, contacts keep these"
             why += ": balls are turned against the lattice, or were moved"
-            mend = "Keep the orientation of gp.atoms(state), or take a state of finite overlap without friction"
+            mend = (
+                "Keep the orientation of gp.atoms(state), or take a state of finite overlap"
+                " without friction"
+            )
             raise InputError(what, why, mend)
         return normal, near
 
-    def _find_rest(self, balls: Atoms, i: Index, j: Index, normal: Array) -> tuple[Array, Array, Array]:
+    def _find_rest(
+        self, balls: Atoms, i: Index, j: Index, normal: Array
+    ) -> tuple[Array, Array, Array]:
         """Find direction, overlap and distance of each contact in the reference state.
 
-        There balls are displaced from their sites, which are one spacing apart in the direction ``normal``. In the paper's
-        limit the contact keeps the direction of the sites. The overlap is found without adding displacements to the spacing,
-        where it would lose its digits.
+        There balls are displaced from their sites, which are one spacing apart in the direction
+        ``normal``. In the paper's limit the contact keeps the direction of the sites. The overlap
+        is found without adding displacements to the spacing, where it would lose its digits.
         """
         deviations = balls.arrays["diameter_deviations"]
         displacements = balls.arrays["displacements"][:, : self._coordinates]
@@ -518,40 +689,68 @@ class HertzMindlin(ContactCalculator):
         vector = self._spacing * normal + moved
         distance = np.linalg.norm(vector, axis=1)
         # |r| - a for r = a n + u, without the difference of two nearly equal numbers
-        farther = (2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)) / (distance + self._spacing)
+        farther = (2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)) / (
+            distance + self._spacing
+        )
         return vector / distance[:, None], overlap - farther, distance
 
     def _choose_law(self, balls: Atoms) -> Law:
-        """Return the contact law of these balls; raises :class:`InputError` if the balls cannot belong to the state."""
+        """Return the contact law of these balls; raises :class:`InputError` if the balls cannot
+        belong to the state.
+        """
         if len(self.state.samples) > 1 and has_sampled(balls):
-            what = f"the Atoms are of one sample, and the state is the mean over {len(self.state.samples)}"
+            what = (
+                f"the Atoms are of one sample, and the state is the mean over"
+                f" {len(self.state.samples)}"
+            )
             mend = "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)"
             raise InputError(what, "Each sample has an overlap and a stiffness of its own", mend)
         if has_sampled(balls) and self.state.samples:
-            exact, loaded = self.state.samples[0].is_exact, getattr(self.state, "work", None) is not None
+            exact = self.state.samples[0].is_exact
+            loaded = getattr(self.state, "work", None) is not None
             if exact or loaded:
                 how = "was loaded with friction" if loaded else "has its exact geometry"
                 why = "A calculator has neither a history nor true directions"
-                otherwise = "simulate without a history" if loaded else 'simulate with geometry="lattice"'
-                mend = f"Use the network of the sample, as gp.Waves(state.sample) does, or {otherwise}"
+                otherwise = (
+                    "simulate without a history" if loaded else 'simulate with geometry="lattice"'
+                )
+                mend = (
+                    f"Use the network of the sample, as gp.Waves(state.sample) does, or {otherwise}"
+                )
                 raise InputError(f"the Atoms are of a sample that {how}", why, mend)
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         own = (balls.arrays[name] for name in ARRAYS)
-        if not all(np.all(np.isfinite(values)) for values in (balls.positions, np.asarray(balls.cell), *own)):
-            what = "the Atoms hold a number that is not finite, in positions, cell or an array that granphon added"
+        if not all(
+            np.all(np.isfinite(values))
+            for values in (balls.positions, np.asarray(balls.cell), *own)
+        ):
+            what = (
+                "the Atoms hold a number that is not finite, in positions, cell or an array that"
+                " granphon added"
+            )
             raise InputError(what)
         require_lying(balls, self._periods)
         if kind == SAMPLE:
             return self.state.packing.law
         if self._apart < 0.0 and np.any(balls.arrays["diameter_deviations"]):
-            what = f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is the mean over all"
-            mend = "Use a state of AveragedLattice, whose law is that of two balls, or the Atoms of a sample"
+            what = (
+                f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is"
+                f" the mean over all"
+            )
+            mend = (
+                "Use a state of AveragedLattice, whose law is that of two balls, or the Atoms of"
+                " a sample"
+            )
             raise InputError(what, "Their spread would count twice", mend)
         return self.state.law
 
     def _find_springs(self, law: Law, overlap: Array) -> tuple[Array, float | Array]:
-        """Find normal stiffness over the state's, and torsion over k d^2; exactly the state's for its law at its overlap."""
-        stiffness, torsion, packing = np.ones(overlap.shape), np.full(overlap.shape, self._torsion), self.state.packing
+        """Find normal stiffness over the state's, and torsion over k d^2; exactly the state's for
+        its law at its overlap.
+        """
+        stiffness = np.ones(overlap.shape)
+        torsion = np.full(overlap.shape, self._torsion)
+        packing = self.state.packing
         other = (overlap != self._overlap) | (law is not self.state.law)
         if not np.any(other):
             return stiffness, self._torsion
@@ -564,39 +763,51 @@ class HertzMindlin(ContactCalculator):
         return stiffness, torsion if packing.torsion == MINDLIN else self._torsion
 
     def contact_lattice(self, atoms: Atoms, motions: str | None = None) -> ContactLattice:
-        """Return the harmonic :class:`~granphon.ContactLattice` of any cell of these balls, about the state.
+        """Return the harmonic :class:`~granphon.ContactLattice` of any cell of these balls, about
+        the state.
 
-        Its contacts are the closed contacts of the lattice between the balls of the cell. The overlap of a contact is the
-        overlap of the state, plus the mean of the two ``diameter_deviations``, minus the change of the distance by the
-        ``displacements``. With ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms. It
-        has the periods and the dimension of the lattice; the dimension is three if displacements turn contacts out of the
-        plane. Shear, torsion and bending of each contact are in proportion to its normal stiffness. With
-        ``torsion="mindlin"`` each contact has the torsion of a Hertz contact under its own force.
+        Its contacts are the closed contacts of the lattice between the balls of the cell. The
+        overlap of a contact is the overlap of the state, plus the mean of the two
+        ``diameter_deviations``, minus the change of the distance by the ``displacements``. With
+        ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms. It
+        has the periods and the dimension of the lattice; the dimension is three if displacements
+        turn contacts out of the plane. Shear, torsion and bending of each contact are in proportion
+        to its normal stiffness. With ``torsion="mindlin"`` each contact has the torsion of a Hertz
+        contact under its own force.
 
-        ``motions`` names some of the motions of the state, "longitudinal", "in_plane", "out_of_plane" or "all", and leaves
-        the others out; by default all motions of the state. Raises :class:`~granphon.base.errors.InputError` for a name of
-        motions that the state does not have.
+        ``motions`` names some of the motions of the state, "longitudinal", "in_plane",
+        "out_of_plane" or "all", and leaves the others out; by default all motions of the state.
+        Raises :class:`~granphon.base.errors.InputError` for a name of motions that the state does
+        not have.
         """
         return self._find_lattice(atoms, motions)[0]
 
     def contact_network(self, atoms: Atoms, motions: str | None = None) -> ContactNetwork:
-        """Return balls and closed contacts of any cell as a :class:`~granphon.networks.network.ContactNetwork`, in SI.
+        """Return balls and closed contacts of any cell as a
+        :class:`~granphon.networks.network.ContactNetwork`, in SI.
 
-        The contacts are those of :meth:`contact_lattice`, with their forces, at the places of the balls in the reference
-        state. The network repeats along the periods of the Atoms. With ``finite_overlap`` it has prestress. ``motions`` and
-        errors are as for :meth:`contact_lattice`.
+        The contacts are those of :meth:`contact_lattice`, with their forces, at the places of the
+        balls in the reference state. The network repeats along the periods of the Atoms. With
+        ``finite_overlap`` it has prestress. ``motions`` and errors are as for
+        :meth:`contact_lattice`.
         """
         lattice, law, overlap = self._find_lattice(atoms, motions)
-        d, positions = self.scales.length, np.zeros((len(atoms), 3))
+        d = self.scales.length
+        positions = np.zeros((len(atoms), 3))
         positions[:, : lattice.dimension] = d * atoms.positions[:, : lattice.dimension]
-        force, other = np.full(overlap.shape, self.state.force), (overlap != self._overlap) | (law is not self.state.law)
+        force = np.full(overlap.shape, self.state.force)
+        other = (overlap != self._overlap) | (law is not self.state.law)
         if np.any(other):
             force[other] = law.force(overlap[other] * d)
         return lattice.contact_network(
-            self.scales, force / self.scales.force, 0.5 * (1.0 + atoms.arrays["diameter_deviations"]),
-            positions=positions, pbc=tuple(map(bool, atoms.pbc)), prestress=self.finite_overlap,
+            self.scales,
+            force / self.scales.force,
+            0.5 * (1.0 + atoms.arrays["diameter_deviations"]),
+            positions=positions,
+            pbc=tuple(map(bool, atoms.pbc)),
+            prestress=self.finite_overlap,
             contact_model=ContactModel.of(self.state.packing),
-        )  # fmt: skip
+        )
 
     def _find_lattice(self, atoms: Atoms, motions: str | None) -> tuple[ContactLattice, Law, Array]:
         """Return the lattice of contacts, and the law and the overlaps (n_c,), d, of these."""
@@ -604,46 +815,75 @@ class HertzMindlin(ContactCalculator):
         moving = own = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
         if motions is not None:
             had = {
-                one.name: one for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)
-                if set(one.translations) <= set(own.translations) and set(one.rotations) <= set(own.rotations)
-            }  # fmt: skip
+                one.name: one
+                for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)
+                if set(one.translations) <= set(own.translations)
+                and set(one.rotations) <= set(own.rotations)
+            }
             if not is_one_of(motions, had):
-                what, why = f"the state has no motions {brief(motions)}", f"Its balls have the motions {own.name!r}"
-                raise InputError(what, why, "Use " + ", ".join(had) + ", or make a state of a Packing with these motions")
+                what = f"the state has no motions {brief(motions)}"
+                why = f"Its balls have the motions {own.name!r}"
+                raise InputError(
+                    what,
+                    why,
+                    "Use " + ", ".join(had) + ", or make a state of a Packing with these motions",
+                )
             moving = had[motions]
         law = self._choose_law(atoms)
         deviations = atoms.arrays["diameter_deviations"]
-        m, periods, dimension = self._coordinates, self._periods, packing.structure.dimension
+        m = self._coordinates
+        periods = self._periods
+        dimension = packing.structure.dimension
         sites = atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m]
         i, j, shift, vector = self._find_pairs(atoms, sites)
-        normal, near = self._find_normals(vector, 0.5 * (deviations[i] + deviations[j]), at_sites=True)
+        normal, near = self._find_normals(
+            vector, 0.5 * (deviations[i] + deviations[j]), at_sites=True
+        )
         rest = self._find_rest(atoms, i, j, normal)
         closed = near & (rest[1] > law.least_overlap / self.scales.length)
         i, j, shift, vector, axis, overlap, distance = keep_rows(closed, i, j, shift, vector, *rest)
         width = m if np.any(axis[:, dimension:]) else dimension
-        d, k = self.scales.length, self.scales.stiffness
+        d = self.scales.length
+        k = self.scales.stiffness
         prestress = np.zeros(len(i))
         if self.finite_overlap:
             prestress = law.force(overlap * d) / (k * d) / distance
         diameters = 1.0 + deviations
         arms = 0.5 * self._spacing * diameters
         table = ContactTable(
-            read_only(i), read_only(j), read_only(shift[:, :periods]), read_only(axis[:, :width]),
-            read_only(vector[:, :width]), read_only(arms[i]), read_only(arms[j]),
-        )  # fmt: skip
+            read_only(i),
+            read_only(j),
+            read_only(shift[:, :periods]),
+            read_only(axis[:, :width]),
+            read_only(vector[:, :width]),
+            read_only(arms[i]),
+            read_only(arms[j]),
+        )
         stiffness, torsion = self._find_springs(law, overlap)
         lattice = ContactLattice(
-            np.asarray(atoms.cell)[:periods, :width], sites[:, :width], table, self._eta, stiffness=stiffness,
-            prestress=prestress, masses=atoms.get_masses(), gyration=GYRATION * diameters, torsion=torsion,
-            bending=self._bending, motions=moving,
-        )  # fmt: skip
+            np.asarray(atoms.cell)[:periods, :width],
+            sites[:, :width],
+            table,
+            self._eta,
+            stiffness=stiffness,
+            prestress=prestress,
+            masses=atoms.get_masses(),
+            gyration=GYRATION * diameters,
+            torsion=torsion,
+            bending=self._bending,
+            motions=moving,
+        )
         return lattice, law, overlap
 
     @overload
-    def get_force_constants(self, atoms: Atoms, format: Literal["dense"] = "dense", motions: str | None = None) -> Array: ...
+    def get_force_constants(
+        self, atoms: Atoms, format: Literal["dense"] = "dense", motions: str | None = None
+    ) -> Array: ...
 
     @overload
-    def get_force_constants(self, atoms: Atoms, format: Literal["csr"], motions: str | None = None) -> csr_array[Any]: ...
+    def get_force_constants(
+        self, atoms: Atoms, format: Literal["csr"], motions: str | None = None
+    ) -> csr_array[Any]: ...
 
     def get_force_constants(
         self, atoms: Atoms, format: Literal["dense", "csr"] = "dense", motions: str | None = None
@@ -653,23 +893,29 @@ class HertzMindlin(ContactCalculator):
         Parameters
         ----------
         atoms : any cell of these balls.
-        format : "dense" for an array (N, N, m, m), "csr" for a (mN, mN) ``scipy.sparse.csr_array``. Another word raises
-            :class:`~granphon.base.errors.InputError`.
-        motions : some of the motions of the state, see :meth:`contact_lattice`; by default all of them.
+        format : "dense" for an array (N, N, m, m), "csr" for a (mN, mN) ``scipy.sparse.csr_array``.
+            Another word raises :class:`~granphon.base.errors.InputError`.
+        motions : some of the motions of the state, see :meth:`contact_lattice`; by default all of
+            them.
 
         Returns
         -------
-        The force constants between the m motions of balls that move: (x, y, w) in the plane, (x, y, z, w_x, w_y, w_z) in
-        space and in a plane with the motions "all", (z, w_x, w_y) out of the plane, (x,) along a chain. Rotations that no
-        contact resists are left out, except that in the plane the rows and columns of w are then zero.
+        The force constants between the m motions of balls that move: (x, y, w) in the plane, (x, y,
+        z, w_x, w_y, w_z) in space and in a plane with the motions "all", (z, w_x, w_y) out of the
+        plane, (x,) along a chain. Rotations that no contact resists are left out, except that in
+        the plane the rows and columns of w are then zero.
 
         Notes
         -----
-        w = R_g phi is a length, so that the mass of the ball serves all coordinates. In a cell so small that two balls touch
-        more than once (2 x 2 and less), contacts add up.
+        w = R_g phi is a length, so that the mass of the ball serves all coordinates. In a cell so
+        small that two balls touch more than once (2 x 2 and less), contacts add up.
         """
-        layout, lattice = one_of("format", format, ("dense", "csr")), self.contact_lattice(atoms, motions)
-        table, n, blocks, moving = lattice.contacts, lattice.n_balls, contact_blocks(lattice), lattice.motions
+        layout = one_of("format", format, ("dense", "csr"))
+        lattice = self.contact_lattice(atoms, motions)
+        table = lattice.contacts
+        n = lattice.n_balls
+        blocks = contact_blocks(lattice)
+        moving = lattice.motions
         size = blocks.shape[1] // 2
         ends = np.stack([table.i, table.j], axis=1)
         index = (size * ends[:, :, None] + np.arange(size)).reshape(len(table), 2 * size)
@@ -679,7 +925,9 @@ class HertzMindlin(ContactCalculator):
         if layout == "csr":
             from scipy.sparse import coo_array
 
-            sparse = coo_array((blocks.ravel(), (first, second)), shape=(size * n, size * n)).tocsr()
+            sparse = coo_array(
+                (blocks.ravel(), (first, second)), shape=(size * n, size * n)
+            ).tocsr()
             sparse.sum_duplicates()
             kept = (size * np.arange(n)[:, None] + slots).ravel()
             return sparse if slots == list(range(size)) else sparse[kept][:, kept]
@@ -691,33 +939,48 @@ class HertzMindlin(ContactCalculator):
 
 
 def _find_turn(normal: Array, vector: Array, distance: Array, touching: Flags) -> float:
-    """Return the angle, rad, by which contacts are turned against their normals on average; in the plane with its sign."""
+    """Return the angle, rad, by which contacts are turned against their normals on average; in the
+    plane with its sign.
+    """
     if normal.shape[1] == 1 or not np.any(touching):
         return 0.0
     if normal.shape[1] == 2:
-        across, apart = keep_rows(touching, normal[:, 0] * vector[:, 1] - normal[:, 1] * vector[:, 0], distance)
+        across, apart = keep_rows(
+            touching, normal[:, 0] * vector[:, 1] - normal[:, 1] * vector[:, 0], distance
+        )
         return float(np.mean(across / apart))
     normal, vector, distance = keep_rows(touching, normal, vector, distance)
-    # a turn by omega gives n x v = (1 - nn) omega; along a single line of contacts omega has no part that could be seen
+    # a turn by omega gives n x v = (1 - nn) omega; along a single line of contacts omega has no
+    # part that could be seen
     across = np.sum(np.cross(normal, vector) / distance[:, None], axis=0)
-    turn = np.linalg.pinv(len(normal) * np.eye(3) - normal.T @ normal, rcond=1e-9, hermitian=True) @ across
+    turn = (
+        np.linalg.pinv(len(normal) * np.eye(3) - normal.T @ normal, rcond=1e-9, hermitian=True)
+        @ across
+    )
     return float(np.linalg.norm(turn))
 
 
 def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
-    """Return the rows of the contacts and their stiffnesses (n_c,), those of static forces among them."""
+    """Return the rows of the contacts and their stiffnesses (n_c,), those of static forces among
+    them.
+    """
     springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
     return springs + lattice.static_rows if lattice.is_prestressed else springs
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:
-    """Return the force constants of each contact alone, (n_c, 6, 6), in (x, y, w) of ball i, then of ball j; units of k.
+    """Return the force constants of each contact alone, (n_c, 6, 6), in (x, y, w) of ball i, then
+    of ball j; units of k.
 
-    If balls have all six motions the shape is (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each ball.
+    If balls have all six motions the shape is (n_c, 12, 12), in (x, y, z, w_x, w_y, w_z) of each
+    ball.
     """
-    slots, count = list(lattice.motions.slots), 3 * lattice.motions.atoms_per_ball
+    slots = list(lattice.motions.slots)
+    count = 3 * lattice.motions.atoms_per_ball
     springs = _list_springs(lattice)
     entries = np.zeros((len(springs), 2 * count, len(lattice.contacts)))
     for entry, (row, _) in zip(entries, springs, strict=True):
         entry[:count][slots], entry[count:][slots] = -row.tail.T, row.head.T
-    return np.asarray(np.einsum("rc,rac,rbc->cab", [stiffness for _, stiffness in springs], entries, entries))
+    return np.asarray(
+        np.einsum("rc,rac,rbc->cab", [stiffness for _, stiffness in springs], entries, entries)
+    )

@@ -28,17 +28,21 @@ _DOS_HEAD = "granphon density of states, schema {}, per ball"
 class DensityOfStates(Result):
     """Density of states per ball, 1/Hz; it integrates to the number of motions of a ball.
 
-    With the tetrahedron method each value is the mean over the interval around its frequency, and the trapezoidal sum is
-    exactly the number of motions. With smearing the tails below zero frequency are reflected. Branches that cost no energy
-    at any wave vector count too: the first interval holds all of them (with smearing, the half width at zero).
+    With the tetrahedron method each value is the mean over the interval around its frequency, and
+    the trapezoidal sum is exactly the number of motions. With smearing the tails below zero
+    frequency are reflected. Branches that cost no energy at any wave vector count too: the first
+    interval holds all of them (with smearing, the half width at zero).
 
     Attributes
     ----------
     frequencies : (n,), Hz.
-    translational, rotational : (n,), 1/Hz, the density with each mode weighted by that fraction of its kinetic energy.
+    translational, rotational : (n,), 1/Hz, the density with each mode weighted by that fraction of
+        its kinetic energy.
     method : "tetrahedron" or "smearing".
-    mesh : (p,), numbers of wave vectors along the axes of the reciprocal cell, one for each period of the lattice.
-    warnings : one sentence for each limit of the model that the state exceeds, and for branches that cost no energy.
+    mesh : (p,), numbers of wave vectors along the axes of the reciprocal cell, one for each period
+        of the lattice.
+    warnings : one sentence for each limit of the model that the state exceeds, and for branches
+        that cost no energy.
     """
 
     units = {"total": "1/Hz"}
@@ -51,7 +55,9 @@ class DensityOfStates(Result):
     warnings: tuple[str, ...] = ()
 
     def _check(self) -> None:
-        """Check the shapes, that numbers are finite, that frequencies ascend from zero, and that no density is below it."""
+        """Check the shapes, that numbers are finite, that frequencies ascend from zero, and that no
+        density is below it.
+        """
         super()._check()
         self._require_finite()
         parts = np.stack([self.translational, self.rotational])
@@ -71,10 +77,12 @@ class DensityOfStates(Result):
         return self.translational + self.rotational
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the columns frequency, total, translational and rotational, with all digits and the units in the heading.
+        """Write the columns frequency, total, translational and rotational, with all digits and the
+        units in the heading.
 
-        The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path, delimiter=",", names=True)`` take
-        the names from it. Comments below it hold the digest of the file, the method, the mesh and the warnings.
+        The heading is the first line, so that spreadsheets and ``numpy.genfromtxt(path,
+        delimiter=",", names=True)`` take the names from it. Comments below it hold the digest of
+        the file, the method, the mesh and the warnings.
         """
         columns = (self.frequencies, self.total, self.translational, self.rotational)
         comments = (
@@ -91,14 +99,26 @@ class DensityOfStates(Result):
         text, verified = read_sealed(path)
         with require_own_file(path, "density of states"):
             table = Table.parse(str(path), text.encode())
-            comments = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")]
+            comments = [
+                line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")
+            ]
             what, how = comments[:2]
             words = re.fullmatch(r"method (\w+), mesh (\d+(?: \d+){0,2})", how)
             schema = re.fullmatch(_DOS_HEAD.format(r"(\d+)"), what)
-            if tuple(heading.name for heading in table.headings) != _DOS_COLUMNS or schema is None or words is None:
-                raise InputError("Its heading or its first comments are not those of a density of states")
+            if (
+                tuple(heading.name for heading in table.headings) != _DOS_COLUMNS
+                or schema is None
+                or words is None
+            ):
+                raise InputError(
+                    "Its heading or its first comments are not those of a density of states"
+                )
             require_schema(path, int(schema[1]), _DOS_SCHEMA)
-            warnings = [line.removeprefix("warning: ") for line in comments[2:] if line.startswith("warning: ")]
+            warnings = [
+                line.removeprefix("warning: ")
+                for line in comments[2:]
+                if line.startswith("warning: ")
+            ]
             if len(warnings) != len(comments) - 2:
                 raise InputError("It has a comment that granphon does not write")
             frequencies, total, translational, rotational = map(table.numbers, _DOS_COLUMNS)

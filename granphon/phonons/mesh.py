@@ -1,10 +1,11 @@
 """Meshes of wave vectors over the Brillouin zone, and the modes that they count below a frequency.
 
-The mesh is cut into simplices (segments, triangles, tetrahedra), in which frequencies, and the parts of modes that are
-counted, are linear. Of the part that corner i has, the simplex then counts F(omega)/(p + 1) below omega. F is the
-distribution function of the B-spline whose knots t are the frequencies of the p + 1 corners, with that of corner i twice
-(H. B. Curry and I. J. Schoenberg, J. d'Analyse Math. 17, 71, 1966). Like the spline it has a recursion without differences
-of near-equal numbers, which starts from steps F_kk, one from omega = t_k on:
+The mesh is cut into simplices (segments, triangles, tetrahedra), in which frequencies, and the
+parts of modes that are counted, are linear. Of the part that corner i has, the simplex then counts
+F(omega)/(p + 1) below omega. F is the distribution function of the B-spline whose knots t are the
+frequencies of the p + 1 corners, with that of corner i twice (H. B. Curry and I. J. Schoenberg, J.
+d'Analyse Math. 17, 71, 1966). Like the spline it has a recursion without differences of near-equal
+numbers, which starts from steps F_kk, one from omega = t_k on:
 
     F_kl = ((omega - t_k) F_k,l-1 + (t_l - omega) F_k+1,l) / (t_l - t_k)
 """
@@ -39,7 +40,8 @@ class ZoneMesh(NamedTuple):
 
     #: numbers of points along the reciprocal vectors, (p,)
     numbers: tuple[int, ...]
-    #: the point among those left to which each point of the mesh is equivalent; the first axis runs fastest
+    #: the point among those left to which each point of the mesh is equivalent; the first axis runs
+    #: fastest
     left: Index
     #: points left, (n, p) fractions of the reciprocal cell
     qpoints: Array
@@ -48,35 +50,51 @@ class ZoneMesh(NamedTuple):
 
     @classmethod
     def of(cls, numbers: tuple[int, ...], group: Index | None = None) -> ZoneMesh:
-        """Return the mesh, reduced by a ``group`` (n, p, p) of :func:`find_point_group` and by time reversal.
+        """Return the mesh, reduced by a ``group`` (n, p, p) of :func:`find_point_group` and by time
+        reversal.
 
         It is whole without a group, and where a rotation mixes axes of different numbers.
         """
-        count, given = np.array(numbers), np.eye(len(numbers), dtype=int)[None]
+        count = np.array(numbers)
+        given = np.eye(len(numbers), dtype=int)[None]
         if group is not None and not np.any(group[:, count[:, None] != count]):
             given = np.unique(np.concatenate([group, -group]), axis=0)
-        addresses = np.stack(np.unravel_index(np.arange(count.prod()), numbers, order="F"))  # (p, n)
-        images = (np.ravel_multi_index(tuple(one.T @ addresses % count[:, None]), numbers, order="F") for one in given)
-        points, left, weights = np.unique(reduce(np.minimum, images), return_inverse=True, return_counts=True)
-        centred = addresses[:, points] - count[:, None] * (2 * addresses[:, points] > count[:, None])
+        # (p, n)
+        addresses = np.stack(np.unravel_index(np.arange(count.prod()), numbers, order="F"))
+        images = (
+            np.ravel_multi_index(tuple(one.T @ addresses % count[:, None]), numbers, order="F")
+            for one in given
+        )
+        points, left, weights = np.unique(
+            reduce(np.minimum, images), return_inverse=True, return_counts=True
+        )
+        centred = addresses[:, points] - count[:, None] * (
+            2 * addresses[:, points] > count[:, None]
+        )
         return cls(numbers, left, (centred / count[:, None]).T, weights)
 
-    def count_modes(self, reciprocal: Array, frequencies: Array, parts: Array, limits: Array) -> Array:
-        """Return the number of modes per cell below each limit, (n_parts, n_limits), by the linear tetrahedron method.
+    def count_modes(
+        self, reciprocal: Array, frequencies: Array, parts: Array, limits: Array
+    ) -> Array:
+        """Return the number of modes per cell below each limit, (n_parts, n_limits), by the linear
+        tetrahedron method.
 
         Parameters
         ----------
-        reciprocal : (p, p) reciprocal vectors, one a row; each cell of the mesh is cut along its shortest diagonal.
+        reciprocal : (p, p) reciprocal vectors, one a row; each cell of the mesh is cut along its
+            shortest diagonal.
         frequencies : (n_q, n_branches).
         parts : (n_parts, n_q, n_branches), what of each mode is counted.
         limits : (n_limits,), ascending.
         """
-        p, numbers = len(self.numbers), np.array(self.numbers)
+        p = len(self.numbers)
+        numbers = np.array(self.numbers)
         senses = np.array([np.ones(p), *(np.ones((p, p)) - 2.0 * np.eye(p))])
         lengths = np.linalg.norm(senses @ (reciprocal / numbers[:, None]), axis=1)
         sense = senses[np.argmax(lengths <= (1.0 + _EQUAL) * lengths.min())].astype(int)
-        # the simplices of a cell of the mesh go from corner to corner along its edges, in any order of these; about a point
-        # there are p + 1 times as many, in each of which it is one corner: (n, p + 1, p) steps from it
+        # the simplices of a cell of the mesh go from corner to corner along its edges, in any order
+        # of these; about a point there are p + 1 times as many, in each of which it is one corner:
+        # (n, p + 1, p) steps from it
         ways = (
             np.array(
                 [
@@ -92,22 +110,32 @@ class ZoneMesh(NamedTuple):
         address = np.rint(self.qpoints * numbers).astype(int)
         share = parts * self.weights[:, None] / (numbers.prod() * len(steps))
         counted = np.zeros((len(parts), len(limits) + 1))
-        for some in np.array_split(np.arange(len(address)), -(-len(address) * len(steps) * len(limits) // _HELD)):
+        for some in np.array_split(
+            np.arange(len(address)), -(-len(address) * len(steps) * len(limits) // _HELD)
+        ):
             corners = self.left[(address[some, None, None] + steps) % numbers @ stride]
-            corners = np.concatenate([corners, corners[:, np.arange(len(steps)), own, None]], axis=2)  # (n, n_steps, p + 2)
+            # (n, n_steps, p + 2)
+            corners = np.concatenate(
+                [corners, corners[:, np.arange(len(steps)), own, None]], axis=2
+            )
             for branch in range(frequencies.shape[1]):
                 knots = np.sort(frequencies[corners, branch].reshape(-1, p + 2), axis=1)
                 each = np.repeat(share[:, some, branch], len(steps), axis=1)  # (n_parts, n)
-                # a simplex is below all limits from its last on; between its first and its last, limit by limit
+                # a simplex is below all limits from its last on; between its first and its last,
+                # limit by limit
                 first, last = (np.searchsorted(limits, knots[:, end]) for end in (0, -1))
                 within = np.repeat(np.arange(len(knots)), last - first)
-                limit = np.arange(len(within)) - np.repeat(np.cumsum(last - first) - last, last - first)
+                limit = np.arange(len(within)) - np.repeat(
+                    np.cumsum(last - first) - last, last - first
+                )
                 # the distribution function there of the B-splines with these knots
-                at, own_knots = limits[limit], knots[within].T
+                at = limits[limit]
+                own_knots = knots[within].T
                 below = [(at >= knot).astype(float) for knot in own_knots]
                 for degree in range(1, p + 2):
                     for k in range(p + 2 - degree):
-                        width = np.maximum(own_knots[k + degree] - own_knots[k], _TINY)  # equal knots make a step
+                        # equal knots make a step
+                        width = np.maximum(own_knots[k + degree] - own_knots[k], _TINY)
                         part = np.clip((at - own_knots[k]) / width, 0.0, 1.0)
                         below[k] = below[k + 1] + part * (below[k] - below[k + 1])
                 for count, one in zip(counted, each, strict=True):
@@ -116,11 +144,15 @@ class ZoneMesh(NamedTuple):
         return counted[:, :-1]
 
 
-def find_point_group(atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]) -> Index | None:
-    """Return the rotations that keep ``frequencies``, (n, p, p), which act on fractions q as q @ rotation; None if unknown.
+def find_point_group(
+    atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]
+) -> Index | None:
+    """Return the rotations that keep ``frequencies``, (n, p, p), which act on fractions q as q @
+    rotation; None if unknown.
 
-    They are of the layer or space group of the ``atoms``. Spglib knows the places of the balls, not the stiffness of
-    contacts: ``frequencies`` (n, n_branches) of wave vectors (n, p), fractions, are compared at images of one of them.
+    They are of the layer or space group of the ``atoms``. Spglib knows the places of the balls, not
+    the stiffness of contacts: ``frequencies`` (n, n_branches) of wave vectors (n, p), fractions,
+    are compared at images of one of them.
     """
     with needing("A mesh that is reduced by symmetry"):
         import spglib
@@ -131,7 +163,11 @@ def find_point_group(atoms: Atoms, periods: int, frequencies: Callable[[Array], 
     scalars = [atoms.get_masses(), atoms.arrays.get("diameter_deviations", np.zeros(len(atoms)))]
     _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
     cell = (np.asarray(atoms.cell), atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)
-    find = partial(spglib.get_symmetry_layerdataset, aperiodic_dir=2) if periods == 2 else spglib.get_symmetry_dataset
+    find = (
+        partial(spglib.get_symmetry_layerdataset, aperiodic_dir=2)
+        if periods == 2
+        else spglib.get_symmetry_dataset
+    )
     try:
         dataset = find(cell, symprec=_PLACE)
     except spglib.SpglibError:

@@ -1,4 +1,6 @@
-"""The Brillouin zone of a lattice: its special points, its faces, and paths through it with their corners and labels."""
+"""The Brillouin zone of a lattice: its special points, its faces, and paths through it with their
+corners and labels.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +35,14 @@ LARGEST_COUNT = 1_000_000_000
 MESHES = ((1024,), (64, 64), (32, 32, 32))
 #: greatest size of a coordinate of a path in a scene
 _LARGEST_FRACTION = 1e3
-#: letters of the corners of the path around the irreducible zone, and their coordinates as fractions of the reciprocal cell,
-#: for a hexagonal cell of 120 degrees and for a square one
+#: letters of the corners of the path around the irreducible zone, and their coordinates as
+#: fractions of the reciprocal cell, for a hexagonal cell of 120 degrees and for a square one
 _HEXAGONAL_PATH = "GKMG", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0"
 _SQUARE_PATH = "GXMG", "0 0 0 1/2 0 0 1/2 1/2 0 0 0 0"
 #: letters of the path of a face-centred cubic cell; other cells in space have ASE's
 _FACE_CENTRED_PATH = "GXWKGL"
-#: difference of a cell from a hexagonal or square one, over the square of its side, that is put down to rounding
+#: difference of a cell from a hexagonal or square one, over the square of its side, that is put
+#: down to rounding
 _SAME = 1e-6
 #: corners of the zone that are closer than this part of its size are one corner
 _SAME_CORNER = 1e-6
@@ -47,20 +50,22 @@ _SAME_CORNER = 1e-6
 _SHAPES = ("row", "layer", "crystal")
 
 
-# -- special points -------------------------------------------------------------------------------------------------
+# -- special points --------------------------------------------------------------------------------
 
 
 def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Array]:
-    """Find the special points of the Brillouin zone of lattice vectors (p, d), keyed by ASE's letters.
+    """Find the special points of the Brillouin zone of lattice vectors (p, d), keyed by ASE's
+    letters.
 
-    Each point is (3,), in fractions of the reciprocal cell. ``pbc`` says along which vectors balls repeat, by default all:
-    a ribbon cut out of a plane has the two points G and X of a line.
+    Each point is (3,), in fractions of the reciprocal cell. ``pbc`` says along which vectors balls
+    repeat, by default all: a ribbon cut out of a plane has the two points G and X of a line.
     """
     points = _find_band_path(vectors, pbc).special_points
     signs = -1.0 if sum(pbc) == 1 and np.min(list(points.values())) < 0.0 else 1.0
     found = {name: signs * np.array(point) + 0.0 for name, point in points.items()}
     if (sum(pbc) or len(np.asarray(vectors))) == 2 and "H1" in found:
-        # of oblique cells ASE has the corners right in one of two mirror images: they are as far from 0 as from 2Y, 2C or 2X
+        # of oblique cells ASE has the corners right in one of two mirror images: they are as far
+        # from 0 as from 2Y, 2C or 2X
         cell = np.asarray(vectors, float)[:2, :2]
         for corner, side in (("H", "Y"), ("H1", "X")):
             g = 2.0 * np.array([found[side], found["C"]])[:, :2] @ np.linalg.inv(cell).T
@@ -69,10 +74,12 @@ def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Ar
 
 
 def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
-    """Return the letters of the path of a cell (p, d) from corner to corner of its irreducible zone.
+    """Return the letters of the path of a cell (p, d) from corner to corner of its irreducible
+    zone.
 
-    They are GX on a line, GKMG and GXMG in hexagonal and square cells of the plane, GXWKGL in face-centred cubic ones; of
-    other cells ASE's, where a comma marks a jump. ``pbc`` is as in :func:`special_points`.
+    They are GX on a line, GKMG and GXMG in hexagonal and square cells of the plane, GXWKGL in
+    face-centred cubic ones; of other cells ASE's, where a comma marks a jump. ``pbc`` is as in
+    :func:`special_points`.
     """
     path = _find_band_path(vectors, pbc)
     if len(path.special_points) < 4:  # hexagonal and square cells of the plane have three points
@@ -83,11 +90,14 @@ def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
 
 
 def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
-    """Return ASE's band path of a cell with lattice vectors (p, d), which knows its special points and the standard path."""
+    """Return ASE's band path of a cell with lattice vectors (p, d), which knows its special points
+    and the standard path.
+    """
     with needing("A path through the zone"):
         from ase.cell import Cell
 
-    given, cell = np.asarray(vectors), np.eye(3)
+    given = np.asarray(vectors)
+    cell = np.eye(3)
     p = len(given)
     cell[:p, :p] = given[:, :p]
     # a cluster, which repeats nowhere, has the zone of the cell that it was put into
@@ -96,23 +106,30 @@ def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
 
 
 def split_letters(path: str) -> list[list[str]]:
-    """Return the letters of special points in each piece of a path: "GX1,LG" is [["G", "X1"], ["L", "G"]]."""
-    return [[name for name in re.split("([A-Z][a-z0-9]*)", piece) if name] for piece in path.split(",")]
+    """Return the letters of special points in each piece of a path: "GX1,LG" is [["G", "X1"], ["L",
+    "G"]].
+    """
+    return [
+        [name for name in re.split("([A-Z][a-z0-9]*)", piece) if name] for piece in path.split(",")
+    ]
 
 
-# -- points along a path --------------------------------------------------------------------------------------------
+# -- points along a path ---------------------------------------------------------------------------
 
 
 def interpolate_path(
-    path: str | ArrayLike | Sequence[ArrayLike], npoints: int, special_points: Mapping[str, ArrayLike],
-    labels: Sequence[str] | None = None, periods: int = 2,
-) -> tuple[Array, tuple[str, ...]]:  # fmt: skip
+    path: str | ArrayLike | Sequence[ArrayLike],
+    npoints: int,
+    special_points: Mapping[str, ArrayLike],
+    labels: Sequence[str] | None = None,
+    periods: int = 2,
+) -> tuple[Array, tuple[str, ...]]:
     """Return the points along a path through the Brillouin zone, and the labels of its corners.
 
     Parameters
     ----------
-    path : letters of special points ("GKMG", a comma where the path jumps), or corners (n, p) or (n, 3) in fractions of the
-        reciprocal cell, or a list of such arrays.
+    path : letters of special points ("GKMG", a comma where the path jumps), or corners (n, p) or
+        (n, 3) in fractions of the reciprocal cell, or a list of such arrays.
     npoints : points in each segment, both ends counted; at least 2.
     special_points : the point that each letter means, in fractions of the reciprocal cell.
     labels : one for each corner; by default the letters, or the coordinates.
@@ -125,8 +142,9 @@ def interpolate_path(
 
     Raises
     ------
-    InputError : an unknown letter; a path that is not letters or finite numbers, has fewer than two corners, leaves the
-        lattice or has the same corner twice in a row; ``npoints`` below 2; another number of labels than corners.
+    InputError : an unknown letter; a path that is not letters or finite numbers, has fewer than two
+        corners, leaves the lattice or has the same corner twice in a row; ``npoints`` below 2;
+        another number of labels than corners.
     """
     count = whole_number("npoints", npoints, 2, LARGEST_COUNT)
     pieces: list[Array] = []
@@ -136,7 +154,9 @@ def interpolate_path(
             unknown = [letter for letter in letters if letter not in special_points]
             if unknown:
                 what = f"there is no special point {', '.join(unknown)} in this Brillouin zone"
-                raise InputError(what, mend="Use " + ", ".join(special_points) + ", or give the path in numbers")
+                raise InputError(
+                    what, mend="Use " + ", ".join(special_points) + ", or give the path in numbers"
+                )
             pieces.append(np.array([special_points[letter] for letter in letters], float))
             said += letters
     else:
@@ -148,34 +168,54 @@ def interpolate_path(
                 corners = [real_array("path", piece) for piece in given]
         except TypeError:
             mend = "Give letters such as 'GKMG', or corners in fractions of the reciprocal cell"
-            raise InputError(f"a path is letters or numbers, not {brief(given)}", mend=mend) from None
+            raise InputError(
+                f"a path is letters or numbers, not {brief(given)}", mend=mend
+            ) from None
         if corners and corners[0].ndim == 3:
             corners = list(corners[0])
         if not corners:
-            raise InputError(f"the path is {brief(given)}", "It has no corners", "Give letters or numbers")
+            raise InputError(
+                f"the path is {brief(given)}", "It has no corners", "Give letters or numbers"
+            )
         for piece in corners:
-            if piece.ndim != 2 or piece.shape[1] not in (periods, 3) or not np.all(np.isfinite(piece)):
-                many = ("one or three finite numbers", "two or three finite numbers", "three finite numbers")[periods - 1]
+            if (
+                piece.ndim != 2
+                or piece.shape[1] not in (periods, 3)
+                or not np.all(np.isfinite(piece))
+            ):
+                many = (
+                    "one or three finite numbers",
+                    "two or three finite numbers",
+                    "three finite numbers",
+                )[periods - 1]
                 raise InputError(f"a path is a list of corners of {many}")
             pieces.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
             said += ["(" + " ".join(f"{x:.3g}" for x in q[:periods]) + ")" for q in piece]
     if labels is not None:
-        said = list(labels if isinstance(labels, str) else texts("labels", labels))  # of a string, each letter is a label
+        # of a string, each letter is a label
+        said = list(labels if isinstance(labels, str) else texts("labels", labels))
     corner_count = sum(map(len, pieces))
     if len(said) != corner_count:
         mend = "Give one for each corner"
-        raise InputError(f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path", mend=mend)
+        raise InputError(
+            f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path",
+            mend=mend,
+        )
     points = sum(len(piece) - 1 for piece in pieces) * count
     require_memory(f"paths of {points:,} wave vectors", _POINT_BYTES * points, "Give fewer npoints")
     segments: list[Array] = []
     ticks: list[str] = []
     for piece in pieces:
-        name, said = said[: len(piece)], said[len(piece) :]
+        name = said[: len(piece)]
+        said = said[len(piece) :]
         if len(piece) < 2:
             raise InputError("a path needs at least two corners", mend="Name another point")
         check_inside(piece, periods, "the path")
         if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
-            raise InputError("two corners that follow each other on the path are the same point", mend="Leave one out")
+            raise InputError(
+                "two corners that follow each other on the path are the same point",
+                mend="Leave one out",
+            )
         for start, stop in itertools.pairwise(piece):
             segments.append(start + (stop - start) * np.linspace(0.0, 1.0, count)[:, None])
             segments[-1][-1] = stop
@@ -185,26 +225,37 @@ def interpolate_path(
 
 
 def check_inside(qpoints: Array, periods: int, what: str) -> None:
-    """Raise InputError if wave vectors (n, 3), called ``what``, have a component across the ``periods`` of the lattice."""
+    """Raise InputError if wave vectors (n, 3), called ``what``, have a component across the
+    ``periods`` of the lattice.
+    """
     require_digits(qpoints)
     if np.any(qpoints[:, periods:] != 0.0):
-        line, mend = (("line", "Set the second and the third number to 0"), ("plane", "Set the third number to 0"))[
-            periods - 1
-        ]
-        raise InputError(f"{what} leaves the {line}", f"The array is one {_SHAPES[periods - 1]}", mend)
+        line, mend = (
+            ("line", "Set the second and the third number to 0"),
+            ("plane", "Set the third number to 0"),
+        )[periods - 1]
+        raise InputError(
+            f"{what} leaves the {line}", f"The array is one {_SHAPES[periods - 1]}", mend
+        )
 
 
-# -- paths of a scene -----------------------------------------------------------------------------------------------
+# -- paths of a scene ------------------------------------------------------------------------------
 
 
 def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
-    """Read paths of points from text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma separates paths that do not join.
+    """Read paths of points from text such as "0 0 0 1/3 1/3 0, 1/2 0 0 0 0 0"; a comma separates
+    paths that do not join.
 
-    A point has three numbers, of which those beyond the ``periods`` of the lattice are 0. ``letters`` is a path of special
-    points that may stand in their place, for messages.
+    A point has three numbers, of which those beyond the ``periods`` of the lattice are 0.
+    ``letters`` is a path of special points that may stand in their place, for messages.
     """
-    example = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/4 3/4")[periods - 1]
-    allowed = f"points of three numbers or fractions each, such as '{example}'; a comma parts separate paths"
+    example = ("0 0 0 1/2 0 0", "0 0 0 1/3 1/3 0 1/2 0 0", "0 0 0 1/2 0 1/2 1/2 1/4 3/4")[
+        periods - 1
+    ]
+    allowed = (
+        f"points of three numbers or fractions each, such as '{example}'; a comma parts separate"
+        f" paths"
+    )
     if letters:
         allowed = f"letters of special points, such as {letters}, or {allowed}"
     if not isinstance(value, str):
@@ -213,12 +264,24 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
     for part in value.split(","):
         numbers = [_fraction(word, value, allowed) for word in part.split()]
         if len(numbers) % 3 or len(numbers) < 6:
-            raise Refused(f"{show(value)}, with {len(numbers)} numbers in a path", allowed, "A path has two points or more.")
-        points = tuple((numbers[n], numbers[n + 1], numbers[n + 2]) for n in range(0, len(numbers), 3))
+            raise Refused(
+                f"{show(value)}, with {len(numbers)} numbers in a path",
+                allowed,
+                "A path has two points or more.",
+            )
+        points = tuple(
+            (numbers[n], numbers[n + 1], numbers[n + 2]) for n in range(0, len(numbers), 3)
+        )
         across = [place for point in points for place in range(periods, 3) if point[place] != 0.0]
         if across:
-            found = f"{show(value)}, with a {('second', 'third')[across[0] - 1]} number that is not 0"
-            raise Refused(found, allowed, ("The packing is one row.", "The packing is one layer.")[periods - 1])
+            found = (
+                f"{show(value)}, with a {('second', 'third')[across[0] - 1]} number that is not 0"
+            )
+            raise Refused(
+                found,
+                allowed,
+                ("The packing is one row.", "The packing is one layer.")[periods - 1],
+            )
         if any(one == two for one, two in itertools.pairwise(points)):
             raise Refused(f"{show(value)}, with the same point twice in a row", allowed)
         paths.append(points)
@@ -229,18 +292,25 @@ def _fraction(word: str, value: str, allowed: str) -> float:
     try:
         return fraction(word, _LARGEST_FRACTION)
     except Refused as refused:
-        raise Refused(f"{show(word)} in {show(value)}", refused.allowed if re.fullmatch(NUMBER, word) else allowed) from None
+        raise Refused(
+            f"{show(word)} in {show(value)}",
+            refused.allowed if re.fullmatch(NUMBER, word) else allowed,
+        ) from None
 
 
 def read_point(value: Any, structure: Lattice) -> Array:
     """Read a wave vector (3,) of a lattice, in fractions of the reciprocal cell.
 
-    ``value`` is the letter of a special point, such as "K" (Gamma is G), or a text of numbers or fractions, one for each
-    period or three, parted by spaces or commas. :class:`~granphon.base.errors.Refused` if it is neither.
+    ``value`` is the letter of a special point, such as "K" (Gamma is G), or a text of numbers or
+    fractions, one for each period or three, parted by spaces or commas.
+    :class:`~granphon.base.errors.Refused` if it is neither.
     """
-    known, p = special_points(structure.vectors), structure.periods
+    known = special_points(structure.vectors)
+    p = structure.periods
     example = ("1/2", "1/3 1/3", "1/2 1/4 3/4")[p - 1]
-    count = ("one number or fraction", "two numbers or fractions", "three numbers or fractions")[p - 1]
+    count = ("one number or fraction", "two numbers or fractions", "three numbers or fractions")[
+        p - 1
+    ]
     allowed = f"{', '.join(known)}, or {count}, such as '{example}'"
     if not isinstance(value, str):
         raise Refused(show(value), allowed)
@@ -262,24 +332,33 @@ def read_labels(value: Any) -> tuple[str, ...]:
     """Read the labels of the corners from text such as "G K M G" or from a list of words."""
     words = value.split() if isinstance(value, str) else value
     listed = isinstance(words, list | tuple) and bool(words)
-    if not listed or not all(isinstance(w, str) and re.fullmatch(r"[^\s'\"|]{1,40}", w) and w.isprintable() for w in words):
-        raise Refused(show(value), "a short label for each point of the band, such as G K M G, without quotes, spaces or |")
+    if not listed or not all(
+        isinstance(w, str) and re.fullmatch(r"[^\s'\"|]{1,40}", w) and w.isprintable()
+        for w in words
+    ):
+        raise Refused(
+            show(value),
+            "a short label for each point of the band, such as G K M G, without quotes,"
+            " spaces or |",
+        )
     return tuple(words)
 
 
 @dataclass(frozen=True)
 class BandPath:
-    """The path of a band structure: one or more pieces of two points or more, with a label for every point or for none.
+    """The path of a band structure: one or more pieces of two points or more, with a label for
+    every point or for none.
 
     Attributes
     ----------
-    paths : the pieces, which do not join. A piece is a tuple of n q points, (n, 3) fractions of the reciprocal cell.
+    paths : the pieces, which do not join. A piece is a tuple of n q points, (n, 3) fractions of the
+        reciprocal cell.
     labels : the name of each point; None for none.
 
     Raises
     ------
-    InputError : there is no piece, a piece is not two or more points of three finite numbers, or there are labels, but not
-        one for each point.
+    InputError : there is no piece, a piece is not two or more points of three finite numbers, or
+        there are labels, but not one for each point.
     """
 
     paths: Pieces
@@ -292,17 +371,29 @@ class BandPath:
             raise InputError(f"the path of the band is {brief(given)}", mend=mend)
         pieces = [real_array("band", piece) for piece in given]
         for piece in pieces:
-            if piece.ndim != 2 or len(piece) < 2 or piece.shape[1] != 3 or not np.all(np.isfinite(piece)):
+            if (
+                piece.ndim != 2
+                or len(piece) < 2
+                or piece.shape[1] != 3
+                or not np.all(np.isfinite(piece))
+            ):
                 what = f"a piece of the path of the band is {brief(piece.tolist())}"
                 raise InputError(what, mend="Give two points or more, each of three finite numbers")
-        object.__setattr__(self, "paths", tuple(tuple(map(tuple, piece.tolist())) for piece in pieces))
+        object.__setattr__(
+            self, "paths", tuple(tuple(map(tuple, piece.tolist())) for piece in pieces)
+        )
         count = sum(map(len, self.paths))
         if self.labels is not None and len(self.labels) != count:
-            raise InputError(f"found {len(self.labels)} labels; allowed: {count}, one for each point of the band.")
+            raise InputError(
+                f"found {len(self.labels)} labels; allowed: {count}, one for each point of"
+                f" the band."
+            )
 
     @classmethod
     def parse(cls, points: str, labels: str | Sequence[str] | None = None) -> Self:
-        """Read a path in phonopy's notation: points such as "0 0 0 1/3 1/3 0", and labels such as "G K"."""
+        """Read a path in phonopy's notation: points such as "0 0 0 1/3 1/3 0", and labels such as
+        "G K".
+        """
         named = None if labels is None else require("band_labels", read_labels, labels)
         return cls(require("band", partial(read_paths, periods=3), points), named)
 
@@ -310,22 +401,28 @@ class BandPath:
     def read(cls, value: Any, structure: Lattice) -> Self:
         """Read a path through the zone of a lattice.
 
-        ``value`` has special points by their letters ("GKMG"), or points as fractions of the reciprocal cell.
+        ``value`` has special points by their letters ("GKMG"), or points as fractions of the
+        reciprocal cell.
 
-        Raises :class:`~granphon.base.errors.Refused`, with a path of letters and one of numbers that the lattice has.
+        Raises :class:`~granphon.base.errors.Refused`, with a path of letters and one of numbers
+        that the lattice has.
         """
         if not (isinstance(value, str) and re.fullmatch(r"\s*[A-Za-z][A-Za-z0-9,\s]*", value)):
             try:
                 return cls(read_paths(value, structure.periods))
             except Refused:  # ASE, which knows the letters, is asked for a message only
                 return cls(read_paths(value, structure.periods, default_letters(structure.vectors)))
-        known, letters = special_points(structure.vectors), default_letters(structure.vectors)
+        known = special_points(structure.vectors)
+        letters = default_letters(structure.vectors)
         names = [tuple(piece) for piece in split_letters("".join(value.split()))]
         if unknown := [name for piece in names for name in piece if name not in known]:
             allowed = f"{', '.join(known)}, such as {letters}, or points in numbers"
             raise Refused(f"{show(value)}, with the letter {unknown[0]}", allowed)
         paths: Any = [[known[name].tolist() for name in piece] for piece in names]
-        if any(len(piece) < 2 or any(one == two for one, two in itertools.pairwise(piece)) for piece in paths):
+        if any(
+            len(piece) < 2 or any(one == two for one, two in itertools.pairwise(piece))
+            for piece in paths
+        ):
             raise Refused(show(value), f"two different points or more in a row, such as {letters}")
         return cls(paths, tuple(name for piece in names for name in piece))
 
@@ -347,7 +444,9 @@ class BandPath:
     @property
     def names(self) -> tuple[str, ...]:
         """The labels of all points; of a path without labels their numbers."""
-        return self.labels or tuple(" ".join(f"{x:.4g}" for x in point) for piece in self.paths for point in piece)
+        return self.labels or tuple(
+            " ".join(f"{x:.4g}" for x in point) for piece in self.paths for point in piece
+        )
 
     @property
     def arrays(self) -> list[Array]:
@@ -355,50 +454,67 @@ class BandPath:
         return [np.array(path) for path in self.paths]
 
     def __str__(self) -> str:
-        near = {x: Fraction(x).limit_denominator(100) for path in self.paths for point in path for x in point}
+        near = {
+            x: Fraction(x).limit_denominator(100)
+            for path in self.paths
+            for point in path
+            for x in point
+        }
         said = {x: str(one) if float(one) == x else repr(x) for x, one in near.items()}
         return ", ".join(" ".join(said[x] for point in path for x in point) for path in self.paths)
 
 
-# -- the zone itself: a polygon in the plane, faces in space ----------------------------------------------------------
+# -- the zone itself: a polygon in the plane, faces in space ---------------------------------------
 
 
 def zone_polygon(reciprocal: ArrayLike) -> Array:
-    """Find the corners (n, 2), anticlockwise, of the Brillouin zone: the Wigner-Seitz cell of the rows of ``reciprocal``.
+    """Find the corners (n, 2), anticlockwise, of the Brillouin zone: the Wigner-Seitz cell of the
+    rows of ``reciprocal``.
 
     ``reciprocal`` is (2, 2); the corners have its unit.
     """
     a, b = short = shortest_vectors(np.asarray(reciprocal, float))
     b = -b if a @ b > 0.0 else b
-    # the angle of a and b is at least 90 degrees, so that these are the neighbours of the origin in turn; each corner of the
-    # zone is as far from two successive neighbours as from the origin
+    # the angle of a and b is at least 90 degrees, so that these are the neighbours of the origin in
+    # turn; each corner of the zone is as far from two successive neighbours as from the origin
     g = np.array([a, a + b, b, -a, -a - b, -b])
     both = np.stack([g, np.roll(g, -1, axis=0)], axis=1)
     found = np.linalg.solve(both, 0.5 * np.sum(both**2, axis=2)[..., None])[..., 0]
     found = found[np.argsort(np.arctan2(found[:, 1], found[:, 0]))]
-    apart = np.linalg.norm(found - np.roll(found, 1, axis=0), axis=1) > _SAME_CORNER * np.linalg.norm(short)
+    apart = np.linalg.norm(
+        found - np.roll(found, 1, axis=0), axis=1
+    ) > _SAME_CORNER * np.linalg.norm(short)
     return np.asarray(found[apart])
 
 
 def zone_faces(reciprocal: ArrayLike) -> list[Array]:
-    """Find the faces of the Brillouin zone in space: the Wigner-Seitz cell of the rows of ``reciprocal``.
+    """Find the faces of the Brillouin zone in space: the Wigner-Seitz cell of the rows of
+    ``reciprocal``.
 
-    ``reciprocal`` is (3, 3). Each face is (n, 3), its corners in turn, anticlockwise as seen from outside, in the same unit.
+    ``reciprocal`` is (3, 3). Each face is (n, 3), its corners in turn, anticlockwise as seen from
+    outside, in the same unit.
     """
     # imported here, as only a zone in space needs it; the function of ASE would load matplotlib
     from scipy.spatial import Voronoi
 
-    short, faces = shortest_vectors(np.asarray(reciprocal, float)), []
+    short = shortest_vectors(np.asarray(reciprocal, float))
+    faces = []
     size = float(np.linalg.norm(short, axis=1).max())
     points = np.array(list(itertools.product((-1, 0, 1), repeat=3))) @ short / size
-    cells, gamma = Voronoi(points), 13
+    cells = Voronoi(points)
+    gamma = 13
     for places, pair in zip(cells.ridge_vertices, cells.ridge_points, strict=True):
         if gamma not in pair:
             continue
-        ring, outward = cells.vertices[places], points[pair].sum(axis=0)
+        ring = cells.vertices[places]
+        outward = points[pair].sum(axis=0)
         # a neighbour that the zone touches in an edge or a corner only gives a face without area
         corners = ring[np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1) > _SAME_CORNER]
-        area = np.sum(np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0]), axis=0) if len(corners) > 2 else 0.0
+        area = (
+            np.sum(np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0]), axis=0)
+            if len(corners) > 2
+            else 0.0
+        )
         if np.linalg.norm(area) > _SAME_CORNER:
             faces.append(np.asarray(corners[:: 1 if area @ outward > 0.0 else -1] * size))
     return faces

@@ -1,4 +1,6 @@
-"""Phonons of balls in contact: bands and densities of states from C(q), and force constants in a phonopy object."""
+"""Phonons of balls in contact: bands and densities of states from C(q), and force constants in a
+phonopy object.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,14 @@ from granphon.base.errors import InputError, PrecisionError, brief, needing
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import frequency_array, grid_numbers, one_of, positive, real_array, whole_number
+from granphon.base.validation import (
+    frequency_array,
+    grid_numbers,
+    one_of,
+    positive,
+    real_array,
+    whole_number,
+)
 from granphon.dynamics.bloch_waves import LEAST_PART, find_bloch_waves, require_bloch_memory
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -34,7 +43,14 @@ from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.dos import DensityOfStates
 from granphon.phonons.mesh import ZoneMesh, find_point_group
-from granphon.phonons.paths import LARGEST_COUNT, MESHES, check_inside, default_letters, interpolate_path, special_points
+from granphon.phonons.paths import (
+    LARGEST_COUNT,
+    MESHES,
+    check_inside,
+    default_letters,
+    interpolate_path,
+    special_points,
+)
 from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
 
 if TYPE_CHECKING:
@@ -57,10 +73,12 @@ _WIDEST = 1e6
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: width of a gap, over the top frequency, up to which branches touch
 _NO_GAP = 1e-6
-#: gaps narrower than this part of the top frequency may be branches that cross: their edges are looked at closely
+#: gaps narrower than this part of the top frequency may be branches that cross: their edges are
+#: looked at closely
 _NARROW = 1e-2
 #: number of points of the mesh from which an edge of a band is sought, and of steps at most
-_STARTS, _TURNS = 6, 30
+_STARTS = 6
+_TURNS = 30
 #: starts of these more, where the branches on both sides of a narrow gap are closest
 _CLOSEST = 4
 #: number of branches beyond which it is sought from fewer points, as many edges are near
@@ -77,28 +95,33 @@ class Phonons:
     Parameters
     ----------
     state : the state of the contacts, at one load; the state of a crystal, a sample, or a
-        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. The cell is the network: a ribbon has bands
-        along its one period. Bodies that do not move, such as walls, hold the balls and have no motions.
-    atoms : another cell of the same balls (a supercell, other masses, a defect) of a packing, in the reduced units of the
-        state; by default one cell of the lattice.
-    dim : numbers of cells of the supercell for force constants, one for each period, such as (n1, n2), or (n1, n2, 1); by
-        default the fewest with which no two balls touch through two images.
+        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. The cell is the
+        network: a ribbon has bands along its one period. Bodies that do not move, such as walls,
+        hold the balls and have no motions.
+    atoms : another cell of the same balls (a supercell, other masses, a defect) of a packing, in
+        the reduced units of the state; by default one cell of the lattice.
+    dim : numbers of cells of the supercell for force constants, one for each period, such as (n1,
+        n2), or (n1, n2, 1); by default the fewest with which no two balls touch through two images.
 
     Attributes
     ----------
     state, atoms : the state (of the network, if a network is given), and the cell of balls.
     scales : the length, stiffness and mass that convert reduced units to SI.
-    lattice : the :class:`~granphon.ContactLattice` of the cell, whose C(q) gives frequencies and velocities.
+    lattice : the :class:`~granphon.ContactLattice` of the cell, whose C(q) gives frequencies and
+        velocities.
     phonopy : the :class:`ContactPhonopy` object.
 
     Raises
     ------
-    InputError : a state with several loads; a network that repeats nowhere, has static tangential forces that act, or is too
-        large for the memory; atoms without masses, of other scales, or otherwise refused by
+    InputError : a state with several loads; a network that repeats nowhere, has static tangential
+        forces that act, or is too large for the memory; atoms without masses, of other scales, or
+        otherwise refused by
         :class:`HertzMindlin`; a ``dim`` so small that two balls would touch through two images.
     """
 
-    def __init__(self, state: Any, atoms: Atoms | None = None, dim: Sequence[int] | None = None) -> None:
+    def __init__(
+        self, state: Any, atoms: Atoms | None = None, dim: Sequence[int] | None = None
+    ) -> None:
         self.state: State = (state := as_state(state))
         self.scales: Units = state.scales
         if not isinstance(atoms, Atoms | None):
@@ -106,34 +129,47 @@ class Phonons:
         self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
         for axis in range(state.reference_lattice.periods, 3):
             if not self.atoms.cell[axis].any():
-                self.atoms.cell[axis, axis] = 1.0  # phonopy needs three dimensions; the layer is one diameter thick
+                self.atoms.cell[axis, axis] = (
+                    1.0  # phonopy needs three dimensions; the layer is one diameter thick
+                )
         if np.any(self._repeats):
-            # a vector along which nothing repeats only spans the cell: upright, it leaves the wave vectors to the others
-            cell, open_axes = self.atoms.cell.array, np.flatnonzero(~self._repeats)
+            # a vector along which nothing repeats only spans the cell: upright, it leaves the wave
+            # vectors to the others
+            cell = self.atoms.cell.array
+            open_axes = np.flatnonzero(~self._repeats)
             along = cell[np.flatnonzero(self._repeats)]
             cell[open_axes] -= cell[open_axes] @ np.linalg.pinv(along) @ along
         # one cell of the lattice has the contacts of the state, so no search is needed
         self.lattice: ContactLattice = (
-            state.contact_lattice() if atoms is None else self.calculator.contact_lattice(self.atoms)
+            state.contact_lattice()
+            if atoms is None
+            else self.calculator.contact_lattice(self.atoms)
         )
         if not self.lattice.measure > 0.0:
-            why, mend = "Wave vectors are fractions of its reciprocal vectors", "Give the Atoms a cell of any size"
+            why = "Wave vectors are fractions of its reciprocal vectors"
+            mend = "Give the Atoms a cell of any size"
             raise InputError("the Atoms have no cell", why, mend)
         if not len(self.lattice.contacts):
-            raise InputError("no two of these balls touch", "They are apart, or are turned against the lattice of the state")
+            raise InputError(
+                "no two of these balls touch",
+                "They are apart, or are turned against the lattice of the state",
+            )
         self.dim = self._choose_dim(dim)
 
     def __repr__(self) -> str:
         lattice = self.lattice
         return (
-            f"Phonons({self.state.name.removesuffix(' lattice')}, {counted(lattice.n_balls, 'ball')} in the cell,"
-            f" {', '.join(lattice.motions.letters)} of each ball, {counted(lattice.n_branches, 'branch', 'branches')};"
-            " frequencies in Hz)"
+            f"Phonons({self.state.name.removesuffix(' lattice')},"
+            f" {counted(lattice.n_balls, 'ball')} in the cell,"
+            f" {', '.join(lattice.motions.letters)} of each ball,"
+            f" {counted(lattice.n_branches, 'branch', 'branches')}; frequencies in Hz)"
         )
 
     @cached_property
     def calculator(self) -> HertzMindlin:
-        """The calculator of the state; a network has none (:class:`~granphon.base.errors.InputError`)."""
+        """The calculator of the state; a network has none
+        (:class:`~granphon.base.errors.InputError`).
+        """
         return HertzMindlin(given_state(self.state))
 
     @property
@@ -154,104 +190,163 @@ class Phonons:
         periodic = np.asarray(self.atoms.pbc)[:p]
         cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
         if given is not None:
-            dim = grid_numbers("dim", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((3,) * p))), p)
+            dim = grid_numbers(
+                "dim", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((3,) * p))), p
+            )
             if np.any((np.array(dim) > 1) & ~periodic):
-                raise InputError(f"dim is {given!r}", "An axis that is not periodic has one cell", "Give 1 for it")
+                raise InputError(
+                    f"dim is {given!r}",
+                    "An axis that is not periodic has one cell",
+                    "Give 1 for it",
+                )
             if not touch_once_at_most(cell, dim, contact):
-                what, least = (" x ".join(map(str, numbers)) for numbers in (dim, self._choose_dim(None)))
-                why = "Two balls would touch through more than one image, and their contacts could not be told apart"
-                raise InputError(f"a supercell of {what} cells is too small", why, f"Use at least {least}")
+                what, least = (
+                    " x ".join(map(str, numbers)) for numbers in (dim, self._choose_dim(None))
+                )
+                why = (
+                    "Two balls would touch through more than one image, and their contacts could"
+                    " not be told apart"
+                )
+                raise InputError(
+                    f"a supercell of {what} cells is too small", why, f"Use at least {least}"
+                )
             needed = costs.force_constants(dim, len(self.atoms)).working
             what = f"force constants of a supercell of {' x '.join(map(str, dim))} cells"
             require_memory(what, needed, "Take a smaller dim")
             return dim
-        numbers, lengths = [1] * p, np.linalg.norm(cell, axis=1)
+        numbers = [1] * p
+        lengths = np.linalg.norm(cell, axis=1)
         while not touch_once_at_most(cell, tuple(numbers), contact):
             # lengthen the shortest side, so that the sides stay about equal
             numbers[int(np.argmin(numbers * lengths))] += 1
         return (max(numbers),) * p if len(self.atoms) == 1 and np.all(periodic) else tuple(numbers)
 
     def _require_mesh(self, numbers: tuple[int, ...]) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if modes on a mesh do not fit into the memory of this machine."""
+        """Raise :class:`~granphon.base.errors.InputError` if modes on a mesh do not fit into the
+        memory of this machine.
+        """
         cost = costs.density_of_states(numbers, self.lattice.n_branches)
         what = f"modes on a mesh of {' x '.join(map(str, numbers))} wave vectors"
         require_memory(what, cost.working + cost.kept, "Take fewer wave vectors (mesh)")
 
     def _require_own_cell(self, *names: str) -> None:
-        """Raise InputError unless contacts, in their order, and attributes of the lattice of these names are the state's."""
-        own, given = self.state.contact_lattice(), self.lattice
-        pairs = [(getattr(own.contacts, name), getattr(given.contacts, name)) for name in ("i", "j", "vector")]
+        """Raise InputError unless contacts, in their order, and attributes of the lattice of these
+        names are the state's.
+        """
+        own = self.state.contact_lattice()
+        given = self.lattice
+        pairs = [
+            (getattr(own.contacts, name), getattr(given.contacts, name))
+            for name in ("i", "j", "vector")
+        ]
         pairs += [(getattr(own, name), getattr(given, name)) for name in names]
-        if not all(one.shape == other.shape and np.allclose(one, other, rtol=_SAME, atol=_SAME) for one, other in pairs):
-            raise InputError("the Atoms are another cell than that of the state", mend="Leave atoms out, or give a network")
+        if not all(
+            one.shape == other.shape and np.allclose(one, other, rtol=_SAME, atol=_SAME)
+            for one, other in pairs
+        ):
+            raise InputError(
+                "the Atoms are another cell than that of the state",
+                mend="Leave atoms out, or give a network",
+            )
 
-    # -- phonopy ----------------------------------------------------------------------------------------------------
+    # -- phonopy -----------------------------------------------------------------------------------
 
     @cached_property
     def phonopy(self) -> ContactPhonopy:
         """Phonopy object in reduced units (frequencies in (k/M)^1/2), with symmetry off.
 
-        The calculator makes its force constants. The documentation lists what may be done with it; methods that would give a
-        wrong answer raise :class:`~granphon.base.errors.UnsupportedError`.
+        The calculator makes its force constants. The documentation lists what may be done with it;
+        methods that would give a wrong answer raise
+        :class:`~granphon.base.errors.UnsupportedError`.
 
-        Up to three motions of a ball are the coordinates of one atom, (u_x, u_y, w) in the plane and (w_x, w_y, u_z) out of
-        it. Coordinates without a motion give flat branches at zero. Six motions take two atoms: "Fe" holds u, and "Sn", a
-        little aside, w. The eigenvector of the second has the phase of its own place, exp(i q.offset) less than the ball.
+        Up to three motions of a ball are the coordinates of one atom, (u_x, u_y, w) in the plane
+        and (w_x, w_y, u_z) out of it. Coordinates without a motion give flat branches at zero. Six
+        motions take two atoms: "Fe" holds u, and "Sn", a little aside, w. The eigenvector of the
+        second has the phase of its own place, exp(i q.offset) less than the ball.
         """
         with needing("A phonopy object"):
             from phonopy.structure.atoms import PhonopyAtoms
 
             from granphon.phonons.phonopy_bridge import ContactPhonopy
 
-        cell, spread, motions = np.array(self.atoms.cell), np.ptp(self.atoms.positions, axis=0), self.lattice.motions
+        cell = np.array(self.atoms.cell)
+        spread = np.ptp(self.atoms.positions, axis=0)
+        motions = self.lattice.motions
         periods = np.arange(3) < self._periods
         open_ends = np.where(periods, ~np.asarray(self.atoms.pbc), spread > 0.5)
         for axis in np.flatnonzero(open_ends):
-            # phonopy has no open boundaries and divides a pair among its nearest images: move all images far away
-            cell[axis] *= 1.0 + np.ceil(2.0 * (float(spread[periods | open_ends].sum()) + 2.0) / np.linalg.norm(cell[axis]))
+            # phonopy has no open boundaries and divides a pair among its nearest images: move all
+            # images far away
+            cell[axis] *= 1.0 + np.ceil(
+                2.0 * (float(spread[periods | open_ends].sum()) + 2.0) / np.linalg.norm(cell[axis])
+            )
         unit = PhonopyAtoms(
-            symbols=name_atoms(self.atoms.get_masses(), motions, self.state.kinds), cell=cell,
+            symbols=name_atoms(self.atoms.get_masses(), motions, self.state.kinds),
+            cell=cell,
             masses=np.repeat(self.atoms.get_masses(), motions.atoms_per_ball),
             positions=place_atoms(self.atoms.positions, motions),
-        )  # fmt: skip
-        bridge = ContactPhonopy(unit, np.diag(_pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0)
+        )
+        bridge = ContactPhonopy(
+            unit, np.diag(_pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0
+        )
         bridge.unit_conversion_factor = 1.0
-        # where[atom, n1, ...]: index in phonopy's supercell of the image of an atom in cell (n1, ...)
-        table, blocks, dim, per_ball = self.lattice.contacts, contact_blocks(self.lattice), self.dim, motions.atoms_per_ball
+        # where[atom, n1, ...]: index in phonopy's supercell of the image of an atom in cell (n1,
+        # ...)
+        table = self.lattice.contacts
+        blocks = contact_blocks(self.lattice)
+        dim = self.dim
+        per_ball = motions.atoms_per_ball
         cells = bridge.supercell
         atom = np.array([cells.u2u_map[s] for s in cells.s2u_map])
-        place = np.rint((cells.positions - bridge.unitcell.positions[atom]) @ np.linalg.inv(unit.cell)).astype(int)
+        place = np.rint(
+            (cells.positions - bridge.unitcell.positions[atom]) @ np.linalg.inv(unit.cell)
+        ).astype(int)
         where = np.empty((len(unit), *dim), int)
         where[(atom, *(place[:, : len(dim)] % dim).T)] = np.arange(len(atom))
-        # force constants between atoms of the cell and of the supercell, contact by contact; a body that does not move is
-        # none of these atoms
+        # force constants between atoms of the cell and of the supercell, contact by contact; a body
+        # that does not move is none of these atoms
         free = table.j < self.lattice.n_balls
         constants = np.zeros((len(unit), len(atom), 3, 3))
-        home, away, back = np.zeros_like(table.shift), table.shift % dim, -table.shift % dim
+        home = np.zeros_like(table.shift)
+        away = table.shift % dim
+        back = -table.shift % dim
         for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
-            (i, j), (i_too, j_too) = ([per_ball * end + part for end in (table.i, table.j)] for part in (a, b))
+            (i, j), (i_too, j_too) = (
+                [per_ball * end + part for end in (table.i, table.j)] for part in (a, b)
+            )
             rows, columns = (slice(3 * part, 3 * part + 3) for part in (a, b))
-            far_rows, far_columns = (slice(3 * part, 3 * part + 3) for part in (per_ball + a, per_ball + b))
+            far_rows, far_columns = (
+                slice(3 * part, 3 * part + 3) for part in (per_ball + a, per_ball + b)
+            )
             for one, row, other, column, shift in (
-                (i, rows, i_too, columns, home), (j, far_rows, j_too, far_columns, home),
-                (i, rows, j_too, far_columns, away), (j, far_rows, i_too, columns, back),
-            ):  # fmt: skip
+                (i, rows, i_too, columns, home),
+                (j, far_rows, j_too, far_columns, home),
+                (i, rows, j_too, far_columns, away),
+                (j, far_rows, i_too, columns, back),
+            ):
                 kept = free if one is j or other is j_too else np.ones(len(table), bool)
-                np.add.at(constants, (one[kept], where[(other[kept], *shift[kept].T)]), blocks[kept, row, column])
+                np.add.at(
+                    constants,
+                    (one[kept], where[(other[kept], *shift[kept].T)]),
+                    blocks[kept, row, column],
+                )
         bridge.give_force_constants(constants)
         return bridge
 
     def _find_warnings(self, wavevectors: Array, frequencies: Array) -> tuple[str, ...]:
-        """Return the warnings on the state, and on branches and single modes among ``frequencies`` that cost nothing."""
+        """Return the warnings on the state, and on branches and single modes among ``frequencies``
+        that cost nothing.
+        """
         soft = self.lattice.soft_mode_warnings(wavevectors, frequencies)
         return (*find_warnings(self.state), *self.lattice.free_branch_warnings, *soft)
 
-    # -- spectra ----------------------------------------------------------------------------------------------------
+    # -- spectra -----------------------------------------------------------------------------------
 
     def frequencies(self, qpoints: ArrayLike) -> Array:
         """Return frequencies (n_q, n_branches), Hz, ascending, at ``qpoints`` (n_q, p) or (n_q, 3).
 
-        ``qpoints`` are fractions of the reciprocal cell. There is a branch for each motion of each ball of the cell.
+        ``qpoints`` are fractions of the reciprocal cell. There is a branch for each motion of each
+        ball of the cell.
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
@@ -259,48 +354,70 @@ class Phonons:
         return self.lattice.frequencies(q) * self.scales.frequency
 
     def damped(self, qpoints: ArrayLike, damping: Any = 0.0, loss_factor: Any = 0.0) -> DampedModes:
-        """Return complex frequencies (n_q, n_branches), Hz, at ``qpoints``, with contacts that lose energy; and Q factors.
+        """Return complex frequencies (n_q, n_branches), Hz, at ``qpoints``, with contacts that lose
+        energy; and Q factors.
 
         Parameters
         ----------
         qpoints : (n_q, p) or (n_q, 3) fractions of the reciprocal cell.
-        damping : s, viscosity over stiffness, a number or one for each contact of the network; or a tuple of two, for normal
-            motion and for all other, as in :meth:`gp.Waves.response`.
-        loss_factor : eta of the complex stiffness k (1 + i eta), a number or one for each contact, or a tuple of two.
+        damping : s, viscosity over stiffness, a number or one for each contact of the network; or a
+            tuple of two, for normal motion and for all other, as in :meth:`gp.Waves.response`.
+        loss_factor : eta of the complex stiffness k (1 + i eta), a number or one for each contact,
+            or a tuple of two.
 
-        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for Atoms whose contacts are not the
-        state's, in their order; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for Atoms
+        whose contacts are not the state's, in their order;
+        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
-        points, network = _check_qpoints(qpoints, self._periods), given_network(self.state)
-        top, kept = self.scales.angular_frequency, network.moving[network.i] | network.moving[network.j]
+        points = _check_qpoints(qpoints, self._periods)
+        network = given_network(self.state)
+        top = self.scales.angular_frequency
+        kept = network.moving[network.i] | network.moving[network.j]
         self._require_own_cell()
-        q, found = self.lattice.wavevectors(points), ContactDamping.of(network, damping, loss_factor)
-        undamped, even = self.lattice.frequencies(q), found.find_even(network)
+        q, found = (
+            self.lattice.wavevectors(points),
+            ContactDamping.of(network, damping, loss_factor),
+        )
+        undamped = self.lattice.frequencies(q)
+        even = found.find_even(network)
         if even is not None:
             omega = np.sort(damp_evenly(undamped, even[0], even[1] * top))
         else:
-            matrices = self.lattice.damped_matrices(q, found.times[:, kept] * top, found.losses[:, kept])
+            matrices = self.lattice.damped_matrices(
+                q, found.times[:, kept] * top, found.losses[:, kept]
+            )
             omega, _ = damp_unevenly(*matrices)
         highest = float(np.max(undamped, initial=0.0)) * self.scales.frequency
-        return DampedModes(omega * self.scales.frequency, None, points, found.find_warnings(highest))
+        return DampedModes(
+            omega * self.scales.frequency, None, points, found.find_warnings(highest)
+        )
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
-        """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints``.
+        """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at
+        ``qpoints``.
 
-        ``qpoints`` (n_q, p) or (n_q, 3) are fractions of the reciprocal cell. Where branches touch, at Gamma and wherever a
-        mode vanishes, the result is the limit along ``direction`` (Cartesian), which is required at Gamma.
+        ``qpoints`` (n_q, p) or (n_q, 3) are fractions of the reciprocal cell. Where branches touch,
+        at Gamma and wherever a mode vanishes, the result is the limit along ``direction``
+        (Cartesian), which is required at Gamma.
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
-        modes, scales = self.lattice.modes(q, direction), self.scales
+        modes = self.lattice.modes(q, direction)
+        scales = self.scales
         return PhononModes(
-            modes.wavevectors / scales.length, modes.frequencies * scales.frequency, modes.eigenvectors,
-            modes.group_velocities * scales.velocity, modes.rotational_fraction, modes.longitudinal_fraction,
+            modes.wavevectors / scales.length,
+            modes.frequencies * scales.frequency,
+            modes.eigenvectors,
+            modes.group_velocities * scales.velocity,
+            modes.rotational_fraction,
+            modes.longitudinal_fraction,
             modes.out_of_plane_fraction,
-        )  # fmt: skip
+        )
 
     @property
     def special_points(self) -> dict[str, Array]:
-        """Special points of the Brillouin zone of the cell, keyed by ASE's letters, in fractions of the reciprocal cell."""
+        """Special points of the Brillouin zone of the cell, keyed by ASE's letters, in fractions of
+        the reciprocal cell.
+        """
         return special_points(self._lattice_vectors, self._repeats.tolist())
 
     @property
@@ -308,23 +425,30 @@ class Phonons:
         return np.asarray(self.atoms.cell)[: self._periods, : self._periods]
 
     def bands(
-        self, path: str | ArrayLike | Sequence[ArrayLike] | None = None, npoints: int = 101,
-        labels: Sequence[str] | None = None, eigenvectors: bool = True,
-    ) -> Bands:  # fmt: skip
+        self,
+        path: str | ArrayLike | Sequence[ArrayLike] | None = None,
+        npoints: int = 101,
+        labels: Sequence[str] | None = None,
+        eigenvectors: bool = True,
+    ) -> Bands:
         """Return the band structure along a path.
 
         Parameters
         ----------
-        path : letters of :attr:`special_points` ("GKMG"; a comma where the path jumps) or corners in fractions of the
-            reciprocal cell; by default the lattice's own (:func:`~granphon.phonons.paths.default_letters`): GKMG on a
-            hexagonal cell, GXMG on a square one, GXWKGL in fcc; GX of atoms that repeat along one axis.
+        path : letters of :attr:`special_points` ("GKMG"; a comma where the path jumps) or corners
+            in fractions of the reciprocal cell; by default the lattice's own
+            (:func:`~granphon.phonons.paths.default_letters`): GKMG on a hexagonal cell, GXMG on a
+            square one, GXWKGL in fcc; GX of atoms that repeat along one axis.
         npoints : points in each segment, both ends counted.
         labels : names of the corners; by default the letters, or the coordinates.
-        eigenvectors : whether to find eigenvectors and group velocities, from which colours and characters follow. In a
-            large cell frequencies alone take a fifth of the time and next to no memory, see :meth:`estimate`.
+        eigenvectors : whether to find eigenvectors and group velocities, from which colours and
+            characters follow. In a large cell frequencies alone take a fifth of the time and next
+            to no memory, see :meth:`estimate`.
         """
         letters = self.special_points if path is None or isinstance(path, str) else {}
-        way = default_letters(self._lattice_vectors, self._repeats.tolist()) if path is None else path
+        way = (
+            default_letters(self._lattice_vectors, self._repeats.tolist()) if path is None else path
+        )
         segments, ticks = interpolate_path(way, npoints, letters, labels, self._periods)
         s, p, _ = segments.shape
         q = self.lattice.wavevectors(segments)  # (s, p, periods)
@@ -332,54 +456,88 @@ class Phonons:
         distances = np.concatenate([np.zeros((s, 1)), np.cumsum(steps, axis=1)], axis=1)
         distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
         along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
-        along[p - 1 :: p] *= -1.0  # at the last point of a segment the limit is taken from inside the segment
-        b, d = self.lattice.n_branches, self._periods
+        along[
+            p - 1 :: p
+        ] *= -1.0  # at the last point of a segment the limit is taken from inside the segment
+        b = self.lattice.n_branches
+        d = self._periods
         cost = costs.bands(q.size // d, b, eigenvectors, file=False)
         mend = "Give fewer npoints or segments, or eigenvectors=False"
         size = 16 * q.size // d * b * b
         if eigenvectors and size > MOST_BYTES:
-            what = f"{b} eigenvectors at {q.size // d} wave vectors take {size / 2**30:.3g} GiB of memory"
+            what = (
+                f"{b} eigenvectors at {q.size // d} wave vectors take {size / 2**30:.3g} GiB of"
+                f" memory"
+            )
             raise InputError(what, f"Bands of more than {MOST_BYTES >> 30} GiB are not made", mend)
-        require_memory(f"bands of {b:,} branches at {q.size // d:,} wave vectors", cost.working + cost.kept, mend)
-        velocities, vectors = None, None
+        require_memory(
+            f"bands of {b:,} branches at {q.size // d:,} wave vectors",
+            cost.working + cost.kept,
+            mend,
+        )
+        velocities = None
+        vectors = None
         if eigenvectors:
             modes = self.lattice.modes(q.reshape(-1, d), along)
-            values, vectors = modes.frequencies, modes.eigenvectors.reshape(s, p, b, b)
+            values = modes.frequencies
+            vectors = modes.eigenvectors.reshape(s, p, b, b)
             velocities = modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity
         else:
             values = self.lattice.frequencies(q.reshape(-1, d))
         return Bands(
-            segments, distances, values.reshape(s, p, b) * self.scales.frequency, velocities, vectors,
-            ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
-            self.scales, self._find_warnings(q.reshape(-1, d), values), self.lattice.motions,
-            tuple(self._repeats.tolist()), self.state.kinds, self.lattice.gyration,
-        )  # fmt: skip
+            segments,
+            distances,
+            values.reshape(s, p, b) * self.scales.frequency,
+            velocities,
+            vectors,
+            ticks,
+            np.asarray(self.atoms.cell),
+            self.atoms.get_scaled_positions(wrap=False),
+            self.atoms.get_masses(),
+            self.scales,
+            self._find_warnings(q.reshape(-1, d), values),
+            self.lattice.motions,
+            tuple(self._repeats.tolist()),
+            self.state.kinds,
+            self.lattice.gyration,
+        )
 
     def estimate(self, points: int, eigenvectors: bool = True) -> Cost:
-        """Return what bands, or frequencies, at so many wave vectors cost on one processor of this machine, before they do.
+        """Return what bands, or frequencies, at so many wave vectors cost on one processor of this
+        machine, before they do.
 
-        :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and ``seconds`` is the processor's
-        time. Of cells with hundreds of branches it follows from a small matrix that is timed on this machine.
+        :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and
+        ``seconds`` is the processor's time. Of cells with hundreds of branches it follows from a
+        small matrix that is timed on this machine.
         """
         count = whole_number("points", points, 1, LARGEST_COUNT)
         return costs.bands(count, self.lattice.n_branches, eigenvectors, file=False)
 
     def complex_bands(
-        self, frequencies: ArrayLike, axis: Any = 0, q: ArrayLike = (), *, damping: Any = 0.0, loss_factor: Any = 0.0
+        self,
+        frequencies: ArrayLike,
+        axis: Any = 0,
+        q: ArrayLike = (),
+        *,
+        damping: Any = 0.0,
+        loss_factor: Any = 0.0,
     ) -> ComplexBands:
         """Return all wave numbers across the layers at given frequencies, also of waves that decay.
 
         Parameters
         ----------
         frequencies : (n_f,) Hz, above zero.
-        axis : across the layers, as for :meth:`ContactNetwork.cut`; of a packing or network, not of other ``atoms``.
-        q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
-        damping, loss_factor : viscosity of contacts over their stiffness, s, and part of the stiffness that loses energy at
-            any frequency, as in :meth:`Waves.response`: numbers, or tuples of two, for normal and for all other motion.
+        axis : across the layers, as for :meth:`ContactNetwork.cut`; of a packing or network, not of
+            other ``atoms``.
+        q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by
+            default.
+        damping, loss_factor : viscosity of contacts over their stiffness, s, and part of the
+            stiffness that loses energy at any frequency, as in :meth:`Waves.response`: numbers, or
+            tuples of two, for normal and for all other motion.
 
-        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band, for one so high
-        that a wave decays by more than 1e12 from layer to layer, and for an axis across which some motions are passed on to
-        the next layers and no further.
+        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a
+        band, for one so high that a wave decays by more than 1e12 from layer to layer, and for an
+        axis across which some motions are passed on to the next layers and no further.
         """
         network = given_network(self.state)
         self._require_own_cell("masses", "gyration", "stiffness", "prestress")
@@ -387,15 +545,28 @@ class Phonons:
         space = HalfSpace(network, axis)
         damped = ContactDamping.of(space.cut, damping, loss_factor)
         require_bloch_memory(at.size, space.size, 0 if damped.is_none else space.cut.n_contacts)
-        along, omega = space.read_wavevector(q), at / space.units.frequency
-        blocks = space.couplings(along, *(() if damped.is_none else damped.soften(2.0 * np.pi * at)))
+        along = space.read_wavevector(q)
+        omega = at / space.units.frequency
+        blocks = space.couplings(
+            along, *(() if damped.is_none else damped.soften(2.0 * np.pi * at))
+        )
         far = omega**2 * LEAST_PART > np.max(np.abs(blocks.inner))
-        senses = [] if np.any(far) else find_bloch_waves(blocks, omega**2, space.size // space.reach)
+        senses = (
+            [] if np.any(far) else find_bloch_waves(blocks, omega**2, space.size // space.reach)
+        )
         for n, pair in enumerate(senses):
-            far[n] = any(np.any(np.abs(one.factors) ** sign < LEAST_PART) for one, sign in zip(pair, (1, -1), strict=True))
+            far[n] = any(
+                np.any(np.abs(one.factors) ** sign < LEAST_PART)
+                for one, sign in zip(pair, (1, -1), strict=True)
+            )
         if np.any(far):
-            what = f"at {float(at[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_PART:g} from layer to layer"
-            raise PrecisionError(what, "Its wave number would have no digits", "Take lower frequencies")
+            what = (
+                f"at {float(at[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_PART:g}"
+                f" from layer to layer"
+            )
+            raise PrecisionError(
+                what, "Its wave number would have no digits", "Take lower frequencies"
+            )
         size = space.size
         found = np.empty((len(at), 2, size), complex)
         for row, pair in zip(found, senses, strict=True):
@@ -406,49 +577,69 @@ class Phonons:
                 half[: len(numbers)] = numbers
         # what reaches no other layer at any frequency is no wave
         found = found[:, :, np.any(np.isfinite(found), axis=(0, 1))]
-        running, warnings = np.array([one.running for one, _ in senses]), damped.find_warnings(float(np.max(at)))
+        running = np.array([one.running for one, _ in senses])
+        warnings = damped.find_warnings(float(np.max(at)))
         return ComplexBands(at, found.reshape(len(at), -1), running, space.height, warnings)
 
     def dos(
-        self, mesh: Sequence[int] | None = None, method: Literal["tetrahedron", "smearing"] = "tetrahedron",
-        sigma: float | None = None, points: int = 501,
-    ) -> DensityOfStates:  # fmt: skip
+        self,
+        mesh: Sequence[int] | None = None,
+        method: Literal["tetrahedron", "smearing"] = "tetrahedron",
+        sigma: float | None = None,
+        points: int = 501,
+    ) -> DensityOfStates:
         """Return the density of states per ball, 1/Hz, split into translation and rotation.
 
         Parameters
         ----------
-        mesh : wave vectors of a Gamma-centred mesh along each period, such as (n1, n2), or (n1, n2, 1), which the symmetry
-            of the lattice reduces; by default 1024, 64 x 64, or 32 x 32 x 32.
+        mesh : wave vectors of a Gamma-centred mesh along each period, such as (n1, n2), or (n1, n2,
+            1), which the symmetry of the lattice reduces; by default 1024, 64 x 64, or 32 x 32 x
+            32.
         method : "tetrahedron" (linear interpolation), or "smearing" with a Gaussian.
-        sigma : standard deviation of the Gaussian, Hz, not below the spacing of the frequencies, and up to a million times
-            the top one; by default a hundredth of that, or more if there are few ``points``.
+        sigma : standard deviation of the Gaussian, Hz, not below the spacing of the frequencies,
+            and up to a million times the top one; by default a hundredth of that, or more if there
+            are few ``points``.
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
         """
         p = self._periods
-        given, example = MESHES[p - 1] if mesh is None else mesh, " ".join(map(str, _pad((64,) * p)))
+        given = MESHES[p - 1] if mesh is None else mesh
+        example = " ".join(map(str, _pad((64,) * p)))
         numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, example, p)
-        by, count = one_of("method", method, ("tetrahedron", "smearing")), whole_number("points", points, 12, LARGEST_COUNT)
+        by = one_of("method", method, ("tetrahedron", "smearing"))
+        count = whole_number("points", points, 12, LARGEST_COUNT)
         if np.prod(numbers, dtype=float) > _MOST_MESH_POINTS:
             what = f"a mesh of {' x '.join(map(str, numbers))} wave vectors is too large"
             raise InputError(what, mend=f"Take {_MOST_MESH_POINTS:.0e} at most in all")
         self._require_mesh(numbers)
-        require_memory(f"densities of states at {count:,} points", _DENSITY_BYTES * count, "Give fewer points")
+        require_memory(
+            f"densities of states at {count:,} points", _DENSITY_BYTES * count, "Give fewer points"
+        )
         grid = self._make_mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
         # any direction will do: the rotational fractions of degenerate modes have the same sum
-        pieces = -(-len(q) // min(_MESH_POINTS, max(1, _MESH_NUMBERS // self.lattice.n_branches**2)))
+        pieces = -(
+            -len(q) // min(_MESH_POINTS, max(1, _MESH_NUMBERS // self.lattice.n_branches**2))
+        )
         modes = (self.lattice.modes(some, np.eye(p)[0]) for some in np.array_split(q, pieces))
-        values, rotation = map(np.concatenate, zip(*((m.frequencies, m.rotational_fraction) for m in modes), strict=True))
+        values, rotation = map(
+            np.concatenate,
+            zip(*((m.frequencies, m.rotational_fraction) for m in modes), strict=True),
+        )
         parts = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         top = self.lattice.top_frequency
         if top == 0.0:
-            raise InputError("every branch vanishes", "The motions deform no contact", "Use friction or bending")
+            raise InputError(
+                "every branch vanishes", "The motions deform no contact", "Use friction or bending"
+            )
         at = np.linspace(0.0, 1.02 * top, count)
         if by == "tetrahedron":
             if sigma is not None:
-                raise InputError("sigma is for the smearing method only", mend="Give method='smearing'")
-            # each value is the mean over its own interval, a difference of the integrated density: van Hove singularities
-            # stay finite, and the trapezoidal sum over the points is exactly the number of modes
+                raise InputError(
+                    "sigma is for the smearing method only", mend="Give method='smearing'"
+                )
+            # each value is the mean over its own interval, a difference of the integrated density:
+            # van Hove singularities stay finite, and the trapezoidal sum over the points is exactly
+            # the number of modes
             edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
             integrated = grid.count_modes(self.lattice.reciprocal, values, parts, edges)
             integrated[:, 0] = 0.0  # modes at zero belong to the first interval
@@ -458,137 +649,199 @@ class Phonons:
             if sigma is not None:
                 width = positive("sigma", sigma, "Hz") / self.scales.frequency
                 if width > _WIDEST * top:
-                    what = f"sigma = {brief(sigma)} Hz is more than {_WIDEST:.0e} times the top frequency"
-                    raise InputError(what, "Nothing would be left of the density of states", "Lower sigma")
+                    what = (
+                        f"sigma = {brief(sigma)} Hz is more than {_WIDEST:.0e} times the top"
+                        f" frequency"
+                    )
+                    raise InputError(
+                        what, "Nothing would be left of the density of states", "Lower sigma"
+                    )
             at = np.linspace(0.0, top + 5.0 * width, count)
             if width < at[1]:
                 what = f"sigma = {sigma!r} Hz is below the spacing of {count} points"
                 raise InputError(what, mend="Raise sigma, or take more points")
             # the part of a Gaussian below zero frequency is reflected, so that no mode is lost
-            weight = parts * grid.weights[:, None] / (np.prod(numbers) * np.sqrt(2.0 * np.pi) * width)
+            weight = (
+                parts * grid.weights[:, None] / (np.prod(numbers) * np.sqrt(2.0 * np.pi) * width)
+            )
             bells = (
-                np.exp(-0.5 * ((one - values) / width) ** 2) + np.exp(-0.5 * ((one + values) / width) ** 2) for one in at
+                np.exp(-0.5 * ((one - values) / width) ** 2)
+                + np.exp(-0.5 * ((one + values) / width) ** 2)
+                for one in at
             )
             density = np.stack([np.sum(weight * bell, axis=(1, 2)) for bell in bells], axis=1)
         density = density / (len(self.atoms) * self.scales.frequency)
         return DensityOfStates(
-            at * self.scales.frequency, density[0], density[1], by, numbers, self._find_warnings(q, values)
+            at * self.scales.frequency,
+            density[0],
+            density[1],
+            by,
+            numbers,
+            self._find_warnings(q, values),
         )
 
     def gaps(self, mesh: Sequence[int] | None = None) -> Array:
-        """Return the gaps, (n, 2) Hz, ascending: intervals from zero to the top frequency in which no branch lies.
+        """Return the gaps, (n, 2) Hz, ascending: intervals from zero to the top frequency in which
+        no branch lies.
 
-        The edges of bands are sought on a mesh of the whole zone and at its special points, and from the best of these along
-        group velocities. If something holds the balls, the interval below the lowest branch
-        counts. Intervals below a millionth of the top frequency are branches that touch.
+        The edges of bands are sought on a mesh of the whole zone and at its special points, and
+        from the best of these along group velocities. If something holds the balls, the interval
+        below the lowest branch counts. Intervals below a millionth of the top frequency are
+        branches that touch.
 
         Parameters
         ----------
-        mesh : numbers of wave vectors along each period, from Gamma; by default 256, 48 x 48, or 16 x 16 x 16. The zone of a
-            cell of more than 16 balls is small: its mesh has 4 over the number of balls of these points, at least two a row.
+        mesh : numbers of wave vectors along each period, from Gamma; by default 256, 48 x 48, or 16
+            x 16 x 16. The zone of a cell of more than 16 balls is small: its mesh has 4 over the
+            number of balls of these points, at least two a row.
         """
-        p, n = self._periods, self.lattice.n_balls
+        p = self._periods
+        n = self.lattice.n_balls
         finer = (n / 4.0) ** (1.0 / p) if n > _FEW_BALLS else 1.0
         given = [max(2, round(one / finer)) for one in _GAP_MESHES[p - 1]] if mesh is None else mesh
-        numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((48,) * p))), p)
+        numbers = grid_numbers(
+            "mesh", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((48,) * p))), p
+        )
         self._require_mesh(numbers)
         axes = [np.arange(number) / number for number in numbers]
         axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, p)
         q = np.concatenate([grid, *(point[None, :p] for point in self.special_points.values())])
         values = self.lattice.frequencies(self.lattice.wavevectors(q))
-        low, high = values.min(axis=0), values.max(axis=0)
+        low = values.min(axis=0)
+        high = values.max(axis=0)
         least = _NO_GAP * float(high[-1])
         below = np.concatenate([[0.0], np.maximum.accumulate(high)[:-1]])
         gaps = np.flatnonzero(low - below > least)
         if not gaps.size:
             return np.zeros((0, 2))
-        # lower and upper edges: the tops of the branches below, of which the last reaches as high as any, and the bottoms
+        # lower and upper edges: the tops of the branches below, of which the last reaches as high
+        # as any, and the bottoms
         branch = np.concatenate([gaps[gaps > 0] - 1, gaps])
         sign = np.concatenate([np.ones(np.count_nonzero(gaps > 0)), -np.ones(len(gaps))])
         several = max(1, min(_STARTS, _FEW_BRANCHES // len(low)))
         order = np.argsort(-sign * values[:, branch], axis=0, kind="stable")[:several].T
-        starts, (edges, several) = self.lattice.wavevectors(q[order]).reshape(-1, p), order.shape
+        starts = self.lattice.wavevectors(q[order]).reshape(-1, p)
+        (edges, several) = order.shape
         reach = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
-        # the highest frequencies times the sign, along the group velocity from each start, with the steps of J. Barzilai and
-        # J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none longer than ``reach``
-        own_branch, own_sign, at = np.repeat(branch, several), np.repeat(sign, several), starts.copy()
-        best, before, slope_before = np.full(len(at), -np.inf), at.copy(), np.zeros_like(at)
+        # the highest frequencies times the sign, along the group velocity from each start, with the
+        # steps of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none longer
+        # than ``reach``
+        own_branch = np.repeat(branch, several)
+        own_sign = np.repeat(sign, several)
+        at = starts.copy()
+        best = np.full(len(at), -np.inf)
+        before = at.copy()
+        slope_before = np.zeros_like(at)
         left = np.arange(len(at))
         for turn in range(_TURNS):
-            modes, row = self.lattice.modes(at[left], np.eye(p)[0]), np.arange(left.size)
-            best[left] = np.maximum(best[left], own_sign[left] * modes.frequencies[row, own_branch[left]])
+            modes = self.lattice.modes(at[left], np.eye(p)[0])
+            row = np.arange(left.size)
+            best[left] = np.maximum(
+                best[left], own_sign[left] * modes.frequencies[row, own_branch[left]]
+            )
             slope = own_sign[left, None] * modes.group_velocities[row, own_branch[left]]
-            moved, size = at[left] - before[left], np.linalg.norm(slope, axis=1)
+            moved = at[left] - before[left]
+            size = np.linalg.norm(slope, axis=1)
             bend = np.abs(np.sum(moved * (slope - slope_before[left]), axis=1))
-            step = np.divide(np.sum(moved**2, axis=1) * size, bend, out=np.zeros(left.size), where=bend > 0.0)
+            step = np.divide(
+                np.sum(moved**2, axis=1) * size, bend, out=np.zeros(left.size), where=bend > 0.0
+            )
             step = np.minimum(step if turn else 0.5 * reach, np.where(size > 0.0, reach, 0.0))
-            ahead = np.divide(step, size, out=np.zeros(left.size), where=size > 0.0)[:, None] * slope
+            ahead = (
+                np.divide(step, size, out=np.zeros(left.size), where=size > 0.0)[:, None] * slope
+            )
             before[left], slope_before[left] = at[left], slope
             at[left] += ahead
             left = left[step > _LEVEL]
             if not left.size:
                 break
         best = best.reshape(edges, several).max(axis=1)
-        # branches that cross at a point of their own make a cone, up which there is no way along group velocities
+        # branches that cross at a point of their own make a cone, up which there is no way along
+        # group velocities
         width = -best[edges - len(gaps) :][gaps > 0] - best[: edges - len(gaps)]
         for one in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
-            place = one if one < len(width) else edges - len(gaps) + np.flatnonzero(gaps > 0)[one - len(width)]
+            place = (
+                one
+                if one < len(width)
+                else edges - len(gaps) + np.flatnonzero(gaps > 0)[one - len(width)]
+            )
             near = starts[place * several : (place + 1) * several]
             # where both come close, peaks may be narrower than the mesh
             below_gap = branch[place] - (sign[place] < 0.0)
-            closest = np.argsort(values[:, below_gap + 1] - values[:, below_gap], kind="stable")[: _CLOSEST * several]
+            closest = np.argsort(values[:, below_gap + 1] - values[:, below_gap], kind="stable")[
+                : _CLOSEST * several
+            ]
             near = np.concatenate([near, self.lattice.wavevectors(q[closest])])
             best[place] = max(best[place], self._zoom(near, branch[place], sign[place], reach))
         edge = sign * best
-        lower, upper = edge[: edges - len(gaps)], edge[edges - len(gaps) :]
+        lower = edge[: edges - len(gaps)]
+        upper = edge[edges - len(gaps) :]
         lower = np.concatenate([np.zeros(len(gaps) - len(lower)), lower])
         found = np.stack([np.maximum(lower, below[gaps]), upper], axis=1)[upper - lower > least]
         return np.reshape(found, (-1, 2)) * self.scales.frequency
 
     def _zoom(self, wavevectors: Array, branch: int, sign: float, reach: float) -> float:
-        """Return the highest frequency times ``sign`` of a branch about wave vectors (n, p), 1/d, on ever finer meshes."""
-        offsets = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 7)] * self._periods), axis=-1).reshape(-1, self._periods)
+        """Return the highest frequency times ``sign`` of a branch about wave vectors (n, p), 1/d,
+        on ever finer meshes.
+        """
+        offsets = np.stack(
+            np.meshgrid(*[np.linspace(-1.0, 1.0, 7)] * self._periods), axis=-1
+        ).reshape(-1, self._periods)
         q, size, best = wavevectors, np.full(len(wavevectors), reach), -np.inf
         while size.size:
             near = q[:, None] + size[:, None, None] * offsets
-            values = sign * self.lattice.frequencies(near.reshape(-1, self._periods))[:, branch].reshape(len(q), -1)
+            values = sign * self.lattice.frequencies(near.reshape(-1, self._periods))[
+                :, branch
+            ].reshape(len(q), -1)
             place = np.argmax(values, axis=1)
-            best, q = max(best, float(values.max())), near[np.arange(len(q)), place]
+            best = max(best, float(values.max()))
+            q = near[np.arange(len(q)), place]
             size = size * np.where(np.max(np.abs(offsets[place]), axis=1) < 1.0, 0.7, 0.95)
-            q, size = q[size > _LEVEL], size[size > _LEVEL]
+            q = q[size > _LEVEL]
+            size = size[size > _LEVEL]
         return best
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
         """Return a Gamma-centred mesh, reduced by the point group of the frequencies."""
-        lattice, group = self.lattice, None
+        lattice = self.lattice
+        group = None
         if reduce:
-            group = find_point_group(self.atoms, self._periods, lambda q: lattice.frequencies(lattice.wavevectors(q)))
+            group = find_point_group(
+                self.atoms, self._periods, lambda q: lattice.frequencies(lattice.wavevectors(q))
+            )
         return ZoneMesh.of(numbers, group)
 
-    # -- files ------------------------------------------------------------------------------------------------------
+    # -- files -------------------------------------------------------------------------------------
 
     def save(self, path: str | os.PathLike[str] = "phonopy_params.yaml") -> None:
-        """Write the force constants in a file for phonopy, whose command reads it without options, and for Euphonic.
+        """Write the force constants in a file for phonopy, whose command reads it without options,
+        and for Euphonic.
 
-        On loading, phonopy symmetrises force constants and takes frequencies for THz. Two measures keep the numbers right.
-        One very heavy auxiliary atom at a general position takes up what the force constants lack in the sum rule, and
-        lowers the symmetry to P1; it adds three flat bands at zero. A ball of six motions is two atoms, as in
-        :attr:`phonopy`. Masses are scaled so that phonopy's "THz" stand for Hz,
-        kHz, MHz or another such unit, in which the top frequency lies between 1 and 1000. The file names this unit under
-        ``granphon``, with the scales.
+        On loading, phonopy symmetrises force constants and takes frequencies for THz. Two measures
+        keep the numbers right. One very heavy auxiliary atom at a general position takes up what
+        the force constants lack in the sum rule, and lowers the symmetry to P1; it adds three flat
+        bands at zero. A ball of six motions is two atoms, as in :attr:`phonopy`. Masses are scaled
+        so that phonopy's "THz" stand for Hz, kHz, MHz or another such unit, in which the top
+        frequency lies between 1 and 1000. The file names this unit under ``granphon``, with the
+        scales.
 
-        Balls of several kinds have the symbols of :func:`~granphon.atoms`; the file names the kind of each.
+        Balls of several kinds have the symbols of :func:`~granphon.atoms`; the file names the kind
+        of each.
 
-        :func:`load_phonopy` reads the file back without the auxiliary atom. The folder is made if need be.
+        :func:`load_phonopy` reads the file back without the auxiliary atom. The folder is made if
+        need be.
 
         A file of granphon is replaced; if another is there, as one of phonopy's own,
         :class:`~granphon.base.errors.FileExistsInRunError` is raised.
         """
-        bridge, top = self.phonopy, self.lattice.top_frequency * self.scales.frequency
+        bridge = self.phonopy
+        top = self.lattice.top_frequency * self.scales.frequency
         from granphon.phonons.phonopy_bridge import write_phonopy  # by now it can be imported
 
-        write_phonopy(bridge, path, self.scales, top, self.lattice.motions, self._periods, self.state.kinds)
+        write_phonopy(
+            bridge, path, self.scales, top, self.lattice.motions, self._periods, self.state.kinds
+        )
 
 
 def _pad(numbers: tuple[int, ...]) -> list[int]:
@@ -597,7 +850,9 @@ def _pad(numbers: tuple[int, ...]) -> list[int]:
 
 
 def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:
-    """Check that ``qpoints`` lie in the lattice, and return them as (n, 3); raises :class:`InputError` if they do not."""
+    """Check that ``qpoints`` lie in the lattice, and return them as (n, 3); raises
+    :class:`InputError` if they do not.
+    """
     q = real_array("q points", qpoints)
     if q.ndim != 2 or not len(q) or q.shape[1] not in (periods, 3) or not np.all(np.isfinite(q)):
         mend = "Give " + "(n, 3)" if periods == 3 else f"Give (n, {periods}) or (n, 3)"

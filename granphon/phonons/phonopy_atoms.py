@@ -1,9 +1,10 @@
 """The atoms, of three coordinates each, that hold the motions of balls in phonopy and its files.
 
-Up to three motions of a ball fit into the coordinates x, y, z of one atom: (u_x, u_y, w_z) in the plane, (w_x, w_y, u_z) out
-of it. Six motions need a second atom, which holds (w_x, w_y, w_z). Phonopy refuses two atoms at one place, so the second one
-is moved aside by a small offset. A wave has the phase exp(i q.r) of the place r of each atom; the eigenvector of the second
-atom therefore lacks the factor exp(i q.offset) that belongs to its ball.
+Up to three motions of a ball fit into the coordinates x, y, z of one atom: (u_x, u_y, w_z) in the
+plane, (w_x, w_y, u_z) out of it. Six motions need a second atom, which holds (w_x, w_y, w_z).
+Phonopy refuses two atoms at one place, so the second one is moved aside by a small offset. A wave
+has the phase exp(i q.r) of the place r of each atom; the eigenvector of the second atom therefore
+lacks the factor exp(i q.offset) that belongs to its ball.
 """
 
 from __future__ import annotations
@@ -28,25 +29,30 @@ from granphon.base.text import show
 SPIN = "Sn"
 #: chemical symbols of balls of different masses, in the order in which these come
 KINDS = (BALL, "Al", "Cu", "Ti", "Zn", "W", "Pb", "Ni", "Ag", "Au", "Si", "Cr")
-#: YAML reads this symbol as false; symbols that are never those of a kind of another name: also those of other atoms
+#: YAML reads this symbol as false; symbols that are never those of a kind of another name: also
+#: those of other atoms
 _FALSE = "No"
 _NO_KIND = (SPIN, "He", _FALSE)
 #: relative difference of masses that are one but for rounding
 _ONE_MASS = 1e-9
-#: displacement of these atoms from the centres of the balls, in diameters. It is so short that the nearest images of
-#: touching balls stay the same, and has no symmetry
+#: displacement of these atoms from the centres of the balls, in diameters. It is so short that the
+#: nearest images of touching balls stay the same, and has no symmetry
 OFFSET: Array = read_only([0.0031, 0.0047, 0.0059])
 
 
 def number_kinds(masses: Array) -> list[int]:
-    """Return the number of the kind of each ball: balls of one mass (n,) are one kind, and kinds count as they come.
+    """Return the number of the kind of each ball: balls of one mass (n,) are one kind, and kinds
+    count as they come.
 
     Where there are too many of them for the symbols in :data:`KINDS`, all balls are of one kind.
     """
     kinds: list[float] = []
     numbers = []
     for mass in masses.tolist():
-        kind = next((one for one, known in enumerate(kinds) if abs(mass - known) <= _ONE_MASS * known), len(kinds))
+        kind = next(
+            (one for one, known in enumerate(kinds) if abs(mass - known) <= _ONE_MASS * known),
+            len(kinds),
+        )
         if kind == len(kinds):
             kinds.append(mass)
         if len(kinds) > len(KINDS):
@@ -66,8 +72,8 @@ def free_symbol(symbol: str, taken: Iterable[str]) -> str:
 def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
     """Return a chemical symbol for each kind of balls, by its name, all different.
 
-    It is the name if that is one; else that with which the name begins, as Al6061 does, if it is free; else another. Where
-    there are more kinds than symbols, all are balls of one symbol.
+    It is the name if that is one; else that with which the name begins, as Al6061 does, if it is
+    free; else another. Where there are more kinds than symbols, all are balls of one symbol.
     """
     from ase.data import chemical_symbols
 
@@ -84,45 +90,63 @@ def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
 
 
 def name_balls(masses: Array, kinds: Sequence[str] = ()) -> list[str]:
-    """Return a chemical symbol for each ball: that of its kind, or if kinds are not known, of its mass (number_kinds)."""
+    """Return a chemical symbol for each ball: that of its kind, or if kinds are not known, of its
+    mass (number_kinds).
+    """
     symbols = choose_symbols(kinds)
-    return [symbols[kind] for kind in kinds] if kinds else [KINDS[number] for number in number_kinds(masses)]
+    return (
+        [symbols[kind] for kind in kinds]
+        if kinds
+        else [KINDS[number] for number in number_kinds(masses)]
+    )
 
 
 def name_atoms(masses: Array, motions: Motions, kinds: Sequence[str] = ()) -> list[str]:
-    """Return the chemical symbols of the atoms of balls of these masses (n,) and kinds (:func:`name_balls`), in turn."""
+    """Return the chemical symbols of the atoms of balls of these masses (n,) and kinds
+    (:func:`name_balls`), in turn.
+    """
     balls = name_balls(masses, kinds)
     spin = free_symbol(SPIN, balls)
     return [symbol for ball in balls for symbol in (ball, spin)[: motions.atoms_per_ball]]
 
 
 def write_kinds(kinds: Sequence[str]) -> list[str]:
-    """Return the line of a head that says which kind of balls each symbol is; none if kinds are not known."""
+    """Return the line of a head that says which kind of balls each symbol is; none if kinds are not
+    known.
+    """
     symbols = {symbol: name for name, symbol in choose_symbols(kinds).items()}
     return [f"  kinds: {json.dumps(symbols, ensure_ascii=False)}"] if kinds else []
 
 
 def read_kinds(own: Mapping[str, Any], symbols: Sequence[str]) -> tuple[str, ...]:
-    """Read the names of the kinds of balls with these symbols from a head; none if it has no ``kinds``."""
+    """Read the names of the kinds of balls with these symbols from a head; none if it has no
+    ``kinds``.
+    """
     return tuple(str(own["kinds"][symbol]) for symbol in symbols) if "kinds" in own else ()
 
 
 def place_atoms(positions: Array, motions: Motions, offset: Array = OFFSET) -> Array:
-    """Return the positions of the atoms, ball after ball, from those of the balls (n, 3), both in the unit of ``offset``."""
+    """Return the positions of the atoms, ball after ball, from those of the balls (n, 3), both in
+    the unit of ``offset``.
+    """
     steps = np.stack([np.zeros(3), offset])[: motions.atoms_per_ball]
     return np.asarray((positions[:, None] + steps).reshape(-1, 3))
 
 
 def find_offset_phases(qpoints: Array, cell: Array) -> Complex:
-    """Return exp(i q.offset), (...), for ``qpoints`` (..., 3) in fractions of the reciprocal cell of ``cell`` (3, 3)."""
+    """Return exp(i q.offset), (...), for ``qpoints`` (..., 3) in fractions of the reciprocal cell
+    of ``cell`` (3, 3).
+    """
     return np.asarray(np.exp(2j * np.pi * (qpoints @ (OFFSET @ np.linalg.inv(cell)))))
 
 
-# -- the head of files ----------------------------------------------------------------------------------------------
+# -- the head of files -----------------------------------------------------------------------------
 
 
 def make_header(unit: HertzPrefix, scales: Units, motions: Motions, periods: int) -> list[str]:
-    """Return the block ``granphon`` at the head of a file: scales, and what the coordinates of the atoms of a ball are."""
+    """Return the block ``granphon`` at the head of a file: scales, and what the coordinates of the
+    atoms of a ball are.
+    """
     return [
         *file_header(unit, scales, _name_coordinates(motions)),
         f"  periods: {periods}",
@@ -143,11 +167,16 @@ def read_motions(own: Mapping[str, Any], components: int | None = None) -> tuple
     """Read the motions of a ball and the number of periods from a block of :func:`make_header`.
 
     ``components`` is the number of motions of a ball in the file, if it is known. Raises
-    :class:`~granphon.base.errors.InputError` for motions that there are not, or that are not so many.
+    :class:`~granphon.base.errors.InputError` for motions that there are not, or that are not so
+    many.
     """
-    periods, rotate, named = own["periods"], own["rotations"], allowed_motions(1)
+    periods = own["periods"]
+    rotate = own["rotations"]
+    named = allowed_motions(1)
     if periods not in (1, 2, 3) or not isinstance(rotate, bool):
-        raise InputError("It does not say how many periods the lattice has, and whether balls rotate")
+        raise InputError(
+            "It does not say how many periods the lattice has, and whether balls rotate"
+        )
     if own["motions"] not in named:
         raise InputError(f"Its motions are none of {', '.join(named)}")
     motions = named[own["motions"]] if rotate else replace(named[own["motions"]], rotations=())
@@ -155,12 +184,15 @@ def read_motions(own: Mapping[str, Any], components: int | None = None) -> tuple
     if list(map(str, own["coordinates"])) != coordinates:
         raise InputError(f"its coordinates of a ball are not {', '.join(coordinates)}")
     if components not in (None, motions.count):
-        raise InputError(f"It has {components} motions for each ball, and its head says {motions.count}")
+        raise InputError(
+            f"It has {components} motions for each ball, and its head says {motions.count}"
+        )
     return motions, periods
 
 
 def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -> Array:
-    """Read the values of a key of a file as finite floats, (...), of a ``shape`` in which -1 stands for any length.
+    """Read the values of a key of a file as finite floats, (...), of a ``shape`` in which -1 stands
+    for any length.
 
     Raises :class:`~granphon.base.errors.InputError`, which names the key, for anything else.
     """
@@ -170,11 +202,15 @@ def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -
         raise InputError(f"Its values of {name} are not equally many everywhere") from None
     if found.dtype.kind not in "if":
         leaves = np.array(values, object).ravel().tolist()
-        wrong = next(one for one in leaves if isinstance(one, bool) or not isinstance(one, int | float))
+        wrong = next(
+            one for one in leaves if isinstance(one, bool) or not isinstance(one, int | float)
+        )
         raise InputError(f"It has {show(wrong)} under {name}, where a number is needed")
     if not np.all(np.isfinite(found)):
         raise InputError(f"It has something else than finite numbers under {name}")
-    fits = shape is None or [n if -1 in (w, n) else w for w, n in zip(shape, found.shape, strict=False)] == [*found.shape]
+    fits = shape is None or [
+        n if -1 in (w, n) else w for w, n in zip(shape, found.shape, strict=False)
+    ] == [*found.shape]
     if shape is not None and (found.ndim != len(shape) or not fits):
         raise InputError(f"Its values of {name} have the shape {found.shape} instead of {shape}")
     return found.astype(float)

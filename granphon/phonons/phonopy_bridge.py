@@ -1,9 +1,10 @@
 """The Phonopy object for balls in contact, and its files.
 
-The coordinates of phonopy's atoms hold the motions of balls (:mod:`granphon.phonons.phonopy_atoms`), in the plane
-(u_x, u_y, w) with w = R_g phi. A translation of the lattice does not change w, which is an axial quantity. Methods that
-symmetrise force constants, or enforce their sum rule, are therefore wrong here: :class:`ContactPhonopy` refuses them, and
-exported files are made so that they do no harm.
+The coordinates of phonopy's atoms hold the motions of balls
+(:mod:`granphon.phonons.phonopy_atoms`), in the plane (u_x, u_y, w) with w = R_g phi. A translation
+of the lattice does not change w, which is an axial quantity. Methods that symmetrise force
+constants, or enforce their sum rule, are therefore wrong here: :class:`ContactPhonopy` refuses
+them, and exported files are made so that they do no harm.
 """
 
 from __future__ import annotations
@@ -24,7 +25,15 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, UnsupportedError
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
-from granphon.base.text import plain_yaml, read_sealed, require_own_file, seal, versions, warn_unverified, write_float
+from granphon.base.text import (
+    plain_yaml,
+    read_sealed,
+    require_own_file,
+    seal,
+    versions,
+    warn_unverified,
+    write_float,
+)
 from granphon.phonons.phonopy_atoms import (
     free_symbol,
     make_header,
@@ -33,47 +42,80 @@ from granphon.phonons.phonopy_atoms import (
     read_motions,
     read_numbers,
     write_kinds,
-)  # fmt: skip
+)
 
-_SYMMETRY = "it imposes the sum rule or the space group of translations, and some coordinates are rotations"
-_DATASET = "it replaces the force constants by those of displaced supercells, and here they come from the contacts"
+_SYMMETRY = (
+    "it imposes the sum rule or the space group of translations, and some coordinates are rotations"
+)
+_DATASET = (
+    "it replaces the force constants by those of displaced supercells, and here they come from"
+    " the contacts"
+)
 _QUANTA = "it takes frequencies for THz and rotations for displacements of atoms"
-_VOLUME = "it takes the path and the mesh from the symmetry of a crystal of atoms; use Phonons.bands or Phonons.dos"
-_FIXED = "force constants, masses and group velocities belong together; make another Phonons(state, atoms)"
+_VOLUME = (
+    "it takes the path and the mesh from the symmetry of a crystal of atoms; use Phonons.bands or"
+    " Phonons.dos"
+)
+_FIXED = (
+    "force constants, masses and group velocities belong together; make another Phonons(state,"
+    " atoms)"
+)
 _CHARGE = "balls carry no charge"
-_FILE = "phonopy symmetrises what it reads from such a file, and the rotational branch falls to zero; use Phonons.save"
-_UNGUARDED = "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
+_FILE = (
+    "phonopy symmetrises what it reads from such a file, and the rotational branch falls to zero;"
+    " use Phonons.save"
+)
+_UNGUARDED = (
+    "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
+)
 
-#: patterns of names of methods of phonopy.Phonopy that would give a wrong answer for balls, and the reasons
+#: patterns of names of methods of phonopy.Phonopy that would give a wrong answer for balls, and the
+#: reasons
 _REASONS = (
     (r"^symmetrize_|irreps", _SYMMETRY),
     (r"^(generate_displacements|produce_force_constants)$|_mlp$", _DATASET),
-    (r"thermal|random_displacements|dynamic_structure_factor|modulat|animation|^set_Debye", _QUANTA),
+    (
+        r"thermal|random_displacements|dynamic_structure_factor|modulat|animation|^set_Debye",
+        _QUANTA,
+    ),
     (r"^auto_", _VOLUME),
     (r"^(save|to_phonopy_yaml)$", _FILE),
-    (r"^get_Debye", "it counts three branches of sound for each atom in space; rotations and a layer have others"),
-    (r"moment$", "it drops modes of negative frequency, so that modes at zero count or not as rounding has it"),
+    (
+        r"^get_Debye",
+        "it counts three branches of sound for each atom in space; rotations and a layer have"
+        " others",
+    ),
+    (
+        r"moment$",
+        "it drops modes of negative frequency, so that modes at zero count or not as rounding"
+        " has it",
+    ),
     (r"^set_force_constants_zero", _FIXED),
     (r"^(copy|replicate|ph2ph)$", _UNGUARDED),
 )
-#: methods of the installed phonopy.Phonopy that would give a wrong answer for balls, each with the reason; those that read
-#: the results of such methods are among them
+#: methods of the installed phonopy.Phonopy that would give a wrong answer for balls, each with the
+#: reason; those that read the results of such methods are among them
 REFUSED: dict[str, str] = {
     name: reason
-    for name in dir(Phonopy) if name[0] != "_" and callable(getattr(Phonopy, name))
-    for pattern, reason in _REASONS if re.search(pattern, name)
-}  # fmt: skip
+    for name in dir(Phonopy)
+    if name[0] != "_" and callable(getattr(Phonopy, name))
+    for pattern, reason in _REASONS
+    if re.search(pattern, name)
+}
 #: attributes that may be read but not set, each with the reason
 READ_ONLY: dict[str, str] = {
-    **dict.fromkeys(("dataset", "displacements", "forces", "supercell_energies", "mlp", "mlp_dataset"), _DATASET),
+    **dict.fromkeys(
+        ("dataset", "displacements", "forces", "supercell_energies", "mlp", "mlp_dataset"), _DATASET
+    ),
     **dict.fromkeys(("force_constants", "masses"), _FIXED),
     "nac_params": _CHARGE,
 }
 
-#: factor by which exported force constants are multiplied, so that the fixed number of decimals that phonopy writes keeps
-#: every digit; a power of two, so that no digit changes
+#: factor by which exported force constants are multiplied, so that the fixed number of decimals
+#: that phonopy writes keeps every digit; a power of two, so that no digit changes
 _EXPORT_SCALE = 2.0**30
-#: symbol, position (fractions of the cell) and mass (in masses of a ball) of an export's auxiliary atom, see Phonons.save
+#: symbol, position (fractions of the cell) and mass (in masses of a ball) of an export's auxiliary
+#: atom, see Phonons.save
 _AUXILIARY = "He"
 _AUXILIARY_PLACE = (0.137, 0.291, 0.373)
 _AUXILIARY_MASS = 1e32
@@ -89,13 +131,16 @@ def _refuse(name: str, reason: str) -> Any:
 
 
 class ContactPhonopy(Phonopy):  # type: ignore[misc]
-    """A ``phonopy.Phonopy`` in reduced units, frequencies in (k/M)^1/2, whose methods that are wrong for balls raise.
+    """A ``phonopy.Phonopy`` in reduced units, frequencies in (k/M)^1/2, whose methods that are
+    wrong for balls raise.
 
     What they raise is :class:`~granphon.base.errors.UnsupportedError`.
     """
 
     def give_force_constants(self, force_constants: Array) -> None:
-        """Set the force constants, in units of k, that the calculator found; they are read-only from then on."""
+        """Set the force constants, in units of k, that the calculator found; they are read-only
+        from then on.
+        """
         Phonopy.force_constants.fset(self, force_constants)
         self.force_constants.setflags(write=False)
 
@@ -105,14 +150,24 @@ for _name, _reason in REFUSED.items():
 READ_ONLY = {_name: _reason for _name, _reason in READ_ONLY.items() if hasattr(Phonopy, _name)}
 for _name, _reason in READ_ONLY.items():
     _base = getattr(Phonopy, _name)
-    setattr(ContactPhonopy, _name, property(_base.fget, _refuse(f"{_name} = ...", _reason), doc=_base.__doc__))
+    setattr(
+        ContactPhonopy,
+        _name,
+        property(_base.fget, _refuse(f"{_name} = ...", _reason), doc=_base.__doc__),
+    )
 
 
 def write_phonopy(
-    bridge: ContactPhonopy, path: str | os.PathLike[str], scales: Units, top: float, motions: Motions, periods: int,
+    bridge: ContactPhonopy,
+    path: str | os.PathLike[str],
+    scales: Units,
+    top: float,
+    motions: Motions,
+    periods: int,
     kinds: Sequence[str] = (),
-) -> None:  # fmt: skip
-    """Write the force constants of ``bridge`` so that phonopy reads them correctly without options; see ``Phonons.save``.
+) -> None:
+    """Write the force constants of ``bridge`` so that phonopy reads them correctly without options;
+    see ``Phonons.save``.
 
     ``top`` is the highest frequency, Hz; ``motions`` and ``kinds`` are those of each ball.
     """
@@ -120,18 +175,25 @@ def write_phonopy(
     per_frequency = scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
     mass = _EXPORT_SCALE / per_frequency**2
     own = bridge.unitcell
-    n, symbol = len(own), free_symbol(_AUXILIARY, own.symbols)
-    # the auxiliary atom's, and one for each coordinate that holds no motion: what a reader sees at zero besides the branches
+    n = len(own)
+    symbol = free_symbol(_AUXILIARY, own.symbols)
+    # the auxiliary atom's, and one for each coordinate that holds no motion: what a reader sees at
+    # zero besides the branches
     zero_bands = 3 + n // motions.atoms_per_ball * len(motions.still_slots)
     cell = PhonopyAtoms(
-        symbols=[*own.symbols, symbol], cell=own.cell, masses=np.append(own.masses, _AUXILIARY_MASS) * mass,
+        symbols=[*own.symbols, symbol],
+        cell=own.cell,
+        masses=np.append(own.masses, _AUXILIARY_MASS) * mass,
         scaled_positions=np.vstack([own.scaled_positions, _AUXILIARY_PLACE]),
-    )  # fmt: skip
-    export = Phonopy(cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
-    # compact force constants; the auxiliary atom is coupled to the balls of its own cell, by what their sum rule lacks.
-    # phonopy orders a supercell by atom, then by cell
+    )
+    export = Phonopy(
+        cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0
+    )
+    # compact force constants; the auxiliary atom is coupled to the balls of its own cell, by what
+    # their sum rule lacks. phonopy orders a supercell by atom, then by cell
     constants = bridge.force_constants
-    lacking, cells = constants.sum(axis=1), constants.shape[1] // n  # (n, 3, 3)
+    lacking = constants.sum(axis=1)
+    cells = constants.shape[1] // n  # (n, 3, 3)
     coupled = np.zeros((n + 1, (n + 1) * cells, 3, 3))
     coupled[:n, : n * cells] = constants
     *balls, auxiliary = (int(s) for s in export.primitive.p2s_map)
@@ -139,20 +201,27 @@ def write_phonopy(
     coupled[n, balls] = -lacking.swapaxes(1, 2)
     coupled[n, auxiliary] = 0.5 * (lacking.sum(axis=0) + lacking.sum(axis=0).T)
     export.force_constants = coupled * _EXPORT_SCALE
-    # phonopy writes physical units into the file unless the factor was set, if only to its own value
+    # phonopy writes physical units into the file unless the factor was set, if only to its own
+    # value
     export.unit_conversion_factor = export.unit_conversion_factor
     head = [
-        *make_header(unit, scales, motions, periods), f"  version: {versions()['granphon']}",
-        f"  force_constants_scale: {write_float(_EXPORT_SCALE)}", f"  auxiliary_atom: {symbol}",
-        f"  zero_bands: {zero_bands}", *write_kinds(kinds),
-        "  masses:", *(f"  - {write_float(m)}" for m in own.masses.tolist()), "",
-    ]  # fmt: skip
+        *make_header(unit, scales, motions, periods),
+        f"  version: {versions()['granphon']}",
+        f"  force_constants_scale: {write_float(_EXPORT_SCALE)}",
+        f"  auxiliary_atom: {symbol}",
+        f"  zero_bands: {zero_bands}",
+        *write_kinds(kinds),
+        "  masses:",
+        *(f"  - {write_float(m)}" for m in own.masses.tolist()),
+        "",
+    ]
     body = str(export.to_phonopy_yaml(settings={"force_constants": True}))
     write_text(path, seal([*head, *body.removesuffix("\n").split("\n")]))
 
 
 def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
-    """Read a file of :meth:`Phonons.save`: the Phonopy object in reduced units, without the auxiliary atom, and the scales.
+    """Read a file of :meth:`Phonons.save`: the Phonopy object in reduced units, without the
+    auxiliary atom, and the scales.
 
     Only the named file is read, as plain data; phonopy's own loader is not used.
 
@@ -170,32 +239,51 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         data = plain_yaml(text, path)
         own = data["granphon"]
         _, scales = read_header(path, own)
-        masses, scale = read_numbers("masses", own["masses"], (-1,)), own["force_constants_scale"]
-        scale, n = float(read_numbers("force_constants_scale", scale, ())), len(masses)
+        masses = read_numbers("masses", own["masses"], (-1,))
+        scale = own["force_constants_scale"]
+        scale = float(read_numbers("force_constants_scale", scale, ()))
+        n = len(masses)
         points = data["unit_cell"]["points"]
-        symbols, (motions, periods) = [point["symbol"] for point in points], read_motions(own)
+        symbols = [point["symbol"] for point in points]
+        (motions, periods) = read_motions(own)
         per_ball = motions.atoms_per_ball
         wanted = name_atoms(masses[::per_ball], motions, read_kinds(own, symbols[:-1:per_ball]))
         if len(points) != n + 1 or symbols != [*wanted, free_symbol(_AUXILIARY, wanted)]:
             raise InputError("Its cell does not consist of balls and the auxiliary atom")
         # granphon writes no other supercell, and phonopy may never return from one
         matrix = np.array(data["supercell_matrix"])
-        numbers = [int(m) for m in np.diag(matrix)] if matrix.shape == (3, 3) and matrix.dtype.kind == "i" else [0]
-        if min(numbers) < 1 or set(numbers[periods:]) - {1} or not np.array_equal(matrix, np.diag(numbers)):
+        numbers = (
+            [int(m) for m in np.diag(matrix)]
+            if matrix.shape == (3, 3) and matrix.dtype.kind == "i"
+            else [0]
+        )
+        if (
+            min(numbers) < 1
+            or set(numbers[periods:]) - {1}
+            or not np.array_equal(matrix, np.diag(numbers))
+        ):
             shown = " x ".join(["n1", "n2", "n3"][:periods] + ["1"] * (3 - periods))
             raise InputError(f"Its supercell_matrix is not that of {shown} cells")
         if masses.min() <= 0.0 or scale <= 0.0:
             raise InputError("Its masses and scales are not above zero")
-        block, cells = data["force_constants"], math.prod(numbers)  # Python's integers: their product does not overflow
+        block = data["force_constants"]
+        cells = math.prod(numbers)  # Python's integers: their product does not overflow
         rows, columns = block["shape"]
         if columns != (n + 1) * cells or rows not in (n + 1, columns):
-            raise InputError(f"Its force constants of shape {block['shape']} do not fit {cells} cells of {n + 1} atoms")
-        constants = read_numbers("elements", block["elements"], (rows * columns, 3, 3)).reshape(rows, columns, 3, 3)
+            raise InputError(
+                f"Its force constants of shape {block['shape']} do not fit {cells} cells of"
+                f" {n + 1} atoms"
+            )
+        constants = read_numbers("elements", block["elements"], (rows * columns, 3, 3)).reshape(
+            rows, columns, 3, 3
+        )
         if rows != n + 1:  # the rows of all cells; phonopy orders a supercell by atom, then by cell
             constants = constants[::cells]
         places = read_numbers("coordinates", [point["coordinates"] for point in points[:n]], (n, 3))
         vectors = read_numbers("lattice", data["unit_cell"]["lattice"], (3, 3))
-        cell = PhonopyAtoms(symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=places)
+        cell = PhonopyAtoms(
+            symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=places
+        )
         bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
         bridge.unit_conversion_factor = 1.0
         bridge.give_force_constants(constants[:n, : len(bridge.supercell)] / scale)

@@ -1,4 +1,6 @@
-"""Waves at an edge of what repeats: spectra of its outer layer, undamped and leaky waves, and the velocity of long ones."""
+"""Waves at an edge of what repeats: spectra of its outer layer, undamped and leaky waves, and the
+velocity of long ones.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,15 @@ from granphon.base.memory import require_memory
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
-from granphon.base.validation import finite_array, one_of, positive, real_array, require, truth, whole_number
+from granphon.base.validation import (
+    finite_array,
+    one_of,
+    positive,
+    real_array,
+    require,
+    truth,
+    whole_number,
+)
 from granphon.dynamics.half_space import HalfSpace
 from granphon.media.state import State
 from granphon.networks.network import given_network
@@ -40,7 +50,8 @@ _ABOVE = 1.05
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SurfaceBranches(Result):
-    """Waves of an edge at a list of wave vectors, one row for each wave; ``branches[i]`` are the frequencies at the i-th.
+    """Waves of an edge at a list of wave vectors, one row for each wave; ``branches[i]`` are the
+    frequencies at the i-th.
 
     Attributes
     ----------
@@ -73,13 +84,17 @@ class SurfaceSpectrum(Result, array="values"):
     ----------
     qpoints : (n_q, 3) wave vectors along the edge, fractions of the reciprocal cell of a layer.
     frequencies : (n_f,) Hz.
-    values : (n_q, n_f) 1/Hz: the mean over the motions and the balls of the layer; the integral over frequency is 1.
-    by_motion : (n_q, n_f, motions) 1/Hz, of each motion, the mean over the balls; the integral of each is 1.
+    values : (n_q, n_f) 1/Hz: the mean over the motions and the balls of the layer; the integral
+        over frequency is 1.
+    by_motion : (n_q, n_f, motions) 1/Hz, of each motion, the mean over the balls; the integral of
+        each is 1.
     letters : names of the motions.
     damping : full width at half maximum of the line of an undamped wave, Hz.
-    edges : (n_q, b, 2) lowest and highest frequency of each branch of the crystal at each wave vector, Hz.
+    edges : (n_q, b, 2) lowest and highest frequency of each branch of the crystal at each wave
+        vector, Hz.
     waves : the waves of the edge at the same wave vectors; None if they were not sought.
-    distances : (n_q,) distance along a path over 2 pi, in units of 1/d; empty of wave vectors that are no path.
+    distances : (n_q,) distance along a path over 2 pi, in units of 1/d; empty of wave vectors that
+        are no path.
     corners, labels : (c,) the same of the corners of the path, and their names.
     """
 
@@ -96,7 +111,9 @@ class SurfaceSpectrum(Result, array="values"):
     labels: Annotated[tuple[str, ...], "c"] = ()
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write a table of the ``waves``: a row for each, with its wave vector, and the distance along the path."""
+        """Write a table of the ``waves``: a row for each, with its wave vector, and the distance
+        along the path.
+        """
         waves = self.waves
         if waves is None:
             raise InputError("the spectrum holds no waves of the edge", mend="Take Surface.map")
@@ -105,7 +122,9 @@ class SurfaceSpectrum(Result, array="values"):
         headings += [("frequency", "Hz"), ("width", "Hz"), ("weight", "")]
         own = (waves.frequencies, waves.widths, waves.weight)
         columns = (distances[waves.place], *self.qpoints[waves.place].T, *own)
-        write_text(path, table_text([Heading(*one) for one in headings], np.transpose(columns).tolist()))
+        write_text(
+            path, table_text([Heading(*one) for one in headings], np.transpose(columns).tolist())
+        )
 
 
 class Surface:
@@ -113,8 +132,10 @@ class Surface:
 
     Parameters
     ----------
-    x : a state at one load, of a packing or a crystal, or a :class:`~granphon.ContactNetwork` with periods.
-    axis : across the edge, as for :meth:`ContactNetwork.cut`. The layers go on without end from the lower face of that cut.
+    x : a state at one load, of a packing or a crystal, or a :class:`~granphon.ContactNetwork` with
+        periods.
+    axis : across the edge, as for :meth:`ContactNetwork.cut`. The layers go on without end from the
+        lower face of that cut.
     edge : "free", "clamped" or "floor".
 
     Attributes
@@ -122,13 +143,13 @@ class Surface:
     network : the network of the crystal. Contacts at the edge have its stiffnesses.
     half_space : the half space in reduced units, from which all results are computed.
 
-    Wave vectors are (n_q, p - 1), or (n_q, 3), in fractions of the reciprocal cell of ``network.cut(axis, layers)``; (n_q,
-    0) at the end of a chain, for which they may be left out.
+    Wave vectors are (n_q, p - 1), or (n_q, 3), in fractions of the reciprocal cell of
+    ``network.cut(axis, layers)``; (n_q, 0) at the end of a chain, for which they may be left out.
 
     Raises
     ------
-    InputError : something without a network; an axis without a period; layers that no contact joins; static tangential
-        forces that act.
+    InputError : something without a network; an axis without a period; layers that no contact
+        joins; static tangential forces that act.
     """
 
     def __init__(self, x: Any, axis: Any, edge: str = "free") -> None:
@@ -137,7 +158,10 @@ class Surface:
 
     def __repr__(self) -> str:
         half = self.half_space
-        return f"Surface({half.edge}, {half.per_layer} balls in a layer, {', '.join(half.motions.letters)} of each ball)"
+        return (
+            f"Surface({half.edge}, {half.per_layer} balls in a layer,"
+            f" {', '.join(half.motions.letters)} of each ball)"
+        )
 
     @property
     def _frequency(self) -> float:
@@ -152,27 +176,42 @@ class Surface:
         """Return wave vectors as (n_q, p - 1) and (n_q, 3)."""
         p = len(self.cell)
         given = np.zeros((1, 0)) if q is None and p == 0 else real_array("q", q)
-        if given.ndim != 2 or not len(given) or given.shape[1] not in (p, 3) or not np.all(np.isfinite(given)):
+        if (
+            given.ndim != 2
+            or not len(given)
+            or given.shape[1] not in (p, 3)
+            or not np.all(np.isfinite(given))
+        ):
             what = f"the wave vectors have the shape {given.shape}"
-            raise InputError(what, f"There are {p} periods along this edge", f"Give (n, {p}) finite fractions")
+            raise InputError(
+                what, f"There are {p} periods along this edge", f"Give (n, {p}) finite fractions"
+            )
         if np.any(given[:, p:]):
             raise InputError("a wave vector leaves the edge", mend=f"Give (n, {p}) fractions")
         return given[:, :p], np.pad(given[:, :p], ((0, 0), (0, 3 - p)))
 
     def path(self, npoints: int = 31) -> tuple[Array, Array, Array, tuple[str, ...]]:
-        """Return the path from corner to corner of the zone of a layer, ``npoints`` in each segment.
+        """Return the path from corner to corner of the zone of a layer, ``npoints`` in each
+        segment.
 
-        It is the path of the bands of a cut. These are wave vectors (n_q, 3) in fractions of the reciprocal cell, each
-        corner once; distances (n_q,) along the path over 2 pi, 1/d; the distances (c,) and the names of the corners. At the
-        end of a chain there is one wave vector, and no corner.
+        It is the path of the bands of a cut. These are wave vectors (n_q, 3) in fractions of the
+        reciprocal cell, each corner once; distances (n_q,) along the path over 2 pi, 1/d; the
+        distances (c,) and the names of the corners. At the end of a chain there is one wave vector,
+        and no corner.
         """
-        cell, p = self.half_space.layers.cell, len(self.cell)
+        cell = self.half_space.layers.cell
+        p = len(self.cell)
         if not p:
             return np.zeros((1, 3)), np.zeros(1), np.zeros(0), ()
-        vectors, repeats = cell[:, :p] / self.half_space.units.length, [True] * p
+        vectors = cell[:, :p] / self.half_space.units.length
+        repeats = [True] * p
         letters = special_points(vectors, repeats)
-        segments, labels = interpolate_path(default_letters(vectors, repeats), npoints, letters, None, p)
-        steps = np.linalg.norm(np.diff(segments[..., :p] @ np.linalg.inv(vectors).T, axis=1), axis=2)
+        segments, labels = interpolate_path(
+            default_letters(vectors, repeats), npoints, letters, None, p
+        )
+        steps = np.linalg.norm(
+            np.diff(segments[..., :p] @ np.linalg.inv(vectors).T, axis=1), axis=2
+        )
         along = np.cumsum(steps).reshape(steps.shape)
         jumps = np.array(["|" in label for label in labels[1:-1]], bool)
         first = np.concatenate([[0.0], along[:-1, -1]])
@@ -182,23 +221,29 @@ class Surface:
         return segments[kept], distances[kept], np.concatenate([first, along[-1:, -1]]), labels
 
     def continuum(self, q: ArrayLike | None = None) -> Array:
-        """Return the lowest and the highest frequency (n_q, b, 2) of each branch of the crystal, Hz, at each q.
+        """Return the lowest and the highest frequency (n_q, b, 2) of each branch of the crystal,
+        Hz, at each q.
 
-        They are those over all wave vectors across the edge; branches are ordered by frequency, and of a cell that spans as
-        many layers as contacts reach across.
+        They are those over all wave vectors across the edge; branches are ordered by frequency, and
+        of a cell that spans as many layers as contacts reach across.
         """
-        return np.asarray(np.sqrt(np.maximum(self.half_space.bands(self._read(q)[0]), 0.0)) * self._frequency)
+        return np.asarray(
+            np.sqrt(np.maximum(self.half_space.bands(self._read(q)[0]), 0.0)) * self._frequency
+        )
 
-    def spectrum(self, q: ArrayLike | None, frequencies: ArrayLike, damping: float | None = None) -> SurfaceSpectrum:
+    def spectrum(
+        self, q: ArrayLike | None, frequencies: ArrayLike, damping: float | None = None
+    ) -> SurfaceSpectrum:
         """Return the spectrum of the outer layer, resolved by motion.
 
         Parameters
         ----------
         q : wave vectors.
         frequencies : (n_f,) Hz, zero or above.
-        damping : full width at half maximum of an undamped wave's line, Hz, by default the largest step of the frequencies.
-            Each mass M feels the drag -M gamma v, with gamma = 2 pi times the damping. The spectrum is (2 omega/pi) times
-            the imaginary part of -G(omega^2 + i gamma omega); each line has the integral 1 over positive frequencies.
+        damping : full width at half maximum of an undamped wave's line, Hz, by default the largest
+            step of the frequencies. Each mass M feels the drag -M gamma v, with gamma = 2 pi times
+            the damping. The spectrum is (2 omega/pi) times the imaginary part of -G(omega^2 + i
+            gamma omega); each line has the integral 1 over positive frequencies.
         """
         (fractions, points), half, unit = self._read(q), self.half_space, self._frequency
         at = finite_array("frequencies", frequencies, low="zero or above")
@@ -206,21 +251,35 @@ class Surface:
             raise InputError(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz")
         if damping is None and at.size < 2:
             raise InputError("one frequency has no step", mend="Give damping in Hz")
-        width = positive("damping", np.max(np.abs(np.diff(at))) if damping is None else damping, "Hz")
+        width = positive(
+            "damping", np.max(np.abs(np.diff(at))) if damping is None else damping, "Hz"
+        )
         self._require_memory(len(points), at.size)
         omega = np.maximum(at / unit, _ZERO * np.sqrt(half.highest))
-        w, n, f = omega * (omega + 1j * width / unit), len(points), len(at)
-        green = np.linalg.inv(half.inverse_green(fractions, np.repeat(np.arange(n), f), np.tile(w, n)))
-        count, balls = half.motions.count, half.per_layer
+        w = omega * (omega + 1j * width / unit)
+        n = len(points)
+        f = len(at)
+        green = np.linalg.inv(
+            half.inverse_green(fractions, np.repeat(np.arange(n), f), np.tile(w, n))
+        )
+        count = half.motions.count
+        balls = half.per_layer
         own = np.diagonal(green, axis1=1, axis2=2).imag.reshape(n, f, -1, count)[:, :, :balls]
         each = -2.0 / np.pi * omega[:, None] * own.mean(axis=2) / unit
         edges = np.sqrt(np.maximum(half.bands(fractions), 0.0)) * unit
-        return SurfaceSpectrum(points, at, each.mean(axis=2), each, tuple(half.motions.letters), width, edges)
+        return SurfaceSpectrum(
+            points, at, each.mean(axis=2), each, tuple(half.motions.letters), width, edges
+        )
 
     def map(
-        self, npoints: int = 31, frequencies: ArrayLike | None = None, damping: float | None = None, leaky: bool = False
+        self,
+        npoints: int = 31,
+        frequencies: ArrayLike | None = None,
+        damping: float | None = None,
+        leaky: bool = False,
     ) -> SurfaceSpectrum:
-        """Return :meth:`spectrum` along :meth:`path`, with the :meth:`branches` there as its ``waves``: ready to be drawn.
+        """Return :meth:`spectrum` along :meth:`path`, with the :meth:`branches` there as its
+        ``waves``: ready to be drawn.
 
         Parameters
         ----------
@@ -230,19 +289,29 @@ class Surface:
         """
         q, distances, corners, labels = self.path(npoints)
         self._require_memory(len(q), _ROWS if frequencies is None else np.size(frequencies))
-        top = _ABOVE * float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0])))) * self._frequency
-        found = self.spectrum(q, np.linspace(0.0, top, _ROWS) if frequencies is None else frequencies, damping)
+        top = (
+            _ABOVE
+            * float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0]))))
+            * self._frequency
+        )
+        found = self.spectrum(
+            q, np.linspace(0.0, top, _ROWS) if frequencies is None else frequencies, damping
+        )
         waves = self.along_path(npoints) if leaky is False else self.branches(q, leaky)
         return replace(found, waves=waves, distances=distances, corners=corners, labels=labels)
 
-    def branches(self, q: ArrayLike | None = None, leaky: bool = False, free: bool = False) -> SurfaceBranches:
-        """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all of them, to 1e-10.
+    def branches(
+        self, q: ArrayLike | None = None, leaky: bool = False, free: bool = False
+    ) -> SurfaceBranches:
+        """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all
+        of them, to 1e-10.
 
-        ``leaky`` adds resonances within the bands, if their width is below a tenth of their frequency and a fiftieth of
-        their energy is in the top layer, and if a pole lies straight below the real axis: it has their frequency and width.
-        Motions at zero frequency deform no contact and are no waves. ``free`` lists them too, if a thousandth of their
-        energy is in the outer layers, also in a crystal whose bulk has such motions. Wave vectors nearer to Gamma than 1e-4
-        of the zone lose digits.
+        ``leaky`` adds resonances within the bands, if their width is below a tenth of their
+        frequency and a fiftieth of their energy is in the top layer, and if a pole lies straight
+        below the real axis: it has their frequency and width. Motions at zero frequency deform no
+        contact and are no waves. ``free`` lists them too, if a thousandth of their energy is in the
+        outer layers, also in a crystal whose bulk has such motions. Wave vectors nearer to Gamma
+        than 1e-4 of the zone lose digits.
         """
         (fractions, points), unit = self._read(q), self._frequency
         self._require_memory(len(points), _POLES)
@@ -255,16 +324,22 @@ class Surface:
         roots = np.sqrt(squares.astype(complex)) * unit
         order = np.lexsort((roots.real, place))
         widths = np.maximum(-2.0 * roots.imag, 0.0)
-        return SurfaceBranches(points, place[order], roots.real[order], widths[order], weight[order])
+        return SurfaceBranches(
+            points, place[order], roots.real[order], widths[order], weight[order]
+        )
 
     def _require_memory(self, points: int, frequencies: int) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if spectra at so many q and frequencies do not fit into memory."""
+        """Raise :class:`~granphon.base.errors.InputError` if spectra at so many q and frequencies
+        do not fit into memory.
+        """
         what = f"spectra at {points:,} wave vectors and {frequencies:,} frequencies"
         needed = _SPECTRUM_BYTES * self.half_space.size**2 * points * float(frequencies)
         require_memory(what, needed, "Take fewer wave vectors (npoints), or frequencies")
 
     def along_path(self, npoints: int) -> SurfaceBranches:
-        """Return :meth:`branches` along :meth:`path`, which are kept: a figure and a data set need the same."""
+        """Return :meth:`branches` along :meth:`path`, which are kept: a figure and a data set need
+        the same.
+        """
         if npoints not in self._along:
             self._along[npoints] = self.branches(self.path(npoints)[0])
         return self._along[npoints]
@@ -274,56 +349,72 @@ class Surface:
         return {}
 
     def follow(self, q: ArrayLike, frequency: float) -> Array:
-        """Return frequencies (n_q,), Hz, along q (n_q, p - 1), of the wave with about this ``frequency``, Hz, at the first.
+        """Return frequencies (n_q,), Hz, along q (n_q, p - 1), of the wave with about this
+        ``frequency``, Hz, at the first.
 
-        Raises :class:`~granphon.base.errors.InputError` for a frequency inside of the crystal's bands, one that no wave of
-        the edge has, and where the wave enters the bands.
+        Raises :class:`~granphon.base.errors.InputError` for a frequency inside of the crystal's
+        bands, one that no wave of the edge has, and where the wave enters the bands.
         """
-        near, points = positive("frequency", frequency, "Hz"), self._read(q)[1]
-        continuum, found, out = self.continuum(q), self.branches(q), list[float]()
+        near = positive("frequency", frequency, "Hz")
+        points = self._read(q)[1]
+        continuum = self.continuum(q)
+        found = self.branches(q)
+        out = list[float]()
         for at in range(len(points)):
             expected = (near, *out)[at] if at < 2 else 2.0 * out[-1] - out[-2]
             where = f"q = {points[at].tolist()}"
             if at == 0 and np.any((continuum[0, :, 0] <= near) & (near <= continuum[0, :, 1])):
                 what = f"{near:.6g} Hz lies inside of the crystal's bands at {where}"
-                raise InputError(what, "A wave there leaks into the crystal", "Use branches(q, leaky=True)")
+                raise InputError(
+                    what, "A wave there leaks into the crystal", "Use branches(q, leaky=True)"
+                )
             gap_low = np.max(continuum[at, :, 1], where=continuum[at, :, 1] < expected, initial=0.0)
-            gap_high = np.min(continuum[at, :, 0], where=continuum[at, :, 0] > expected, initial=np.inf)
+            gap_high = np.min(
+                continuum[at, :, 0], where=continuum[at, :, 0] > expected, initial=np.inf
+            )
             here = found[at][(found[at] > gap_low) & (found[at] < gap_high)]
             if not here.size:
                 mend = "Give fewer wave vectors, or another frequency"
-                raise InputError(f"no wave of the edge is near {expected:.6g} Hz at {where}", mend=mend)
+                raise InputError(
+                    f"no wave of the edge is near {expected:.6g} Hz at {where}", mend=mend
+                )
             out.append(float(here[np.argmin(np.abs(here - expected))]))
         return np.array(out)
 
     def zak_phase(self, q: ArrayLike | None = None, below: int = 1) -> Array:
-        """Return the Zak phase (n_q,), rad, 0 to 2 pi, at q (n_q, p - 1), of the branches above the ``below`` lowest ones.
+        """Return the Zak phase (n_q,), rad, 0 to 2 pi, at q (n_q, p - 1), of the branches above the
+        ``below`` lowest ones.
 
-        At a free edge it is the phase of the deformations of contacts, else of the motions of balls. Where symmetry leaves
-        but 0 and pi, pi means a wave of the edge in the gap above the ``below`` lowest branches.
+        At a free edge it is the phase of the deformations of contacts, else of the motions of
+        balls. Where symmetry leaves but 0 and pi, pi means a wave of the edge in the gap above the
+        ``below`` lowest branches.
 
-        Raises :class:`~granphon.base.errors.InputError` where the gap closes, and at a free edge under prestress.
+        Raises :class:`~granphon.base.errors.InputError` where the gap closes, and at a free edge
+        under prestress.
         """
         half = self.half_space
         low = whole_number("below", below, 1, half.size - 1)
         return np.array([half.zak_phase(one, low) for one in self._read(q)[0]])
 
     def winding(self, q: ArrayLike | None = None) -> NDArray[np.intp]:
-        """Return the winding (n_q,) of det C at q (n_q, p - 1): the number of motions at a free edge that cost nothing.
+        """Return the winding (n_q,) of det C at q (n_q, p - 1): the number of motions at a free
+        edge that cost nothing.
 
-        Raises :class:`~granphon.base.errors.InputError` unless contacts resist as many deformations as balls have motions
-        (an isostatic lattice), and where det C vanishes.
+        Raises :class:`~granphon.base.errors.InputError` unless contacts resist as many deformations
+        as balls have motions (an isostatic lattice), and where det C vanishes.
         """
         return np.array([self.half_space.winding(one) for one in self._read(q)[0]], np.intp)
 
     def velocity(self, direction: ArrayLike | None = None) -> float:
-        """Return the velocity of the long wave along a free edge, m/s: Rayleigh's, of the crystal's elastic tensor.
+        """Return the velocity of the long wave along a free edge, m/s: Rayleigh's, of the crystal's
+        elastic tensor.
 
-        ``direction`` is (p - 1,) in the frame of the cut, by default along x; or (p,) in the crystal's, along the edge.
-        At shorter waves the velocity changes in proportion to q; :meth:`branches` have it.
+        ``direction`` is (p - 1,) in the frame of the cut, by default along x; or (p,) in the
+        crystal's, along the edge. At shorter waves the velocity changes in proportion to q;
+        :meth:`branches` have it.
 
-        Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for balls that do not move along it and
-        across it, and for a direction that leaves the edge.
+        Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for balls that do
+        not move along it and across it, and for a direction that leaves the edge.
         """
         p = len(self.cell)
         along = np.eye(max(p, 1))[0] if direction is None else real_array("direction", direction)
@@ -340,14 +431,16 @@ class Surface:
 def observe_surface(
     states: Sequence[State], different: Sequence[State], axis: Any, edge: str, points: int
 ) -> dict[str, Array]:
-    """Return what a run keeps of the waves at an edge, at each of n loads, by the names of the catalogue.
+    """Return what a run keeps of the waves at an edge, at each of n loads, by the names of the
+    catalogue.
 
-    These are frequencies (n, n_q, n_w), Hz, along :meth:`Surface.path`, nan beyond those that there are, and where there is
-    a long wave its velocity (n,) along the first leg, m/s. ``different`` are the states, or the first of them if all have
-    one lattice in reduced units.
+    These are frequencies (n, n_q, n_w), Hz, along :meth:`Surface.path`, nan beyond those that there
+    are, and where there is a long wave its velocity (n,) along the first leg, m/s. ``different``
+    are the states, or the first of them if all have one lattice in reduced units.
     """
     edges = [one.cached(Surface, axis, edge) for one in different]
-    q, p = edges[0].path(points)[0], len(edges[0].cell)
+    q = edges[0].path(points)[0]
+    p = len(edges[0].cell)
     branches = [one.along_path(points) for one in edges]
     most = max(1, *(int(np.bincount(one.place, minlength=1).max()) for one in branches))
     table = np.full((len(edges), len(q), most), np.nan)

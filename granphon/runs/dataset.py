@@ -1,9 +1,11 @@
-"""The data set of a sweep: its frame, which says what is computed, the results of the cases in their places, and its files.
+"""The data set of a sweep: its frame, which says what is computed, the results of the cases in
+their places, and its files.
 
 The files are netCDF for programs, which is read back, and a table for spreadsheets.
 
-A data set that granphon has made or read has an accessor: ``dataset.granphon.plot()``, ``.exponent()``, ``.fit(...)``. Units
-are the attributes ``units`` of the variables, which ``dataset.pint.quantify()`` of pint-xarray takes.
+A data set that granphon has made or read has an accessor: ``dataset.granphon.plot()``,
+``.exponent()``, ``.fit(...)``. Units are the attributes ``units`` of the variables, which
+``dataset.pint.quantify()`` of pint-xarray takes.
 """
 
 from __future__ import annotations
@@ -25,12 +27,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.packing import PARAMETERS, Packing
-from granphon.base.errors import InputError, InstabilityError, MechanismError, MissingPackageError, needing
+from granphon.base.errors import (
+    InputError,
+    InstabilityError,
+    MechanismError,
+    MissingPackageError,
+    needing,
+)
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit, is_si
 from granphon.base.results import restore
 from granphon.base.tables import Heading, write_table
-from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, suggest, versions, warn_unverified
+from granphon.base.text import (
+    damage_error,
+    digest,
+    read_bytes,
+    require_schema,
+    show,
+    suggest,
+    versions,
+    warn_unverified,
+)
 from granphon.base.validation import find_unit_of
 from granphon.dynamics.elasticity import voigt_names
 from granphon.media.arrangement import Balls
@@ -68,10 +85,12 @@ _OF_WAVES = ("pulse", "spectrum", "dos", "surface", "network")
 FORMAT = "granphon sweep"
 #: dimensions of tables of waves besides those of states, by the name of the file
 _ROWS = {
-    "sweep_dos": ("node",), "sweep_spectra": ("polarisation", "wavevector"), "response": ("response_frequency", "receiver"),
+    "sweep_dos": ("node",),
+    "sweep_spectra": ("polarisation", "wavevector"),
+    "response": ("response_frequency", "receiver"),
     "motion": ("motion_time",),
     "damped_bands": ("segment", "point", "branch"),
-}  # fmt: skip
+}
 #: last dimensions of variables of which some states have fewer values than others
 _UNEVEN = (("surface_wave",), ("response_peak",))
 #: name of the attribute with the sha256 digest of the numbers
@@ -89,31 +108,64 @@ from granphon.runs.dataset import open_bytes
 open_bytes(sys.stdin.buffer.read())
 print("good")
 """
-#: text behind the data of a file; the sha256 digest of all bytes before this text follows, in hexadecimal digits
+#: text behind the data of a file; the sha256 digest of all bytes before this text follows, in
+#: hexadecimal digits
 _TRAILER = b"\ngranphon sha256 of all bytes before: "
-#: size of the largest file that is read, and of the largest data set in one, bytes: a sweep may hold many bands
+#: size of the largest file that is read, and of the largest data set in one, bytes: a sweep may
+#: hold many bands
 _MOST_BYTES = 2_000_000_000
 #: length of that text with its digest, bytes
 _TRAILER_BYTES = len(_TRAILER) + 64
 #: variables above zero, and those that may also be zero; all are finite, but for the next two
 _ABOVE_ZERO = {
-    "force", "pressure", "normal_stiffness", "effective_density", "stiffness_ratio", "longitudinal", "bulk", "shear",
-    "young_modulus", "density", "diameter",
-}  # fmt: skip
+    "force",
+    "pressure",
+    "normal_stiffness",
+    "effective_density",
+    "stiffness_ratio",
+    "longitudinal",
+    "bulk",
+    "shear",
+    "young_modulus",
+    "density",
+    "diameter",
+}
 _ZERO_OR_ABOVE = {
-    "shear_stiffness", "reduced_force", "force_fluctuation", "contact_fraction", "contact_force_fluctuation", "width",
-    "expected_error", "frequencies", "line_frequency", "line_width", "mean_free_path", "attenuation", "dos_total",
-    "transverse", "transverse_slow", "transverse_fast", "twist", "torsion", "bending",
-}  # fmt: skip
+    "shear_stiffness",
+    "reduced_force",
+    "force_fluctuation",
+    "contact_fraction",
+    "contact_force_fluctuation",
+    "width",
+    "expected_error",
+    "frequencies",
+    "line_frequency",
+    "line_width",
+    "mean_free_path",
+    "attenuation",
+    "dos_total",
+    "transverse",
+    "transverse_slow",
+    "transverse_fast",
+    "twist",
+    "torsion",
+    "bending",
+}
 _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast", "twist"}
 #: variables that are infinite for equal balls, or where no error is known
-_MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path", "damped_quality"}
+_MAY_BE_INFINITE = {
+    "reduced_force",
+    "reduced_spacing",
+    "expected_error",
+    "mean_free_path",
+    "damped_quality",
+}
 #: attributes that hold a JSON text, and its type
 _JSON = {"packing": dict, "media": list, "observe": list, "versions": dict, "warnings": list}
 _WORDS = {dict: "mapping", list: "list"}
 
 
-# -- the work ---------------------------------------------------------------------------------------------------------
+# -- the work --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,24 +181,32 @@ class SweepRun:
         frame = make_frame(grid)
         for case in grid.cases if grid.asked.sound else ():
             try:  # an array is not the lattice, and has its own forces
-                case.medium.of(case.packing).require_sound(grid.asked.finite_overlap and not case.medium.is_exact)
+                case.medium.of(case.packing).require_sound(
+                    grid.asked.finite_overlap and not case.medium.is_exact
+                )
             except (MechanismError, InstabilityError) as error:
                 raise error.restate(f"{case.label}: {error}") from None
         return cls(grid, frame)
 
     def do(
-        self, executor: Executor | None = None, progress: Progress = silent, store: Store | None = None
+        self,
+        executor: Executor | None = None,
+        progress: Progress = silent,
+        store: Store | None = None,
     ) -> list[TaskResult]:
         """Do all tasks, case by case, whose results the ``store`` keeps, and return these."""
-        place, tasks = store or Store(), [task for case in self.grid.cases for task in case.tasks]
+        place = store or Store()
+        tasks = [task for case in self.grid.cases for task in case.tasks]
         place.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
-        return solve_all("simulation" if self.grid.asked.alone else "sweep", tasks, executor, progress, place)
+        return solve_all(
+            "simulation" if self.grid.asked.alone else "sweep", tasks, executor, progress, place
+        )
 
     def join(self, found: Sequence[TaskResult]) -> Dataset:
         """Return the data set from the results of all tasks.
 
-        :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; its ``reached`` is the data set of the
-        loads before.
+        :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; its
+        ``reached`` is the data set of the loads before.
         """
         left = iter(found)
         parts = [case.join(list(islice(left, len(case.tasks)))) for case in self.grid.cases]
@@ -159,21 +219,29 @@ class SweepRun:
         return dataset
 
     def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
-        """Return the data set of a single state that has been found, with the records of its samples; see :meth:`join`."""
+        """Return the data set of a single state that has been found, with the records of its
+        samples; see :meth:`join`.
+        """
         (task,) = self.grid.cases[0].media
         out = task.observe(analysis)
-        return fill(self.frame, self.grid, [out if task.asked.waves is None else add_waves(out, task, task.load, records)])
+        return fill(
+            self.frame,
+            self.grid,
+            [out if task.asked.waves is None else add_waves(out, task, task.load, records)],
+        )
 
 
-# -- the frame, and results in it -------------------------------------------------------------------------------------
+# -- the frame, and results in it ------------------------------------------------------------------
 
 
 def make_frame(grid: Grid) -> Dataset:
-    """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes.
+    """Return the data set before anything is computed: coordinates, the path of the bands, and the
+    inputs as attributes.
 
-    The path, which all packings share, has s segments of p points, and labels of its corners. In the data set
-    ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p) lengths along the path in the paper's
-    limit, in units of 1/d without 2 pi, and ``labels`` (s + 1,) the names of the corners.
+    The path, which all packings share, has s segments of p points, and labels of its corners. In
+    the data set ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p)
+    lengths along the path in the paper's limit, in units of 1/d without 2 pi, and ``labels`` (s +
+    1,) the names of the corners.
     :class:`~granphon.base.errors.InputError` if there is no such path.
     """
     with needing("A data set"):
@@ -181,53 +249,94 @@ def make_frame(grid: Grid) -> Dataset:
 
         register_accessor()
 
-    load, packing, asked = grid.load, grid.cases[0].packing, grid.asked
+    load = grid.load
+    packing = grid.cases[0].packing
+    asked = grid.asked
     finite = [one.has_finite_overlap(asked.finite_overlap) for one in grid.media]
     variables: dict[str, Any] = {}
     if (way := asked.find_path(packing.structure)) is not None:
         if len({(case.packing.structure, case.packing.ball_motions) for case in grid.cases}) > 1:
-            why = "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array"
-            raise InputError("bands cannot be swept over friction, motions or lattices", why, "Make a sweep of each")
-        vectors, p = packing.structure.vectors, packing.structure.periods
+            why = (
+                "The number of branches, or the Brillouin zone, differs, so that they do not fit"
+                " into one array"
+            )
+            raise InputError(
+                "bands cannot be swept over friction, motions or lattices",
+                why,
+                "Make a sweep of each",
+            )
+        vectors = packing.structure.vectors
+        p = packing.structure.periods
         qpoints, ticks = way
         cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
-        # no step leads to the first point of a segment, so that segments that do not join are drawn side by side
+        # no step leads to the first point of a segment, so that segments that do not join are drawn
+        # side by side
         steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
-        # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs from load to load
-        unit = "1/a" if all(finite) else "1/d" + ", or 1/a of media with finite overlap" * any(finite)
-        about = {"long_name": f"distance along the path in units of {unit}, without 2 pi", "units": "1"}
+        # put in words: programs that parse units read "1/d" as once a day, and the spacing a
+        # differs from load to load
+        unit = (
+            "1/a" if all(finite) else "1/d" + ", or 1/a of media with finite overlap" * any(finite)
+        )
+        about = {
+            "long_name": f"distance along the path in units of {unit}, without 2 pi",
+            "units": "1",
+        }
         fractions = {"long_name": "fractions of the reciprocal cell", "units": "1"}
         variables["qpoints"] = (("segment", "point", "fraction"), qpoints, fractions)
-        variables["distances"] = (("segment", "point"), np.cumsum(steps).reshape(steps.shape), about)
+        variables["distances"] = (
+            ("segment", "point"),
+            np.cumsum(steps).reshape(steps.shape),
+            about,
+        )
         variables["labels"] = ("corner", np.array(ticks), {"long_name": "corners of the path"})
     loads = ("load", load.array, _list_attributes(load.kind, load.array, packing))
     if load.kind == "pressure":  # of what was cut it acts on the faces too
-        loads[2]["units"] = find_load_unit("pressure", packing.structure.periods, packing.structure.pressed_axes)
-    coordinates: dict[str, Any] = {load.kind: loads, "medium": [choice.label for choice in grid.media]}
+        loads[2]["units"] = find_load_unit(
+            "pressure", packing.structure.periods, packing.structure.pressed_axes
+        )
+    coordinates: dict[str, Any] = {
+        load.kind: loads,
+        "medium": [choice.label for choice in grid.media],
+    }
     for axis in grid.axes:
         # a label does not describe a spread or a lattice completely
         whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
         labels = np.array(axis.labels)
-        coordinates[axis.name] = (axis.name, labels, _list_attributes(axis.name, labels, packing) | whole)
-    along = f"{('(1)', '(1, 0)', '(1, 0, 0)')[packing.structure.periods - 1]}, Cartesian, where velocities depend on it"
+        coordinates[axis.name] = (
+            axis.name,
+            labels,
+            _list_attributes(axis.name, labels, packing) | whole,
+        )
+    along = (
+        f"{('(1)', '(1, 0)', '(1, 0, 0)')[packing.structure.periods - 1]}, Cartesian, where"
+        f" velocities depend on it"
+    )
     if (given := asked.direction) is not None:
         many = isinstance(given[0], tuple)
         each: Any = given if many else (given,)
-        short = [f"({', '.join(f'{x:g}' for x in numbers)})" for numbers in each]  # with as many digits as tell them apart
+        # with as many digits as tell them apart
+        short = [f"({', '.join(f'{x:g}' for x in numbers)})" for numbers in each]
         exact = [f"({', '.join(map(repr, numbers))})" for numbers in each]
         names = np.array(short if len(set(short)) == len(short) else exact)
         along = f"{', '.join(names.tolist())}, Cartesian"
         about = {"long_name": "direction of propagation, Cartesian", "values": to_json(given)}
         coordinates["direction"] = ("direction", names, about) if many else ((), names[0], about)
     attrs = {
-        "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
+        "format": FORMAT,
+        "schema": SWEEP_SCHEMA,
+        "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
-        "finite_overlap": int(all(finite)), "direction": along, "observe": to_json(asked.observe),
-    }  # fmt: skip
+        "finite_overlap": int(all(finite)),
+        "direction": along,
+        "observe": to_json(asked.observe),
+    }
     if (waves := asked.waves) is not None:
         attrs["waves"] = to_json({"of": waves, "exponents": asked.exponents})
         if waves.spectrum is not None:
-            from granphon.waves.path_spectra import join_labels  # imported here: other sweeps do not need it
+            # imported here: other sweeps do not need it
+            from granphon.waves.path_spectra import (
+                join_labels,
+            )
 
             coordinates["polarisation"] = list(waves.spectrum.polarisation)
             labels = np.array(join_labels(waves.path, waves.labels))
@@ -236,50 +345,80 @@ def make_frame(grid: Grid) -> Dataset:
         for one in waves.of_networks:
             for name, (values, unit) in one.coordinates.items():
                 coordinates[name] = (name, np.array(values), {"units": unit} if unit else {})
-    attrs |= {name: to_json(one) for name, one in (("surface", asked.surface), ("damping", asked.bands)) if one is not None}
+    attrs |= {
+        name: to_json(one)
+        for name, one in (("surface", asked.surface), ("damping", asked.bands))
+        if one is not None
+    }
     if asked.finite_overlap and not all(one.is_exact for one in grid.media):
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
 
 
 def tabulate(
-    packing: Packing, medium: str, force: Array, values: Mapping[str, Array], attributes: Mapping[str, Any]
+    packing: Packing,
+    medium: str,
+    force: Array,
+    values: Mapping[str, Array],
+    attributes: Mapping[str, Any],
 ) -> Dataset:
-    """Return numbers of states of one medium over the contact force, each (n,), as a data set like that of a sweep."""
+    """Return numbers of states of one medium over the contact force, each (n,), as a data set like
+    that of a sweep.
+    """
     with needing("A data set"):
         from xarray import Dataset
 
         register_accessor()
 
     variables: dict[str, Any] = {
-        name: (("load", "medium"), array[:, None], _list_attributes(name, array, packing)) for name, array in values.items()
+        name: (("load", "medium"), array[:, None], _list_attributes(name, array, packing))
+        for name, array in values.items()
     }
     variables["valid"] = (("load", "medium"), np.ones((force.size, 1), bool))
     loads = ("load", force, _list_attributes("force", force, packing))
-    return Dataset(variables, {"force": loads, "medium": [medium]}, {**attributes, "packing": to_json(packing)})
+    return Dataset(
+        variables, {"force": loads, "medium": [medium]}, {**attributes, "packing": to_json(packing)}
+    )
 
 
 def find_dataset(result: Any) -> Dataset | None:
-    """Return the data set of states, all in SI, that a result is, or has as its ``dataset``; None if there is none."""
+    """Return the data set of states, all in SI, that a result is, or has as its ``dataset``; None
+    if there is none.
+    """
     found: Dataset = getattr(result, "dataset", result)
     if not (hasattr(found, "data_vars") and "valid" in found):
         return None
     for name, values in found.variables.items():
         if not is_si(own := str(find_unit_of(values) or values.attrs.get("units", ""))):
             what = f"{name} of the data set is in {own}"
-            raise InputError(what, "Variables have SI units", "Convert it back (.pint.to), or plot it with xarray")
+            raise InputError(
+                what,
+                "Variables have SI units",
+                "Convert it back (.pint.to), or plot it with xarray",
+            )
     return found
 
 
 def find_load(dataset: Dataset) -> str:
     """Return the name of the load that was given: a coordinate along the loads."""
-    return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
+    return next(
+        (
+            str(name)
+            for name in LOAD_KINDS
+            if name in dataset.coords and dataset[name].dims == ("load",)
+        ),
+        "force",
+    )
 
 
 def list_finite_overlap(dataset: Dataset) -> list[bool]:
-    """Return for each medium of a sweep whether its states have finite overlap; False where a data set does not tell."""
-    everywhere, labels = bool(dataset.attrs.get("finite_overlap", 0)), np.atleast_1d(dataset["medium"].values).astype(str)
-    # a simulation has finite overlap in its exact geometry, which one with a history takes by default
+    """Return for each medium of a sweep whether its states have finite overlap; False where a data
+    set does not tell.
+    """
+    everywhere = bool(dataset.attrs.get("finite_overlap", 0))
+    labels = np.atleast_1d(dataset["medium"].values).astype(str)
+    # a simulation has finite overlap in its exact geometry, which one with a history takes by
+    # default
     return [
         everywhere
         or f"geometry={EXACT}" in label
@@ -289,14 +428,20 @@ def list_finite_overlap(dataset: Dataset) -> list[bool]:
 
 
 def collect_identity(frame: Dataset) -> dict[str, Any]:
-    """Return all that determines the numbers, as plain data; a frame and the sweep read from its file give the same."""
-    made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
+    """Return all that determines the numbers, as plain data; a frame and the sweep read from its
+    file give the same.
+    """
+    made = json.loads(frame.attrs["versions"])
+    path = [name for name in ("labels", "qpoints") if name in frame]
     out = {
         name: json.loads(frame.attrs[name])
         for name in ("packing", "media", "waves", "surface", "damping")
         if name in frame.attrs
     }
-    out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
+    out |= {
+        "finite_overlap": bool(frame.attrs["finite_overlap"]),
+        "versions": {name: made[name] for name in packages()},
+    }
     known = {*LOAD_KINDS, *PARAMETERS, "direction"}
     for name in [name for name in frame.coords if name in known or "." in str(name)] + path:
         whole = frame[name].attrs.get("values")
@@ -306,39 +451,66 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
 
 def fill(frame: Dataset, grid: Grid, parts: list[TaskResult]) -> Dataset:
     """Return the frame with the results of the cases, ``parts``, filled in."""
-    load, axes = grid.load, grid.axes
-    dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
+    load = grid.load
+    axes = grid.axes
+    dims, counts = (
+        ("load", "medium", *(axis.name for axis in axes)),
+        [len(axis.values) for axis in axes],
+    )
     along = ("direction",) * ("direction" in frame.dims)
     voigt = list(voigt_names(grid.cases[0].packing.structure.periods))
-    sizes = {name: part[name].shape[1:] for part in parts for name in part if name in CATALOGUE and CATALOGUE[name].sampled}
+    sizes = {
+        name: part[name].shape[1:]
+        for part in parts
+        for name in part
+        if name in CATALOGUE and CATALOGUE[name].sampled
+    }
     for number, case in enumerate(grid.cases):
-        # standard errors that a result lacks are zero for a medium that samples nothing, and nan, not known, for one sample
+        # standard errors that a result lacks are zero for a medium that samples nothing, and nan,
+        # not known, for one sample
         error = np.zeros(load.size)
         for serving in case.serving_media:
             error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
         lacking = {name: shape for name, shape in sizes.items() if name not in parts[number]}
         parts[number] |= {
-            name: np.moveaxis(np.broadcast_to(error, (*shape, load.size)), -1, 0) for name, shape in lacking.items()
+            name: np.moveaxis(np.broadcast_to(error, (*shape, load.size)), -1, 0)
+            for name, shape in lacking.items()
         }
     labels = [case.label for case in grid.cases]
-    told = [(label, text) for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
-    for name in {name for part in parts for name in part if name in CATALOGUE and CATALOGUE[name].dims[-1:] in _UNEVEN}:
+    told = [
+        (label, text)
+        for label, part in zip(labels, parts, strict=True)
+        for text in tell_warnings(part)
+    ]
+    for name in {
+        name
+        for part in parts
+        for name in part
+        if name in CATALOGUE and CATALOGUE[name].dims[-1:] in _UNEVEN
+    }:
         holders = [part for part in parts if name in part]
         for part, table in zip(holders, pad_alike([part[name] for part in holders]), strict=True):
             part[name] = table
     parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
     told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
     # a single state needs no name
-    warnings = list(dict.fromkeys(text for _, text in told)) if grid.asked.alone else label_warnings(told)
+    warnings = (
+        list(dict.fromkeys(text for _, text in told)) if grid.asked.alone else label_warnings(told)
+    )
     if any(serving.chosen_automatically for one in grid.cases for serving in one.serving_media):
         # the medium that serves each load, and its error, +inf where that is not known
         for number, one in enumerate(grid.cases):
-            choice, error = np.empty(load.size, object), np.empty(load.size)
+            choice = np.empty(load.size, object)
+            error = np.empty(load.size)
             for serving in one.serving_media:
                 choice[serving.loads], error[serving.loads] = serving.medium.label, serving.errors
             parts[number] |= {"choice": choice.astype(str), "expected_error": error}
     # keep the variables that every case has
-    names = [name for name in parts[0] if name not in (load.kind, "warnings") and all(name in part for part in parts)]
+    names = [
+        name
+        for name in parts[0]
+        if name not in (load.kind, "warnings") and all(name in part for part in parts)
+    ]
     packing = grid.cases[0].packing
     variables: dict[str, Any] = {}
     for name in names:
@@ -350,37 +522,57 @@ def fill(frame: Dataset, grid: Grid, parts: list[TaskResult]) -> Dataset:
     if "tensor" in names:
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
     along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
-    return frame.drop_vars(list(along_path)).assign(variables).assign(along_path).assign_attrs(warnings=to_json(warnings))
+    return (
+        frame.drop_vars(list(along_path))
+        .assign(variables)
+        .assign(along_path)
+        .assign_attrs(warnings=to_json(warnings))
+    )
 
 
 def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
-    """Return results in which velocities, moduli, pressures and waves that only some of them have are nan in the others.
+    """Return results in which velocities, moduli, pressures and waves that only some of them have
+    are nan in the others.
 
-    For each result, a sentence says which are nan and why; it is empty if none is, and for a mechanism, which has its own
-    warning. Bulk and shear moduli and the anisotropy are left out if one of the lattices has a tensor without them. If no
-    modulus is left out the tensor is. The standard error of what is left out is left out with it.
+    For each result, a sentence says which are nan and why; it is empty if none is, and for a
+    mechanism, which has its own warning. Bulk and shear moduli and the anisotropy are left out if
+    one of the lattices has a tensor without them. If no modulus is left out the tensor is. The
+    standard error of what is left out is left out with it.
     """
     known = {
         name: value
         for part in reversed(parts)
         for name, value in part.items()
-        if name == "pressure" or (name in CATALOGUE and CATALOGUE[name].cost in ("velocities", *_OF_WAVES))
+        if name == "pressure"
+        or (name in CATALOGUE and CATALOGUE[name].cost in ("velocities", *_OF_WAVES))
     }
     left_out = {
-        name for name in ("bulk", "shear", "anisotropy") if any("tensor" in part and name not in part for part in parts)
+        name
+        for name in ("bulk", "shear", "anisotropy")
+        if any("tensor" in part and name not in part for part in parts)
     }
     if "bulk" in known and left_out - {"anisotropy"} <= ({"shear"} if periods == 1 else set()):
         left_out.add("tensor")
     left_out |= {f"{name}_error" for name in left_out}
-    filled, missing = list[TaskResult](), list[str]()
+    filled = list[TaskResult]()
+    missing = list[str]()
     for part in parts:
-        nans = {name: np.full_like(one, np.nan) for name, one in known.items() if name not in part and name not in left_out}
+        nans = {
+            name: np.full_like(one, np.nan)
+            for name, one in known.items()
+            if name not in part and name not in left_out
+        }
         filled.append({name: one for name, one in part.items() if name not in left_out} | nans)
-        told = ["pressure is nan, as the stress of the lattice is not one"] * (nans.pop("pressure", None) is not None)
-        lacking = [name for name in nans if _is_of_sound(name)]  # of waves in arrays a case has its own notes
+        told = ["pressure is nan, as the stress of the lattice is not one"] * (
+            nans.pop("pressure", None) is not None
+        )
+        # of waves in arrays a case has its own notes
+        lacking = [name for name in nans if _is_of_sound(name)]
         if lacking and any(map(_is_of_sound, part)):
             are, waves = ("is", "wave") if len(lacking) == 1 else ("are", "waves")
-            told.append(f"{', '.join(lacking)} {are} nan, as balls with these motions have no such {waves}")
+            told.append(
+                f"{', '.join(lacking)} {are} nan, as balls with these motions have no such {waves}"
+            )
         missing.append("; ".join(told))
     return filled, missing
 
@@ -391,10 +583,12 @@ def _is_of_sound(name: str) -> bool:
 
 def _list_attributes(name: str, values: Array, packing: Balls) -> dict[str, str]:
     entry = entry_of(name, packing)
-    return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
+    return {"long_name": entry.title} | (
+        {"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {}
+    )
 
 
-# -- files ------------------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 
 
 def file_names(path: Path) -> list[str]:
@@ -403,7 +597,9 @@ def file_names(path: Path) -> list[str]:
 
 
 def netcdf_bytes(dataset: Dataset) -> bytes:
-    """Return the bytes of a netCDF file of the data set, made in memory because HDF5 does not survive a full disk."""
+    """Return the bytes of a netCDF file of the data set, made in memory because HDF5 does not
+    survive a full disk.
+    """
     with needing("A netCDF file"):
         from h5netcdf import File  # type: ignore[import-untyped]
         from xarray.backends import H5NetCDFStore
@@ -411,15 +607,17 @@ def netcdf_bytes(dataset: Dataset) -> bytes:
     stream = io.BytesIO()
     with File(stream, "w") as file:
         # without this, xarray declares nan to be the mark of missing values
-        dataset.dump_to_store(H5NetCDFStore(file), encoding={name: {"_FillValue": None} for name in dataset.variables})
+        dataset.dump_to_store(
+            H5NetCDFStore(file), encoding={name: {"_FillValue": None} for name in dataset.variables}
+        )
     return stream.getvalue()
 
 
 def open_bytes(data: bytes) -> Dataset:
     """Read the data set of a netCDF file that is given as bytes into memory.
 
-    Raises ValueError if the file refers to other files or would fill the memory, and whatever HDF5, h5netcdf and xarray
-    raise.
+    Raises ValueError if the file refers to other files or would fill the memory, and whatever HDF5,
+    h5netcdf and xarray raise.
     """
     with needing("A netCDF file"):
         import h5py
@@ -427,7 +625,9 @@ def open_bytes(data: bytes) -> Dataset:
 
     def check(_: str, item: Any) -> None:
         group = isinstance(item, h5py.Group)
-        if group and any(isinstance(item.get(key, getlink=True), h5py.ExternalLink) for key in item):
+        if group and any(
+            isinstance(item.get(key, getlink=True), h5py.ExternalLink) for key in item
+        ):
             raise ValueError("it refers to another file")
         if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
             raise ValueError("it refers to another file")
@@ -445,16 +645,17 @@ def open_bytes(data: bytes) -> Dataset:
 def write_sweep(dataset: Dataset, path: Path) -> None:
     """Write the netCDF file ``path``, and the table of the same name beside it.
 
-    The file carries two digests. The first, an attribute, is that of the numbers; it stays if another program rewrites the
-    file. The second is that of all bytes of the netCDF file and stands behind the end of what HDF5 reads, so that damage is
-    found before HDF5 reads the file.
+    The file carries two digests. The first, an attribute, is that of the numbers; it stays if
+    another program rewrites the file. The second is that of all bytes of the netCDF file and stands
+    behind the end of what HDF5 reads, so that damage is found before HDF5 reads the file.
     """
     data = netcdf_bytes(dataset.assign_attrs({DIGEST: _digest_numbers(dataset)}))
     path.write_bytes(data)
     with path.open("ab") as stream:
         stream.write(_TRAILER + hashlib.sha256(data).hexdigest().encode())
     # a row for each load, medium, combination of parameters and direction of sound
-    along = ("direction",) * ("direction" in dataset.coords)  # a single direction is a coordinate without a dimension
+    # a single direction is a coordinate without a dimension
+    along = ("direction",) * ("direction" in dataset.coords)
     own = dataset["valid"].dims
     dims = (*own, *(name for name in along if name in dataset.dims))
     columns = [name for name, data in dataset.data_vars.items() if data.dims in (own, dims)]
@@ -462,39 +663,62 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
 
 
 def _digest_numbers(dataset: Dataset) -> str:
-    """Digest of names, dimensions, types, numbers and attributes; it does not depend on how they are stored."""
+    """Digest of names, dimensions, types, numbers and attributes; it does not depend on how they
+    are stored.
+    """
     variables = dict[str, list[Any]]()
     for name, variable in dataset.variables.items():
         # neither the byte order nor the stored length of texts counts
-        values, kind, content = variable.values, "text", None
+        values = variable.values
+        kind = "text"
+        content = None
         if values.dtype.kind in "OUT":
             content = values.astype(str).tolist()
         else:
             ordered = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-            kind, content = f"{values.dtype.kind}{values.dtype.itemsize}", hashlib.sha256(ordered.data).hexdigest()
-        variables[str(name)] = [list(variable.dims), list(variable.shape), kind, content, variable.attrs]
+            kind = f"{values.dtype.kind}{values.dtype.itemsize}"
+            content = hashlib.sha256(ordered.data).hexdigest()
+        variables[str(name)] = [
+            list(variable.dims),
+            list(variable.shape),
+            kind,
+            content,
+            variable.attrs,
+        ]
     # two are those in which other programs log what they did, which changes no number
-    attributes = {name: value for name, value in dataset.attrs.items() if name not in (DIGEST, "history", "NCO")}
+    attributes = {
+        name: value
+        for name, value in dataset.attrs.items()
+        if name not in (DIGEST, "history", "NCO")
+    }
     return digest({"variables": variables, "attributes": attributes})
 
 
 def write_waves(dataset: Dataset, path: Path) -> None:
     """Write a table of the waves in simulated arrays or in networks, by the name of the file.
 
-    sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state, polarisation and wave vector,
-    and that of a block about networks one for each state and each of its coordinates.
+    sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state,
+    polarisation and wave vector, and that of a block about networks one for each state and each of
+    its coordinates.
     """
     extra = _ROWS[path.stem]
     dims = (*dataset["valid"].dims, *extra)
     if path.stem == "damped_bands":  # numbered, from zero
         dataset = dataset.assign_coords({name: np.arange(dataset.sizes[name]) for name in extra})
-    whole = [one for one, data in dataset.data_vars.items() if set(extra[-1:]) <= set(data.dims) <= set(dims)]
+    whole = [
+        one
+        for one, data in dataset.data_vars.items()
+        if set(extra[-1:]) <= set(data.dims) <= set(dims)
+    ]
     _write_rows(dataset, path, dims, [*(one for one in extra if one in dataset.coords), *whole])
 
 
 def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
-    """Write a row for each point of the grid of ``dims``: load, medium and parameters, then the ``columns``, all digits."""
-    load, own = find_load(dataset), dataset["valid"].dims
+    """Write a row for each point of the grid of ``dims``: load, medium and parameters, then the
+    ``columns``, all digits.
+    """
+    load = find_load(dataset)
+    own = dataset["valid"].dims
     names = [load, *own[1:], *columns]
     grid = dataset["valid"].broadcast_like(dataset[names[len(own) :]])
     headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]
@@ -509,14 +733,16 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     Raises
     ------
     MissingFileError : there is no such file.
-    InputError : it is not a sweep, was damaged, was edited after granphon had written it, or has another schema.
+    InputError : it is not a sweep, was damaged, was edited after granphon had written it, or has
+        another schema.
 
     Warns
     -----
     UnverifiedFileWarning : the file carries no digest.
     """
     raw = read_bytes(path, _MOST_BYTES)
-    body, trailer = raw[:-_TRAILER_BYTES], raw[-_TRAILER_BYTES:]
+    body = raw[:-_TRAILER_BYTES]
+    trailer = raw[-_TRAILER_BYTES:]
     sound = trailer.startswith(_TRAILER)
     if sound and trailer != _TRAILER + hashlib.sha256(body).hexdigest().encode():
         raise damage_error(path, "sha256 of the file, at its end")
@@ -535,8 +761,11 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         raise InputError(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc")
     schema: Any = dataset.attrs.get("schema")
     require_schema(path, schema.item() if isinstance(schema, np.generic) else schema, SWEEP_SCHEMA)
-    if {"force", "overlap", "valid", "medium"} - set(dataset.variables):  # variables without which a sweep is damaged
-        raise InputError(f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again")
+    if {"force", "overlap", "valid", "medium"} - set(dataset.variables):
+        # variables without which a sweep is damaged
+        raise InputError(
+            f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again"
+        )
     told = dataset.attrs.pop(DIGEST, None)
     if told is not None and told != _digest_numbers(dataset):
         raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
@@ -547,18 +776,28 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
 
 
 def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
-    """Raise InputError if a variable or an attribute of a file without a digest cannot be of a sweep."""
+    """Raise InputError if a variable or an attribute of a file without a digest cannot be of a
+    sweep.
+    """
     for name, kind in _JSON.items():
         try:
             if name in dataset.attrs and not isinstance(json.loads(dataset.attrs[name]), kind):
                 raise ValueError
         except (TypeError, ValueError, RecursionError):
-            what = f"{path} is damaged: its attribute {name} is {show(dataset.attrs[name])}, which is no JSON {_WORDS[kind]}"
+            what = (
+                f"{path} is damaged: its attribute {name} is {show(dataset.attrs[name])}, which"
+                f" is no JSON {_WORDS[kind]}"
+            )
             raise InputError(what, mend="Run the sweep again") from None
-    # velocities that balls with some of the motions do not have are nan, and pressures that some lattices do not have
+    # velocities that balls with some of the motions do not have are nan, and pressures that some
+    # lattices do not have
     lacking = not {"motions", "torsion", "bending", "lattice"}.isdisjoint(dataset.coords)
-    errors = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}  # nan where not known
-    unknown = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES or CATALOGUE.is_added(name)}  # likewise
+    # nan where not known
+    errors = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}
+    # likewise
+    unknown = {
+        name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES or CATALOGUE.is_added(name)
+    }
     for name in map(str, dataset.variables):
         values = dataset[name].values
         if name not in CATALOGUE or not CATALOGUE[name].unit or values.dtype.kind == "b":
@@ -569,18 +808,26 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
         if wrong is None:
             if lacking and (CATALOGUE[name].cost == "velocities" or name == "pressure"):
                 values = values[~np.isnan(values)]
-            good, allowed = np.isfinite(values), "finite"
+            good = np.isfinite(values)
+            allowed = "finite"
             if name in _MAY_BE_INFINITE:
                 good |= values == np.inf
             if name in _ABOVE_ZERO:
-                good, allowed = good & (values > 0.0), "above zero"
+                good = good & (values > 0.0)
+                allowed = "above zero"
             elif name in _ZERO_OR_ABOVE or name in errors:
-                good, allowed = good & (values >= 0.0), "zero or above"
+                good = good & (values >= 0.0)
+                allowed = "zero or above"
             if name in _VELOCITIES:
-                good, allowed = good & (values < LIGHT_VELOCITY), f"{allowed}, and below the velocity of light"
+                good = good & (values < LIGHT_VELOCITY)
+                allowed = f"{allowed}, and below the velocity of light"
             if name in errors | unknown:
                 good |= np.isnan(values)
-            wrong = None if np.all(good) else f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
+            wrong = (
+                None
+                if np.all(good)
+                else f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
+            )
         if wrong is not None:
             what = f"{path} is damaged: it holds values of {name}, {wrong}"
             raise InputError(what, mend="Run the sweep again")
@@ -591,59 +838,83 @@ def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
 
 
 def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
-    """Open a file without a digest in a separate process first: HDF5 may hang, or crash, on a damaged file."""
+    """Open a file without a digest in a separate process first: HDF5 may hang, or crash, on a
+    damaged file.
+    """
     if data.startswith(b"CDF") and b"granphon motion" in data:
         mend = f"Draw it in Python, gp.plot(gp.Motion.read({str(path)!r}))"
         raise InputError(f"{path} is not a sweep", "It is a motion", mend)
     if not data.startswith(b"\x89HDF\r\n\x1a\n"):
         raise _explain_unreadable(path, "It is not a netCDF-4 file")
-    # -I isolates the process: files of the current folder, such as a sitecustomize.py, are not run when Python starts. It
+    # -I isolates the process: files of the current folder, such as a sitecustomize.py, are not run
+    # when Python starts. It
     # imports the granphon of this process, and searches the rest of this process's path last
-    found = [str(Path(str(sys.modules["granphon"].__file__)).parent.parent), *(place for place in sys.path if place)]
+    found = [
+        str(Path(str(sys.modules["granphon"].__file__)).parent.parent),
+        *(place for place in sys.path if place),
+    ]
     try:
         done = subprocess.run(
-            [sys.executable, "-I", "-c", _TRIAL, *found], input=data, capture_output=True, timeout=TRIAL_SECONDS, check=False
+            [sys.executable, "-I", "-c", _TRIAL, *found],
+            input=data,
+            capture_output=True,
+            timeout=TRIAL_SECONDS,
+            check=False,
         )
     except subprocess.TimeoutExpired:
-        raise _explain_unreadable(path, f"HDF5 has not opened it in {TRIAL_SECONDS:.0f} seconds: it is damaged") from None
+        raise _explain_unreadable(
+            path, f"HDF5 has not opened it in {TRIAL_SECONDS:.0f} seconds: it is damaged"
+        ) from None
     except OSError as error:
         why = f"It carries no digest, and no process could be started to test it: {error}"
         raise _explain_unreadable(path, why) from None
     if done.returncode != 0 or done.stdout.strip() != b"good":
         said = done.stderr.decode("utf-8", "replace").strip().splitlines()
-        raise _explain_unreadable(path, f"HDF5 fails on it: {said[-1] if done.returncode > 0 and said else 'it crashes'}")
+        raise _explain_unreadable(
+            path, f"HDF5 fails on it: {said[-1] if done.returncode > 0 and said else 'it crashes'}"
+        )
 
 
-# -- what a data set does by itself -------------------------------------------------------------------------------------
+# -- what a data set does by itself ----------------------------------------------------------------
 
 
 class SweepAccessor:
-    """What ``dataset.granphon`` is, for a ``dataset`` of :func:`~granphon.sweep` or :func:`~granphon.load_sweep`."""
+    """What ``dataset.granphon`` is, for a ``dataset`` of :func:`~granphon.sweep` or
+    :func:`~granphon.load_sweep`.
+    """
 
     def __init__(self, dataset: Dataset) -> None:
         self._dataset = dataset
 
     @property
     def packing(self) -> Packing:
-        """The packing that was swept; :class:`InputError` for a data set of a crystal, or one that granphon has not made."""
+        """The packing that was swept; :class:`InputError` for a data set of a crystal, or one that
+        granphon has not made.
+        """
         try:
-            found: Packing = restore(json.loads(self._dataset.attrs["packing"]), Packing, "the attribute packing")
+            found: Packing = restore(
+                json.loads(self._dataset.attrs["packing"]), Packing, "the attribute packing"
+            )
         except (KeyError, ValueError, TypeError):
             why = "It is a crystal's, or was not made by granphon.sweep"
             raise InputError("the data set holds no packing", why) from None
         return found
 
     def plot(self, **options: Any) -> Any:
-        """Return the figure of the sweep; ``options`` are those of :func:`~granphon.plot`, as ``variable``."""
+        """Return the figure of the sweep; ``options`` are those of :func:`~granphon.plot`, as
+        ``variable``.
+        """
         import granphon
 
         return granphon.plot(self._dataset, **options)
 
     def exponent(self, name: str = "longitudinal", over: str | None = None) -> DataArray:
-        """Return the local exponent of a variable over the load, d log(variable)/d log(load), of the variable's shape.
+        """Return the local exponent of a variable over the load, d log(variable)/d log(load), of
+        the variable's shape.
 
-        It is the slope of the parabola through each load and its neighbours, on logarithmic scales, so that its error goes
-        as the square of their distance. The variable ``exponent`` of a sweep has that of the velocities at each load alone.
+        It is the slope of the parabola through each load and its neighbours, on logarithmic scales,
+        so that its error goes as the square of their distance. The variable ``exponent`` of a sweep
+        has that of the velocities at each load alone.
 
         Parameters
         ----------
@@ -652,31 +923,42 @@ class SweepAccessor:
 
         Raises
         ------
-        InputError : a name that the data set does not have, fewer than three loads, loads that do not ascend, or values that
-            are not above zero.
+        InputError : a name that the data set does not have, fewer than three loads, loads that do
+            not ascend, or values that are not above zero.
         """
         data = self._dataset
         for one in (name, over or name):
             if one not in data.variables:
-                raise InputError(f"the data set has no {one!r}", mend=suggest(one, list(map(str, data.variables))))
+                raise InputError(
+                    f"the data set has no {one!r}",
+                    mend=suggest(one, list(map(str, data.variables))),
+                )
         values = data[name]
         loads = data[over or find_load(data)]
         if "load" not in values.dims or data.sizes["load"] < 3:
             raise InputError("an exponent needs three loads or more", mend="Sweep more loads")
         x, y = (one.transpose("load", ...).values.astype(float) for one in (loads, values))
-        if not (np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0) and np.all(np.diff(x, axis=0) > 0.0)):
-            raise InputError(f"{name} has no exponent here", "Loads must ascend, and values be above zero")
+        if not (
+            np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0) and np.all(np.diff(x, axis=0) > 0.0)
+        ):
+            raise InputError(
+                f"{name} has no exponent here", "Loads must ascend, and values be above zero"
+            )
         x = np.broadcast_to(x.reshape(len(x), *(1,) * (y.ndim - 1)) if x.ndim == 1 else x, y.shape)
         columns = (np.log(one).reshape(len(one), -1).T for one in (x, y))
         slopes = [np.gradient(f, at, edge_order=2) for at, f in zip(*columns, strict=True)]
         found = values.transpose("load", ...).copy(data=np.transpose(slopes).reshape(y.shape))
-        found.attrs = {"units": "1", "long_name": f"local exponent of {values.attrs.get('long_name', name)}"}
+        found.attrs = {
+            "units": "1",
+            "long_name": f"local exponent of {values.attrs.get('long_name', name)}",
+        }
         return found.transpose(*values.dims).rename(f"{name}_exponent")
 
     def fit(self, force: ArrayLike, velocity: ArrayLike, *more: Any, **options: Any) -> Any:
         """Fit the width of the packing to measured ``velocity``, m/s (n,), over ``force``, N (n,).
 
-        ``more``, ``options`` and the result are those of :func:`~granphon.fit_width` for the packing of the data set.
+        ``more``, ``options`` and the result are those of :func:`~granphon.fit_width` for the
+        packing of the data set.
         """
         import granphon
 

@@ -1,8 +1,9 @@
 """Work that can run side by side, on any executor, and that an interruption does not undo.
 
-A task is plain data that can be pickled, and its result a mapping of arrays that depends on the task alone; so tasks may
-run anywhere and in any order. A long one is done in steps: each is a call of its own, and its result is kept in the store as
-soon as it comes back. Short ones share calls of a tenth of a second.
+A task is plain data that can be pickled, and its result a mapping of arrays that depends on the
+task alone; so tasks may run anywhere and in any order. A long one is done in steps: each is a call
+of its own, and its result is kept in the store as soon as it comes back. Short ones share calls of
+a tenth of a second.
 """
 
 from __future__ import annotations
@@ -25,21 +26,31 @@ from granphon.base.progress import Progress, Step, silent
 from granphon.base.registry import list_added
 from granphon.base.threads import naming_lost_workers
 from granphon.runs.store import Store, TaskResult, decode, encode
-from granphon.runs.workers import InProcess, call_by, check_workers, client_of, count_calls, packages, require_packages
+from granphon.runs.workers import (
+    InProcess,
+    call_by,
+    check_workers,
+    client_of,
+    count_calls,
+    packages,
+    require_packages,
+)
 
 #: time after which a worker begins nothing more of a call, s
 CALL_SECONDS = 0.1
-#: number of workers that are lost with a task before it counts as the reason; the last one has nothing else to do
+#: number of workers that are lost with a task before it counts as the reason; the last one has
+#: nothing else to do
 MOST_LOSSES = 3
-#: longest time for which a result is waited for before the executor is asked for its workers again, s
+#: longest time for which a result is waited for before the executor is asked for its workers again,
+#: s
 _LOOK_SECONDS = 2.0
 
 
 class Task:
     """A piece of work, in one step or more.
 
-    ``name`` is that under which the result is kept: one line, not empty; no task with another result has it. ``where`` names
-    the task in messages. Tasks of one ``kind`` take similar times.
+    ``name`` is that under which the result is kept: one line, not empty; no task with another
+    result has it. ``where`` names the task in messages. Tasks of one ``kind`` take similar times.
     """
 
     name: Any
@@ -61,12 +72,16 @@ class Task:
         return 1
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Do the next step after ``begun``, or the first, and return both together; after the last step, the result."""
+        """Do the next step after ``begun``, or the first, and return both together; after the last
+        step, the result.
+        """
         raise NotImplementedError
 
 
 class Result(NamedTuple):
-    """What a worker has found of a task: the entry of its steps so far, their number, and the time of the last one, s."""
+    """What a worker has found of a task: the entry of its steps so far, their number, and the time
+    of the last one, s.
+    """
 
     entry: bytes
     steps: int
@@ -74,28 +89,37 @@ class Result(NamedTuple):
 
 
 def advance(
-    orders: Sequence[tuple[Task, bytes | None]], wanted: Mapping[str, str], added: Sequence[str] = ()
+    orders: Sequence[tuple[Task, bytes | None]],
+    wanted: Mapping[str, str],
+    added: Sequence[str] = (),
 ) -> list[Result]:
-    """Do, in a worker, the next step of each task after those in its entry, and return the results of the first tasks.
+    """Do, in a worker, the next step of each task after those in its entry, and return the results
+    of the first tasks.
 
-    Packages must have the versions that are ``wanted``, and observables that were ``added`` must be known. After
-    ``CALL_SECONDS`` nothing more is begun. An error of the first task is raised; that of a later one ends the call before
-    it, and it will come again as the first.
+    Packages must have the versions that are ``wanted``, and observables that were ``added`` must be
+    known. After ``CALL_SECONDS`` nothing more is begun. An error of the first task is raised; that
+    of a later one ends the call before it, and it will come again as the first.
     """
     require_packages(f"the worker on {platform.node()}", packages(), wanted)
     if missing := set(added).difference(list_added("observable")):
         what = f"a worker does not know the observable {min(missing)!r}"
         why = "It was registered in the process that began the work"
-        mend = "Register it by an entry point of granphon.plugins, or in a script above its if __name__ == '__main__'"
+        mend = (
+            "Register it by an entry point of granphon.plugins, or in a script above its if"
+            " __name__ == '__main__'"
+        )
         raise GranphonError(what, why, mend)
-    results, begun = list[Result](), time.perf_counter()
+    results = list[Result]()
+    begun = time.perf_counter()
     for task, entry in orders:
         before = time.perf_counter()
         if results and before - begun > CALL_SECONDS:
             break
         try:
             part = task.solve(None if entry is None else decode(entry))
-            results.append(Result(encode(task.name, part), task.done(part), time.perf_counter() - before))
+            results.append(
+                Result(encode(task.name, part), task.done(part), time.perf_counter() - before)
+            )
         except Exception:
             if not results:
                 raise
@@ -114,15 +138,19 @@ def solve_all(
 
     Parameters
     ----------
-    label : name of the work for ``progress``, which is told of each step once its result has been kept.
-    tasks : the tasks; those whose results ``store`` holds are not done again, nor are steps that it holds.
-    executor : any executor with the interface of :class:`concurrent.futures.Executor`, that of a dask client among them;
-        None does one task after the other. It is not shut down.
+    label : name of the work for ``progress``, which is told of each step once its result has been
+        kept.
+    tasks : the tasks; those whose results ``store`` holds are not done again, nor are steps that it
+        holds.
+    executor : any executor with the interface of :class:`concurrent.futures.Executor`, that of a
+        dask client among them; None does one task after the other. It is not shut down.
     store : where each result is kept as soon as it is found.
 
-    An error of a task is raised as it is. A task whose worker is lost is done again; if that happens to it thrice, or if the
-    executor takes no more work then, :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an
-    interruption, results that come within half a second are kept, and calls that have not begun by then are cancelled.
+    An error of a task is raised as it is. A task whose worker is lost is done again; if that
+    happens to it thrice, or if the executor takes no more work then,
+    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption,
+    results that come within half a second are kept, and calls that have not begun by then are
+    cancelled.
     """
     with closing(Store()) if store is None else nullcontext(store) as known:
         with progress.step(label, sum(task.steps for task in tasks)) as step:
@@ -130,19 +158,28 @@ def solve_all(
         parts = list[TaskResult]()
         for task in tasks:
             part = known.read(task.name)
-            while part is None or task.done(part) < task.steps:  # it has been damaged meanwhile, and is found again
+            while part is None or task.done(part) < task.steps:
+                # it has been damaged meanwhile, and is found again
                 part = task.solve(part)
             parts.append(part)
     return parts
 
 
 class _Work:
-    """Tasks under way, by their indices: ``left`` are those that are not finished and not sent, a heap."""
+    """Tasks under way, by their indices: ``left`` are those that are not finished and not sent, a
+    heap.
+    """
 
     def __init__(self, tasks: Sequence[Task], store: Store, step: Step) -> None:
-        self.tasks, self.store, self.step, self.left = tasks, store, step, list[int]()
-        #: tasks of each call under way; entries of tasks that have begun; how often a worker was lost with each
-        self.running, self.begun, self.losses = dict[Future[list[Result]], list[int]](), dict[int, bytes](), Counter[int]()
+        self.tasks = tasks
+        self.store = store
+        self.step = step
+        self.left = list[int]()
+        #: tasks of each call under way; entries of tasks that have begun; how often a worker was
+        #: lost with each
+        self.running = dict[Future[list[Result]], list[int]]()
+        self.begun = dict[int, bytes]()
+        self.losses = Counter[int]()
         #: time of a step of each kind of task, s
         self.seconds: dict[str, float] = {}
         found = 0
@@ -157,7 +194,9 @@ class _Work:
 
     def run(self, executor: Executor) -> None:
         """Have the tasks done, by calls of which a few are under way for each worker."""
-        ready, submit, looked = SimpleQueue[Future[list[Result]]](), executor.submit, -math.inf
+        ready = SimpleQueue[Future[list[Result]]]()
+        submit = executor.submit
+        looked = -math.inf
         if self.left and (client := client_of(executor)) is not None:
             largest = max((self.tasks[index] for index in self.left), key=lambda task: task.memory)
             check_workers(client, largest.memory, largest.where)
@@ -165,10 +204,14 @@ class _Work:
         try:
             while self.left or self.running:
                 if (now := time.monotonic()) - looked > _LOOK_SECONDS:
-                    most, looked = count_calls(executor), now
+                    most = count_calls(executor)
+                    looked = now
                 while self.left and ready.empty():
-                    # the next task or one under way may be why workers were lost, and is then to be alone
-                    suspects = {index for index, times in self.losses.items() if times >= MOST_LOSSES - 1}
+                    # the next task or one under way may be why workers were lost, and is then to be
+                    # alone
+                    suspects = {
+                        index for index, times in self.losses.items() if times >= MOST_LOSSES - 1
+                    }
                     alone = not suspects.isdisjoint(chain([self.left[0]], *self.running.values()))
                     if len(self.running) >= (1 if alone else most or 1):
                         break
@@ -187,7 +230,12 @@ class _Work:
         finally:
             wait(self.running, 0.5)  # s, after an error or an interruption
             for future, indices in self.running.items():
-                if not future.cancel() and future.done() and not future.cancelled() and future.exception() is None:
+                if (
+                    not future.cancel()
+                    and future.done()
+                    and not future.cancelled()
+                    and future.exception() is None
+                ):
                     with suppress(OutputError):  # this may be the very error that is being raised
                         for index, result in zip(indices, future.result(), strict=False):
                             self.store.append(self.tasks[index].name, result.entry)
@@ -199,37 +247,50 @@ class _Work:
         return f"{self.tasks[lost[0]].where}{others}"
 
     def _take(self, calls: int) -> list[int]:
-        """Take the tasks of the next of so many calls: one if it is not known to be short, or if a worker was lost with it.
+        """Take the tasks of the next of so many calls: one if it is not known to be short, or if a
+        worker was lost with it.
 
         Towards the end calls become shorter, so that all workers end at about the same time.
         """
         most = max(1, len(self.left) // (2 * calls)) if calls else 1
-        indices, seconds = list[int](), 0.0
+        indices = list[int]()
+        seconds = 0.0
         while self.left and len(indices) < most:
             index = self.left[0]
-            seconds += math.inf if self.losses[index] else self.seconds.get(self.tasks[index].kind, math.inf)
+            seconds += (
+                math.inf
+                if self.losses[index]
+                else self.seconds.get(self.tasks[index].kind, math.inf)
+            )
             if indices and seconds > CALL_SECONDS:
                 break
             indices.append(heappop(self.left))
         return indices
 
     def _receive(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
-        """Keep what a call has brought, and put back what is left of it; if its worker was lost, all of it."""
+        """Keep what a call has brought, and put back what is left of it; if its worker was lost,
+        all of it.
+        """
         results: list[Result] = []
         try:
             results = future.result()
         except CancelledError:
-            what, why = "the scheduler does not answer any more", "It has ended, or the network has failed"
+            what = "the scheduler does not answer any more"
+            why = "It has ended, or the network has failed"
             mend = "What is finished is kept: run the same command again to continue"
             raise GranphonError(what, why, mend) from None
         except Exception as error:  # BrokenProcessPool, or KilledWorker of dask
             if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":
                 raise
             self.losses.update(dict.fromkeys(indices, getattr(error, "allowed_failures", 0) + 1))
-            times, where = self.losses[indices[0]], self.tasks[indices[0]].where
+            times = self.losses[indices[0]]
+            where = self.tasks[indices[0]].where
             if len(self.running) == len(indices) == 1 and times >= MOST_LOSSES:
                 what = f"{where}: the worker process that did it has ended, {times} times"
-                mend = "Give workers more memory, or take fewer --workers; run the same command again to continue"
+                mend = (
+                    "Give workers more memory, or take fewer --workers; run the same command"
+                    " again to continue"
+                )
                 raise GranphonError(what, "It was killed, or ran out of memory", mend) from None
         for index, result in zip(indices, results, strict=False):
             self.store.append(self.tasks[index].name, result.entry)
@@ -237,7 +298,9 @@ class _Work:
             heappush(self.left, index)
         for index, result in zip(indices, results, strict=False):
             task = self.tasks[index]
-            self.seconds[task.kind] = 0.5 * (self.seconds.get(task.kind, result.seconds) + result.seconds)
+            self.seconds[task.kind] = 0.5 * (
+                self.seconds.get(task.kind, result.seconds) + result.seconds
+            )
             self.begun.pop(index, None)
             if result.steps < task.steps:
                 self.begun[index] = result.entry

@@ -1,7 +1,8 @@
 """Many states at once: loads, media and parameters of the packing, as one labelled data set.
 
-The work is cut into tasks (:mod:`granphon.runs.tasks`), and the results are put in place by index. With a path each
-finished task is kept beside the result until that is written, so that an interrupted sweep goes on from what it has.
+The work is cut into tasks (:mod:`granphon.runs.tasks`), and the results are put in place by index.
+With a path each finished task is kept beside the result until that is written, so that an
+interrupted sweep goes on from what it has.
 """
 
 from __future__ import annotations
@@ -30,7 +31,14 @@ from granphon.media.arrangement import Arrangement, given_balls
 from granphon.media.choice import MediumChoice, default_medium, no_simulation
 from granphon.media.crystal import Crystal
 from granphon.phonons.paths import BandPath
-from granphon.runs.dataset import Dataset, SweepRun, collect_identity, file_names, load_sweep, write_sweep
+from granphon.runs.dataset import (
+    Dataset,
+    SweepRun,
+    collect_identity,
+    file_names,
+    load_sweep,
+    write_sweep,
+)
 from granphon.runs.store import Store, open_store
 from granphon.runs.tasks import INCOMPLETE, Asked, Grid, require_arrays, to_json
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, wave_rules
@@ -66,90 +74,115 @@ def sweep(
 
     Parameters
     ----------
-    packing : the packing whose parameters are varied; a parameter that is not swept keeps its value. Or a crystal.
-    force, pressure, overlap : the loads; one of the three, a number or a list of any order. A force is in N, an overlap in
-        m, a pressure in N on a line, N/m in the plane and Pa in space.
-    load : the loads, in place of these; such as the stresses or strains of a crystal, or its pressure and gravity.
-    media : for a crystal "crystal"; for a packing, by default "ala", one of "ala", "afa", "ema", "simulation", "auto",
-        mappings with options such as {"ema": {"local_field": "paper"}}, {"simulation": {"shape": (64, 64), "seed": 0,
-        "samples": 4}} or {"auto": {"tolerance": 1e-3}}, or a list of these, each once.
-    finite_overlap : keep the terms of relative order delta/d. Media with a contact law then have no exponent.
-    direction : Cartesian direction of sound, (p,) for lattices of p periods, or (n, p) for many; by default x. Many make one
-        more dimension of the velocities, ``direction``.
-    bands : a path as :meth:`granphon.phonons.phonons.Phonons.bands` takes it; the frequencies along it are added to the
-        data set.
+    packing : the packing whose parameters are varied; a parameter that is not swept keeps its
+        value. Or a crystal.
+    force, pressure, overlap : the loads; one of the three, a number or a list of any order. A force
+        is in N, an overlap in m, a pressure in N on a line, N/m in the plane and Pa in space.
+    load : the loads, in place of these; such as the stresses or strains of a crystal, or its
+        pressure and gravity.
+    media : for a crystal "crystal"; for a packing, by default "ala", one of "ala", "afa", "ema",
+        "simulation", "auto", mappings with options such as {"ema": {"local_field": "paper"}},
+        {"simulation": {"shape": (64, 64), "seed": 0, "samples": 4}} or {"auto": {"tolerance":
+        1e-3}}, or a list of these, each once.
+    finite_overlap : keep the terms of relative order delta/d. Media with a contact law then have no
+        exponent.
+    direction : Cartesian direction of sound, (p,) for lattices of p periods, or (n, p) for many; by
+        default x. Many make one more dimension of the velocities, ``direction``.
+    bands : a path as :meth:`granphon.phonons.phonons.Phonons.bands` takes it; the frequencies along
+        it are added to the data set.
     npoints : number of points on each segment of that path.
     labels : names of the corners of that path; by default the letters, or the coordinates.
-    dos, spectrum, pulse : what of the waves in each sample to find, where all media are simulations: the density of states
-        of the array; spectral functions, as the keys ``polarisation``, ``resolution`` (Hz), ``points`` of a leg and
-        ``path``, such as "GM", by default that of the lattice, of a mapping say; and a pulse along the direction, with the
-        keys ``frequency`` (Hz), ``distance`` (m), ``cycles``, ``polarisation``, ``source``, ``ends``, ``damping`` (s).
-    executor : any executor with the interface of :class:`concurrent.futures.Executor`, for work side by side; the numbers
-        do not depend on it.
-    progress : is told how many steps are done. A step is a medium at one combination of parameters, or one sample of a
-        simulation at one load.
-    path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it. Finished tasks are kept
-        beside it until then: the same sweep to the same path continues from them, and gives the same numbers as an
-        uninterrupted one.
+    dos, spectrum, pulse : what of the waves in each sample to find, where all media are
+        simulations: the density of states of the array; spectral functions, as the keys
+        ``polarisation``, ``resolution`` (Hz), ``points`` of a leg and ``path``, such as "GM", by
+        default that of the lattice, of a mapping say; and a pulse along the direction, with the
+        keys ``frequency`` (Hz), ``distance`` (m), ``cycles``, ``polarisation``, ``source``,
+        ``ends``, ``damping`` (s).
+    executor : any executor with the interface of :class:`concurrent.futures.Executor`, for work
+        side by side; the numbers do not depend on it.
+    progress : is told how many steps are done. A step is a medium at one combination of parameters,
+        or one sample of a simulation at one load.
+    path : "out/sweep.nc", written whole or not at all, with the table "out/sweep.csv" beside it.
+        Finished tasks are kept beside it until then: the same sweep to the same path continues from
+        them, and gives the same numbers as an uninterrupted one.
     resume : if the sweep in ``path`` is complete, return it, and compute and write nothing.
     overwrite : replace existing files, and discard the finished tasks of another sweep to ``path``.
-    store : where finished tasks are kept, instead of beside ``path``. Results that it holds are used; the caller clears it.
-    **parameters : values of any of :data:`~granphon.balls.packing.PARAMETERS`; of a crystal those of its kinds, as
-        {"A.young_modulus": [...]}, any of :data:`~granphon.balls.packing.KIND_PARAMETERS` but the diameter.
-        A ``width`` (W, m) scales the spread and keeps its shape, which is uniform if the packing has no spread; a
-        ``diameter`` leaves the spread as it is.
-        Lattices must have the same number of periods.
+    store : where finished tasks are kept, instead of beside ``path``. Results that it holds are
+        used; the caller clears it.
+    **parameters : values of any of :data:`~granphon.balls.packing.PARAMETERS`; of a crystal those
+        of its kinds, as {"A.young_modulus": [...]}, any of
+        :data:`~granphon.balls.packing.KIND_PARAMETERS` but the diameter. A ``width`` (W, m) scales
+        the spread and keeps its shape, which is uniform if the packing has no spread; a
+        ``diameter`` leaves the spread as it is. Lattices must have the same number of periods.
 
     Returns
     -------
-    Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and ``long_name`` of each
-    variable: the state's attributes, ``valid``, ``regime``, ``longitudinal`` and ``transverse`` (m/s, along the direction;
-    in space and on a chain that moves across itself ``transverse_slow`` and ``transverse_fast``), ``bulk``
-    and ``shear`` (Pa; N on a line; the ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and its
-    standard error over samples ``exponent_error``, zero for media that sample nothing and nan for one
-    sample; if a simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
-    ``shear_error``, ``tensor_error``, zero for other media and nan for one sample; of square and cubic lattices the
-    ``anisotropy``; if all media are simulations, ``contact_force_fluctuation``, and if all of them are loaded with friction,
-    ``sliding_fraction``, ``tangential_ratio``, ``work`` and ``dissipated_energy``;
-    if one is "auto", the ``choice`` at each load, and its ``expected_error`` (+inf where it is not known);
-    velocities and moduli that balls with some of the swept motions do not have are nan there, and the warnings say which;
-    with bands ``frequencies`` (..., segment, point, branch) in Hz; of waves in simulated arrays means over samples with
-    standard errors: ``dos_total`` (..., node) over ``dos_frequency``, ``line_frequency``, ``line_width``,
-    ``phase_velocity``, ``mean_free_path`` and ``attenuation`` (..., polarisation, wavevector), ``ioffe_regel_longitudinal``
-    and the like, ``pulse_velocity``, ``time_of_flight``, ``coherent_fraction``, nan where a warning says why.
-    Loads are a coordinate under their own name.
-    ``attrs`` holds versions, packing, media and the warnings of validity, as JSON.
+    Dataset of dimensions load, medium, then the parameters in the order given, with ``units`` and
+    ``long_name`` of each variable: the state's attributes, ``valid``, ``regime``, ``longitudinal``
+    and ``transverse`` (m/s, along the direction; in space and on a chain that moves across itself
+    ``transverse_slow`` and ``transverse_fast``), ``bulk`` and ``shear`` (Pa; N on a line; the
+    ``tensor`` in Voigt order if a lattice is not isotropic), ``exponent`` and its standard error
+    over samples ``exponent_error``, zero for media that sample nothing and nan for one sample; if a
+    simulation has several samples, ``longitudinal_error``, ``transverse_error``, ``bulk_error``,
+    ``shear_error``, ``tensor_error``, zero for other media and nan for one sample; of square and
+    cubic lattices the ``anisotropy``; if all media are simulations, ``contact_force_fluctuation``,
+    and if all of them are loaded with friction, ``sliding_fraction``, ``tangential_ratio``,
+    ``work`` and ``dissipated_energy``; if one is "auto", the ``choice`` at each load, and its
+    ``expected_error`` (+inf where it is not known); velocities and moduli that balls with some of
+    the swept motions do not have are nan there, and the warnings say which; with bands
+    ``frequencies`` (..., segment, point, branch) in Hz; of waves in simulated arrays means over
+    samples with standard errors: ``dos_total`` (..., node) over ``dos_frequency``,
+    ``line_frequency``, ``line_width``, ``phase_velocity``, ``mean_free_path`` and ``attenuation``
+    (..., polarisation, wavevector), ``ioffe_regel_longitudinal`` and the like, ``pulse_velocity``,
+    ``time_of_flight``, ``coherent_fraction``, nan where a warning says why. Loads are a coordinate
+    under their own name. ``attrs`` holds versions, packing, media and the warnings of validity, as
+    JSON.
 
     Raises
     ------
-    InputError : no load or several kinds, an unknown medium or parameter, a medium twice, a value that makes no packing,
-        bands over parameters that change the number of branches, a simulation with finite overlap, lattices of different
-        dimension.
-    MechanismError : a lattice is a mechanism; raised before anything is computed. With bands, velocities and moduli are left
-        out instead, with a warning.
+    InputError : no load or several kinds, an unknown medium or parameter, a medium twice, a value
+        that makes no packing, bands over parameters that change the number of branches, a
+        simulation with finite overlap, lattices of different dimension.
+    MechanismError : a lattice is a mechanism; raised before anything is computed. With bands,
+        velocities and moduli are left out instead, with a warning.
     InstabilityError : with finite overlap, a lattice buckles.
-    FileExistsInRunError : the files exist, or finished tasks of another sweep or version do, and ``overwrite`` is off;
-        raised before anything is computed.
-    OutputError : the files cannot be written; raised before anything is computed if that can be known by then.
-    ConvergenceError : a path of loads with friction ends before its last load. When all other tasks are done, ``reached`` of
-        the error is the data set at the loads that every medium has reached, and these are written beside ``path`` as
-        sweep_incomplete.nc and sweep_incomplete.csv.
-    GranphonError : a medium has no solution. The message names medium, parameters and load; ``load_index`` is the index of
-        the load. No result is written then.
+    FileExistsInRunError : the files exist, or finished tasks of another sweep or version do, and
+        ``overwrite`` is off; raised before anything is computed.
+    OutputError : the files cannot be written; raised before anything is computed if that can be
+        known by then.
+    ConvergenceError : a path of loads with friction ends before its last load. When all other tasks
+        are done, ``reached`` of the error is the data set at the loads that every medium has
+        reached, and these are written beside ``path`` as sweep_incomplete.nc and
+        sweep_incomplete.csv.
+    GranphonError : a medium has no solution. The message names medium, parameters and load;
+        ``load_index`` is the index of the load. No result is written then.
     """
     packing = given_balls(packing)
     media = default_medium(packing) if media is None else media
     if load is not None and any(one is not None for one in (force, pressure, overlap)):
-        raise InputError("a load is given twice", mend="Give load alone, or one of force, pressure, overlap")
-    load = Load.only(force=force, pressure=pressure, overlap=overlap) if load is None else load.applied.flat
+        raise InputError(
+            "a load is given twice", mend="Give load alone, or one of force, pressure, overlap"
+        )
+    load = (
+        Load.only(force=force, pressure=pressure, overlap=overlap)
+        if load is None
+        else load.applied.flat
+    )
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     # all lattices of a sweep have the same number of periods
-    lattice = find_lattice(next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure))
-    choices = [MediumChoice.parse(one, lattice) for one in (media if isinstance(media, list | tuple) else [media])]
+    lattice = find_lattice(
+        next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure)
+    )
+    choices = [
+        MediumChoice.parse(one, lattice)
+        for one in (media if isinstance(media, list | tuple) else [media])
+    ]
     for one in choices:
         one.require_for(packing)
     if not choices:
-        raise InputError("there is no medium to sweep over", mend="Give at least one, such as 'ala'")
+        raise InputError(
+            "there is no medium to sweep over", mend="Give at least one, such as 'ala'"
+        )
     if twice := [choice.label for choice in choices if choices.count(choice) > 1]:
         raise InputError(f"the medium {twice[0]!r} is given twice", mend="Give each once")
     if require("finite_overlap", truth, finite_overlap):
@@ -158,36 +191,51 @@ def sweep(
     # one direction as its numbers, or many as a tuple of these
     way: tuple[Any, ...] | None = None
     if direction is not None:
-        along, numbers = as_direction(direction, lattice.periods), np.asarray(direction, float).tolist()
+        along = as_direction(direction, lattice.periods)
+        numbers = np.asarray(direction, float).tolist()
         way = tuple(map(tuple, numbers)) if along.ndim > 1 else tuple(numbers)
         if along.ndim > 1 and (double := find_double(along.tolist())) is not None:
             what = f"the sweep has the direction {way[double]} twice"
             raise InputError(what, mend="Give each direction once")
 
     # what of the waves in samples
-    waves, density = None, require("dos", truth, dos)
+    waves = None
+    density = require("dos", truth, dos)
     path_of_spectra = BandPath.default(lattice) if spectrum is not None else None
     if spectrum is not None and not isinstance(spectrum, SpectrumSettings):
-        rules = wave_rules("spectrum", read=False) | {"path": partial(BandPath.read, structure=lattice)}
+        rules = wave_rules("spectrum", read=False) | {
+            "path": partial(BandPath.read, structure=lattice)
+        }
         given = require("spectrum", partial(block, rules=rules), spectrum)
         path_of_spectra = given.pop("path", path_of_spectra)
         spectrum = SpectrumSettings(**given)
     if pulse is not None and not isinstance(pulse, PulseSettings):
         rules = wave_rules("pulse", read=False)
-        pulse = PulseSettings(**require("pulse", partial(block, rules=rules, needed=("frequency",)), pulse))
+        pulse = PulseSettings(
+            **require("pulse", partial(block, rules=rules, needed=("frequency",)), pulse)
+        )
     if pulse is not None and way and isinstance(way[0], tuple):
         raise InputError("a pulse is asked for in several directions", mend="Give one direction")
     if density or spectrum is not None or pulse is not None:
-        corners = ((), ()) if path_of_spectra is None else (path_of_spectra.paths, path_of_spectra.names)
+        corners = (
+            ((), ()) if path_of_spectra is None else (path_of_spectra.paths, path_of_spectra.names)
+        )
         waves = WaveSettings(density, spectrum, *corners, pulse, way if pulse is not None else None)
 
     # bands are those of a mechanism too
     along_path = None if bands is None else (bands, npoints, labels)
-    observe = ("velocities", *("bands",) * (bands is not None), *(waves.names if waves is not None else ()))
+    observe = (
+        "velocities",
+        *("bands",) * (bands is not None),
+        *(waves.names if waves is not None else ()),
+    )
     asked = Asked(finite_overlap, along_path, way, waves, sound=bands is None, observe=observe)
     grid = Grid(packing, axes, choices, load, asked)
     if waves is not None:
-        from granphon.runs.wave_records import require_waves  # imported here: a sweep without waves does not need it
+        # imported here: a sweep without waves does not need it
+        from granphon.runs.wave_records import (
+            require_waves,
+        )
 
         require_arrays(choices, parameters, waves.names)
         for case in grid.cases:
@@ -195,7 +243,15 @@ def sweep(
                 require_waves(case.serving_media, waves)
             except GranphonError as error:
                 raise type(error)(f"{case.label}: {error}") from None
-    return sweep_grid(grid, executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store)
+    return sweep_grid(
+        grid,
+        executor=executor,
+        progress=progress,
+        path=path,
+        resume=resume,
+        overwrite=overwrite,
+        store=store,
+    )
 
 
 def sweep_grid(
@@ -208,20 +264,25 @@ def sweep_grid(
     overwrite: bool = False,
     store: Store | None = None,
 ) -> Dataset:
-    """Carry out :func:`sweep` for the cases of a grid; what is known of them, such as a choice of media, is not found again.
+    """Carry out :func:`sweep` for the cases of a grid; what is known of them, such as a choice of
+    media, is not found again.
 
-    Arguments, the data set and errors are those of :func:`sweep`. The load is an applied one, of at most one dimension.
+    Arguments, the data set and errors are those of :func:`sweep`. The load is an applied one, of at
+    most one dimension.
     """
     run = SweepRun.of(grid)
     target = None if path is None else Path(path)
     if target is None and resume:
-        what, why = "a sweep without a path cannot be resumed", "Its finished parts are kept beside its file"
+        what = "a sweep without a path cannot be resumed"
+        why = "Its finished parts are kept beside its file"
         raise InputError(what, why, "Give path")
     if target is None:
         with nullcontext(store) if store is not None else open_store(None) as place:
             return run.join(run.do(executor, progress, place))
     if target.suffix != ".nc":
-        raise InputError(f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it")
+        raise InputError(
+            f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"
+        )
     names = file_names(target)
     if resume and not overwrite and is_whole(target.parent, names):
         there = load_sweep(target)
@@ -246,16 +307,25 @@ def _incomplete_files(name: str) -> list[str]:
     return file_names(path.with_stem(f"{path.stem}_{INCOMPLETE}"))
 
 
-def keep_incomplete(error: GranphonError, files: ResultFiles, name: str, store: Store) -> GranphonError:
-    """Write the data set that an error has ``reached`` into a folder under lock, and return the error which says so.
+def keep_incomplete(
+    error: GranphonError, files: ResultFiles, name: str, store: Store
+) -> GranphonError:
+    """Write the data set that an error has ``reached`` into a folder under lock, and return the
+    error which says so.
 
-    The finished tasks are deleted then. If the files cannot be written, these stay, and the error is returned as it is.
+    The finished tasks are deleted then. If the files cannot be written, these stay, and the error
+    is returned as it is.
     """
-    names, count = _incomplete_files(name), error.reached.sizes["load"]
+    names = _incomplete_files(name)
+    count = error.reached.sizes["load"]
     with suppress(OutputError):
         with replace(files, names=names, force=True, earlier=()).staging() as place:
             write_sweep(error.reached, place / names[0])
         store.clear()
-        told = f"The {count} loads that were reached are" if count > 1 else "The load that was reached is"
+        told = (
+            f"The {count} loads that were reached are"
+            if count > 1
+            else "The load that was reached is"
+        )
         return error.restate(f"{error} {told} in {' and '.join(names)} in {files.folder}.")
     return error

@@ -1,15 +1,16 @@
 """The cases of a run, and its tasks.
 
-A case is one medium on one packing at many loads. Each of its tasks is one medium at all loads that it serves, or one sample
-of a simulation, load by load.
+A case is one medium on one packing at many loads. Each of its tasks is one medium at all loads that
+it serves, or one sample of a simulation, load by load.
 
-Tasks are plain data, see :mod:`granphon.runs.execution`. Of each sample only the few numbers that are averaged are kept,
-and of a single state its balls too, for files and figures of them. The averages equal those of one simulation of all
-samples, to the last bit.
+Tasks are plain data, see :mod:`granphon.runs.execution`. Of each sample only the few numbers that
+are averaged are kept, and of a single state its balls too, for files and figures of them. The
+averages equal those of one simulation of all samples, to the last bit.
 
-A sample that is loaded with friction may not reach all loads of its path. Its task is then done as far as it goes: the
-result has the loads that were reached, and as marks the places of the others and why the path ended. When all tasks are
-done, the run is an error, with the data set at the loads that all tasks have reached.
+A sample that is loaded with friction may not reach all loads of its path. Its task is then done as
+far as it goes: the result has the loads that were reached, and as marks the places of the others
+and why the path ended. When all tasks are done, the run is an error, with the data set at the loads
+that all tasks have reached.
 """
 
 from __future__ import annotations
@@ -55,38 +56,53 @@ from granphon.waves.settings import BandsSettings, SurfaceSettings, WaveSettings
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
 LATTICE_BANDS = (
-    "bands and densities of states are those of a regular lattice with the mean stiffness of the samples, without "
-    "disorder. Those of the disordered arrays are sample_dos and spectrum, of a sweep sweep_dos and sweep_spectra: "
+    "bands and densities of states are those of a regular lattice with the mean stiffness of"
+    " the samples, without "
+    "disorder. Those of the disordered arrays are sample_dos and spectrum, of a sweep"
+    " sweep_dos and sweep_spectra: "
     "observe [dos, spectrum]"
 )
-#: in a result: places of the loads that were not reached, why the path ended, and the place of the load at which it did
+#: in a result: places of the loads that were not reached, why the path ended, and the place of the
+#: load at which it did
 _MARKS = _MISSED, _WHY, _AT = "path.missed", "path.why", "path.at"
 #: numbers of any sample that its state averages
 _AVERAGED = (
-    "force", "boundary_force", "overlap", "normal_stiffness", "force_fluctuation", "contact_force_fluctuation",
+    "force",
+    "boundary_force",
+    "overlap",
+    "normal_stiffness",
+    "force_fluctuation",
+    "contact_force_fluctuation",
     "elastic_tensor",
-)  # fmt: skip
+)
 #: what the names of numbers of waves begin with in the result of a task
 _WAVES = "waves."
 #: what the names of arrays of the balls begin with in the result of a task
 _BALLS = "balls."
-#: version of the format of a sweep, attribute "schema" of its file; files of another one are refused
+#: version of the format of a sweep, attribute "schema" of its file; files of another one are
+#: refused
 SWEEP_SCHEMA = 1
 #: attribute of a data set that says why it lacks loads
 INCOMPLETE = "incomplete"
 
 
 def to_json(data: Any) -> str:
-    """Return plain data as a JSON text; equal data give the same text. An object of a user is its class and attributes."""
+    """Return plain data as a JSON text; equal data give the same text. An object of a user is its
+    class and attributes.
+    """
 
     def write(value: Any) -> Any:
         found = plain(value)
-        return found if found is not value else {"class": type(value).__qualname__} | getattr(value, "__dict__", {})
+        return (
+            found
+            if found is not value
+            else {"class": type(value).__qualname__} | getattr(value, "__dict__", {})
+        )
 
     return json.dumps(data, default=write, sort_keys=True)
 
 
-# -- cases ------------------------------------------------------------------------------------------------------------
+# -- cases -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,16 +112,20 @@ class Asked:
     Attributes
     ----------
     finite_overlap : whether terms of relative order delta/d are.
-    path : that of the bands: letters or corners, points in a segment, and labels of the corners; None without bands.
+    path : that of the bands: letters or corners, points in a segment, and labels of the corners;
+        None without bands.
     direction : that of sound, Cartesian, one or many; None for x.
     waves : what is asked of the waves in each sample of a simulation; None for nothing.
     surface : the edge whose waves are asked for; None for none.
     bands : how contacts damp the bands; None for bands without loss alone.
-    exponents : whether those of the velocities are, for which a simulation solves two more equilibria at each load.
-    sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are left out.
-    observe : the words for what is asked, as of a scene; a registered observable among them must be found.
-    alone : whether it is the only state. The balls of its samples are kept, for files and figures of them, and messages need
-        not say which state they are about.
+    exponents : whether those of the velocities are, for which a simulation solves two more
+        equilibria at each load.
+    sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are
+        left out.
+    observe : the words for what is asked, as of a scene; a registered observable among them must be
+        found.
+    alone : whether it is the only state. The balls of its samples are kept, for files and figures
+        of them, and messages need not say which state they are about.
     """
 
     finite_overlap: bool = False
@@ -120,7 +140,9 @@ class Asked:
     observe: tuple[str, ...] = ("velocities",)
 
     def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
-        """Find the points along the path of the bands, (s, p, 3), and the labels of its corners; None without bands."""
+        """Find the points along the path of the bands, (s, p, 3), and the labels of its corners;
+        None without bands.
+        """
         if self.path is None:
             return None
         corners, npoints, labels = self.path
@@ -132,7 +154,8 @@ class Asked:
 class Case:
     """One medium on one packing, at all values of an applied load, and what is asked of its states.
 
-    ``where`` names the swept parameters of the packing with their values, in words; empty if none is swept.
+    ``where`` names the swept parameters of the packing with their values, in words; empty if none
+    is swept.
     """
 
     where: str
@@ -147,30 +170,50 @@ class Case:
         return ", ".join(filter(None, (self.medium.label, self.where)))
 
     def name(self, serving: ServingMedium) -> str:
-        """Return the label of one of the media that serve the loads, with its own where it was chosen automatically."""
-        return f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label
+        """Return the label of one of the media that serve the loads, with its own where it was
+        chosen automatically.
+        """
+        return (
+            f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label
+        )
 
     @cached_property
     def serving_media(self) -> list[ServingMedium]:
-        """The media that serve the loads, each with its loads: the medium itself, or those that an automatic medium chooses.
+        """The media that serve the loads, each with its loads: the medium itself, or those that an
+        automatic medium chooses.
 
-        They are found once, for all who hold the case. :class:`~granphon.base.errors.InputError` if the packing has no such
-        medium, or if none can be chosen.
+        They are found once, for all who hold the case. :class:`~granphon.base.errors.InputError` if
+        the packing has no such medium, or if none can be chosen.
         """
         return self.medium.choose(self.packing, self.load)
 
     @cached_property
     def media(self) -> list[MediumTask]:
-        """A task for each medium that serves loads; an error names the case, and the load if it is known."""
+        """A task for each medium that serves loads; an error names the case, and the load if it is
+        known.
+        """
         try:
-            serving_media = [one for serving in self.serving_media for one in serving.by_geometry(self.asked.finite_overlap)]
+            serving_media = [
+                one
+                for serving in self.serving_media
+                for one in serving.by_geometry(self.asked.finite_overlap)
+            ]
         except InputError as error:
-            at, periods = error.load_index, self.packing.structure.periods
+            at = error.load_index
+            periods = self.packing.structure.periods
             raise _name_load(self.label, self.load, at, error, periods) from error
-        # lattices have no waves of their own here, but for those of networks, and their exponents cost nothing
+        # lattices have no waves of their own here, but for those of networks, and their exponents
+        # cost nothing
         networks = () if self.asked.waves is None else self.asked.waves.of_networks
-        ideal = replace(self.asked, waves=WaveSettings(of_networks=networks) if networks else None, exponents=True)
-        return [MediumTask(self.name(one), one, self.asked if one.arrays else ideal) for one in serving_media]
+        ideal = replace(
+            self.asked,
+            waves=WaveSettings(of_networks=networks) if networks else None,
+            exponents=True,
+        )
+        return [
+            MediumTask(self.name(one), one, self.asked if one.arrays else ideal)
+            for one in serving_media
+        ]
 
     @cached_property
     def tasks(self) -> list[MediumTask]:
@@ -178,44 +221,70 @@ class Case:
         return [task for one in self.media for task in one.tasks]
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """Put the results of the :attr:`tasks` together; variables that only some of several media have are left out."""
-        left, found = iter(parts), list[TaskResult]()
+        """Put the results of the :attr:`tasks` together; variables that only some of several media
+        have are left out.
+        """
+        left = iter(parts)
+        found = list[TaskResult]()
         for one in self.media:
             found.append(one.join(list(islice(left, len(one.tasks)))))
         if len(found) == 1:
             return found[0]
-        marks, found = _join_marks(found, [one.serving.loads for one in self.media]), [drop_marks(part) for part in found]
+        marks = _join_marks(found, [one.serving.loads for one in self.media])
+        found = [drop_marks(part) for part in found]
         order = np.argsort(np.concatenate([one.serving.loads for one in self.media]))
-        # notes on parts of the loads become notes on all of them: each condition and each sentence appears once
+        # notes on parts of the loads become notes on all of them: each condition and each sentence
+        # appears once
         notes: dict[Any, Check | str] = {}
         for note in (_read_note(text) for part in found for text in part["warnings"].tolist()):
-            key = note if isinstance(note, str) else (note.name, note.limit, note.reason, note.at_least)
+            key = (
+                note
+                if isinstance(note, str)
+                else (note.name, note.limit, note.reason, note.at_least)
+            )
             before = notes.get(key)
-            notes[key] = before.join(note) if isinstance(before, Check) and isinstance(note, Check) else note
+            notes[key] = (
+                before.join(note) if isinstance(before, Check) and isinstance(note, Check) else note
+            )
         out: TaskResult = {"warnings": _write_notes(notes.values())}
-        named = {name: value for part in found for name, value in part.items() if name != "warnings"}
+        named = {
+            name: value for part in found for name, value in part.items() if name != "warnings"
+        }
         for name, value in named.items():
-            # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
-            if all(name in part for part in found) or not self.media[0].serving.chosen_automatically:
+            # arrays of one medium in two geometries have the same variables, of which some may be
+            # known in one alone
+            if (
+                all(name in part for part in found)
+                or not self.media[0].serving.chosen_automatically
+            ):
                 rows = [
-                    part[name] if name in part else np.full((one.load.size, *value.shape[1:]), np.nan)
+                    part[name]
+                    if name in part
+                    else np.full((one.load.size, *value.shape[1:]), np.nan)
                     for part, one in zip(found, self.media, strict=True)
                 ]
                 out[name] = np.concatenate(pad_alike(rows))[order]
         return out | marks
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
-        """Return the only state, that of a simulation, with the samples whose balls the :attr:`tasks` kept."""
+        """Return the only state, that of a simulation, with the samples whose balls the
+        :attr:`tasks` kept.
+        """
         (serving,) = self.serving_media
         (medium,) = serving.arrays
-        samples = [restore_sample(task.simulation, part) for task, part in zip(self.tasks, parts, strict=True)]
+        samples = [
+            restore_sample(task.simulation, part)
+            for task, part in zip(self.tasks, parts, strict=True)
+        ]
         state = SimulatedState.of(medium, samples, serving.load.applied[0])
         return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Every medium at every combination of the values of the ``axes`` of a packing, under an applied load."""
+    """Every medium at every combination of the values of the ``axes`` of a packing, under an
+    applied load.
+    """
 
     packing: Balls
     axes: Sequence[Axis]
@@ -225,7 +294,9 @@ class Grid:
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
-        """The cases, the media running fastest; :class:`~granphon.base.errors.InputError` for an impossible packing."""
+        """The cases, the media running fastest; :class:`~granphon.base.errors.InputError` for an
+        impossible packing.
+        """
         return tuple(
             Case(where, packing, medium, self.load, self.asked)
             for where, packing in combine(self.packing, self.axes)
@@ -233,10 +304,14 @@ class Grid:
         )
 
 
-def require_arrays(media: Sequence[MediumChoice], swept: Iterable[str], names: Iterable[str]) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if there are no arrays for the waves ``names``.
+def require_arrays(
+    media: Sequence[MediumChoice], swept: Iterable[str], names: Iterable[str]
+) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if there are no arrays for the waves
+    ``names``.
 
-    These are "dos", "spectrum" and "pulse" of simulated arrays themselves. ``swept`` are the parameters that are swept.
+    These are "dos", "spectrum" and "pulse" of simulated arrays themselves. ``swept`` are the
+    parameters that are swept.
     """
     wanted = list(names)
     for one in media if wanted else ():
@@ -256,13 +331,15 @@ def pad_alike(arrays: Sequence[Array]) -> list[Array]:
     most = max(one.shape[-1] if one.ndim > 1 else 0 for one in arrays)
     return [
         np.pad(one, [(0, 0)] * (one.ndim - 1) + [(0, most - one.shape[-1])], constant_values=np.nan)
-        if one.ndim > 1 and one.shape[-1] < most else one
+        if one.ndim > 1 and one.shape[-1] < most
+        else one
         for one in arrays
-    ]  # fmt: skip
+    ]
 
 
 def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
-    """Return warnings of cases, given as (label, text), each after the label of its case; a text of many is said once.
+    """Return warnings of cases, given as (label, text), each after the label of its case; a text of
+    many is said once.
 
     A text that begins with the label, as one about a medium, stands alone.
     """
@@ -270,17 +347,23 @@ def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
     for label, text in labelled:
         labels.setdefault(text, []).append(label)
     return [
-        f"{first} and {len(others)} more: {text}" if others else text if text.startswith(f"{first} ") else f"{first}: {text}"
+        f"{first} and {len(others)} more: {text}"
+        if others
+        else text
+        if text.startswith(f"{first} ")
+        else f"{first}: {text}"
         for text, (first, *others) in labels.items()
     ]
 
 
-# -- of a medium ----------------------------------------------------------------------------------------------------
+# -- of a medium -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class MediumTask(Task):
-    """One medium on one packing at all loads that it serves, which are solved together, in one step."""
+    """One medium on one packing at all loads that it serves, which are solved together, in one
+    step.
+    """
 
     where: str
     serving: ServingMedium
@@ -299,42 +382,66 @@ class MediumTask(Task):
 
     @cached_property
     def name(self) -> str:
-        """Name of the result: the medium, and a digest of everything that determines the numbers."""
+        """Name of the result: the medium, and a digest of everything that determines the
+        numbers.
+        """
         serving = self.serving
         data = {
-            "packing": serving.packing, "medium": serving.medium, "load": serving.load, "asked": vars(self.asked),
-            "chosen": serving.chosen_automatically, "schema": SWEEP_SCHEMA, "versions": packages(),
+            "packing": serving.packing,
+            "medium": serving.medium,
+            "load": serving.load,
+            "asked": vars(self.asked),
+            "chosen": serving.chosen_automatically,
+            "schema": SWEEP_SCHEMA,
+            "versions": packages(),
             "added": list_added("observable"),
-        }  # fmt: skip
+        }
         return f"{serving.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
     @property
     def kind(self) -> str:
         """Medium, size of an array and number of loads, on which the time depends most."""
         serving = self.serving
-        return f"{serving.medium.name} {serving.medium.settings.get('shape', '')} {len(serving.loads)}"
+        return (
+            f"{serving.medium.name} {serving.medium.settings.get('shape', '')} {len(serving.loads)}"
+        )
 
     @property
     def memory(self) -> float:
         """Estimated memory of the process that solves it, bytes; 0 of a medium without an array."""
-        return estimate(self.simulation, self.load, exponents=self.asked.exponents).memory if self.serving.arrays else 0.0
+        return (
+            estimate(self.simulation, self.load, exponents=self.asked.exponents).memory
+            if self.serving.arrays
+            else 0.0
+        )
 
     @property
     def tasks(self) -> list[MediumTask]:
-        """The tasks that can run side by side: one for each sample of a simulation, or this task itself."""
+        """The tasks that can run side by side: one for each sample of a simulation, or this task
+        itself.
+        """
         samples = self.serving.samples
         ends = [f", seed {one.medium.settings['seed']}" * (len(samples) > 1) for one in samples]
-        asked = replace(self.asked, path=None, direction=None, surface=None, observe=())  # none is asked for of a sample
-        return [SampleTask(self.where + end, one, asked) for end, one in zip(ends, samples, strict=True)] or [self]
+        # none is asked for of a sample
+        asked = replace(self.asked, path=None, direction=None, surface=None, observe=())
+        return [
+            SampleTask(self.where + end, one, asked) for end, one in zip(ends, samples, strict=True)
+        ] or [self]
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """Return the result of the :attr:`tasks`: samples are averaged, at the loads that all of them have reached."""
+        """Return the result of the :attr:`tasks`: samples are averaged, at the loads that all of
+        them have reached.
+        """
         if not self.serving.arrays:
             return parts[0]
-        size, places, own = self.load.size, find_reached(parts, self.load.size), [drop_marks(part) for part in parts]
+        size = self.load.size
+        places = find_reached(parts, self.load.size)
+        own = [drop_marks(part) for part in parts]
         load = self.load if len(places) == size else self.load[places]
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
-        out = self.observe(Analysis(SimulatedState.of(self.simulation, records, load), self.asked.direction))
+        out = self.observe(
+            Analysis(SimulatedState.of(self.simulation, records, load), self.asked.direction)
+        )
         if self.asked.waves is not None:
             out = add_waves(out, self, load, records)
         return _expand_loads(out, places, size) | _join_marks(parts, [np.arange(size)] * len(parts))
@@ -358,10 +465,13 @@ class MediumTask(Task):
 
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
-        state, asked = analysis.state, self.asked
+        state = analysis.state
+        asked = self.asked
         # conditions that hold are kept only where another medium, at other loads, may not meet them
         notes: list[Check | str] = [
-            one for one in analysis.validity.checks if one.failing or self.serving.chosen_automatically
+            one
+            for one in analysis.validity.checks
+            if one.failing or self.serving.chosen_automatically
         ]
         find = partial(find_all, analysis, swept=True, observed=asked.observe)
         out = find(("state",))
@@ -376,8 +486,12 @@ class MediumTask(Task):
             notes.append(f"velocities and moduli are left out: {error}")
         out |= find(("exponent",)) if asked.exponents else {}
         notes += [*warn_of_missing_error(out), *analysis.failed.values()]
-        found = {name: np.asarray(value)[None] if state.is_single else np.asarray(value) for name, value in out.items()}
-        # in the paper's limit one dispersion relation serves all loads, unless the torsion is that of a Hertz contact
+        found = {
+            name: np.asarray(value)[None] if state.is_single else np.asarray(value)
+            for name, value in out.items()
+        }
+        # in the paper's limit one dispersion relation serves all loads, unless the torsion is that
+        # of a Hertz contact
         way = asked.find_path(self.serving.packing.structure)
         many = not state.is_single and (asked.surface is not None or way is not None)
         loads = [state[i] for i in range(len(state.force))] if many else [state]
@@ -385,7 +499,10 @@ class MediumTask(Task):
         if asked.surface is not None and state.n_samples:
             notes.append("waves of an edge are left out: those of a simulated array are not known")
         elif asked.surface is not None:
-            from granphon.phonons.surfaces import observe_surface  # imported here: other runs do not need it
+            # imported here: other runs do not need it
+            from granphon.phonons.surfaces import (
+                observe_surface,
+            )
 
             of = asked.surface
             found |= observe_surface(loads, different, of.axis, of.edge, of.points)
@@ -395,28 +512,43 @@ class MediumTask(Task):
             paths = [one.wavevectors(way[0].reshape(-1, 3)) for one in lattices]
             rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
             hertz = np.array([one.scales.frequency for one in loads])
-            found["frequencies"] = (hertz[:, None, None] * rows).reshape(len(loads), *way[0].shape[:2], -1)
-            notes += [*lattices[0].free_branch_warnings, *lattices[0].soft_mode_warnings(paths[0], rows[0])]
+            found["frequencies"] = (hertz[:, None, None] * rows).reshape(
+                len(loads), *way[0].shape[:2], -1
+            )
+            notes += [
+                *lattices[0].free_branch_warnings,
+                *lattices[0].soft_mode_warnings(paths[0], rows[0]),
+            ]
             notes += [LATTICE_BANDS] * bool(state.n_samples)
             if (lossy := asked.bands) is not None:
-                from granphon.phonons.phonons import Phonons  # imported here: other runs do not need phonopy
+                # imported here: other runs do not need phonopy
+                from granphon.phonons.phonons import (
+                    Phonons,
+                )
 
                 q, shape = way[0].reshape(-1, 3), (len(loads), *way[0].shape[:2], -1)
                 damped = [Phonons(one).damped(q, lossy.damping, lossy.loss_factor) for one in loads]
-                found["damped_frequency"] = np.array([one.frequencies.real for one in damped]).reshape(shape)
+                found["damped_frequency"] = np.array(
+                    [one.frequencies.real for one in damped]
+                ).reshape(shape)
                 found["damped_decay"] = np.array([one.decay for one in damped]).reshape(shape)
                 found["damped_quality"] = np.array([one.quality for one in damped]).reshape(shape)
         return found | {"warnings": _write_notes(notes)}
 
     def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:
-        """Return what is asked of the network at each load, without samples; nothing if nothing is. Errors name the load.
+        """Return what is asked of the network at each load, without samples; nothing if nothing is.
+        Errors name the load.
 
         With ``whole`` the results themselves are kept too.
         """
-        records, periods = list[SampleRecord](), self.serving.packing.structure.periods
+        records = list[SampleRecord]()
+        periods = self.serving.packing.structure.periods
         if self.asked.waves is None:
             return records
-        from granphon.runs.wave_records import record_networks  # imported here: other runs do not need it
+        # imported here: other runs do not need it
+        from granphon.runs.wave_records import (
+            record_networks,
+        )
 
         for index in range(self.load.size):
             try:
@@ -425,14 +557,17 @@ class MediumTask(Task):
             except GranphonError as error:
                 if self.asked.alone:
                     raise
-                raise error.restate(f"{self.where}, {self.load[index].describe(periods)}: {error}") from None
+                raise error.restate(
+                    f"{self.where}, {self.load[index].describe(periods)}: {error}"
+                ) from None
         return records
 
     def _locate(self, error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load.
 
-        It is ``error`` if its load is known, otherwise that of the first load which fails alone; its ``load_index`` is the
-        index of that load in the sweep. If no load fails alone, ``error`` is returned with the task only.
+        It is ``error`` if its load is known, otherwise that of the first load which fails alone;
+        its ``load_index`` is the index of that load in the sweep. If no load fails alone, ``error``
+        is returned with the task only.
         """
         if self.asked.alone:
             error.load_index = 0 if error.option is None else None
@@ -440,20 +575,26 @@ class MediumTask(Task):
         periods = self.serving.packing.structure.periods
         if error.option is not None:  # it is not about a load
             return _name_load(self.where, self.load, None, error, periods)
-        at, first = error.load_index, error  # an error of a simulation knows its load: nothing is simulated again
+        at = error.load_index
+        first = error  # an error of a simulation knows its load: nothing is simulated again
         for index in range(self.load.size) if at is None else ():
             try:
                 self.observe(Analysis(self.state(self.load[[index]]), self.asked.direction))
             except GranphonError as alone:
-                at, first = index, alone
+                at = index
+                first = alone
                 break
         located = _name_load(self.where, self.load, at, first if at is not None else error, periods)
         located.load_index = error.load_index if at is None else int(self.serving.loads[at])
         return located
 
 
-def _name_load(where: str, load: Load, index: int | None, error: GranphonError, periods: int) -> GranphonError:
-    """Return ``error`` with the task, and the load number ``index`` if it is known, which it keeps, before its message."""
+def _name_load(
+    where: str, load: Load, index: int | None, error: GranphonError, periods: int
+) -> GranphonError:
+    """Return ``error`` with the task, and the load number ``index`` if it is known, which it keeps,
+    before its message.
+    """
     if index is None:
         return error.restate(f"{where}: {error}")
     located = error.restate(f"{where}, {load[index].describe(periods)}: {error}")
@@ -461,45 +602,58 @@ def _name_load(where: str, load: Load, index: int | None, error: GranphonError, 
     return located
 
 
-def add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]) -> TaskResult:
-    """Return ``out`` with the means over samples of the waves at the loads of a task, and notes on what is not known.
+def add_waves(
+    out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]
+) -> TaskResult:
+    """Return ``out`` with the means over samples of the waves at the loads of a task, and notes on
+    what is not known.
 
     A state without samples has one record at each load.
 
-    An observable that is not known at some of the loads is nan there; one that is known at none is left out.
+    An observable that is not known at some of the loads is nan there; one that is known at none is
+    left out.
     """
-    from granphon.runs.wave_records import average_waves  # imported here: a sweep without waves does not need it
+    # imported here: a sweep without waves does not need it
+    from granphon.runs.wave_records import (
+        average_waves,
+    )
 
     assert task.asked.waves is not None
     count = len(records) // load.size
-    rows, said = list[dict[str, Array]](), dict[str, list[int]]()
+    rows = list[dict[str, Array]]()
+    said = dict[str, list[int]]()
     for index in range(load.size):
-        row, texts = average_waves([one.of_waves for one in records[index * count : (index + 1) * count]], task.asked.waves)
+        row, texts = average_waves(
+            [one.of_waves for one in records[index * count : (index + 1) * count]], task.asked.waves
+        )
         rows.append(row)
         for text in texts:
             said.setdefault(text, []).append(index)
     known = {name: value for row in rows for name, value in row.items()}
     found = {
-        name: np.array(pad_alike([row.get(name, np.full_like(one, np.nan)) for row in rows])) for name, one in known.items()
+        name: np.array(pad_alike([row.get(name, np.full_like(one, np.nan)) for row in rows]))
+        for name, one in known.items()
     }
     notes = []
     for text, indices in said.items():
         more = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
         where = f"at {load[indices[0]].describe(task.serving.packing.structure.periods)}{more}, "
         # a note need not name the loads if they are all those of the medium
-        notes.append(text if len(indices) == load.size and not task.serving.is_part else where + text)
+        notes.append(
+            text if len(indices) == load.size and not task.serving.is_part else where + text
+        )
     return out | found | {"warnings": np.concatenate([out["warnings"], _write_notes(notes)])}
 
 
-# -- of a sample ----------------------------------------------------------------------------------------------------
+# -- of a sample -----------------------------------------------------------------------------------
 
 
 class SampleTask(MediumTask):
     """One sample of a simulation at all loads, one load in each step.
 
-    The highest load comes first, and the search for each equilibrium starts from the one before, as in a simulation that is
-    not cut into tasks. An unfinished result has its loads in this order, and the balls at rest under the last of them.
-    With a history of friction all loads are one step.
+    The highest load comes first, and the search for each equilibrium starts from the one before, as
+    in a simulation that is not cut into tasks. An unfinished result has its loads in this order,
+    and the balls at rest under the last of them. With a history of friction all loads are one step.
     """
 
     @property
@@ -512,27 +666,37 @@ class SampleTask(MediumTask):
         return 1 if self.simulation.friction_history else len(part["force"])
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Add one load to ``begun``; with the last, return every number of the sample that is averaged, (n_loads, ...)."""
-        simulation, size = self.simulation, self.load.size
+        """Add one load to ``begun``; with the last, return every number of the sample that is
+        averaged, (n_loads, ...).
+        """
+        simulation = self.simulation
+        size = self.load.size
         if simulation.friction_history:
             try:
                 return super().solve()
             except GranphonError as error:
                 if error.reached is None:
                     raise
-                # the path has ended early: the result is that at the loads before, marked with the error
+                # the path has ended early: the result is that at the loads before, marked with the
+                # error
                 history: Any = simulation.history
                 order = history.sort(simulation.prescribed(self.load))
                 places = sorted(order[: len(error.reached.force)])
                 at = -1 if error.load_index is None else error.load_index
-                marks = {_MISSED: np.setdiff1d(np.arange(size), places), _WHY: np.array([str(error)]), _AT: np.array([at])}
+                marks = {
+                    _MISSED: np.setdiff1d(np.arange(size), places),
+                    _WHY: np.array([str(error)]),
+                    _AT: np.array([at]),
+                }
                 return _expand_loads(self._record(error.reached.samples), places, size) | marks
         index: int | None = None
         try:
             loads = simulation.prescribed(self.load)
             order = sort_by_load(loads)
             so_far = dict(begun or {})
-            before = (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
+            before = (
+                (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
+            )
             index = order[self.done(so_far) if so_far else 0]
             sample = simulation.sample(loads[index], before)
             found = self._record([sample])
@@ -540,79 +704,126 @@ class SampleTask(MediumTask):
             if index is not None:
                 error.load_index = index
             raise self._locate(error) from error
-        found = {name: np.concatenate([so_far[name], value]) if so_far else value for name, value in found.items()}
+        found = {
+            name: np.concatenate([so_far[name], value]) if so_far else value
+            for name, value in found.items()
+        }
         if self.done(found) < len(order):
             rest = sample.equilibrium
             return found | {"rest_overlap": np.array(rest.overlap), "rest_balls": rest.balls}
         return {name: value[np.argsort(order)] for name, value in found.items()}
 
     def observe(self, analysis: Analysis) -> TaskResult:
-        """Return every number of the samples that is averaged, (n_loads, ...), and the balls if they are kept."""
+        """Return every number of the samples that is averaged, (n_loads, ...), and the balls if
+        they are kept.
+        """
         return self._record(analysis.state.samples)
 
     def _record(self, samples: Sequence[Any]) -> TaskResult:
         asked = self.asked
-        found = SampleRecord.to_part([SampleRecord.of(one, asked.waves, asked.exponents, asked.alone) for one in samples])
+        found = SampleRecord.to_part(
+            [SampleRecord.of(one, asked.waves, asked.exponents, asked.alone) for one in samples]
+        )
         if not asked.alone:
             return found
         # the balls at rest, each array after an axis of one load
         rest = samples[0].equilibrium
         kept = {name: np.asarray(getattr(rest, name)) for name in _list_kept(type(rest))}
-        if not isinstance(samples[0], PressedSample):  # after a history they follow from the elastic tensors
+        if not isinstance(samples[0], PressedSample):
+            # after a history they follow from the elastic tensors
             kept["derivatives"] = np.array([rest.stiffness, rest.stiffness_slope])
         return found | {_BALLS + name: value[None] for name, value in kept.items()}
 
 
 class SampleRecord(SimpleNamespace):
-    """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units, under the sample's names.
+    """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units,
+    under the sample's names.
 
-    It stands where the state has samples. ``fraction`` is the sample's ``contact_fraction()``, and ``of_waves`` what
-    :func:`~granphon.runs.wave_records.record_waves` found of its waves, if anything was asked for. Numbers of a history of
-    friction, and tensors at neighbouring loads, are there where the sample has them.
+    It stands where the state has samples. ``fraction`` is the sample's ``contact_fraction()``, and
+    ``of_waves`` what :func:`~granphon.runs.wave_records.record_waves` found of its waves, if
+    anything was asked for. Numbers of a history of friction, and tensors at neighbouring loads, are
+    there where the sample has them.
     """
 
     @classmethod
     def of(
-        cls, sample: Sample | PressedSample, waves: WaveSettings | None = None, exponents: bool = True, whole: bool = False
+        cls,
+        sample: Sample | PressedSample,
+        waves: WaveSettings | None = None,
+        exponents: bool = True,
+        whole: bool = False,
     ) -> Self:
-        """Record a sample; what it has not computed yet is computed now, with the ``waves`` that are asked for.
+        """Record a sample; what it has not computed yet is computed now, with the ``waves`` that
+        are asked for.
 
-        There are tensors at neighbouring loads for ``exponents`` of balls that differ. With ``whole`` the waves themselves
-        are kept too.
+        There are tensors at neighbouring loads for ``exponents`` of balls that differ. With
+        ``whole`` the waves themselves are kept too.
         """
         found: dict[str, Any] = {}
         if waves is not None:
-            from granphon.runs.wave_records import record_waves  # imported here: a sweep without waves does not need it
+            # imported here: a sweep without waves does not need it
+            from granphon.runs.wave_records import (
+                record_waves,
+            )
 
             found = record_waves(sample, waves, whole)
         beside = ("elastic_tensors_beside",) * bool(exponents and sample.packing.spread_matters)
         names = (*_AVERAGED, *beside, *(name for name in HISTORY_UNITS if hasattr(sample, name)))
-        return cls(**{name: getattr(sample, name) for name in names}, fraction=sample.contact_fraction(), of_waves=found)
+        return cls(
+            **{name: getattr(sample, name) for name in names},
+            fraction=sample.contact_fraction(),
+            of_waves=found,
+        )
 
     @classmethod
     def from_part(cls, part: TaskResult, index: int) -> Self:
         """Take the record at one of the loads from the result of a task."""
         numbers = {name: value[index] for name, value in part.items()}
-        waves = {name.removeprefix(_WAVES): value for name, value in numbers.items() if name.startswith(_WAVES)}
-        return cls(**{name: value for name, value in numbers.items() if "." not in name}, of_waves=waves)
+        waves = {
+            name.removeprefix(_WAVES): value
+            for name, value in numbers.items()
+            if name.startswith(_WAVES)
+        }
+        return cls(
+            **{name: value for name, value in numbers.items() if "." not in name}, of_waves=waves
+        )
 
     @classmethod
     def to_part(cls, records: Sequence[Self]) -> TaskResult:
-        """Stack the records at several loads as the result of a task: each number (n_loads, ...)."""
-        rows = [vars(one) | {_WAVES + name: value for name, value in one.of_waves.items()} for one in records]
-        return {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "of_waves"}
+        """Stack the records at several loads as the result of a task: each number (n_loads,
+        ...).
+        """
+        rows = [
+            vars(one) | {_WAVES + name: value for name, value in one.of_waves.items()}
+            for one in records
+        ]
+        return {
+            name: np.array([row[name] for row in rows]) for name in rows[0] if name != "of_waves"
+        }
 
     def contact_fraction(self) -> float:
-        """Return the fraction of the contacts that carry load, N_c / 6 on the triangular lattice."""
+        """Return the fraction of the contacts that carry load, N_c / 6 on the triangular
+        lattice.
+        """
         return float(self.fraction)
 
 
 def restore_sample(simulation: DirectSimulation, part: TaskResult) -> Sample | PressedSample:
     """Return the one sample of a simulation, with what a task has found of it and its balls."""
-    packing, seed, history = simulation.packing, simulation.seed_of(0), simulation.history
-    kind = PressedEquilibrium if history.is_loaded else TrueEquilibrium if simulation.ratio else Equilibrium
+    packing = simulation.packing
+    seed = simulation.seed_of(0)
+    history = simulation.history
+    kind = (
+        PressedEquilibrium
+        if history.is_loaded
+        else TrueEquilibrium
+        if simulation.ratio
+        else Equilibrium
+    )
     given: dict[str, Any] = {name: part[_BALLS + name][0] for name in _list_kept(kind)}
-    rest: Any = kind(deviations=read_only(simulation.deviations(0)), lattice=packing.structure, **given)
+    rest: Any = kind(
+        deviations=read_only(simulation.deviations(0)), lattice=packing.structure, **given
+    )
     if not history.is_loaded:
         vars(rest)["_derivatives"] = tuple(part[_BALLS + "derivatives"][0].tolist())
         sample: Sample | PressedSample = Sample(packing, seed, rest)
@@ -627,11 +838,13 @@ def _list_kept(kind: type[Equilibrium]) -> list[str]:
     return [one.name for one in fields(kind) if one.name not in ("deviations", "lattice")]
 
 
-# -- paths of loads that end early -----------------------------------------------------------------------------------
+# -- paths of loads that end early -----------------------------------------------------------------
 
 
 def _expand_loads(part: TaskResult, places: Sequence[int], size: int) -> TaskResult:
-    """Return a result at the loads in ``places`` with a row for each of all loads; the other rows mean nothing."""
+    """Return a result at the loads in ``places`` with a row for each of all loads; the other rows
+    mean nothing.
+    """
     rows = np.zeros(size, int)
     rows[list(places)] = range(len(places))
     return {name: value if name == "warnings" else value[rows] for name, value in part.items()}
@@ -643,7 +856,9 @@ def drop_marks(part: TaskResult) -> TaskResult:
 
 
 def find_reached(parts: Sequence[TaskResult], size: int) -> list[int]:
-    """Return the places of the loads, of ``size``, that all results have; raise the error of a path if there is none."""
+    """Return the places of the loads, of ``size``, that all results have; raise the error of a path
+    if there is none.
+    """
     missed = {place for part in parts if _MISSED in part for place in part[_MISSED].tolist()}
     if len(missed) == size:
         raise explain_end(parts)
@@ -651,29 +866,44 @@ def find_reached(parts: Sequence[TaskResult], size: int) -> list[int]:
 
 
 def _join_marks(parts: Sequence[TaskResult], loads: Sequence[NDArray[Any]]) -> TaskResult:
-    """Return the marks of what is made of several results, each at some of the ``loads``; nothing if no path ended early."""
+    """Return the marks of what is made of several results, each at some of the ``loads``; nothing
+    if no path ended early.
+    """
     ended = [(part, own) for part, own in zip(parts, loads, strict=True) if _MISSED in part]
     if not ended:
         return {}
     missed = np.unique(np.concatenate([own[part[_MISSED]] for part, own in ended]))
-    return {_MISSED: missed} | {name: np.concatenate([part[name] for part, _ in ended]) for name in (_WHY, _AT)}
+    return {_MISSED: missed} | {
+        name: np.concatenate([part[name] for part, _ in ended]) for name in (_WHY, _AT)
+    }
 
 
 def explain_end(parts: Sequence[TaskResult]) -> ConvergenceError:
     """Return the error of the first path that ended early."""
-    whys, places = ([one for part in parts if name in part for one in part[name].tolist()] for name in (_WHY, _AT))
-    more = "" if len(whys) == 1 else f" {counted(len(whys) - 1, 'more path')} of the sweep ended early."
+    whys, places = (
+        [one for part in parts if name in part for one in part[name].tolist()]
+        for name in (_WHY, _AT)
+    )
+    more = (
+        ""
+        if len(whys) == 1
+        else f" {counted(len(whys) - 1, 'more path')} of the sweep ended early."
+    )
     error = ConvergenceError(whys[0] + more)
     error.load_index = places[0] if places[0] >= 0 else None
     return error
 
 
-# -- notes -----------------------------------------------------------------------------------------------------------
+# -- notes -----------------------------------------------------------------------------------------
 
 
 def _write_notes(notes: Iterable[Check | str]) -> NDArray[Any]:
-    """Encode notes on a result, conditions over loads or sentences, as an array of JSON texts, each once."""
-    texts = [to_json(note if isinstance(note, str) else list(vars(note).values())) for note in notes]
+    """Encode notes on a result, conditions over loads or sentences, as an array of JSON texts, each
+    once.
+    """
+    texts = [
+        to_json(note if isinstance(note, str) else list(vars(note).values())) for note in notes
+    ]
     return np.array(list(dict.fromkeys(texts)), "S")  # ASCII: one byte for each letter
 
 
@@ -684,5 +914,8 @@ def _read_note(text: bytes) -> Check | str:
 
 def tell_warnings(part: TaskResult) -> list[str]:
     """Return the warnings of a result: a sentence for each condition that fails."""
-    sentences = (note if isinstance(note, str) else note.warning for note in map(_read_note, part["warnings"].tolist()))
+    sentences = (
+        note if isinstance(note, str) else note.warning
+        for note in map(_read_note, part["warnings"].tolist())
+    )
     return [sentence for sentence in sentences if sentence is not None]

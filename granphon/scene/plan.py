@@ -1,6 +1,8 @@
-"""The plan of a scene: what it asks for, checked, its cases, the media that serve the loads, and memory and time.
+"""The plan of a scene: what it asks for, checked, its cases, the media that serve the loads, and
+memory and time.
 
-Reading, checking, running and estimating the cost all use the plan of a scene, so that nothing is computed twice.
+Reading, checking, running and estimating the cost all use the plan of a scene, so that nothing is
+computed twice.
 """
 
 from __future__ import annotations
@@ -61,24 +63,29 @@ if TYPE_CHECKING:
 
 #: what a spectrum is by default
 _SPECTRUM = SpectrumSettings()
-#: a part of the work: the path of the key that asks for it, how the user can make it smaller, and its cost
+#: a part of the work: the path of the key that asks for it, how the user can make it smaller, and
+#: its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
-#: greatest number of cases that are all checked; if there are more, only those at the ends of the axes are
+#: greatest number of cases that are all checked; if there are more, only those at the ends of the
+#: axes are
 MOST_CASES = 100
-#: greatest number of states that a survey solves; if there are more, it solves those at the ends of the axes and loads
+#: greatest number of states that a survey solves; if there are more, it solves those at the ends of
+#: the axes and loads
 MOST_STATES = 20_000
 #: greatest number of balls of an array whose waves are checked when a scene is read
 QUICK_BALLS = 100_000
-#: greatest number of balls, in all samples and cases, whose rest at the start of a loading is found when a scene is read
+#: greatest number of balls, in all samples and cases, whose rest at the start of a loading is found
+#: when a scene is read
 QUICK_STARTS = 5_000
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedCase:
-    """A case of a scene, whose errors are placed in the file: one medium on one packing, at all loads.
+    """A case of a scene, whose errors are placed in the file: one medium on one packing, at all
+    loads.
 
-    The load of the ``case`` is what the contacts bear, a force, pressure or overlap; ``written`` is the kind of load that
-    the scene gives, which may be a side force instead.
+    The load of the ``case`` is what the contacts bear, a force, pressure or overlap; ``written`` is
+    the kind of load that the scene gives, which may be a side force instead.
     """
 
     case: Case
@@ -99,19 +106,27 @@ class PlannedCase:
     def states(self, quick: bool) -> Iterator[tuple[str, ContactState]]:
         """Label and state of each medium, or of those alone whose states are ``quick`` to find.
 
-        Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if the case has one load.
+        Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if
+        the case has one load.
         """
         for serving in self.serving_media:
             if serving.is_quick or not quick:
-                yield self.case.name(serving), self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
+                yield (
+                    self.case.name(serving),
+                    self.state if self.case.load.size == 1 else self._solve(serving, serving.load),
+                )
 
     @cached_property
     def is_possible(self) -> bool:
-        """True; raises if the packing is not rigid, has no such medium, or cannot carry the least or greatest of the loads.
+        """True; raises if the packing is not rigid, has no such medium, or cannot carry the least
+        or greatest of the loads.
 
-        For this no simulation, no cluster medium, and no effective medium of a long list of diameters is solved.
+        For this no simulation, no cluster medium, and no effective medium of a long list of
+        diameters is solved.
         """
-        for index in dict.fromkeys((int(np.argmin(self.case.load.array)), int(np.argmax(self.case.load.array)))):
+        for index in dict.fromkeys(
+            (int(np.argmin(self.case.load.array)), int(np.argmax(self.case.load.array)))
+        ):
             serving = next(serving for serving in self.serving_media if index in serving.loads)
             with self.at_load(index, f"{self.case.label}: "):
                 serving.medium.of(self.case.packing).require(self.case.load[index])
@@ -121,7 +136,9 @@ class PlannedCase:
         return True
 
     def require_start(self, most: float) -> float:
-        """Raise if a load is below a start of another kind, in samples of up to ``most`` balls; return how many are left."""
+        """Raise if a load is below a start of another kind, in samples of up to ``most`` balls;
+        return how many are left.
+        """
         for serving in self.serving_media:
             medium = serving.medium.of(self.case.packing)
             index = int(serving.loads[np.argmin(np.ravel(self.case.load.array)[serving.loads])])
@@ -133,7 +150,9 @@ class PlannedCase:
         return most
 
     def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
-        """Place errors of the block at the load number ``index``, with ``before`` in front; see :class:`SceneSource`."""
+        """Place errors of the block at the load number ``index``, with ``before`` in front; see
+        :class:`SceneSource`.
+        """
         return self.origin.at_index("load", self.written, index, before)
 
     def _find_state(self, index: int) -> ContactState:
@@ -151,7 +170,9 @@ class PlannedCase:
 
 @dataclass(frozen=True)
 class Plan:
-    """The values of a :class:`~granphon.scene.scene.Scene`, which describes them, and how it is carried out."""
+    """The values of a :class:`~granphon.scene.scene.Scene`, which describes them, and how it is
+    carried out.
+    """
 
     schema: ClassVar[int] = rules.SCENE_SCHEMA
 
@@ -174,7 +195,8 @@ class Plan:
     motion: MotionSettings | None = None
     bands: BandsSettings | None = None
     source: Path | None = field(default=None, compare=False)
-    #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
+    #: document and file that the scene was read from; a copy made by ``replace`` has none, as its
+    #: values may differ
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -189,16 +211,29 @@ class Plan:
         if isinstance(cast("object", self.media), tuple | list) and not self.media:
             object.__setattr__(self, "media", default_medium(self.packing, self.balls_differ))
         at = Context(lattice, written=False, kinds=self.packing.kind_names)
-        for name in ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction"):
+        for name in (
+            "media",
+            "finite_overlap",
+            "observe",
+            "band_points",
+            "mesh",
+            "dim",
+            "direction",
+        ):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, require(name, scene_rule(name, at), value))
         if all(one.is_exact for one in self.media) and self.balls_differ:
             object.__setattr__(self, "finite_overlap", True)
         # in space ASE knows the path: a scene without bands does not ask it
-        if self.band is None and (lattice.periods == 2 or {"bands", "spectrum"} & set(self.observe)):
+        if self.band is None and (
+            lattice.periods == 2 or {"bands", "spectrum"} & set(self.observe)
+        ):
             object.__setattr__(self, "band", BandPath.default(lattice))
         if self.load.array.ndim > 1:
-            raise InputError(f"the load has the shape {self.load.shape}", mend="Give one number, or a list of them")
+            raise InputError(
+                f"the load has the shape {self.load.shape}",
+                mend="Give one number, or a list of them",
+            )
         self._require_consistency()
 
     @property
@@ -214,7 +249,9 @@ class Plan:
 
     @property
     def balls_differ(self) -> bool:
-        """Whether the diameters of the balls differ, or differ in a sweep over "width" or "spread"."""
+        """Whether the diameters of the balls differ, or differ in a sweep over "width" or
+        "spread".
+        """
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
     def _asked(self, block: str) -> Any:
@@ -223,30 +260,37 @@ class Plan:
 
     @cached_property
     def waves(self) -> WaveSettings | None:
-        """What is observed of the waves in arrays, where media simulate them, and of networks; None for nothing."""
+        """What is observed of the waves in arrays, where media simulate them, and of networks; None
+        for nothing.
+        """
         networks = tuple(one for one in map(self._asked, NETWORK_BLOCKS) if one is not None)
         if not networks and not set(WAVES) & set(self.observe):
             return None
-        spectrum, pulse = self._asked("spectrum"), self._asked("pulse")
+        spectrum = self._asked("spectrum")
+        pulse = self._asked("pulse")
         way = ((), ()) if spectrum is None else (self.path.paths, self.path.names)
         along = None if pulse is None else self.direction
         return WaveSettings("dos" in self.observe, spectrum, *way, pulse, along, networks)
 
     @property
     def is_single(self) -> bool:
-        """Whether there is one state alone: one load, one medium, and no parameter that is swept."""
+        """Whether there is one state alone: one load, one medium, and no parameter that is
+        swept.
+        """
         return len(self.load.values) == len(self.media) == 1 and not self.parameters
 
     def to_yaml(self) -> str:
         """Return the text of the scene with every default written out and quantities in SI units.
 
-        Read again, it gives the same scene to the last bit. A measured spread of more than 1000 diameters is written as the
-        name of a table, whose text is :attr:`diameters`.
-        :class:`~granphon.base.errors.InputError` if a file has no name for the lattice, or the text is too long.
+        Read again, it gives the same scene to the last bit. A measured spread of more than 1000
+        diameters is written as the name of a table, whose text is :attr:`diameters`.
+        :class:`~granphon.base.errors.InputError` if a file has no name for the lattice, or the text
+        is too long.
         """
         text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
         if len(text.encode()) > MOST_SCENE_BYTES:
-            size, most = len(text.encode()) // 1000, MOST_SCENE_BYTES // 1000
+            size = len(text.encode()) // 1000
+            most = MOST_SCENE_BYTES // 1000
             what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
             raise InputError(what, mend="Give long lists as a range, or call granphon.sweep")
         return text
@@ -255,65 +299,109 @@ class Plan:
         """Return names, values and SI units of what the scene says; no state is computed."""
         from granphon.figures.words import describe_medium  # imported here: a run does not need it
 
-        load, structure, seen = self.load, self.packing.structure, set(self.observe)
-        spectrum, pulse, surface, of = map(self._asked, ("spectrum", "pulse", "surface", "response"))
-        media = [describe_medium(one.label, structure.periods, structure.n_balls) for one in self.media]
+        load = self.load
+        structure = self.packing.structure
+        seen = set(self.observe)
+        spectrum, pulse, surface, of = map(
+            self._asked, ("spectrum", "pulse", "surface", "response")
+        )
+        media = [
+            describe_medium(one.label, structure.periods, structure.n_balls) for one in self.media
+        ]
         rows: list[tuple[str, Any, str]] = [
             *self.packing.describe(),
-            (load.kind.replace("_", " "), load.array, find_load_unit(load.kind, structure.periods, structure.pressed_axes)),
-            ("components", load.tensor, "of that"), ("balls per side", load.balls_per_side, ""),
+            (
+                load.kind.replace("_", " "),
+                load.array,
+                find_load_unit(load.kind, structure.periods, structure.pressed_axes),
+            ),
+            ("components", load.tensor, "of that"),
+            ("balls per side", load.balls_per_side, ""),
             ("gravity", load.gravity, "m/s^2"),
-            ("medium", media + ["the same for equal balls"] * (len(media) > 1 and not self.balls_differ), ""),
-            *((f"sweep of {spell(name)}", values, find_unit(name) or "") for name, values in self.parameters),
-            ("finite overlap", self.finite_overlap, ""), ("observe", self.observe, ""),
+            (
+                "medium",
+                media + ["the same for equal balls"] * (len(media) > 1 and not self.balls_differ),
+                "",
+            ),
+            *(
+                (f"sweep of {spell(name)}", values, find_unit(name) or "")
+                for name, values in self.parameters
+            ),
+            ("finite overlap", self.finite_overlap, ""),
+            ("observe", self.observe, ""),
             *(("direction", one, "") for one in self.directions[:4]),
-        ]  # fmt: skip
+        ]
         if seen & {"bands", "spectrum"}:
-            rows.append(("path", " ".join(self.path.labels) if self.path.labels else str(self.path), ""))
+            rows.append(
+                ("path", " ".join(self.path.labels) if self.path.labels else str(self.path), "")
+            )
         rows += [("points of a segment", self.band_points, "")] * ("bands" in seen)
         if spectrum is not None:
-            rows += [("polarisation", spectrum.polarisation, ""), ("points of a leg", spectrum.points, "")]
+            rows += [
+                ("polarisation", spectrum.polarisation, ""),
+                ("points of a leg", spectrum.points, ""),
+            ]
         if pulse is not None:
             told = (("frequency", "Hz"), ("cycles", ""), ("polarisation", ""))
             rows += [(f"{name} of the pulse", getattr(pulse, name), unit) for name, unit in told]
         if surface is not None:
-            axis = surface.axis if isinstance(surface.axis, int) else " ".join(map(str, surface.axis))
+            axis = (
+                surface.axis if isinstance(surface.axis, int) else " ".join(map(str, surface.axis))
+            )
             rows.append(("surface", f"axis {axis}, {surface.edge}", ""))
         if of is not None:
-            rows += [("response", of.quantity, ""), ("frequencies of the response", of.frequencies, "Hz")]
+            rows += [
+                ("response", of.quantity, ""),
+                ("frequencies of the response", of.frequencies, "Hz"),
+            ]
             rows += [(name, ", ".join(getattr(of, name)), "") for name in ("source", "receiver")]
-            rows += [("damping of contacts", of.damping, "s"), ("loss factor of contacts", of.loss_factor, "")]
+            rows += [
+                ("damping of contacts", of.damping, "s"),
+                ("loss factor of contacts", of.loss_factor, ""),
+            ]
         rows += [("mesh", " x ".join(map(str, self.mesh)), "")] * ("dos" in seen)
         return [row for row in rows if row[1] is not None]
 
     @cached_property
     def diameters(self) -> str | None:
-        """Text of ``diameters.csv``: the measured diameters, m, if they are too many for the scene file; else None."""
+        """Text of ``diameters.csv``: the measured diameters, m, if they are too many for the scene
+        file; else None.
+        """
         given: Any = self.packing.spread
         if not rules.is_long(given):
             return None
-        return table_text([Heading("diameter", LENGTH.unit)], ([diameter] for diameter in given.diameters))
+        return table_text(
+            [Heading("diameter", LENGTH.unit)], ([diameter] for diameter in given.diameters)
+        )
 
     @property
     def parameters_of_branches(self) -> list[str]:
-        """Names of swept parameters on which the number of branches or the zone depends: bands are not swept over them."""
+        """Names of swept parameters on which the number of branches or the zone depends: bands are
+        not swept over them.
+        """
         changing = []
         for name, values in self.parameters:
             motions = set[Any]()
             if name in ("motions", "torsion", "bending"):
-                with suppress(InputError):  # a value that the packing cannot have is told with its place later
-                    motions = {change_packing(self.packing, {name: value}).ball_motions for value in values}
+                with suppress(InputError):
+                    # a value that the packing cannot have is told with its place later
+                    motions = {
+                        change_packing(self.packing, {name: value}).ball_motions for value in values
+                    }
             changing += [name] * (name in ("friction", "lattice") or len(motions) > 1)
         return changing
 
     @contextmanager
     def place_errors(self) -> Iterator[None]:
-        """Place an error of the block in the file, if it says which option of a medium or which load it is about."""
+        """Place an error of the block in the file, if it says which option of a medium or which
+        load it is about.
+        """
         try:
             yield
         except GranphonError as error:
             if error.option is not None or error.block is not None:
-                place: AbstractContextManager[None] = self.origin.at("medium")  # unless it knows better
+                # unless it knows better
+                place: AbstractContextManager[None] = self.origin.at("medium")
             elif error.load_index is None:
                 raise
             else:
@@ -340,12 +428,23 @@ class Plan:
     def case_grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
         sound = "velocities" in self.observe
-        path = (self.path.arrays, self.band_points, self.path.labels) if "bands" in self.observe else None
+        path = (
+            (self.path.arrays, self.band_points, self.path.labels)
+            if "bands" in self.observe
+            else None
+        )
         asked = Asked(
-            self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
-            surface=self._asked("surface"), bands=self._asked("bands"), observe=self.observe,
-            sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
-        )  # fmt: skip
+            self.finite_overlap,
+            path=path,
+            direction=self.direction,
+            waves=self.waves,
+            exponents=sound,
+            surface=self._asked("surface"),
+            bands=self._asked("bands"),
+            observe=self.observe,
+            sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe),
+            alone=self.is_single,
+        )
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
 
     @cached_property
@@ -358,14 +457,19 @@ class Plan:
 
     @property
     def case(self) -> PlannedCase:
-        """The only case of a scene of one state; :class:`~granphon.base.errors.InputError` if the scene is a sweep."""
+        """The only case of a scene of one state; :class:`~granphon.base.errors.InputError` if the
+        scene is a sweep.
+        """
         if not self.is_single:
-            raise InputError("the scene is a sweep", "It has many states", "Use states(), or run it")
+            raise InputError(
+                "the scene is a sweep", "It has many states", "Use states(), or run it"
+            )
         return self.cases[0]
 
     @property
     def serving(self) -> ServingMedium:
-        """The medium of a scene of one state, and its expected error; an automatic medium has made its choice.
+        """The medium of a scene of one state, and its expected error; an automatic medium has made
+        its choice.
 
         :class:`~granphon.base.errors.InputError` if none can be chosen, or if the scene is a sweep.
         """
@@ -374,23 +478,28 @@ class Plan:
 
     @property
     def has_tasks(self) -> bool:
-        """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples of one state."""
+        """Whether the work is cut into tasks, which can be done elsewhere: a sweep, or the samples
+        of one state.
+        """
         return not self.is_single or bool(self.serving.arrays)
 
     @cached_property
     def few(self) -> tuple[PlannedCase, ...]:
         """All cases, or, if they are more than :data:`MOST_CASES`, those at the ends of the axes.
 
-        The ends suffice for checks: a packing that is possible at two values of a parameter is possible between them.
+        The ends suffice for checks: a packing that is possible at two values of a parameter is
+        possible between them.
         """
         if self.n_cases <= MOST_CASES:
             return self.cases
         return self._place(replace(self.case_grid, axes=[axis.ends for axis in self.axes]))
 
-    # -- what can be carried out ----------------------------------------------------------------------------------------
+    # -- what can be carried out -------------------------------------------------------------------
 
     def require(self) -> None:
-        """Raise if a packing is not rigid or has no such medium, or if a quickly solved medium cannot carry a load."""
+        """Raise if a packing is not rigid or has no such medium, or if a quickly solved medium
+        cannot carry a load.
+        """
         packing = self.packing
         for axis in self.axes:  # the first value that the packing cannot have
             with suppress(GranphonError, ArithmeticError):
@@ -407,9 +516,15 @@ class Plan:
         place = ("sweep", "lattice") if "lattice" in dict(self.parameters) else place
         left: float = QUICK_STARTS
         for one in few:
-            case, packing = one.case, one.case.packing
-            found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; {case.where and f'{case.where}: '}"
-            with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
+            case = one.case
+            packing = one.case.packing
+            found = (
+                f"found {packing.structure.name!r}; allowed: a lattice that is rigid;"
+                f" {case.where and f'{case.where}: '}"
+            )
+            with self.origin.at_medium(
+                case.medium.label, f"a medium for the {packing.structure.name} lattice"
+            ):
                 medium = case.medium.of(packing)
             with self.origin.at(*place, before=found):
                 if "velocities" in self.observe:
@@ -419,17 +534,29 @@ class Plan:
                         bands = "It has bands and a density of states"
                         mend = f"{bands}: observe them without velocities, as observe: [bands, dos]"
                         if self.parameters_of_branches:
-                            mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
+                            mend = (
+                                "In a scene of its own it has bands and a density of states:"
+                                " observe: [bands, dos]"
+                            )
                         elif not self.is_single:
-                            mend = "It has bands, which a sweep without velocities has: observe: [bands]"
+                            mend = (
+                                "It has bands, which a sweep without velocities has: observe:"
+                                " [bands]"
+                            )
                         raise MechanismError(str(error), mend=mend) from None
-            with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
+            with self.origin.at_medium(
+                case.medium.label, f"a medium for the {packing.structure.name} lattice"
+            ):
                 # a sweep leaves it to its own processes to solve one law after the other
                 later = not self.is_single and medium.is_solved_anew
                 if not later:
                     medium.prepare()
             _ = later or one.is_possible
-            if "velocities" in self.observe and not later and all(serving.is_quick for serving in one.serving_media):
+            if (
+                "velocities" in self.observe
+                and not later
+                and all(serving.is_quick for serving in one.serving_media)
+            ):
                 with self.origin.at(*place, before=found):
                     one.state.reference_lattice.require_rigid()
             left = one.require_start(left)
@@ -438,13 +565,19 @@ class Plan:
     def require_waves(self, most: float = math.inf) -> None:
         """Raise if it is known that arrays have not the waves that are observed.
 
-        Arrays of up to ``most`` balls, a number without a unit, are looked at, and nothing is simulated; those of more than
-        a hundred thousand balls take seconds.
+        Arrays of up to ``most`` balls, a number without a unit, are looked at, and nothing is
+        simulated; those of more than a hundred thousand balls take seconds.
         """
         wanted = self.waves
-        if wanted is None or (wanted.spectrum is None and wanted.pulse is None and not wanted.of_networks):
+        if wanted is None or (
+            wanted.spectrum is None and wanted.pulse is None and not wanted.of_networks
+        ):
             return
-        from granphon.runs.wave_records import require_network, require_waves  # imported here: not all scenes need it
+        # imported here: not all scenes need it
+        from granphon.runs.wave_records import (
+            require_network,
+            require_waves,
+        )
 
         for one in self.few:
             for block in wanted.of_networks:
@@ -456,51 +589,72 @@ class Plan:
             with self.origin.at("pulse"):
                 require_waves(one.serving_media, replace(wanted, spectrum=None), most)
 
-    # -- states ---------------------------------------------------------------------------------------------------------
+    # -- states ------------------------------------------------------------------------------------
 
     def state(self) -> ContactState:
         """Return the state of the contacts under the load.
 
-        :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the scene is a sweep.
+        :class:`~granphon.base.errors.InputError` if the balls cannot carry the load, or if the
+        scene is a sweep.
         """
         case = self.case
-        _ = case.serving_media  # first, so that an error in choosing the medium is not placed at the load
+        # first, so that an error in choosing the medium is not placed at the load
+        _ = case.serving_media
         with case.at_load(0):
             return case.state
 
     def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
-        """Return label and state of every medium at every combination of parameters, one after the other.
+        """Return label and state of every medium at every combination of parameters, one after the
+        other.
 
-        Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when its turn comes; with
-        ``quick`` simulations, cluster media and effective media of long lists are left out.
+        Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when
+        its turn comes; with ``quick`` simulations, cluster media and effective media of long lists
+        are left out.
         :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
         """
         return self._solve(self.cases, quick)
 
-    def _solve(self, cases: Iterable[PlannedCase], quick: bool) -> Iterator[tuple[str, ContactState]]:
+    def _solve(
+        self, cases: Iterable[PlannedCase], quick: bool
+    ) -> Iterator[tuple[str, ContactState]]:
         for one in cases:
             _ = one.is_possible
             yield from one.states(quick)
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
-        """Return the :meth:`states` that are quick to find, and words for what is left out, an empty text if nothing is.
+        """Return the :meth:`states` that are quick to find, and words for what is left out, an
+        empty text if nothing is.
 
-        Simulations, cluster media and effective media of long lists are left out. If there are more than 100 combinations of
-        medium and packing, or more than 20 000 states, so are all but those at the least and the greatest load and value of
-        each numeric parameter.
+        Simulations, cluster media and effective media of long lists are left out. If there are more
+        than 100 combinations of medium and packing, or more than 20 000 states, so are all but
+        those at the least and the greatest load and value of each numeric parameter.
         """
-        grid, left = self.case_grid, []
+        grid = self.case_grid
+        left = []
         if many := self.n_cases > MOST_CASES or self.n_states > MOST_STATES:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
-            grid = replace(grid, axes=[one.ends for one in self.axes], load=replace(self.load, array=ends).applied.flat)
+            grid = replace(
+                grid,
+                axes=[one.ends for one in self.axes],
+                load=replace(self.load, array=ends).applied.flat,
+            )
             left.append(f"all but the ends of {self.n_states:,} states")
         cases = self._place(grid) if many else self.cases
-        slow = {serving.medium.name for one in cases for serving in one.serving_media if not serving.is_quick}
-        left += [medium.slow_part for name, medium in MEDIA.items() if name in slow and medium.slow_part]
+        slow = {
+            serving.medium.name
+            for one in cases
+            for serving in one.serving_media
+            if not serving.is_quick
+        }
+        left += [
+            medium.slow_part for name, medium in MEDIA.items() if name in slow and medium.slow_part
+        ]
         return self._solve(cases, True), " and ".join(left)
 
     def expect_warnings(self) -> list[tuple[str, str]]:
-        """Return what is known of simulations before they are run: the label of each medium, and a warning."""
+        """Return what is known of simulations before they are run: the label of each medium, and a
+        warning.
+        """
         return [
             (one.case.label, warning)
             for one in self.few
@@ -510,13 +664,15 @@ class Plan:
             for warning in expect_warnings(medium, serving.load)
         ]
 
-    def sweep(self, progress: Progress = silent, executor: Executor | None = None, **options: Any) -> Dataset:
+    def sweep(
+        self, progress: Progress = silent, executor: Executor | None = None, **options: Any
+    ) -> Dataset:
         """Compute every state of the scene as one data set, from its :attr:`cases`.
 
-        ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene answers: ``path``,
-        ``resume``, ``overwrite`` and ``store``. A load that cannot be carried raises
-        :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one that a computation does not
-        reach :class:`~granphon.base.errors.ConvergenceError`.
+        ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene
+        answers: ``path``, ``resume``, ``overwrite`` and ``store``. A load that cannot be carried
+        raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
+        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
         """
         from granphon.runs.sweep import sweep_grid
 
@@ -524,21 +680,25 @@ class Plan:
         with self.place_errors():
             return sweep_grid(self.case_grid, progress=progress, executor=executor, **options)
 
-    # -- cost -----------------------------------------------------------------------------------------------------------
+    # -- cost --------------------------------------------------------------------------------------
 
     def cost(self) -> Cost | None:
-        """Memory and time that the scene will take, its parts done one after the other; None if both are negligible.
+        """Memory and time that the scene will take, its parts done one after the other; None if
+        both are negligible.
 
-        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this machine now, or more
-        than 10,000 days on one processor.
+        :class:`~granphon.base.errors.InputError` if more memory is needed than is available on this
+        machine now, or more than 10,000 days on one processor.
         """
         parts = [part for part in self.parts if part[2].tells]
         total = sum((cost for _, _, cost in parts), Cost())
-        free, most = memory.available_memory(), costs.MOST_SECONDS
+        free = memory.available_memory()
+        most = costs.MOST_SECONDS
         if total.memory > free:
-            limit, of = f"this machine has {free / 1e9:.3g} GB of memory available", "memory"
+            limit = f"this machine has {free / 1e9:.3g} GB of memory available"
+            of = "memory"
         elif total.takes_longer(most):
-            limit, of = f"no run may take more than {costs.write_duration(most)} on one processor", "seconds"
+            limit = f"no run may take more than {costs.write_duration(most)} on one processor"
+            of = "seconds"
         else:
             return total if parts else None
         path, mend, _ = max(parts, key=lambda part: float(getattr(part[2], of)))
@@ -547,29 +707,59 @@ class Plan:
 
     @cached_property
     def parts(self) -> list[CostPart]:
-        """The parts of the work that may take much memory or time, each with its place in the scene file."""
+        """The parts of the work that may take much memory or time, each with its place in the scene
+        file.
+        """
         n_few = len(self.few)
-        structure, seen = self.packing.structure, {"bands", "dos"} & set(self.observe)
-        arrays = [(medium, one.load) for case in self.few for one in case.serving_media for medium in one.arrays]
+        structure = self.packing.structure
+        seen = {"bands", "dos"} & set(self.observe)
+        arrays = [
+            (medium, one.load)
+            for case in self.few
+            for one in case.serving_media
+            for medium in one.arrays
+        ]
 
         def add_up(found: list[Cost], size: Callable[[Cost], Any]) -> Cost:
-            """Return the cost of all simulations, one after the other; if ends of axes alone are known, of the largest."""
+            """Return the cost of all simulations, one after the other; if ends of axes alone are
+            known, of the largest.
+            """
             if n_few < self.n_cases and found:
                 return max(found, key=size).times(len(found) * self.n_cases / n_few)
             return sum(found, Cost())
 
-        simulated = [costs.estimate(medium, load, exponents="velocities" in self.observe) for medium, load in arrays]
+        simulated = [
+            costs.estimate(medium, load, exponents="velocities" in self.observe)
+            for medium, load in arrays
+        ]
         # cluster media are solved once for each distribution, lattice and Mindlin ratio
-        laws = {law for one in self.few if (law := one.case.medium.of(one.case.packing).long_law) is not None}
+        laws = {
+            law
+            for one in self.few
+            if (law := one.case.medium.of(one.case.packing).long_law) is not None
+        }
         count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / n_few)
-        clusters = costs.cluster_media(count, sum(law.balls for law in laws) / len(laws)) if count else Cost()
-        mend, work = "Take fewer balls (medium.simulation.shape), samples or loads", add_up(simulated, lambda one: one.work)
-        out: list[CostPart] = [(("medium",), mend, work), (("medium",), "Take the effective medium", clusters)]
+        clusters = (
+            costs.cluster_media(count, sum(law.balls for law in laws) / len(laws))
+            if count
+            else Cost()
+        )
+        mend = "Take fewer balls (medium.simulation.shape), samples or loads"
+        work = add_up(simulated, lambda one: one.work)
+        out: list[CostPart] = [
+            (("medium",), mend, work),
+            (("medium",), "Take the effective medium", clusters),
+        ]
         total = Cost()
         if (wanted := self.waves) is not None:
-            each = [cost for medium, load in arrays for cost in _estimate_waves(medium, load, wanted)]
+            each = [
+                cost for medium, load in arrays for cost in _estimate_waves(medium, load, wanted)
+            ]
             total = add_up(each, lambda cost: cost.known)
-        smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
+        smaller = (
+            "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser"
+            " resolution (spectrum)"
+        )
         waves = (("medium",), smaller, replace(total, parts=total.parts[:1]))
         for block, estimate, mend in (
             ("motion", _estimate_motion, "a shorter motion.duration or fewer motion.frames"),
@@ -577,79 +767,193 @@ class Plan:
         ):
             if (wanted := self._asked(block)) is not None:
                 with self.origin.at(block):
-                    known = [estimate(one, wanted) for case in self.few for one in case.serving_media]
-                total = add_up([cost for cost in known if cost is not None], lambda cost: cost.known)
+                    known = [
+                        estimate(one, wanted) for case in self.few for one in case.serving_media
+                    ]
+                total = add_up(
+                    [cost for cost in known if cost is not None], lambda cost: cost.known
+                )
                 mend = f"Take fewer balls ({block}.repeat, {block}.cut), {mend}"
                 out.append(((block,), mend, replace(total, parts=total.parts[:1])))
 
         branches = structure.n_balls * self.packing.ball_motions.count
-        points = self.band_points * sum(len(path) - 1 for path in self.path.paths) if "bands" in seen else 0
+        points = (
+            self.band_points * sum(len(path) - 1 for path in self.path.paths)
+            if "bands" in seen
+            else 0
+        )
         if not self.is_single:
-            path = ("phonopy", "band_points") if points else ("sweep",) if self.axes else ("load", self.load.kind)
-            mend = "Take fewer loads or values" + (", or points of the bands (phonopy.band_points)" if points else "")
-            return [*out, waves, (path, mend, costs.sweep_states(self.n_cases, self.load.size, points * branches))]
+            path = (
+                ("phonopy", "band_points")
+                if points
+                else ("sweep",)
+                if self.axes
+                else ("load", self.load.kind)
+            )
+            mend = "Take fewer loads or values" + (
+                ", or points of the bands (phonopy.band_points)" if points else ""
+            )
+            return [
+                *out,
+                waves,
+                (path, mend, costs.sweep_states(self.n_cases, self.load.size, points * branches)),
+            ]
         if "bands" in seen:
-            out.append((("phonopy", "band_points"), "Take fewer points", costs.bands(points, branches)))
+            out.append(
+                (("phonopy", "band_points"), "Take fewer points", costs.bands(points, branches))
+            )
         if "dos" in seen:
-            out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(self.mesh, branches)))
+            out.append(
+                (
+                    ("phonopy", "mesh"),
+                    "Take a coarser mesh",
+                    costs.density_of_states(self.mesh, branches),
+                )
+            )
         out.append(waves)
         if seen and self.dim is not None:
             mend = "Take a smaller supercell: bands and densities of states do not depend on it"
-            out.append((("phonopy", "dim"), mend, costs.force_constants(self.dim, structure.n_balls)))
+            out.append(
+                (("phonopy", "dim"), mend, costs.force_constants(self.dim, structure.n_balls))
+            )
         return out
 
-    # -- values that exclude each other, by the key in the file ---------------------------------------------------------
+    # -- values that exclude each other, by the key in the file ------------------------------------
 
     def _require_consistency(self) -> None:
-        """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one exclude each other."""
-        structure, dim = self.packing.structure, self.dim
+        """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one
+        exclude each other.
+        """
+        structure = self.packing.structure
+        dim = self.dim
         if dim is not None and not touch_once_at_most(structure.vectors, dim, structure.reach):
             # two balls of the supercell would touch through two images
             sizes = ((n,) * structure.periods for n in range(1, 100))
-            least = next(size for size in sizes if touch_once_at_most(structure.vectors, size, structure.reach))
-            raise Refused(rules.write_grid(dim), f"{rules.write_grid(least)} or more", path=("phonopy", "dim"))
+            least = next(
+                size
+                for size in sizes
+                if touch_once_at_most(structure.vectors, size, structure.reach)
+            )
+            raise Refused(
+                rules.write_grid(dim), f"{rules.write_grid(least)} or more", path=("phonopy", "dim")
+            )
         if self.finite_overlap:
             with rules.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
                 no_simulation(self.media)
         for one in self.media:
             with rules.refusing(one.label, "a medium of these balls", "medium"):
                 one.require_for(self.packing)
-        # the density of states of one state is that of its lattice, and of a simulation that of the array too
-        names = [name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")]
-        arrays = f"{', '.join(names)} of {'one state, or of ' * (names == ['dos'])}arrays that a medium: simulation makes"
+        # the density of states of one state is that of its lattice, and of a simulation that of the
+        # array too
+        names = [
+            name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")
+        ]
+        arrays = (
+            f"{', '.join(names)} of {'one state, or of ' * (names == ['dos'])}arrays that a"
+            f" medium: simulation makes"
+        )
         with rules.refusing("".join(names[:1]), arrays, "observe"):
             require_arrays(self.media, dict(self.parameters), names)
         changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
         branches = self.parameters_of_branches
-        # an observable, whether it cannot be observed, what was found of it, what is allowed, and how to mend it
+        # an observable, whether it cannot be observed, what was found of it, what is allowed, and
+        # how to mend it
         for name, fails, found, allowed, mend in (
-            ("velocities", self.packing.is_held, "of balls that are held", "bands, gaps, dos of these",
-             "Long waves move all balls together, which a floor or clamp holds: write observe: [bands]."),
-            *((name, not self.packing.repeats, "of what repeats nowhere", f"{', '.join(NETWORK_BLOCKS)} of these",
-               f"Waves of this kind need a period: write observe: [{next(iter(NETWORK_BLOCKS))}].")
-              for name in ("velocities", "bands", "gaps", "dos", "surface")),
-            ("gaps", not self.is_single, "of several states", "gaps of one state", "Observe bands."),
-            ("surface", self.surface is None, "without an axis", "surface with a block 'surface'",
-             "Add a block such as surface: {axis: 1}."),
-            ("surface", any(one.simulates for one in self.media), "of a simulation", "surface of a lattice or crystal",
-             "An array has no edge of its own: take another medium."),
-            ("surface", changing, f"with a sweep over {' and '.join(changing)}", "surface of one lattice",
-             "Make a scene of each."),
-            ("pulse", self.pulse is None, "without a frequency", "pulse with a block 'pulse'",
-             "Add a block such as pulse: {frequency: 6.5 kHz}."),
-            *((name, getattr(self, name) is None, "without its settings", f"{name} with a block '{name}'",
-               f"Add a block '{name}'.") for name in NETWORK_BLOCKS),
-            *((name, len({one.simulates for one in self.media}) > 1, "of lattices and of arrays",
-               f"{name} of one or the other", "Make a scene of each.") for name in NETWORK_BLOCKS),
-            ("bands", self.bands is not None and any(one.simulates for one in self.media), "with losses of a simulation",
-             "damped bands of a lattice or crystal", "Observe the response of the array, or leave the block 'bands' out."),
-            ("bands", branches, f"with a sweep over {' and '.join(branches)}",
-             "velocities, as the branches differ in number or zone", "Make a scene of each."),
-        ):  # fmt: skip
+            (
+                "velocities",
+                self.packing.is_held,
+                "of balls that are held",
+                "bands, gaps, dos of these",
+                "Long waves move all balls together, which a floor or clamp holds: write"
+                " observe: [bands].",
+            ),
+            *(
+                (
+                    name,
+                    not self.packing.repeats,
+                    "of what repeats nowhere",
+                    f"{', '.join(NETWORK_BLOCKS)} of these",
+                    f"Waves of this kind need a period: write observe:"
+                    f" [{next(iter(NETWORK_BLOCKS))}].",
+                )
+                for name in ("velocities", "bands", "gaps", "dos", "surface")
+            ),
+            (
+                "gaps",
+                not self.is_single,
+                "of several states",
+                "gaps of one state",
+                "Observe bands.",
+            ),
+            (
+                "surface",
+                self.surface is None,
+                "without an axis",
+                "surface with a block 'surface'",
+                "Add a block such as surface: {axis: 1}.",
+            ),
+            (
+                "surface",
+                any(one.simulates for one in self.media),
+                "of a simulation",
+                "surface of a lattice or crystal",
+                "An array has no edge of its own: take another medium.",
+            ),
+            (
+                "surface",
+                changing,
+                f"with a sweep over {' and '.join(changing)}",
+                "surface of one lattice",
+                "Make a scene of each.",
+            ),
+            (
+                "pulse",
+                self.pulse is None,
+                "without a frequency",
+                "pulse with a block 'pulse'",
+                "Add a block such as pulse: {frequency: 6.5 kHz}.",
+            ),
+            *(
+                (
+                    name,
+                    getattr(self, name) is None,
+                    "without its settings",
+                    f"{name} with a block '{name}'",
+                    f"Add a block '{name}'.",
+                )
+                for name in NETWORK_BLOCKS
+            ),
+            *(
+                (
+                    name,
+                    len({one.simulates for one in self.media}) > 1,
+                    "of lattices and of arrays",
+                    f"{name} of one or the other",
+                    "Make a scene of each.",
+                )
+                for name in NETWORK_BLOCKS
+            ),
+            (
+                "bands",
+                self.bands is not None and any(one.simulates for one in self.media),
+                "with losses of a simulation",
+                "damped bands of a lattice or crystal",
+                "Observe the response of the array, or leave the block 'bands' out.",
+            ),
+            (
+                "bands",
+                branches,
+                f"with a sweep over {' and '.join(branches)}",
+                "velocities, as the branches differ in number or zone",
+                "Make a scene of each.",
+            ),
+        ):
             if name in self.observe and fails:
                 raise Refused(f"{name!r} {found}", allowed, mend, ("observe",))
         if (surface := self._asked("surface")) is not None:
-            with rules.refusing(surface.axis, "an axis across which the balls repeat", "surface", "axis"):
+            with rules.refusing(
+                surface.axis, "an axis across which the balls repeat", "surface", "axis"
+            ):
                 Layers.across(surface.axis, structure.vectors)
         if "pulse" in names and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
@@ -662,18 +966,25 @@ class Plan:
 
 
 def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) -> Iterator[Cost]:
-    """Estimate memory and time of the density of states, spectral functions and pulses of a simulation at each load."""
-    packing, structure = medium.packing, medium.packing.structure
+    """Estimate memory and time of the density of states, spectral functions and pulses of a
+    simulation at each load.
+    """
+    packing = medium.packing
+    structure = medium.packing.structure
     contacts = len(structure.contacts) / structure.n_balls
     rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
-    # each point of the path becomes the nearest wave vector that the array has, of which there are so many along a leg
+    # each point of the path becomes the nearest wave vector that the array has, of which there are
+    # so many along a leg
     points = 0 if wanted.spectrum is None else min(wanted.spectrum.points - 1, max(medium.cells))
     waves = points * sum(len(piece) - 1 for piece in wanted.path)
     for force in costs.find_typical_force(packing, load).tolist():
         ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
-        top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
+        # Hz, a bound for differing balls too
+        top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency
         half = 0.5 * MOMENTS  # each product gives two moments
-        products, heard, readings = 20.0 * half * medium.samples * wanted.dos, 0.0, 0.0
+        products = 20.0 * half * medium.samples * wanted.dos
+        heard = 0.0
+        readings = 0.0
         if (spectrum := wanted.spectrum) is not None:
             if (fine := spectrum.resolution) is not None:
                 half = max(half, 0.25 * math.pi * top / fine)
@@ -689,11 +1000,15 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
 
 
 def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost | None:
-    """Estimate memory and time of the responses of a medium at all its loads; None if no network is quickly found.
+    """Estimate memory and time of the responses of a medium at all its loads; None if no network is
+    quickly found.
 
     Raises :class:`~granphon.base.errors.ConvergenceError` for a response that would be refused.
     """
-    from granphon.dynamics.damping import ContactDamping  # imported here: other scenes do not need it
+    # imported here: other scenes do not need it
+    from granphon.dynamics.damping import (
+        ContactDamping,
+    )
     from granphon.runs.wave_records import find_typical_state
     from granphon.waves.operator import make_operator
     from granphon.waves.response import ResponseWork
@@ -705,32 +1020,50 @@ def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost
         return None
     network = wanted.shape(state.network.repeat(arrays[0].cells) if arrays else state.network)
     damping = ContactDamping.of(network, wanted.damping, wanted.loss_factor)
-    work = ResponseWork(make_operator(network), damping, 2.0 * math.pi * np.array(wanted.frequencies))
+    work = ResponseWork(
+        make_operator(network), damping, 2.0 * math.pi * np.array(wanted.frequencies)
+    )
     factorised, seconds = work.choose(None)
     factors = work.factor_bytes if np.any(factorised) else 0.0
-    each = costs.response(network.n_balls, network.n_contacts, len(wanted.frequencies), seconds, factors)
+    each = costs.response(
+        network.n_balls, network.n_contacts, len(wanted.frequencies), seconds, factors
+    )
     return each.times(serving.load.size * (arrays[0].samples if arrays else 1))
 
 
 def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
-    """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found.
+    """Estimate memory and time of the motions of a medium at all its loads; None if no state of it
+    is quickly found.
 
     Raises :class:`~granphon.base.errors.InputError` for more steps than are made.
     """
-    from granphon.runs.wave_records import find_typical_state, make_waves  # imported here: other scenes do not need it
+    # imported here: other scenes do not need it
+    from granphon.runs.wave_records import (
+        find_typical_state,
+        make_waves,
+    )
     from granphon.waves.nonlinear import require_steps
     from granphon.waves.operator import WaveOperator
 
     if (state := find_typical_state(serving)) is None:
         return None
-    network, arrays = state.network, serving.arrays
+    network = state.network
+    arrays = serving.arrays
     cells = wanted.count(math.prod(arrays[0].cells) if arrays else 1)
     # whose contacts are those of the whole array, but for its edges
     few = network.repeat((3,) * sum(network.pbc)) if any(network.pbc) else network
-    step = wanted.step or make_waves(state, few, wanted).find_step(max(one.impact or 0.0 for one in wanted.drive))
+    step = wanted.step or make_waves(state, few, wanted).find_step(
+        max(one.impact or 0.0 for one in wanted.drive)
+    )
     each = math.ceil(wanted.duration / (wanted.frames - 1) / step)
     require_steps(each * (wanted.frames - 1))
     return costs.motion(
-        each * (wanted.frames - 1), len(WaveOperator(network).rows), cells * network.n_balls, cells * network.n_contacts,
-        wanted.frames, bool(np.any(wanted.damping)), wanted.geometry == "exact", wanted.scheme == "midpoint",
-    ).times(serving.load.size * (arrays[0].samples if arrays else 1))  # fmt: skip
+        each * (wanted.frames - 1),
+        len(WaveOperator(network).rows),
+        cells * network.n_balls,
+        cells * network.n_contacts,
+        wanted.frames,
+        bool(np.any(wanted.damping)),
+        wanted.geometry == "exact",
+        wanted.scheme == "midpoint",
+    ).times(serving.load.size * (arrays[0].samples if arrays else 1))

@@ -1,8 +1,9 @@
 """How values of a scene file are read and written, one :class:`Kind` for each sort of value.
 
 A reader takes what stands in the file and the :class:`Context` of the scene, and raises
-:class:`~granphon.base.errors.Refused` for what it does not take, see :mod:`granphon.base.validation`. A writer returns plain
-data that the reader turns into the same value, to the last bit.
+:class:`~granphon.base.errors.Refused` for what it does not take, see
+:mod:`granphon.base.validation`. A writer returns plain data that the reader turns into the same
+value, to the last bit.
 """
 
 from __future__ import annotations
@@ -20,11 +21,26 @@ import numpy as np
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import LAWS, TabulatedLaw
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
-from granphon.balls.lattices import LATTICES, STRUCTURES, TRIANGULAR, Lattice, as_direction, find_lattice, name_structure
+from granphon.balls.lattices import (
+    LATTICES,
+    STRUCTURES,
+    TRIANGULAR,
+    Lattice,
+    as_direction,
+    find_lattice,
+    name_structure,
+)
 from granphon.balls.layers import read_axis, read_edges
 from granphon.balls.material import Material, read_poisson_ratio
 from granphon.balls.motions import allowed_motions
-from granphon.balls.packing import KIND_PARAMETERS, MINDLIN, PARAMETERS, Axis, find_double, find_unit
+from granphon.balls.packing import (
+    KIND_PARAMETERS,
+    MINDLIN,
+    PARAMETERS,
+    Axis,
+    find_double,
+    find_unit,
+)
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     DENSITY,
@@ -66,11 +82,21 @@ from granphon.waves.settings import NETWORK_BLOCKS, read_drives, write_drives
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
 #: what a scene may compute, in the order in which a scene keeps it
-OBSERVABLES = ("velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse", *NETWORK_BLOCKS)
+OBSERVABLES = (
+    "velocities",
+    "bands",
+    "gaps",
+    "dos",
+    "surface",
+    "spectrum",
+    "pulse",
+    *NETWORK_BLOCKS,
+)
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
 
-#: greatest number of measured diameters that a scene file lists itself; more are written to a table beside it
+#: greatest number of measured diameters that a scene file lists itself; more are written to a table
+#: beside it
 MOST_DIAMETERS = 1000
 #: name of that table
 DIAMETERS_FILE = "diameters.csv"
@@ -85,11 +111,13 @@ class Context:
 
     Attributes
     ----------
-    lattice : of the packing; it says what motions, pressures, samples, directions, paths and meshes there are.
+    lattice : of the packing; it says what motions, pressures, samples, directions, paths and meshes
+        there are.
     swept : the lattices of a sweep; motions must be those of each.
     kinds : names of the kinds of balls of a crystal.
     folder : in which tables named in the file are sought.
-    written : whether values stand in a file, where quantities have units; in Python plain numbers are in SI.
+    written : whether values stand in a file, where quantities have units; in Python plain numbers
+        are in SI.
     """
 
     lattice: Lattice = TRIANGULAR
@@ -129,37 +157,58 @@ def refusing(value: Any, allowed: str, *path: str) -> Iterator[None]:
         raise Refused(show(value), allowed, str(error), path) from None
 
 
-# -- lists and ranges -----------------------------------------------------------------------------------------------
+# -- lists and ranges ------------------------------------------------------------------------------
 
 
 def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
-    """Read a number or quantity, a list of them, or a range {from, to, points, scale}, evenly spaced on that scale."""
+    """Read a number or quantity, a list of them, or a range {from, to, points, scale}, evenly
+    spaced on that scale.
+    """
     if isinstance(value, list | tuple):
         return each(value, rule, "values")
     if not isinstance(value, dict):
         return (rule(value),)
     points = partial(whole, low=1, high=200_000)
-    rules: dict[str, Rule] = {"from": rule, "to": rule, "points": points, "scale": partial(choice, options=SCALES)}
+    rules: dict[str, Rule] = {
+        "from": rule,
+        "to": rule,
+        "points": points,
+        "scale": partial(choice, options=SCALES),
+    }
     given = block(value, rules, ("from", "to", "points"))
-    first, last, count, scale = given["from"], given["to"], given["points"], given.get("scale", SCALES[0])
+    first = given["from"]
+    last = given["to"]
+    count = given["points"]
+    scale = given.get("scale", SCALES[0])
     if (first == last) != (count == 1):
         found = f"{count} for the range from {value['from']} to {value['to']}"
-        raise Refused(found, "1 if both ends are the same, 2 or more if they are not", path=("points",))
+        raise Refused(
+            found, "1 if both ends are the same, 2 or more if they are not", path=("points",)
+        )
     if scale == "log" and min(first, last) <= 0.0:
-        raise Refused(f"a log range from {value['from']} to {value['to']}", "values above zero", "Write scale: linear.")
+        raise Refused(
+            f"a log range from {value['from']} to {value['to']}",
+            "values above zero",
+            "Write scale: linear.",
+        )
     return space_evenly(first, last, count, scale)
 
 
 def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[float, ...]:
-    """Return ``count`` numbers, evenly spaced on a log or a linear scale, from exactly ``first`` to exactly ``last``."""
+    """Return ``count`` numbers, evenly spaced on a log or a linear scale, from exactly ``first`` to
+    exactly ``last``.
+    """
     between = np.geomspace if scale == "log" else np.linspace
-    with np.errstate(all="ignore"):  # the ends may be the smallest and the largest numbers of double precision
+    with np.errstate(all="ignore"):
+        # the ends may be the smallest and the largest numbers of double precision
         return tuple(between(first, last, count).tolist())
 
 
 def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
     """Write values as one number, as a range if that gives the same values, or else as a list."""
-    first, last, count = given[0], given[-1], len(given)
+    first = given[0]
+    last = given[-1]
+    count = len(given)
     if count == 1:
         return write(first)
     for scale in SCALES if count > 2 and first != last else ():
@@ -169,14 +218,16 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
     return [write(value) for value in given]
 
 
-DRIVE = Kind(lambda value, at: read_drives(value, folder=at.folder), lambda drives, _: write_drives(drives))
+DRIVE = Kind(
+    lambda value, at: read_drives(value, folder=at.folder), lambda drives, _: write_drives(drives)
+)
 FREQUENCIES = Kind.plain(
     lambda value: tuple(frequencies(read_values(value, FREQUENCY.read)).tolist()),
     lambda found: write_values(found, FREQUENCY.write),
 )
 
 
-# -- spreads --------------------------------------------------------------------------------------------------------
+# -- spreads ---------------------------------------------------------------------------------------
 
 
 def _read_spread(value: Any, at: Context) -> Any:
@@ -186,28 +237,47 @@ def _read_spread(value: Any, at: Context) -> Any:
     def normal(value: Any) -> Normal:
         """Read a standard deviation, or a block {std, cutoff}."""
         rules: dict[str, Rule] = {"std": WIDTH.read, "cutoff": partial(number, low=1e-3, high=10.0)}
-        return Normal(**block(value, rules, ("std",))) if isinstance(value, dict) else Normal(WIDTH.read(value))
+        return (
+            Normal(**block(value, rules, ("std",)))
+            if isinstance(value, dict)
+            else Normal(WIDTH.read(value))
+        )
 
     def discrete(value: Any) -> Discrete:
         """Read a block {diameters, fractions} of two lists of the same length."""
-        given = block(value, {"diameters": diameters, "fractions": fractions}, ("diameters", "fractions"))
-        with refusing(given["fractions"], "one fraction for each diameter, with the sum 1", "fractions"):
+        given = block(
+            value, {"diameters": diameters, "fractions": fractions}, ("diameters", "fractions")
+        )
+        with refusing(
+            given["fractions"], "one fraction for each diameter, with the sum 1", "fractions"
+        ):
             return Discrete(**given)
 
     def measured(value: Any) -> Measured:
         """Read the name of a table, a block {file, column}, or a block {diameters}."""
         if isinstance(value, dict) and "diameters" in value:
             return Measured(block(value, {"diameters": diameters})["diameters"])
-        given = block(value, {"file": text, "column": text}, ("file",)) if isinstance(value, dict) else {"file": text(value)}
+        given = (
+            block(value, {"file": text, "column": text}, ("file",))
+            if isinstance(value, dict)
+            else {"file": text(value)}
+        )
         with refusing(given["file"], "a table with a column of diameters"):
             return Measured.from_csv(at.folder / given["file"], given.get("column"), quoted=False)
 
     rules: dict[str, Rule] = {
-        "uniform": lambda value: Uniform(WIDTH.read(value)), "normal": normal, "discrete": discrete, "measured": measured,
-    }  # fmt: skip
+        "uniform": lambda value: Uniform(WIDTH.read(value)),
+        "normal": normal,
+        "discrete": discrete,
+        "measured": measured,
+    }
     allowed = f"exactly one of {', '.join(rules)}"
     if not isinstance(value, dict):
-        mend = f"Did you mean {{uniform: {value}}}?" if isinstance(value, str) else "Leave spread out for equal balls."
+        mend = (
+            f"Did you mean {{uniform: {value}}}?"
+            if isinstance(value, str)
+            else "Leave spread out for equal balls."
+        )
         raise Refused(show(value), allowed, mend)
     if len(value) != 1:
         raise Refused(" and ".join(map(str, value)) or "no spread", allowed)
@@ -227,7 +297,9 @@ def _write_spread(given: Any, at: Context) -> dict[str, Any]:
 
 
 def table_named(value: Any) -> str | None:
-    """Name of the table that a spread of a valid scene file takes its diameters from; None if it names no table."""
+    """Name of the table that a spread of a valid scene file takes its diameters from; None if it
+    names no table.
+    """
     measured = value.get("measured") if isinstance(value, dict) else None
     return measured.get("file") if isinstance(measured, dict) else measured
 
@@ -237,14 +309,18 @@ def is_long(given: Any) -> bool:
     return isinstance(given, Measured) and len(given.diameters) > MOST_DIAMETERS
 
 
-# -- what the packing is made of, which a sweep may vary ------------------------------------------------------------
+# -- what the packing is made of, which a sweep may vary -------------------------------------------
 
 
 def read_lattice(value: Any) -> str | Lattice:
-    """Read the name of a built-in lattice, or the block of another; "hexagonal" is refused, as several are called so."""
+    """Read the name of a built-in lattice, or the block of another; "hexagonal" is refused, as
+    several are called so.
+    """
     if isinstance(value, dict):  # one ball at the origin if the sites are left out
         rows = partial(
-            each, rule=partial(each, rule=partial(fraction, largest=1e3), what="numbers"), what="lists of numbers"
+            each,
+            rule=partial(each, rule=partial(fraction, largest=1e3), what="numbers"),
+            what="lists of numbers",
         )
         given = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
         with refusing(given["name"], "a lattice of balls that touch and do not overlap"):
@@ -264,7 +340,11 @@ def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
     structure = find_lattice(lattice)
     if LATTICES.peek(structure.name) == structure:
         return structure.name
-    return {"name": structure.name, "cell": structure.vectors.tolist(), "sites": [list(site) for site in structure.sites]}
+    return {
+        "name": structure.name,
+        "cell": structure.vectors.tolist(),
+        "sites": [list(site) for site in structure.sites],
+    }
 
 
 def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
@@ -276,7 +356,9 @@ def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
 
 
 def choose_lattice(own: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
-    """Return the lattice to which the keys of a scene refer: its packing's, or the first of a sweep in another dimension."""
+    """Return the lattice to which the keys of a scene refer: its packing's, or the first of a sweep
+    in another dimension.
+    """
     first = find_lattice(swept[0]) if swept else own
     return own if (first.periods, first.dimension) == (own.periods, own.dimension) else first
 
@@ -285,14 +367,19 @@ def _read_motions(value: Any, at: Context) -> str:
     for lattice in at.swept or (at.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
         if not is_one_of(value, options):
-            allowed = f"{', '.join(options)}; the {lattice.name} lattice lies {_PLACES[lattice.dimension - 1]}"
+            allowed = (
+                f"{', '.join(options)}; the {lattice.name} lattice lies"
+                f" {_PLACES[lattice.dimension - 1]}"
+            )
             meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
             raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
     return str(value)
 
 
 def _read_torsion(value: Any) -> float | str:
-    """Read a torsional stiffness over k d^2, zero or above, or the word for that of a contact that does not slip."""
+    """Read a torsional stiffness over k d^2, zero or above, or the word for that of a contact that
+    does not slip.
+    """
     if value == MINDLIN:
         return MINDLIN
     try:
@@ -300,50 +387,77 @@ def _read_torsion(value: Any) -> float | str:
     except Refused as refused:
         meant = closest(value, (MINDLIN,)) if isinstance(value, str) else None
         allowed = f"{refused.allowed}, or {MINDLIN}"
-        raise Refused(refused.found, allowed, f"Did you mean {meant!r}?" if meant else refused.mend) from None
+        raise Refused(
+            refused.found, allowed, f"Did you mean {meant!r}?" if meant else refused.mend
+        ) from None
 
 
 #: the kind of each key of the blocks "material" and "packing", and of each parameter of a sweep
 PARTS: dict[str, Kind] = {
-    "mass": quantity(MASS), "young_modulus": quantity(MODULUS), "poisson_ratio": Kind.plain(read_poisson_ratio, float),
-    "density": quantity(DENSITY), "yield_strength": quantity(MODULUS),
-    "lattice": Kind.plain(read_lattice, write_lattice), "diameter": quantity(LENGTH), "width": quantity(WIDTH),
-    "spread": Kind(_read_spread, _write_spread), "friction": Kind.plain(truth, bool), "finite_overlap": Kind.plain(truth),
+    "mass": quantity(MASS),
+    "young_modulus": quantity(MODULUS),
+    "poisson_ratio": Kind.plain(read_poisson_ratio, float),
+    "density": quantity(DENSITY),
+    "yield_strength": quantity(MODULUS),
+    "lattice": Kind.plain(read_lattice, write_lattice),
+    "diameter": quantity(LENGTH),
+    "width": quantity(WIDTH),
+    "spread": Kind(_read_spread, _write_spread),
+    "friction": Kind.plain(truth, bool),
+    "finite_overlap": Kind.plain(truth),
     "motions": Kind(_read_motions),
-    "torsion": Kind.plain(_read_torsion, lambda value: value if isinstance(value, str) else float(value)),
+    "torsion": Kind.plain(
+        _read_torsion, lambda value: value if isinstance(value, str) else float(value)
+    ),
     "bending": Kind.plain(zero_or_above, float),
-}  # fmt: skip
+}
 #: the spread of a packing: if its diameters are too many, the scene names a table of them
 OWN_SPREAD = Kind(
-    _read_spread, lambda given, at: {"measured": DIAMETERS_FILE} if is_long(given) else _write_spread(given, at)
+    _read_spread,
+    lambda given, at: {"measured": DIAMETERS_FILE} if is_long(given) else _write_spread(given, at),
 )
 
 
 def _read_parameters(value: Any, at: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     if at.kinds:
         names = [f"{kind}.{name}" for kind in at.kinds for name in KIND_PARAMETERS]
-        return tuple(block(value, {name: partial(_read_axis, name=name, at=at) for name in names}).items())
+        return tuple(
+            block(value, {name: partial(_read_axis, name=name, at=at) for name in names}).items()
+        )
     if isinstance(value, Mapping) and "lattice" in value:
         at = replace(at, swept=tuple(map(find_lattice, read_lattices(value["lattice"]))))
-    return tuple(block(value, {name: partial(_read_axis, name=name, at=at) for name in PARAMETERS}).items())
+    return tuple(
+        block(value, {name: partial(_read_axis, name=name, at=at) for name in PARAMETERS}).items()
+    )
 
 
 def _read_axis(value: Any, name: str, at: Context) -> tuple[Any, ...]:
     rule = PARTS[name.rpartition(".")[2]].rule(at)
     found: tuple[Any, ...] = (
-        read_values(value, rule) if find_unit(name) else read_lattices(value) if name == "lattice" else
-        each(value, rule, "values")
-    )  # fmt: skip
+        read_values(value, rule)
+        if find_unit(name)
+        else read_lattices(value)
+        if name == "lattice"
+        else each(value, rule, "values")
+    )
     if (double := find_double(found)) is not None:
         told = show(value[double]) if isinstance(value, list | tuple) else "a value"
-        raise Refused(f"{told} twice", "each value once", path=(double,) if isinstance(value, list | tuple) else ())
+        raise Refused(
+            f"{told} twice",
+            "each value once",
+            path=(double,) if isinstance(value, list | tuple) else (),
+        )
     return found
 
 
-def _write_parameters(given: Sequence[tuple[str, tuple[Any, ...]]], at: Context) -> dict[str, Any] | None:
+def _write_parameters(
+    given: Sequence[tuple[str, tuple[Any, ...]]], at: Context
+) -> dict[str, Any] | None:
     def write(name: str, values: tuple[Any, ...]) -> Any:
         if find_unit(name) and not any(isinstance(value, str) for value in values):
-            return write_values(values, lambda value: PARTS[name.rpartition(".")[2]].write(value, at))
+            return write_values(
+                values, lambda value: PARTS[name.rpartition(".")[2]].write(value, at)
+            )
         return [PARTS[name].write(value, at) for value in values]
 
     return {name: write(name, values) for name, values in given} or None
@@ -352,7 +466,7 @@ def _write_parameters(given: Sequence[tuple[str, tuple[Any, ...]]], at: Context)
 PARAMETERS_SWEPT = Kind(_read_parameters, _write_parameters)
 
 
-# -- loads, media, and what is observed -----------------------------------------------------------------------------
+# -- loads, media, and what is observed ------------------------------------------------------------
 
 
 def load_kind(name: str) -> Kind:
@@ -369,7 +483,9 @@ def load_kind(name: str) -> Kind:
                     break
             else:
                 raise
-            mend = f"The pressure of the {at.lattice.name} lattice is in {own.unit}. {refused.mend}".rstrip()
+            mend = (
+                f"The pressure of the {at.lattice.name} lattice is in {own.unit}. {refused.mend}"
+            ).rstrip()
             raise Refused(refused.found, refused.allowed, mend) from None
 
     return Kind(
@@ -404,17 +520,25 @@ MEDIUM = Kind(_read_media, _write_media)
 
 
 def read_schema(value: Any) -> int:
-    """Read the number of the schema of a scene file, which must be the one that this granphon reads."""
+    """Read the number of the schema of a scene file, which must be the one that this granphon
+    reads.
+    """
     if value == SCENE_SCHEMA and is_whole(value):
         return SCENE_SCHEMA
     newer = isinstance(value, int) and value > SCENE_SCHEMA
-    raise Refused(show(value), str(SCENE_SCHEMA), "The scene was written for a newer granphon." if newer else "")
+    raise Refused(
+        show(value),
+        str(SCENE_SCHEMA),
+        "The scene was written for a newer granphon." if newer else "",
+    )
 
 
 def read_observables(value: Any) -> tuple[str, ...]:
-    """Read the names of what a scene observes, each once; they are returned in the order of ``OBSERVABLES``.
+    """Read the names of what a scene observes, each once; they are returned in the order of
+    ``OBSERVABLES``.
 
-    Registered observables come behind these, and bring the velocities with them if they are found from these.
+    Registered observables come behind these, and bring the velocities with them if they are found
+    from these.
     """
     added = {name: one.cost for name, one in CATALOGUE.items() if CATALOGUE.is_added(name)}
     every = (*OBSERVABLES, *added)
@@ -426,7 +550,9 @@ def read_observables(value: Any) -> tuple[str, ...]:
         try:
             choice(name, every)
         except Refused as refused:
-            raise Refused(refused.found, refused.allowed, refused.mend or CATALOGUE.failures) from None
+            raise Refused(
+                refused.found, refused.allowed, refused.mend or CATALOGUE.failures
+            ) from None
     names = list(value)
     if double := [name for name in names if names.count(name) > 1]:
         raise Refused(f"{double[0]!r} twice", allowed + ", each once")
@@ -436,7 +562,9 @@ def read_observables(value: Any) -> tuple[str, ...]:
 
 
 def grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -> Kind:
-    """Return the kind of whole numbers for each period, written as three words as phonopy writes them: 1 beyond those."""
+    """Return the kind of whole numbers for each period, written as three words as phonopy writes
+    them: 1 beyond those.
+    """
 
     def read(value: Any, at: Context) -> tuple[int, ...]:
         p = at.lattice.periods
@@ -452,30 +580,40 @@ def write_grid(numbers: Sequence[int]) -> str:
 
 
 def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
-    """Read the direction of sound on a lattice, Cartesian: one as its numbers, many as a tuple of these."""
+    """Read the direction of sound on a lattice, Cartesian: one as its numbers, many as a tuple of
+    these.
+    """
     p = lattice.periods
     example = ("[1]", "[1, 1]", "[1, 1, 0]")[p - 1]
-    allowed = f"{('one number', 'two numbers', 'three numbers')[p - 1]}, not all zero, such as {example}; or a list of these"
+    allowed = (
+        f"{('one number', 'two numbers', 'three numbers')[p - 1]}, not all zero, such as"
+        f" {example}; or a list of these"
+    )
     plain = value.tolist() if isinstance(value, np.ndarray) else value
     many = isinstance(plain, list | tuple) and any(
-        isinstance(one, list | tuple) or (isinstance(one, str) and len(one.split()) > 1) for one in plain
+        isinstance(one, list | tuple) or (isinstance(one, str) and len(one.split()) > 1)
+        for one in plain
     )
     found: list[tuple[float, ...]] = []
     seen = []
     for place, one in enumerate(plain if many else [plain]):
         path = (place,) if many else ()
-        words = one.split() if isinstance(one, str) else one if isinstance(one, list | tuple) else [one]
+        words = (
+            one.split() if isinstance(one, str) else one if isinstance(one, list | tuple) else [one]
+        )
         try:
             found.append(tuple(fraction(word, 1e3) for word in words))
             seen.append(as_direction(found[-1], p).tolist())
         except InputError:
-            raise Refused(show(one), allowed, f"The {lattice.name} lattice lies {_PLACES[p - 1]}.", path) from None
+            raise Refused(
+                show(one), allowed, f"The {lattice.name} lattice lies {_PLACES[p - 1]}.", path
+            ) from None
         if seen[-1] in seen[:-1]:
             raise Refused(f"{show(one)} twice", "each direction once", path=path)
     return tuple(found) if many else found[0]
 
 
-# -- crystals: balls of several kinds, how they are arranged, and their loads -----------------------------------------
+# -- crystals: balls of several kinds, how they are arranged, and their loads ----------------------
 
 
 _MATERIAL = ("young_modulus", "poisson_ratio", "density", "yield_strength")
@@ -488,7 +626,8 @@ def _law_numbers(name: str) -> dict[str, Kind]:
         if isinstance(given, tuple):
             (one,) = given
             return Kind.plain(
-                partial(each, rule=one.read, what="values"), lambda values: [one.write(value) for value in values]
+                partial(each, rule=one.read, what="values"),
+                lambda values: [one.write(value) for value in values],
             )
         return Kind.plain(given, float)
 
@@ -496,36 +635,60 @@ def _law_numbers(name: str) -> dict[str, Kind]:
 
 
 def _read_balls(value: Any, at: Context) -> tuple[tuple[str, Ball], ...]:
-    """Read kinds of balls: a block of names, each with a material, a diameter, and a mass and inertia if these differ."""
+    """Read kinds of balls: a block of names, each with a material, a diameter, and a mass and
+    inertia if these differ.
+    """
     if not isinstance(value, dict) or not value:
-        raise Refused(show(value), "a block of kinds of balls by name, each with its material and diameter")
-    material = partial(block, rules={name: PARTS[name].rule(at) for name in _MATERIAL}, needed=_MATERIAL[:3])
+        raise Refused(
+            show(value), "a block of kinds of balls by name, each with its material and diameter"
+        )
+    material = partial(
+        block, rules={name: PARTS[name].rule(at) for name in _MATERIAL}, needed=_MATERIAL[:3]
+    )
     rules: dict[str, Rule] = {
-        "material": material, "diameter": LENGTH.read, "mass": MASS.read, "inertia": INERTIA.read,
+        "material": material,
+        "diameter": LENGTH.read,
+        "mass": MASS.read,
+        "inertia": INERTIA.read,
         "spread": PARTS["spread"].rule(at),
-    }  # fmt: skip
+    }
     out = []
     for name, given in value.items():
         kind = label(name)
         if "." in kind or " " in kind or kind == "floor":
-            raise Refused(show(name), "a name without a point or a space, and not 'floor'", path=(name,))
-        found = read_inside(name, partial(block, rules=rules, needed=("material", "diameter")), given)
+            raise Refused(
+                show(name), "a name without a point or a space, and not 'floor'", path=(name,)
+            )
+        found = read_inside(
+            name, partial(block, rules=rules, needed=("material", "diameter")), given
+        )
         try:
             out.append((kind, Ball(Material(**found.pop("material")), **found)))
         except InputError as error:
-            key = next((key for key in ("mass", "inertia") if key in given and str(error).startswith(key)), "diameter")
-            raise Refused(show(given[key]), "a ball that double precision can hold", str(error), (name, key)) from None
+            key = next(
+                (key for key in ("mass", "inertia") if key in given and str(error).startswith(key)),
+                "diameter",
+            )
+            raise Refused(
+                show(given[key]), "a ball that double precision can hold", str(error), (name, key)
+            ) from None
     return tuple(out)
 
 
 def _write_balls(kinds: Any, at: Context) -> dict[str, Any]:
     out = {}
     for name, ball in kinds:
-        material = {key: PARTS[key].write(one, at) for key in _MATERIAL if (one := getattr(ball.material, key)) is not None}
+        material = {
+            key: PARTS[key].write(one, at)
+            for key in _MATERIAL
+            if (one := getattr(ball.material, key)) is not None
+        }
         out[name] = {
-            "material": material, "diameter": LENGTH.write(ball.diameter), "mass": MASS.write(ball.mass),
+            "material": material,
+            "diameter": LENGTH.write(ball.diameter),
+            "mass": MASS.write(ball.mass),
             "inertia": INERTIA.write(ball.inertia),
-        } | ({"spread": PARTS["spread"].write(ball.spread, at)} if ball.spread else {})  # fmt: skip
+        } | ({"spread": PARTS["spread"].write(ball.spread, at)} if ball.spread else {})
     return out
 
 
@@ -557,49 +720,82 @@ def _read_site(value: Any) -> tuple[tuple[float, ...], str]:
 
 
 def _read_counts(value: Any, what: str, high: int, low: int = 1) -> tuple[int, ...]:
-    words = [int(one) if one.isdecimal() else one for one in value.split()] if isinstance(value, str) else value
-    return each(words if isinstance(words, list | tuple) else [words], partial(whole, low=low, high=high), what)
+    words = (
+        [int(one) if one.isdecimal() else one for one in value.split()]
+        if isinstance(value, str)
+        else value
+    )
+    return each(
+        words if isinstance(words, list | tuple) else [words],
+        partial(whole, low=low, high=high),
+        what,
+    )
 
 
 def _read_removed(value: Any) -> tuple[int, ...]:
     found = _read_counts(value, "numbers of balls", 10_000_000, 0)
     if len(set(found)) < len(found):
-        raise Refused(f"ball {Counter(found).most_common(1)[0][0]} more than once", "the number of each ball once")
+        raise Refused(
+            f"ball {Counter(found).most_common(1)[0][0]} more than once",
+            "the number of each ball once",
+        )
     return found
 
 
 def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
-    rules: dict[str, Rule] = {"axis": read_axis, "layers": partial(whole, low=1, high=1_000_000), "edges": read_edges}
+    rules: dict[str, Rule] = {
+        "axis": read_axis,
+        "layers": partial(whole, low=1, high=1_000_000),
+        "edges": read_edges,
+    }
     given = block(value, rules, ("axis", "layers"))
     return given["axis"], given["layers"], given.get("edges", ("free", "free"))
 
 
 def _write_cuts(cuts: Any) -> Any:
-    out = [{"axis": list(a) if isinstance(a, tuple) else a, "layers": n, "edges": " ".join(edges)} for a, n, edges in cuts]
+    out = [
+        {"axis": list(a) if isinstance(a, tuple) else a, "layers": n, "edges": " ".join(edges)}
+        for a, n, edges in cuts
+    ]
     return (out if len(out) > 1 else out[0]) if out else None
 
 
 def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
     if not isinstance(value, dict) or not value:
-        raise Refused(show(value), "a block of numbers of balls and the kinds that take their places, as {12: S}")
-    numbers = [int(index) if isinstance(index, str) and index.isdecimal() else index for index in value]
+        raise Refused(
+            show(value),
+            "a block of numbers of balls and the kinds that take their places, as {12: S}",
+        )
+    numbers = [
+        int(index) if isinstance(index, str) and index.isdecimal() else index for index in value
+    ]
     kinds = [read_inside(index, label, kind) for index, kind in value.items()]
     return tuple(zip([whole(number, 0) for number in numbers], kinds, strict=True))
 
 
 def _read_law(value: Any) -> Any:
-    """Read a law, or a block of pairs of kinds with a law for each; returns the law, or items of pairs."""
-    name, given = next(iter(value.items())) if isinstance(value, dict) and len(value) == 1 else (value, {})
+    """Read a law, or a block of pairs of kinds with a law for each; returns the law, or items of
+    pairs.
+    """
+    name, given = (
+        next(iter(value.items())) if isinstance(value, dict) and len(value) == 1 else (value, {})
+    )
     if isinstance(name, str) and name in LAWS:
         rules = {key: one.rule(Context()) for key, one in _law_numbers(name).items()}
         found = read_inside(name, partial(block, rules=rules, needed=tuple(rules)), given or {})
         with refusing(given or name, f"numbers of the law {name}", name):
             made = LAWS[name].law
             return made(**found) if isinstance(made, type) else made
-    if not isinstance(value, dict) or not all(isinstance(pair, str) and len(pair.split()) == 2 for pair in value):
-        allowed = f"{', '.join(LAWS)}, with its numbers, or a block of pairs of kinds, as {{A B: hertz}}"
+    if not isinstance(value, dict) or not all(
+        isinstance(pair, str) and len(pair.split()) == 2 for pair in value
+    ):
+        allowed = (
+            f"{', '.join(LAWS)}, with its numbers, or a block of pairs of kinds, as {{A B: hertz}}"
+        )
         raise Refused(show(value), allowed, LAWS.failures)
-    return tuple((tuple(pair.split()), read_inside(pair, _read_law, one)) for pair, one in value.items())
+    return tuple(
+        (tuple(pair.split()), read_inside(pair, _read_law, one)) for pair, one in value.items()
+    )
 
 
 def _write_law(law: Any) -> Any:
@@ -611,7 +807,10 @@ def _write_law(law: Any) -> Any:
         if type(law) is known.law:
             fields = {key: f"{key}s" if known.law is TabulatedLaw else key for key in known.numbers}
             kinds = _law_numbers(name)
-            numbers = {key: kinds[key].write(getattr(law, field), Context()) for key, field in fields.items()}
+            numbers = {
+                key: kinds[key].write(getattr(law, field), Context())
+                for key, field in fields.items()
+            }
             return {name: numbers} if numbers else name
     what = f"the law {law!r}"
     mend = f"Use {', '.join(LAWS)}, granphon.register_law for your own, or granphon.sweep"
@@ -619,31 +818,48 @@ def _write_law(law: Any) -> Any:
 
 
 STRUCTURE = Kind.plain(
-    _read_structure, lambda one: None if one is None else one if isinstance(one, str) else write_lattice(one)
+    _read_structure,
+    lambda one: None if one is None else one if isinstance(one, str) else write_lattice(one),
 )
 ORDER = Kind.plain(partial(each, rule=label, what="names of kinds"), lambda one: list(one) or None)
 CELL = Kind.plain(_read_vectors, lambda rows: [[WAY.write(x) for x in row] for row in rows] or None)
 SITES = Kind.plain(
     partial(each, rule=_read_site, what="sites"),
-    lambda sites: [{"kind": kind, "at": [WAY.write(x) for x in place]} for place, kind in sites] or None,
+    lambda sites: (
+        [{"kind": kind, "at": [WAY.write(x) for x in place]} for place, kind in sites] or None
+    ),
 )
-REPEAT = Kind.plain(lambda value: _read_counts(value, "numbers of cells", 1_000_000), lambda one: list(one) or None)
-CUT = Kind.plain(lambda one: each(one, _read_cut, "cuts") if isinstance(one, list) else (_read_cut(one),), _write_cuts)
+REPEAT = Kind.plain(
+    lambda value: _read_counts(value, "numbers of cells", 1_000_000), lambda one: list(one) or None
+)
+CUT = Kind.plain(
+    lambda one: each(one, _read_cut, "cuts") if isinstance(one, list) else (_read_cut(one),),
+    _write_cuts,
+)
 REPLACE = Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None)
 REMOVE = Kind.plain(_read_removed, lambda one: list(one) or None)
 SEED = Kind.plain(partial(whole, low=0))
 LAW = Kind.plain(_read_law, _write_law)
-MOTIONS = Kind.plain(partial(choice, options=tuple(dict.fromkeys(one for d in (1, 2, 3) for one in allowed_motions(d)))))
+MOTIONS = Kind.plain(
+    partial(
+        choice, options=tuple(dict.fromkeys(one for d in (1, 2, 3) for one in allowed_motions(d)))
+    )
+)
 
 
 def tensor_kind(name: str) -> Kind:
-    """Return the kind of a stress or strain: a list in Voigt order, or a symmetric matrix, along the periods."""
+    """Return the kind of a stress or strain: a list in Voigt order, or a symmetric matrix, along
+    the periods.
+    """
 
     def read(value: Any, at: Context) -> tuple[float, ...]:
-        quantity, p = tensor_quantities(at.lattice.periods)[name], at.lattice.periods
+        quantity = tensor_quantities(at.lattice.periods)[name]
+        p = at.lattice.periods
         size = {1: 1, 2: 3, 3: 6}.get(p, 0)
         unit = "numbers" if name == "strain" else "quantities"
-        allowed = f"{size} {unit} in Voigt order, or {p} rows of {p}; tension and extension are positive"
+        allowed = (
+            f"{size} {unit} in Voigt order, or {p} rows of {p}; tension and extension are positive"
+        )
 
         def one(value: Any) -> float:
             if name == "strain":
@@ -651,11 +867,19 @@ def tensor_kind(name: str) -> Kind:
             return 0.0 if is_whole(value) and value == 0 else quantity.read(value)
 
         listed = value if isinstance(value, list | tuple) else [value]
-        if len(listed) == p and p > 1 and all(isinstance(row, list | tuple) and len(row) == p for row in listed):
+        if (
+            len(listed) == p
+            and p > 1
+            and all(isinstance(row, list | tuple) and len(row) == p for row in listed)
+        ):
             rows = np.array(each(list(listed), partial(each, rule=one, what="numbers"), "rows"))
             if not np.array_equal(rows, rows.T):
                 raise Refused(show(value), "a symmetric matrix")
-            pairs = ((0, 0), (1, 1), (0, 1)) if p == 2 else ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+            pairs = (
+                ((0, 0), (1, 1), (0, 1))
+                if p == 2
+                else ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+            )
             shear = 2.0 if name == "strain" else 1.0
             found = tuple(float(rows[a, b]) * (shear if a != b else 1.0) for a, b in pairs)
         elif len(listed) == size:
@@ -670,13 +894,19 @@ def tensor_kind(name: str) -> Kind:
         if load.kind != name:
             return None
         plain = _join_tensor(load) or load.tensor
-        return [*plain] if name == "strain" else [tensor_quantities(at.lattice.periods)[name].write(one) for one in plain]
+        return (
+            [*plain]
+            if name == "strain"
+            else [tensor_quantities(at.lattice.periods)[name].write(one) for one in plain]
+        )
 
     return Kind(read, write)
 
 
 def _join_tensor(load: Any) -> tuple[float, ...] | None:
-    """Return the tensor of a single load; None for several, and where it would not be split again to the last bit."""
+    """Return the tensor of a single load; None for several, and where it would not be split again
+    to the last bit.
+    """
     plain = tuple(one * load.values[0] for one in load.tensor)
     most = max(map(abs, plain))
     return plain if load.size == 1 and tuple(one / most for one in plain) == load.tensor else None
@@ -684,15 +914,20 @@ def _join_tensor(load: Any) -> tuple[float, ...] | None:
 
 TIMES = Kind.plain(
     lambda value: read_values(value, above_zero),
-    lambda load: None if load.tensor is None or _join_tensor(load) else write_values(load.values, float),
+    lambda load: (
+        None if load.tensor is None or _join_tensor(load) else write_values(load.values, float)
+    ),
 )
 
 
 def split_tensor(found: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a :class:`~granphon.Load` from the keys of a block with a stress or strain."""
+    """Return the arguments of a :class:`~granphon.Load` from the keys of a block with a stress or
+    strain.
+    """
     name = next(one for one in ("stress", "strain") if one in found)
     size = max(map(abs, found[name]))
     return {
-        "kind": name, "array": tuple(size * one for one in found.get("times", (1.0,))),
+        "kind": name,
+        "array": tuple(size * one for one in found.get("times", (1.0,))),
         "tensor": tuple(one / size for one in found[name]),
-    }  # fmt: skip
+    }

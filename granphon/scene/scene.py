@@ -1,40 +1,56 @@
-"""The scene: what to compute, read from a YAML file and checked before anything is computed; its run, and its result.
+"""The scene: what to compute, read from a YAML file and checked before anything is computed; its
+run, and its result.
 
-Quantities have units ("8 mm") in the file only; a :class:`Scene` holds numbers in SI units. A mistake in a file raises a
-:class:`~granphon.base.errors.SceneError` that names file, line and key, what was found, what is allowed, and the likely
-intention.
+Quantities have units ("8 mm") in the file only; a :class:`Scene` holds numbers in SI units. A
+mistake in a file raises a :class:`~granphon.base.errors.SceneError` that names file, line and key,
+what was found, what is allowed, and the likely intention.
 
-A run computes everything first, and then writes it into one folder. The result is a data set of all states, and of a single
-state its samples, bands and densities of states. A state is a sweep of one: it has the same data set. Whatever is drawn or
-written is a view of that, or an export of the one state for other programs. The files are these:
+A run computes everything first, and then writes it into one folder. The result is a data set of all
+states, and of a single state its samples, bands and densities of states. A state is a sweep of one:
+it has the same data set. Whatever is drawn or written is a view of that, or an export of the one
+state for other programs. The files are these:
 
-=====================  =====================================================================================
+====================== ============================================================================
 file                   holds
-=====================  =====================================================================================
+====================== ============================================================================
 scene.yaml             the scene with every default written out, in SI
-summary.yaml           the numbers, under the names of the library's attributes, with units, versions, warnings
+summary.yaml           the numbers, under the names of the library's attributes, with units,
+                       versions, warnings
 band.yaml              of a single state: bands, phonopy's format with eigenvectors
 phonopy_params.yaml    force constants, for the phonopy command
 dos.csv                density of states
-surface.*              of a single state: spectrum of the outer layer at an edge, and its waves; .json, .csv and .png
-sample.extxyz          of a simulation at one load: the first sample, its balls with positions, sizes and forces
-sample_balls.csv       of a simulation with friction_history at one load: the network of the first sample, whose contacts
+surface.*              of a single state: spectrum of the outer layer at an edge, and its waves;
+                       .json, .csv and .png
+sample.extxyz          of a simulation at one load: the first sample, its balls with positions,
+                       sizes and forces
+sample_balls.csv       of a simulation with friction_history at one load: the network of the first
+                       sample, whose contacts
 sample_contacts.csv    have their normal and tangential forces
-forces.png             force chains of that sample, and the distribution of the forces in all samples
-bands.png              bands, with the density of states beside them; dos.png if that alone was asked for
-sweep.nc, sweep.csv    every state, with velocities, moduli and bands; sweep.csv leaves out the bands
-sweep.png              of several states: velocities and exponents over the load, and the velocity of pulses
-sweep_incomplete.*     of a sweep with a path of loads that ends early: .nc and .csv of the loads before, and nothing else
+forces.png             force chains of that sample, and the distribution of the forces in all
+                       samples
+bands.png              bands, with the density of states beside them; dos.png if that alone was
+                       asked for
+sweep.nc, sweep.csv    every state, with velocities, moduli and bands; sweep.csv leaves out the
+                       bands
+sweep.png              of several states: velocities and exponents over the load, and the velocity
+                       of pulses
+sweep_incomplete.*     of a sweep with a path of loads that ends early: .nc and .csv of the loads
+                       before, and nothing else
 sweep_dos.*            of a sweep of simulations: densities of states of the arrays, .csv and .png
-sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
-sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
-spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
-damped_bands.csv       frequencies, decay and Q of bands whose contacts lose energy, if the block bands asks for them
+sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the
+                       arrays, .csv and .png
+sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png
+                       of it
+spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all
+                       samples
+damped_bands.csv       frequencies, decay and Q of bands whose contacts lose energy, if the block
+                       bands asks for them
 response.*             response in frequency of the network of each state: .csv and .png
 motion.csv, .png       energies of balls in motion over time, and the greatest force, of each state
-motion.nc              of a single state: the balls at all times; motion_contacts.csv, when the wave comes to each contact
+motion.nc              of a single state: the balls at all times; motion_contacts.csv, when the
+                       wave comes to each contact
 diameters.csv          the measured diameters, if they are too many for scene.yaml
-=====================  =====================================================================================
+====================== ============================================================================
 """
 
 from __future__ import annotations
@@ -62,7 +78,13 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
-from granphon.runs.dataset import SweepRun, list_finite_overlap, load_sweep, write_sweep, write_waves
+from granphon.runs.dataset import (
+    SweepRun,
+    list_finite_overlap,
+    load_sweep,
+    write_sweep,
+    write_waves,
+)
 from granphon.runs.store import TaskResult, open_store
 from granphon.runs.sweep import keep_incomplete
 from granphon.runs.tasks import SampleRecord
@@ -85,7 +107,8 @@ if TYPE_CHECKING:
 
 #: version number of summary.yaml, its key "schema"
 SUMMARY_SCHEMA = 1
-#: the file, in the folder of the result, in which finished tasks are kept until the result has been written
+#: the file, in the folder of the result, in which finished tasks are kept until the result has been
+#: written
 WORK_FILE = ".granphon-sweep"
 #: figures of the waves in simulated arrays of a sweep, and what they are of
 SWEEP_FIGURES = {"sweep_dos.png": "dos", "sweep_spectra.png": "spectrum"}
@@ -102,26 +125,60 @@ _COLUMNS = {
         *((name, "1/Hz", name) for name in ("total", "translational", "rotational", "error")),
     ],
     "pulse": [
-        ("time", "s", "times"), ("force_sent", "N", "sent"), ("coherent", "m/s", "coherent"),
+        ("time", "s", "times"),
+        ("force_sent", "N", "sent"),
+        ("coherent", "m/s", "coherent"),
         ("speckle", "m/s", "speckle_amplitude"),
     ],
-}  # fmt: skip
+}
 #: names of all files that a run may write
 RESULT_FILES = (
-    "scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep_dos.csv", "sweep_spectra.csv", "band.yaml",
-    "damped_bands.csv", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
+    "scene.yaml",
+    "summary.yaml",
+    "sweep.nc",
+    "sweep.csv",
+    "sweep_dos.csv",
+    "sweep_spectra.csv",
+    "band.yaml",
+    "damped_bands.csv",
+    "phonopy_params.yaml",
+    "dos.csv",
+    "sample.extxyz",
+    "sample_balls.csv",
+    "sample_contacts.csv",
     *(f"{stem}.{ending}" for stem in KEPT for ending in ("json", "csv")),
-    *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")), *MOTION_FILES,
-    "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in KEPT),
-    "sweep_incomplete.nc", "sweep_incomplete.csv", DIAMETERS_FILE,
-)  # fmt: skip
+    *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")),
+    *MOTION_FILES,
+    "sweep.png",
+    *SWEEP_FIGURES,
+    "bands.png",
+    "dos.png",
+    "forces.png",
+    *(f"{stem}.png" for stem in KEPT),
+    "sweep_incomplete.nc",
+    "sweep_incomplete.csv",
+    DIAMETERS_FILE,
+)
 #: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
-    "force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast", "pulse_velocity",
-    "time_of_flight", "coherent_fraction", "surface_velocity", "peak_frequency", "peak_quality",
-    "front_velocity", "peak_velocity", "greatest_force", "energy_lost",
+    "force",
+    "overlap",
+    "longitudinal",
+    "transverse",
+    "transverse_slow",
+    "transverse_fast",
+    "pulse_velocity",
+    "time_of_flight",
+    "coherent_fraction",
+    "surface_velocity",
+    "peak_frequency",
+    "peak_quality",
+    "front_velocity",
+    "peak_velocity",
+    "greatest_force",
+    "energy_lost",
     *(f"ioffe_regel_{name}" for name in POLARISATIONS),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -130,26 +187,34 @@ class Scene(Plan):
 
     Attributes
     ----------
-    packing, load : the balls and their arrangement, and the load that presses them. Balls of several kinds are an
+    packing, load : the balls and their arrangement, and the load that presses them. Balls of
+        several kinds are an
         :class:`~granphon.media.arrangement.Arrangement`.
-    media : the ways to average over a spread of diameters, one or more; by default "ema" if the balls differ, else "ala".
-        Balls of several kinds have "crystal" alone.
-        May be given as names ("ala", "afa", "ema", "simulation", "auto") or mappings with options, alone or in a list.
-    parameters : the swept parameters of the packing, each with its values; may be given as a mapping.
-    finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in their exact geometry,
-        which always have them.
-    observe : which of "velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse", "response", "motion" to compute;
-        spectrum, pulse and the density of states of the array itself, of a simulation.
-    direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of such directions; None
-        for x, on which velocities do not depend where sound is isotropic.
-    band, band_points : path of the bands, None for that of the lattice, and number of points on each of its segments.
-    mesh : numbers of wave vectors along the reciprocal vectors for the density of states, one for each period of the
-        lattice; by default (1024,), (64, 64) or (32, 32, 32).
+    media : the ways to average over a spread of diameters, one or more; by default "ema" if the
+        balls differ, else "ala". Balls of several kinds have "crystal" alone. May be given as names
+        ("ala", "afa", "ema", "simulation", "auto") or mappings with options, alone or in a list.
+    parameters : the swept parameters of the packing, each with its values; may be given as a
+        mapping.
+    finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in
+        their exact geometry, which always have them.
+    observe : which of "velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse",
+        "response", "motion" to compute; spectrum, pulse and the density of states of the array
+        itself, of a simulation.
+    direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of
+        such directions; None for x, on which velocities do not depend where sound is isotropic.
+    band, band_points : path of the bands, None for that of the lattice, and number of points on
+        each of its segments.
+    mesh : numbers of wave vectors along the reciprocal vectors for the density of states, one for
+        each period of the lattice; by default (1024,), (64, 64) or (32, 32, 32).
     surface : the edge whose waves are found, if the scene observes them.
-    spectrum, pulse : what spectral functions to find, and what pulse to send, if the scene observes them.
-    bands : how contacts damp the bands, if the scene observes them; None for bands without loss alone.
-    response, motion : which response of the network of each state to find, and how its balls move, if the scene observes it.
-    dim : supercell of the exported force constants, a number for each period; None for the smallest that suffices.
+    spectrum, pulse : what spectral functions to find, and what pulse to send, if the scene observes
+        them.
+    bands : how contacts damp the bands, if the scene observes them; None for bands without loss
+        alone.
+    response, motion : which response of the network of each state to find, and how its balls move,
+        if the scene observes it.
+    dim : supercell of the exported force constants, a number for each period; None for the smallest
+        that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.
 
     Raises
@@ -196,42 +261,53 @@ class Scene(Plan):
 
         Parameters
         ----------
-        folder : folder of the results, made if it does not exist. No other run can write into it meanwhile. If anything
-            fails it is left as it was found, except that finished tasks stay in one file, from which the same scene goes on.
-        force : replace an earlier result, remove its files that this scene does not write, and discard the finished part of
-            another sweep. A file that granphon did not write, that was changed since, or that the scene reads is never
-            replaced.
+        folder : folder of the results, made if it does not exist. No other run can write into it
+            meanwhile. If anything fails it is left as it was found, except that finished tasks stay
+            in one file, from which the same scene goes on.
+        force : replace an earlier result, remove its files that this scene does not write, and
+            discard the finished part of another sweep. A file that granphon did not write, that was
+            changed since, or that the scene reads is never replaced.
         progress : is told how far the work has come.
-        figures : draw bands.png (dos.png, sweep.png, forces.png) too; one that cannot be drawn is a warning of the result.
-        resume : if the result is complete (see :func:`is_complete`), read it, and compute and write nothing. A run that was
-            cut off continues from its finished part with or without this.
+        figures : draw bands.png (dos.png, sweep.png, forces.png) too; one that cannot be drawn is a
+            warning of the result.
+        resume : if the result is complete (see :func:`is_complete`), read it, and compute and write
+            nothing. A run that was cut off continues from its finished part with or without this.
         executor : does tasks side by side; the numbers do not depend on it.
 
         Raises
         ------
-        FileExistsInRunError : without ``force``, a file would be overwritten, or the finished part of another scene or
-            version would be discarded; or a file may not be replaced at all. Raised before anything is computed.
+        FileExistsInRunError : without ``force``, a file would be overwritten, or the finished part
+            of another scene or version would be discarded; or a file may not be replaced at all.
+            Raised before anything is computed.
         OutputError : the folder cannot be written, or another run is writing into it.
-        GranphonError : the computation fails; then no result has been written. If a path of loads with friction ends early,
-            the loads before it are in sweep_incomplete.nc and sweep_incomplete.csv, and ``reached`` of the error is their
-            data set.
+        GranphonError : the computation fails; then no result has been written. If a path of loads
+            with friction ends early, the loads before it are in sweep_incomplete.nc and
+            sweep_incomplete.csv, and ``reached`` of the error is their data set.
         """
         self.cost()  # raises if there is too little memory
-        target, (names, drawn) = Path(folder), list_files(self)
+        target = Path(folder)
+        (names, drawn) = list_files(self)
         drawn = drawn if figures else ()
         every = (*names, *drawn)
         if resume and not force and is_complete(self, target):
             there = tuple(target / name for name in every if (target / name).exists())
             return RunResult(self, target, load_sweep(target / "sweep.nc"), files=there)
         self.require_waves()
-        text, kept = self.to_yaml(), target / WORK_FILE
+        text = self.to_yaml()
+        kept = target / WORK_FILE
         with (
-            ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=self.origin.inputs).open() as locked,
-            # a state that is found at once keeps no parts, but those of another run are not to stand beside it
-            open_store(kept, force) if self.has_tasks or os.path.lexists(kept) else nullcontext() as store,
+            ResultFiles(
+                target, every, force, earlier=RESULT_FILES, inputs=self.origin.inputs
+            ).open() as locked,
+            # a state that is found at once keeps no parts, but those of another run are not to
+            # stand beside it
+            open_store(kept, force)
+            if self.has_tasks or os.path.lexists(kept)
+            else nullcontext() as store,
         ):
             with self.place_errors():
-                work, parts = SweepRun.of(self.case_grid), list[TaskResult]()
+                work = SweepRun.of(self.case_grid)
+                parts = list[TaskResult]()
                 try:
                     if self.has_tasks:
                         parts = work.do(executor, progress, store)
@@ -248,12 +324,24 @@ class Scene(Plan):
                     if error.reached is None or store is None:
                         raise
                     raise keep_incomplete(error, locked, "sweep.nc", store) from None
-            others = ("ase", "phonopy", "spglib") if result.phonons is not None else ("ase",) * (result.waves is not None)
+            others = (
+                ("ase", "phonopy", "spglib")
+                if result.phonons is not None
+                else ("ase",) * (result.waves is not None)
+            )
             used = versions("numpy", "scipy", "xarray", "h5netcdf", *others)
-            every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
-            with locked.staging((*drawn, *result.left_out)) as place, progress.step("writing", len(every)) as step:
+            every, drawn = (
+                tuple(name for name in names if name not in result.left_out)
+                for names in (every, drawn)
+            )
+            with (
+                locked.staging((*drawn, *result.left_out)) as place,
+                progress.step("writing", len(every)) as step,
+            ):
                 head = "".join(f"# {package} {number}\n" for package, number in used.items())
-                (place / "scene.yaml").write_text(f"# The scene as it was run, in SI units.\n{head}{text}", encoding="utf-8")
+                (place / "scene.yaml").write_text(
+                    f"# The scene as it was run, in SI units.\n{head}{text}", encoding="utf-8"
+                )
                 if self.diameters is not None:
                     (place / DIAMETERS_FILE).write_text(self.diameters, encoding="utf-8")
                 write_numbers(result, place, step.advance)
@@ -271,8 +359,15 @@ class Scene(Plan):
 
 def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the files of numbers, and names of the figures, that a run writes."""
-    seen, drawn = scene.observe, list[str]()
-    names = ["scene.yaml", "summary.yaml", *[DIAMETERS_FILE] * (scene.diameters is not None), "sweep.nc", "sweep.csv"]
+    seen = scene.observe
+    drawn = list[str]()
+    names = [
+        "scene.yaml",
+        "summary.yaml",
+        *[DIAMETERS_FILE] * (scene.diameters is not None),
+        "sweep.nc",
+        "sweep.csv",
+    ]
     names += [f"{name}.csv" for name in NETWORK_BLOCKS if name in seen]
     names += ["damped_bands.csv"] * (scene._asked("bands") is not None)
     drawn += [f"{name}.png" for name in NETWORK_BLOCKS if name in seen]
@@ -288,7 +383,10 @@ def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     drawn += ["bands.png"] if "bands" in seen else ["dos.png"] * ("dos" in seen)
     for medium in scene.serving.arrays:  # one at most
         waves = [stem for stem, of in SAMPLE_WAVES.items() if of in seen]
-        names += ["sample.extxyz", *("sample_balls.csv", "sample_contacts.csv") * bool(medium.friction_history)]
+        names += [
+            "sample.extxyz",
+            *("sample_balls.csv", "sample_contacts.csv") * bool(medium.friction_history),
+        ]
         names += [f"{stem}.{ending}" for stem in waves for ending in ("json", "csv")]
         drawn += ["forces.png", *(f"{stem}.png" for stem in waves)]
     return tuple(names), tuple(drawn)
@@ -308,13 +406,15 @@ class RunResult:
     ----------
     scene : what was asked for.
     folder, files : folder of the results, and the paths of the files written there.
-    dataset : every state, with velocities, moduli and bands, as :func:`granphon.runs.sweep.sweep` returns it.
+    dataset : every state, with velocities, moduli and bands, as :func:`granphon.runs.sweep.sweep`
+        returns it.
     given : of a single state, what has been found of it; None after reading it from its folder.
-    phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for, as of several states,
-        and after reading the result from its folder, where files hold these.
-    bands, dos, gaps : of a single state, frequencies along the path, Hz, their density of states, 1/Hz, and intervals
-        without a branch, (n, 2) Hz; likewise.
-    surface : of a single state, the spectrum of the outer layer at the edge, with its waves; likewise.
+    phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for,
+        as of several states, and after reading the result from its folder, where files hold these.
+    bands, dos, gaps : of a single state, frequencies along the path, Hz, their density of states,
+        1/Hz, and intervals without a branch, (n, 2) Hz; likewise.
+    surface : of a single state, the spectrum of the outer layer at the edge, with its waves;
+        likewise.
     waves : what was asked for of the waves in the samples of a single state; likewise.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
@@ -332,7 +432,7 @@ class RunResult:
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
 
-    # -- a single state -------------------------------------------------------------------------------------------------
+    # -- a single state ----------------------------------------------------------------------------
 
     @property
     def state(self) -> ContactState:
@@ -347,8 +447,12 @@ class RunResult:
     @cached_property
     def _analysis(self) -> Analysis:
         if not self.scene.is_single:
-            raise InputError("the result is that of a sweep", "It has no single state", "Take its dataset")
-        return Analysis(self.scene.state(), self.scene.direction) if self.given is None else self.given
+            raise InputError(
+                "the result is that of a sweep", "It has no single state", "Take its dataset"
+            )
+        return (
+            Analysis(self.scene.state(), self.scene.direction) if self.given is None else self.given
+        )
 
     @property
     def velocities(self) -> SoundVelocities | None:
@@ -357,25 +461,37 @@ class RunResult:
 
     @property
     def moduli(self) -> Moduli | None:
-        """Elastic constants of the only state, Pa; None if velocities were not asked for, or it has none."""
+        """Elastic constants of the only state, Pa; None if velocities were not asked for, or it has
+        none.
+        """
         return self._analysis.moduli if "velocities" in self.scene.observe else None
 
     @property
     def local_field(self) -> LocalField | None:
         """Local field of the effective medium; None of another medium, and for equal balls."""
-        return self.scene.serving.medium.of(self.scene.packing).local_field if self.scene.packing.width else None
+        return (
+            self.scene.serving.medium.of(self.scene.packing).local_field
+            if self.scene.packing.width
+            else None
+        )
 
-    # -- numbers --------------------------------------------------------------------------------------------------------
+    # -- numbers -----------------------------------------------------------------------------------
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each limit of validity exceeded, each number unknown or left out, and each figure that failed."""
+        """One sentence for each limit of validity exceeded, each number unknown or left out, and
+        each figure that failed.
+        """
         found = [text for one in (self.bands, self.dos) if one is not None for text in one.warnings]
-        return tuple(dict.fromkeys((*json.loads(self.dataset.attrs["warnings"]), *found, *self.failures)))
+        return tuple(
+            dict.fromkeys((*json.loads(self.dataset.attrs["warnings"]), *found, *self.failures))
+        )
 
     @property
     def finite_overlap(self) -> bool | list[bool]:
-        """Whether the numbers have the terms of relative order delta/d; a list in the order of the media if they differ."""
+        """Whether the numbers have the terms of relative order delta/d; a list in the order of the
+        media if they differ.
+        """
         if self.scene.is_single:
             return bool(self.state.finite_overlap)
         found = list_finite_overlap(self.dataset)
@@ -386,18 +502,26 @@ class RunResult:
         return entry_of(name, self.scene.packing) if name in CATALOGUE else None
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers as plain data in SI units, under the names of the library's attributes.
+        """Return the numbers as plain data in SI units, under the names of the library's
+        attributes.
 
-        Of several states these are the sizes of the dimensions, the number of states, the media, and the least and the
-        greatest force, overlap and velocities; with the direction of sound, if it was given or velocities depend on it.
+        Of several states these are the sizes of the dimensions, the number of states, the media,
+        and the least and the greatest force, overlap and velocities; with the direction of sound,
+        if it was given or velocities depend on it.
         """
         if not self.scene.is_single:
             return self._summarise_states()
         out: dict[str, Any] = {"medium": self.scene.media[0].label}
         if (serving := self.scene.serving).chosen_automatically:
-            out |= {"choice": serving.medium.label, "expected_error": float(serving.errors[0]), "truth": str(serving.truth)}
+            out |= {
+                "choice": serving.medium.label,
+                "expected_error": float(serving.errors[0]),
+                "truth": str(serving.truth),
+            }
         of = self._analysis
-        out |= find_all(of, ("state",)) | (find_all(of, ("exponent",)) if "exponent" in self.dataset else {})
+        out |= find_all(of, ("state",)) | (
+            find_all(of, ("exponent",)) if "exponent" in self.dataset else {}
+        )
         out |= find_all(of, ("packing",))
         if (field := self.local_field) is not None:
             out["local_field"] = {name: getattr(field, name) for name in ("alpha", "beta", "xi")}
@@ -417,13 +541,23 @@ class RunResult:
         return out | {name: value for name, value in known.items() if np.isfinite(value)}
 
     def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
-        data, words = self.dataset, ("frequency", "height", "quality")
+        data = self.dataset
+        words = ("frequency", "height", "quality")
         name = next(one for one in RESPONSES.values() if one in data)
-        found: dict[str, list[dict[str, float]]] = {place: [] for place in data["receiver"].values.tolist()}
+        found: dict[str, list[dict[str, float]]] = {
+            place: [] for place in data["receiver"].values.tolist()
+        }
         if "peaks_frequency" in data:
-            tables = [data[f"peaks_{word}"].values.reshape(len(found), -1) for word in ("frequency", name, "quality")]
+            tables = [
+                data[f"peaks_{word}"].values.reshape(len(found), -1)
+                for word in ("frequency", name, "quality")
+            ]
             for place, *rows in zip(found, *tables, strict=True):
-                peaks = [peak for peak in zip(*map(np.ndarray.tolist, rows), strict=True) if np.isfinite(peak[0])]
+                peaks = [
+                    peak
+                    for peak in zip(*map(np.ndarray.tolist, rows), strict=True)
+                    if np.isfinite(peak[0])
+                ]
                 found[place] = [dict(zip(words, peak, strict=True)) for peak in peaks]
         return found
 
@@ -431,7 +565,11 @@ class RunResult:
         data = self.dataset
         along = ("direction",) * ("direction" in data.dims)
         sizes = {str(name): data.sizes[name] for name in (*data["valid"].dims, *along)}
-        out: dict[str, Any] = {"sizes": sizes, "states": data["valid"].size, "medium": data["medium"].values}
+        out: dict[str, Any] = {
+            "sizes": sizes,
+            "states": data["valid"].size,
+            "medium": data["medium"].values,
+        }
         if "direction" in data.coords:
             out["direction"] = json.loads(data["direction"].attrs["values"])
         elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
@@ -447,7 +585,7 @@ class RunResult:
         rows = ((name, numbers[name], one.unit if one else "") for name, one in entries.items())
         return write_html(type(self).__name__, rows)
 
-    # -- files ----------------------------------------------------------------------------------------------------------
+    # -- files -------------------------------------------------------------------------------------
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -463,7 +601,13 @@ class RunResult:
         if stem in ("forces", "surface", *waves):
             from granphon.figures.plot import plot
 
-            return plot(self.state if stem == "forces" else self.surface if stem == "surface" else waves[stem])
+            return plot(
+                self.state
+                if stem == "forces"
+                else self.surface
+                if stem == "surface"
+                else waves[stem]
+            )
         if stem in ("bands", "dos"):
             from granphon.figures.bands import bands_figure
 
@@ -472,12 +616,22 @@ class RunResult:
 
 
 def _describe_alone(
-    scene: Scene, target: Path, work: SweepRun, state: ContactState, parts: Sequence[TaskResult], progress: Progress
+    scene: Scene,
+    target: Path,
+    work: SweepRun,
+    state: ContactState,
+    parts: Sequence[TaskResult],
+    progress: Progress,
 ) -> RunResult:
     waves = bands = dos = gaps = surface = None
-    analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
+    analysis = Analysis(state, scene.direction)
+    records = [SampleRecord.from_part(part, 0) for part in parts]
     if not records:
-        with progress.step("networks") if scene.waves is not None and scene.waves.of_networks else nullcontext():
+        with (
+            progress.step("networks")
+            if scene.waves is not None and scene.waves.of_networks
+            else nullcontext()
+        ):
             (task,) = work.grid.cases[0].media
             records = task.record_networks(state, whole=True)
     if (edge := scene._asked("surface")) is not None:
@@ -501,7 +655,9 @@ def _describe_alone(
             _ = phonons.phonopy
     if "bands" in scene.observe:
         with progress.step("bands"):
-            bands = phonons.bands(scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels)
+            bands = phonons.bands(
+                scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels
+            )
     if "dos" in scene.observe:
         with progress.step("density of states"):
             dos = phonons.dos(mesh=scene.mesh)
@@ -512,14 +668,18 @@ def _describe_alone(
 
 
 def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
-    """Whether ``folder`` holds every file but figures of a run, made with the installed versions of packages.
+    """Whether ``folder`` holds every file but figures of a run, made with the installed versions of
+    packages.
 
     A file that was changed after the run counts as missing.
     """
     target = Path(folder)
     try:
         made = read_yaml(target / "summary.yaml")["versions"]
-        if type(scene)(**SceneSource.of_file(target / "scene.yaml").read()) != scene or made != made | packages():
+        if (
+            type(scene)(**SceneSource.of_file(target / "scene.yaml").read()) != scene
+            or made != made | packages()
+        ):
             return False
     except (InputError, KeyError, TypeError):
         return False
@@ -527,13 +687,15 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
 
 
 def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> None:
-    """Write the files of numbers of a result into the folder ``place``; ``advance`` is told of each.
+    """Write the files of numbers of a result into the folder ``place``; ``advance`` is told of
+    each.
 
-    Those of the scene, its diameters and the summary are written by the run, and told of here. Files that are ``left_out``
-    are neither written nor told of.
+    Those of the scene, its diameters and the summary are written by the run, and told of here.
+    Files that are ``left_out`` are neither written nor told of.
     """
     for name in list_files(result.scene)[0]:
-        path, stem = place / name, name.partition(".")[0]
+        path = place / name
+        stem = name.partition(".")[0]
         match name:
             case "scene.yaml" | "summary.yaml" | "diameters.csv":
                 pass
@@ -544,7 +706,10 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
             case "motion.nc":
                 result.waves.motion.write(path)
             case "motion_contacts.csv":
-                from granphon.runs.wave_records import write_contacts  # imported here: other runs do not need it
+                # imported here: other runs do not need it
+                from granphon.runs.wave_records import (
+                    write_contacts,
+                )
 
                 write_contacts(result.waves.motion, path, result.scene.motion)
             case _ if stem in ("sweep_dos", "sweep_spectra", "damped_bands", *NETWORK_BLOCKS):
@@ -563,51 +728,81 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
                 result.waves.spectra.write_csv(path)
             case "sample_dos.csv" | "pulse.csv":
                 found = result.waves.results[stem]
-                columns = [(Heading(name, unit), getattr(found, source)) for name, unit, source in _COLUMNS[stem]]
+                columns = [
+                    (Heading(name, unit), getattr(found, source))
+                    for name, unit, source in _COLUMNS[stem]
+                ]
                 rows = np.transpose([values for _, values in columns]).tolist()
-                path.write_text(table_text([heading for heading, _ in columns], rows), encoding="utf-8")
+                path.write_text(
+                    table_text([heading for heading, _ in columns], rows), encoding="utf-8"
+                )
             case "surface.json":
                 path.write_text(json.dumps(result.surface.to_dict()) + "\n", encoding="utf-8")
             case "surface.csv":
                 result.surface.write_csv(path)
             case "sample_dos.json" | "spectrum.json" | "pulse.json":
-                path.write_text(json.dumps(result.waves.results[stem].to_dict()) + "\n", encoding="utf-8")
+                path.write_text(
+                    json.dumps(result.waves.results[stem].to_dict()) + "\n", encoding="utf-8"
+                )
         advance(1)
 
 
 def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
-    scene, numbers = result.scene, result.summary()
+    scene = result.scene
+    numbers = result.summary()
     limits: dict[str, Any] = {}
     if result.scene.is_single:
         checks = [
-            {"name": c.name, "meaning": c.meaning, "value": c.value, "limit": c.limit, "ok": bool(c.ok)}
+            {
+                "name": c.name,
+                "meaning": c.meaning,
+                "value": c.value,
+                "limit": c.limit,
+                "ok": bool(c.ok),
+            }
             for c in result.validity.checks
         ]
         limits = {"ok": bool(result.validity.ok), "validity": checks}
     entries = {name: result.entry(name) for name in numbers}
-    return dump_yaml({
-        "schema": SUMMARY_SCHEMA, "versions": used, "source": None if scene.source is None else scene.source.name,
-        "observe": scene.observe, "finite_overlap": result.finite_overlap, **numbers, **limits,
-        "warnings": result.warnings, "files": [path.name for path in result.files],
-        "units": {name: one.unit for name, one in entries.items() if one is not None and one.unit},
-    })  # fmt: skip
+    return dump_yaml(
+        {
+            "schema": SUMMARY_SCHEMA,
+            "versions": used,
+            "source": None if scene.source is None else scene.source.name,
+            "observe": scene.observe,
+            "finite_overlap": result.finite_overlap,
+            **numbers,
+            **limits,
+            "warnings": result.warnings,
+            "files": [path.name for path in result.files],
+            "units": {
+                name: one.unit for name, one in entries.items() if one is not None and one.unit
+            },
+        }
+    )
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
-    """Read summary.yaml in the folder of a run; raises :class:`~granphon.base.errors.InputError` if it is not one."""
+    """Read summary.yaml in the folder of a run; raises :class:`~granphon.base.errors.InputError` if
+    it is not one.
+    """
     path = folder / "summary.yaml"
     found = read_yaml(path)
     if not isinstance(found, dict):
-        raise InputError(f"{path} holds no keys", "Granphon did not write it so", "Run the scene again")
+        raise InputError(
+            f"{path} holds no keys", "Granphon did not write it so", "Run the scene again"
+        )
     require_schema(path, found.get("schema"), SUMMARY_SCHEMA)
     return found
 
 
-# -- figures ----------------------------------------------------------------------------------------------------------
+# -- figures ---------------------------------------------------------------------------------------
 
 
 def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
-    """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``."""
+    """Draw the figure of a data set that the ``name`` of its file means, or that of one
+    ``variable``.
+    """
     stem = Path(name).stem
     if variable is None and stem in NETWORK_BLOCKS:
         from granphon.figures.plot import draw_states

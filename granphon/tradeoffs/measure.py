@@ -1,14 +1,17 @@
-"""Measure speed against accuracy: time and error of each medium, of simulations of several sizes among them.
+"""Measure speed against accuracy: time and error of each medium, of simulations of several sizes
+among them.
 
-Each point of the study is a method with a knob, such as a simulation of so many balls. It is timed several times after a
-run to warm up, and its error is that of the quantities that a scene observes: its distance from the reference. That is an
-ensemble of samples, checked by another algorithm. The study is a task (:mod:`granphon.runs.execution`) with a budget of
-time, and is kept once it is finished.
+Each point of the study is a method with a knob, such as a simulation of so many balls. It is timed
+several times after a run to warm up, and its error is that of the quantities that a scene observes:
+its distance from the reference. That is an ensemble of samples, checked by another algorithm. The
+study is a task (:mod:`granphon.runs.execution`) with a budget of time, and is kept once it is
+finished.
 
-Means over the ensemble have less scatter than the number of samples alone would leave. To second order in the differences of
-diameters, the difference between one sample and the infinite array is linear in the sample's own means of x^2 and of x x'
-over near pairs of balls. For the infinite array these means are known exactly: the variance, and zero. A linear regression
-on them removes that part of the scatter (control variates). At f* = 1 it leaves less than a fifth of the standard error,
+Means over the ensemble have less scatter than the number of samples alone would leave. To second
+order in the differences of diameters, the difference between one sample and the infinite array is
+linear in the sample's own means of x^2 and of x x' over near pairs of balls. For the infinite array
+these means are known exactly: the variance, and zero. A linear regression on them removes that part
+of the scatter (control variates). At f* = 1 it leaves less than a fifth of the standard error,
 above f* = 3 a tenth or less, and near the rigidity threshold almost all of it.
 """
 
@@ -60,7 +63,8 @@ from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import to_json
 from granphon.runs.workers import packages
 
-#: quantities that are averaged, and whose errors are measured: velocities of long waves, and the scale of frequencies
+#: quantities that are averaged, and whose errors are measured: velocities of long waves, and the
+#: scale of frequencies
 QUANTITIES = ("longitudinal", "transverse", "frequency")
 _REACH = 3.0
 #: first seed of the reference's samples, far from the seeds of the points
@@ -77,7 +81,8 @@ _LOADED_SIDES = {2: 32, 3: 8}
 _CHECKED_SIDES = {2: 24, 3: 6}
 #: number of samples between two checks whether the reference is good enough
 _SAMPLES_BETWEEN_LOOKS = 8
-#: a reference can judge a point if the error of the point is at least this many times that of the reference
+#: a reference can judge a point if the error of the point is at least this many times that of the
+#: reference
 BETTER = 100.0
 #: least number of timed runs of a point
 LEAST_RUNS = 5
@@ -88,12 +93,13 @@ TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
 def observe(state: ContactState) -> Array:
     """Return the :data:`QUANTITIES` of a state, (..., 3): m/s, m/s, and (k/M)^(1/2) in 1/s.
 
-    In the plane the velocities are those along x. In space they are those of the moduli averaged over all directions
-    (W. Voigt, 1889), rho v^2 = K + 4G/3 and G.
+    In the plane the velocities are those along x. In space they are those of the moduli averaged
+    over all directions (W. Voigt, 1889), rho v^2 = K + 4G/3 and G.
     """
     scale = np.sqrt(state.normal_stiffness) / math.sqrt(state.packing.mass)
     if state.packing.structure.periods == 3:
-        tensor, density = state.elastic_tensor, np.asarray(state.effective_density)
+        tensor = state.elastic_tensor
+        density = np.asarray(state.effective_density)
         moduli = longitudinal_modulus(tensor), bulk_and_shear(tensor)[..., 1]
         return np.stack([*(np.sqrt(one / density) for one in moduli), scale], axis=-1)
     velocities = sound_velocities(state, (1.0, 0.0))
@@ -101,18 +107,30 @@ def observe(state: ContactState) -> Array:
 
 
 class Ensemble:
-    """Samples, and what they say of the infinite array: :meth:`add` some, a few at a time, then ask for the :meth:`means`.
+    """Samples, and what they say of the infinite array: :meth:`add` some, a few at a time, then ask
+    for the :meth:`means`.
 
-    All samples have the same ``packing``, in the plane or in space, applied ``load`` (n_loads,) and ``shape`` (L1, ..., Lp);
-    their seeds count from ``seed``. They are samples of ``truth``. Raises what
+    All samples have the same ``packing``, in the plane or in space, applied ``load`` (n_loads,) and
+    ``shape`` (L1, ..., Lp); their seeds count from ``seed``. They are samples of ``truth``. Raises
+    what
     :class:`~granphon.media.simulation.DirectSimulation` raises.
     """
 
     def __init__(
-        self, packing: Packing, load: Load, shape: tuple[int, ...], seed: int = 0, truth: FrictionHistory = REST
+        self,
+        packing: Packing,
+        load: Load,
+        shape: tuple[int, ...],
+        seed: int = 0,
+        truth: FrictionHistory = REST,
     ) -> None:
-        self.packing, self.load, self.shape, self.seed, self.truth = packing, load, shape, seed, truth
-        #: of each sample (n_loads, 3) what means are taken of: rho v^2 of both velocities, Pa, and k, N/m, or 1/k
+        self.packing = packing
+        self.load = load
+        self.shape = shape
+        self.seed = seed
+        self.truth = truth
+        #: of each sample (n_loads, 3) what means are taken of: rho v^2 of both velocities, Pa, and
+        #: k, N/m, or 1/k
         self.moduli: list[Array] = []
         self._excess: list[Array] = []
 
@@ -123,60 +141,89 @@ class Ensemble:
 
     def add(self, count: int = 1) -> None:
         """Simulate ``count`` more samples."""
-        simulation = DirectSimulation(self.packing, self.shape, self.seed + self.samples, count, **self.truth.options)
+        simulation = DirectSimulation(
+            self.packing, self.shape, self.seed + self.samples, count, **self.truth.options
+        )
         state = simulation.at(self.load)
         tensors = state.over_samples(lambda sample: sample.elastic_tensor)
         k = state.over_samples(lambda sample: sample.normal_stiffness)
-        # moduli are averaged, and k or, where samples share the force, the compliance 1/k, as in the state
-        rows = longitudinal_modulus(tensors), bulk_and_shear(tensors)[..., 1], k if state.fixed_overlap else 1.0 / k
+        # moduli are averaged, and k or, where samples share the force, the compliance 1/k, as in
+        # the state
+        rows = (
+            longitudinal_modulus(tensors),
+            bulk_and_shear(tensors)[..., 1],
+            k if state.fixed_overlap else 1.0 / k,
+        )
         self.moduli.extend(np.moveaxis(np.stack(rows, axis=-1), 1, 0))
         self._densities = np.asarray(state.effective_density)
         self._excess.extend(np.array(list(measure_excess(simulation))))
 
     def means(self) -> tuple[Array, Array]:
-        """Return the :data:`QUANTITIES`, SI, and their relative standard errors, (n_loads, 3); of two samples or more."""
+        """Return the :data:`QUANTITIES`, SI, and their relative standard errors, (n_loads, 3); of
+        two samples or more.
+        """
         moduli = np.array(self.moduli)
         means, errors = (
-            one.reshape(moduli.shape[1:]) for one in regress(moduli.reshape(self.samples, -1), np.array(self._excess))
+            one.reshape(moduli.shape[1:])
+            for one in regress(moduli.reshape(self.samples, -1), np.array(self._excess))
         )
-        squares = np.abs(means) / np.stack([*[self._densities] * 2, np.full(len(means), self.packing.mass)], axis=1)
+        squares = np.abs(means) / np.stack(
+            [*[self._densities] * 2, np.full(len(means), self.packing.mass)], axis=1
+        )
         if self.load.kind != "overlap":
             squares[:, 2] = 1.0 / means[:, 2] / self.packing.mass
         return np.sqrt(squares), 0.5 * errors / np.abs(means)
 
 
 def measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
-    """Yield the means of x^2 and of x x' over each shell of near pairs of each sample, minus those of the infinite array."""
+    """Yield the means of x^2 and of x x' over each shell of near pairs of each sample, minus those
+    of the infinite array.
+    """
     structure = simulation.packing.structure
-    shells, axes = find_near_pairs(structure), tuple(range(structure.periods))
+    shells = find_near_pairs(structure)
+    axes = tuple(range(structure.periods))
     for index in range(simulation.samples):
         given = simulation.deviations(index)
         x = given if structure.n_balls > 1 else given[None]
-        pairs = [np.mean([np.mean(x[j] * np.roll(x[i], shift, axes)) for i, j, shift in shell]) for shell in shells]
+        pairs = [
+            np.mean([np.mean(x[j] * np.roll(x[i], shift, axes)) for i, j, shift in shell])
+            for shell in shells
+        ]
         yield np.array([np.mean(x * x) - 1.0 / 12.0, *pairs])  # the variance of every distribution
 
 
 @lru_cache(maxsize=64)
 def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, ...]]]]:
-    """Find the pairs of near balls, shell after shell: ball i of a cell, and ball j of the cell that is shifted from it.
+    """Find the pairs of near balls, shell after shell: ball i of a cell, and ball j of the cell
+    that is shifted from it.
 
     Each pair counts once. Balls at the same distance are one shell.
     """
     apart = structure.positions[None] - structure.positions[:, None]
     steps = steps_within(structure.vectors, _REACH + float(np.max(np.linalg.norm(apart, axis=-1))))
     distance = np.linalg.norm(apart[:, :, None] + steps @ structure.vectors, axis=-1)
-    i, j, which = (one.astype(np.intp) for one in np.nonzero((distance > 0.5) & (distance < _REACH + TOUCH)))
+    i, j, which = (
+        one.astype(np.intp) for one in np.nonzero((distance > 0.5) & (distance < _REACH + TOUCH))
+    )
     once = select_once(i, j, steps[which])
-    i, j, which = i[once], j[once], which[once]
+    i = i[once]
+    j = j[once]
+    which = which[once]
     shells = np.round(distance[i, j, which], 5)
     return [
-        [(int(a), int(b), tuple(steps[c].tolist())) for a, b, c in zip(i[at], j[at], which[at], strict=True)]
-        for at in (shells == radius for radius in np.unique(shells)[:3])  # within _REACH on every lattice
+        [
+            (int(a), int(b), tuple(steps[c].tolist()))
+            for a, b, c in zip(i[at], j[at], which[at], strict=True)
+        ]
+        # within _REACH on every lattice
+        for at in (shells == radius for radius in np.unique(shells)[:3])
     ]
 
 
 def regress(values: Array, excess: Array) -> tuple[Array, Array]:
-    """Return means of the columns of ``values`` (n, m) at zero ``excess`` (n, p), and their standard errors, each (m,)."""
+    """Return means of the columns of ``values`` (n, m) at zero ``excess`` (n, p), and their
+    standard errors, each (m,).
+    """
     count, known = excess.shape
     design = np.ones((count, 1))
     scale = np.sqrt(np.mean(excess**2, axis=0))
@@ -193,8 +240,8 @@ def regress(values: Array, excess: Array) -> tuple[Array, Array]:
 class Stopwatch:
     """Measures time and predicts what work will take, both in seconds.
 
-    Everything in a trade-off that depends on time asks one of these. A subclass that counts work instead of seconds makes
-    budgets, and therefore results, independent of how busy the machine is.
+    Everything in a trade-off that depends on time asks one of these. A subclass that counts work
+    instead of seconds makes budgets, and therefore results, independent of how busy the machine is.
     """
 
     def now(self) -> float:
@@ -235,7 +282,8 @@ class Point:
     Attributes
     ----------
     method, knob : the method, and the setting, in words.
-    prepare : takes the number of a run and returns what ``solve`` needs; not part of the time of a run.
+    prepare : takes the number of a run and returns what ``solve`` needs; not part of the time of a
+        run.
     solve : finds what is compared with the reference.
     seconds : predicted time of a run, s; zero if nothing is known of it.
     random : whether every run draws other random numbers.
@@ -250,7 +298,9 @@ class Point:
 
 
 class Reference(NamedTuple):
-    """A reference: its ``values``, their relative ``errors``, and a description of how they were ``made``."""
+    """A reference: its ``values``, their relative ``errors``, and a description of how they were
+    ``made``.
+    """
 
     values: Any
     errors: Array
@@ -267,8 +317,10 @@ class MediaStudy:
     quantities : those of :data:`~granphon.tradeoffs.measure.QUANTITIES` whose errors are measured.
     stopwatch : measures all times.
     truth : which simulated arrays media are judged by.
-    sides, counts : sides, in diameters, of the samples of a simulation, and how many samples it has.
-    reference_side : side of the reference's samples. By default sides are those for the dimension of the lattice.
+    sides, counts : sides, in diameters, of the samples of a simulation, and how many samples it
+        has.
+    reference_side : side of the reference's samples. By default sides are those for the dimension
+        of the lattice.
     """
 
     packing: Packing
@@ -284,14 +336,21 @@ class MediaStudy:
     def _exact(self) -> list[int]:
         """Indices of the loads at which the arrays of the truth have their exact geometry."""
         simulation = DirectSimulation(self.packing, **self.truth.options)
-        return [place for one, places in simulation.by_geometry(self.load) if one.is_exact for place in places]
+        return [
+            place
+            for one, places in simulation.by_geometry(self.load)
+            if one.is_exact
+            for place in places
+        ]
 
     @property
     def _columns(self) -> list[int]:
         return [QUANTITIES.index(name) for name in self.quantities]
 
     def observe(self, medium: Any) -> Array:
-        """Return the observed quantities of a medium, (n_loads, n_observed), with finite overlap where the truth has it."""
+        """Return the observed quantities of a medium, (n_loads, n_observed), with finite overlap
+        where the truth has it.
+        """
         out = np.empty((self.load.size, len(QUANTITIES)))
         others = [place for place in range(self.load.size) if place not in self._exact]
         for places, finite in ((self._exact, True), (others, None)):
@@ -306,15 +365,21 @@ class MediaStudy:
         if shape.openings.size <= 40:  # which takes no noticeable time
             return 0.0
         # a short list is timed to predict the time of the long one
-        x = np.array(shape.positions)[np.unique(np.linspace(0, len(shape.positions) - 1, 20).astype(int))]
+        x = np.array(shape.positions)[
+            np.unique(np.linspace(0, len(shape.positions) - 1, 20).astype(int))
+        ]
         few = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
         begun = self.stopwatch.now()
         solve_curve(few, 1.0, 12, 1e-10)
-        return float((self.stopwatch.now() - begun) * (shape.openings.size / few.openings.size) ** 1.1)
+        return float(
+            (self.stopwatch.now() - begun) * (shape.openings.size / few.openings.size) ** 1.1
+        )
 
     @cached_property
     def condition(self) -> float:
-        """Condition number of the velocities: the largest factor by which relative errors of load and width act on them."""
+        """Condition number of the velocities: the largest factor by which relative errors of load
+        and width act on them.
+        """
         state: ContactState = AveragedForce(self.packing).at(self.load)
         if not self.solving:
             with suppress(GranphonError):  # the loads may be below those of the effective medium
@@ -322,7 +387,11 @@ class MediaStudy:
         by_force = np.asarray(local_exponent(state))
         overlap = np.asarray(state.overlap)
         # v = f^(1/6) times a function of f/W^(3/2), or W^(1/4) times one of delta/W
-        by_load = by_force if self.load.kind != "overlap" else by_force * overlap * state.normal_stiffness / state.force
+        by_load = (
+            by_force
+            if self.load.kind != "overlap"
+            else by_force * overlap * state.normal_stiffness / state.force
+        )
         by_width = EXPONENT * (by_force - FREQUENCY_EXPONENT)
         if self.load.kind == "overlap":
             by_width = (EXPONENT - 1.0) / 2.0 - by_load
@@ -330,8 +399,10 @@ class MediaStudy:
 
     def make_points(self) -> list[Point]:
         """Return the points, in the order of their predicted times."""
-        packing, structure = self.packing, self.packing.structure
-        with suppress(GranphonError):  # found once for all runs; a lattice that has none says so in its point
+        packing = self.packing
+        structure = self.packing.structure
+        with suppress(GranphonError):
+            # found once for all runs; a lattice that has none says so in its point
             _ = EffectiveMedium(packing).local_field
 
         def prepare_effective(make: Callable[[], EffectiveMedium], run: int) -> EffectiveMedium:
@@ -340,33 +411,51 @@ class MediaStudy:
             _ = cast("EffectiveLaw", made.law).curve
             return made
 
-        def prepare_simulation(shape: tuple[int, ...], samples: int, of: FrictionHistory, run: int) -> DirectSimulation:
+        def prepare_simulation(
+            shape: tuple[int, ...], samples: int, of: FrictionHistory, run: int
+        ) -> DirectSimulation:
             return DirectSimulation(packing, shape, run * samples, samples, **of.options)
 
         fields = {"effective medium": ("computed field", lambda: EffectiveMedium(packing))}
         if structure == TRIANGULAR:  # the paper prints no field of another lattice
-            fields["effective medium, paper's field"] = "printed field", lambda: EffectiveMedium(packing, "paper")
+            fields["effective medium, paper's field"] = (
+                "printed field",
+                lambda: EffectiveMedium(packing, "paper"),
+            )
         found = [
             Point("averaged lattice", "ala", lambda run: AveragedLattice(packing), self.observe),
             Point("averaged force", "afa", lambda run: AveragedForce(packing), self.observe),
-            *(Point(method, knob, partial(prepare_effective, make), self.observe, self.solving)
-              for method, (knob, make) in fields.items()),
-        ]  # fmt: skip
+            *(
+                Point(method, knob, partial(prepare_effective, make), self.observe, self.solving)
+                for method, (knob, make) in fields.items()
+            ),
+        ]
         shapes = [even_shape(structure, side) for side in self.sides or _SIDES[structure.periods]]
-        for of, samples, shape in itertools.product(dict.fromkeys((REST, self.truth)), self.counts, shapes):
+        for of, samples, shape in itertools.product(
+            dict.fromkeys((REST, self.truth)), self.counts, shapes
+        ):
             prepare = partial(prepare_simulation, shape, samples, of)
             seconds = self.stopwatch.predict(estimate(prepare(0), self.load))
-            method = f"simulation{' with friction' * of.is_loaded}, {samples} sample{'s' if samples > 1 else ''}"
-            found.append(Point(method, _write_shape(shape), prepare, self.observe, seconds, random=True))
+            method = (
+                f"simulation{' with friction' * of.is_loaded}, {samples}"
+                f" sample{'s' if samples > 1 else ''}"
+            )
+            found.append(
+                Point(method, _write_shape(shape), prepare, self.observe, seconds, random=True)
+            )
         return sorted(found, key=lambda point: point.seconds)
 
-    def find_reference(self, deadline: Deadline, better: Callable[[Reference], bool], step: Step) -> Reference:
+    def find_reference(
+        self, deadline: Deadline, better: Callable[[Reference], bool], step: Step
+    ) -> Reference:
         """Simulate samples until ``better`` accepts the reference or the time is up.
 
         One smaller sample is solved in another way too, as a check: see :meth:`compare`. Raises
         :class:`~granphon.base.errors.GranphonError` if there is no time for it.
         """
-        structure, loaded, now = self.packing.structure, self.truth.is_loaded, deadline.stopwatch.now
+        structure = self.packing.structure
+        loaded = self.truth.is_loaded
+        now = deadline.stopwatch.now
         sides = _LOADED_SIDES if loaded else _REFERENCE_SIDES
         shape = even_shape(structure, self.reference_side or sides[structure.periods])
         samples = Ensemble(self.packing, self.load, shape, _REFERENCE_SEED, self.truth)
@@ -375,52 +464,78 @@ class MediaStudy:
         least = _LEAST_SAMPLES * deadline.stopwatch.predict(estimate(simulation, self.load))
         if least > deadline.left:
             raise GranphonError(
-                f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about {write_duration(least)}."
+                f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about"
+                f" {write_duration(least)}."
             )
         checked, apart = self.compare(deadline)
 
         def summarize() -> Reference:
-            """Return the reference from the samples so far; what the check differs by adds to its errors in quadrature."""
+            """Return the reference from the samples so far; what the check differs by adds to its
+            errors in quadrature.
+            """
             values, errors = (table[:, self._columns] for table in samples.means())
             each = "balls" if structure.n_balls == 1 else "cells"
-            made = f"{samples.samples} samples of {_write_shape(shape)} {each} {self.truth.words}, with control variates"
-            return Reference(values, np.hypot(errors, apart[:, None]), f"{made}; {checked} by {np.max(apart):.0e}")
+            made = (
+                f"{samples.samples} samples of {_write_shape(shape)} {each} {self.truth.words},"
+                f" with control variates"
+            )
+            return Reference(
+                values,
+                np.hypot(errors, apart[:, None]),
+                f"{made}; {checked} by {np.max(apart):.0e}",
+            )
 
         longest = 0.0
         while deadline.left > 1.5 * longest:
             start = now()
             samples.add()
             step.advance()
-            longest, count = max(longest, now() - start), samples.samples
-            if count >= _LEAST_SAMPLES and count % _SAMPLES_BETWEEN_LOOKS == 0 and better(summarize()):
+            longest = max(longest, now() - start)
+            count = samples.samples
+            if (
+                count >= _LEAST_SAMPLES
+                and count % _SAMPLES_BETWEEN_LOOKS == 0
+                and better(summarize())
+            ):
                 break
         if samples.samples < _LEAST_SAMPLES:
             taken = write_duration(now() - begun)
-            raise GranphonError(f"the budget allows only {samples.samples} of its samples ({taken}), which are too few.")
+            raise GranphonError(
+                f"the budget allows only {samples.samples} of its samples ({taken}), which"
+                f" are too few."
+            )
         return summarize()
 
     def compare(self, deadline: Deadline) -> tuple[str, Array]:
-        """Solve a small sample of the truth in another way: return what differs, in words, and the differences (n_loads,).
+        """Solve a small sample of the truth in another way: return what differs, in words, and the
+        differences (n_loads,).
 
-        One that is loaded with friction is loaded once more, in shorter steps. Of one at rest, equilibrium and response are
-        found by another algorithm, a sparse LU; both have the directions of the lattice, which that algorithm knows alone.
+        One that is loaded with friction is loaded once more, in shorter steps. Of one at rest,
+        equilibrium and response are found by another algorithm, a sparse LU; both have the
+        directions of the lattice, which that algorithm knows alone.
         """
         from granphon.array.sparse import SparseArray
 
         shape = even_shape(self.packing.structure, _CHECKED_SIDES[self.packing.structure.periods])
         if self.truth.is_loaded:
             own = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
-            ratio = self.observe(own) / self.observe(replace(own, step_tolerance=0.1 * own.step_tolerance))
+            ratio = self.observe(own) / self.observe(
+                replace(own, step_tolerance=0.1 * own.step_tolerance)
+            )
             words = "velocities in steps of a tenth of the tolerance"
             apart = np.max(np.abs(ratio - 1.0), axis=-1)
         else:
-            words, eta = "equilibrium and response by sparse LU", self.packing.mindlin_ratio
-            state = DirectSimulation(self.packing, shape, _REFERENCE_SEED, geometry=LATTICE).at(self.load)
+            words = "equilibrium and response by sparse LU"
+            eta = self.packing.mindlin_ratio
+            state = DirectSimulation(self.packing, shape, _REFERENCE_SEED, geometry=LATTICE).at(
+                self.load
+            )
             apart = np.empty(self.load.size)
             for place, rest in enumerate(sample.equilibrium for sample in state.samples):
                 other = SparseArray(rest.deviations, rest.lattice)
                 forces = other.forces(rest.overlap, check=deadline.check)
-                tensor, ours = other.elastic_tensor(forces, eta), rest.find_elasticity(eta)
+                tensor = other.elastic_tensor(forces, eta)
+                ours = rest.find_elasticity(eta)
                 off = np.max(np.abs(tensor - ours)) / np.max(ours)
                 apart[place] = max(abs(np.mean(forces) / rest.force - 1.0), 0.5 * off)
         return f"of one of {_write_shape(shape)}, {words} differ", apart
@@ -442,17 +557,25 @@ class MeasuredPoint(Result):
     seconds, spread : median time of the warm runs, and half the range of their middle half, s.
     setup : median time of what is prepared before a run, s.
     memory : largest amount of memory that was allocated at one moment, bytes.
-    floor : least relative error possible: condition number times rounding, or the scatter of runs if they are ``random``.
+    floor : least relative error possible: condition number times rounding, or the scatter of runs
+        if they are ``random``.
     random : whether every run draws other random numbers.
     failure : why the point was not run, or has no errors for want of a reference; otherwise empty.
-    stderrs : standard errors of ``errors``, which are rms over runs if these are ``random``, (n_loads, n_observed); else 0.
+    stderrs : standard errors of ``errors``, which are rms over runs if these are ``random``,
+        (n_loads, n_observed); else 0.
     draws : number of runs that the errors are of.
     """
 
     units: ClassVar[dict[str, str]] = {
-        "errors": "1", "reference_errors": "1", "stderrs": "1", "floor": "1", "seconds": "s", "spread": "s", "setup": "s",
+        "errors": "1",
+        "reference_errors": "1",
+        "stderrs": "1",
+        "floor": "1",
+        "seconds": "s",
+        "spread": "s",
+        "setup": "s",
         "memory": "B",
-    }  # fmt: skip
+    }
 
     method: str
     knob: str
@@ -480,13 +603,19 @@ class MeasuredPoint(Result):
 
     @property
     def stderr(self) -> float:
-        """Standard error of :attr:`error`: of the rms over random runs; 0 if they are not random."""
+        """Standard error of :attr:`error`: of the rms over random runs; 0 if they are not
+        random.
+        """
         return float(self.stderrs.flat[int(np.argmax(self.errors))]) if self.stderrs.size else 0.0
 
     @property
     def reference_error(self) -> float:
         """Relative error of the reference where the point's error is largest."""
-        return float(self.reference_errors.flat[int(np.argmax(self.errors))]) if self.errors.size else 0.0
+        return (
+            float(self.reference_errors.flat[int(np.argmax(self.errors))])
+            if self.errors.size
+            else 0.0
+        )
 
     @property
     def resolved(self) -> bool:
@@ -495,7 +624,9 @@ class MeasuredPoint(Result):
 
     @property
     def note(self) -> str:
-        """Why the point failed, or how much better the reference is if it is not :attr:`resolved`; otherwise empty."""
+        """Why the point failed, or how much better the reference is if it is not :attr:`resolved`;
+        otherwise empty.
+        """
         if self.failure:
             return self.failure
         if self.resolved:
@@ -512,7 +643,8 @@ class TradeOff(Result):
     Attributes
     ----------
     points : all points, including those that were not run.
-    kind, loads : kind of the loads at which errors were measured ("force", "pressure", "overlap"), and their values, SI.
+    kind, loads : kind of the loads at which errors were measured ("force", "pressure", "overlap"),
+        and their values, SI.
     observed : names of the quantities whose errors were measured, in the order of the errors.
     reference : how the reference was made; empty if there is none.
     runs : number of timed runs of each point.
@@ -537,18 +669,34 @@ class TradeOff(Result):
         A point without errors has one row, with the reason.
         """
         headings = (
-            "method", "knob", self.kind, "observed", "error (1)", "error_stderr (1)", "draws",
-            "reference_error (1)", "resolved", "seconds (s)", "spread (s)", "setup (s)", "memory (B)", "floor (1)",
+            "method",
+            "knob",
+            self.kind,
+            "observed",
+            "error (1)",
+            "error_stderr (1)",
+            "draws",
+            "reference_error (1)",
+            "resolved",
+            "seconds (s)",
+            "spread (s)",
+            "setup (s)",
+            "memory (B)",
+            "floor (1)",
             "failure",
-        )  # fmt: skip
+        )
         rows: list[list[Any]] = []
         for point in self.points:
             cost = [point.seconds, point.spread, point.setup, point.memory, point.floor, ""]
             head = [point.method, point.knob]
             if point.failure:
-                rows.append([*head, *[""] * 7, *(cost[:-1] if point.ran else [""] * 5), point.failure])
+                rows.append(
+                    [*head, *[""] * 7, *(cost[:-1] if point.ran else [""] * 5), point.failure]
+                )
                 continue
-            for load, *found in zip(self.loads, point.errors, point.stderrs, point.reference_errors, strict=True):
+            for load, *found in zip(
+                self.loads, point.errors, point.stderrs, point.reference_errors, strict=True
+            ):
                 for name, error, stderr, limit in zip(self.observed, *found, strict=True):
                     resolved = bool(error >= BETTER * limit)
                     own = [float(error), float(stderr), point.draws, float(limit), resolved]
@@ -581,21 +729,23 @@ def tradeoff(
     ----------
     packing : the balls.
     force, pressure, overlap : the loads, N, N/m (Pa in space) or m; one of the three.
-    observe : "velocities", "bands", "dos": the quantities whose errors are measured. For bands and densities of states,
-        media are judged by the scale of frequencies.
+    observe : "velocities", "bands", "dos": the quantities whose errors are measured. For bands and
+        densities of states, media are judged by the scale of frequencies.
     finite_overlap : is refused: media are compared in the paper's limit only.
-    friction_history, friction_coefficient, shear_response : whether media are judged by arrays loaded with friction, and
-        how, as of a :class:`~granphon.DirectSimulation`; by default by arrays at rest without friction.
+    friction_history, friction_coefficient, shear_response : whether media are judged by arrays
+        loaded with friction, and how, as of a :class:`~granphon.DirectSimulation`; by default by
+        arrays at rest without friction.
     budget : time that measuring may take, s. What does not fit is listed as not run.
-    most_loads : largest number of loads; of more loads the smallest, the largest and some between are taken. One means the
-        smallest load, where media differ most.
+    most_loads : largest number of loads; of more loads the smallest, the largest and some between
+        are taken. One means the smallest load, where media differ most.
     runs : how often each point is timed, five or more.
     progress : is told what is under way.
-    stopwatch : measures all times; give a subclass of :class:`~granphon.tradeoffs.measure.Stopwatch` to count work instead
-        of seconds.
-    executor : does the study, a task that measures time where it runs. Times are meaningful on a machine that does nothing
-        else.
-    store : where the finished study is kept. One that it holds of the same trade-off is used; the caller clears it.
+    stopwatch : measures all times; give a subclass of
+        :class:`~granphon.tradeoffs.measure.Stopwatch` to count work instead of seconds.
+    executor : does the study, a task that measures time where it runs. Times are meaningful on a
+        machine that does nothing else.
+    store : where the finished study is kept. One that it holds of the same trade-off is used; the
+        caller clears it.
 
     Returns
     -------
@@ -603,10 +753,12 @@ def tradeoff(
 
     Raises
     ------
-    InputError : no load, or one that is not valid; equal balls, as all media are exact then; balls on a line, on a lattice
-        that is not simulated, or with finite overlap, where media have no reference; a history without a friction
-        coefficient, or the reverse; fewer runs than five, a budget of no seconds, an unknown word in ``observe``.
-    FileExistsInRunError : ``store`` holds finished studies of another trade-off, or tasks of a sweep.
+    InputError : no load, or one that is not valid; equal balls, as all media are exact then; balls
+        on a line, on a lattice that is not simulated, or with finite overlap, where media have no
+        reference; a history without a friction coefficient, or the reverse; fewer runs than five, a
+        budget of no seconds, an unknown word in ``observe``.
+    FileExistsInRunError : ``store`` holds finished studies of another trade-off, or tasks of a
+        sweep.
     """
     applied = Load.only(force=force, pressure=pressure, overlap=overlap)
     given_packing(packing)
@@ -616,7 +768,11 @@ def tradeoff(
     word = partial(choice, options=("velocities", "bands", "dos"))
     observe = require("observe", partial(each, rule=word, what="words"), observe)
     require("finite_overlap", truth, finite_overlap)
-    given = dict(zip(REFERENCE_OPTIONS, (friction_history, friction_coefficient, shear_response), strict=True))
+    given = dict(
+        zip(
+            REFERENCE_OPTIONS, (friction_history, friction_coefficient, shear_response), strict=True
+        )
+    )
     against = require("tradeoff", FrictionHistory.read, given)
     loads = np.unique(applied.array)
     if loads.size > most_loads:
@@ -626,9 +782,12 @@ def tradeoff(
         raise InputError("equal balls leave nothing to compare", why, "Give the packing a spread")
     # balls that differ need a simulated array by which media are judged
     structure = packing.structure
-    where, mend, why = f"on the {structure.name} lattice", "Use another lattice, or leave the spread out", ""
+    where = f"on the {structure.name} lattice"
+    mend = "Use another lattice, or leave the spread out"
+    why = ""
     if finite_overlap:
-        where, mend = "with finite overlap", "Leave finite_overlap out, or the spread"
+        where = "with finite overlap"
+        mend = "Leave finite_overlap out, or the spread"
         why = "Their reference is the simulated array, which has the paper's limit only"
     elif structure.periods == 1:
         why = "On a line all contacts carry the same force, and every medium is exact"
@@ -642,12 +801,24 @@ def tradeoff(
             why = "In the plane velocities are compared where sound is isotropic"
     if why:
         raise InputError(f"media are not compared {where}", why, mend)
-    asked = ["velocities" in observe, "velocities" in observe, bool({"bands", "dos"} & set(observe))]
-    study = MediaStudy(packing, Load(applied.kind, loads), tuple(compress(QUANTITIES, asked)), stopwatch, against)
+    asked = [
+        "velocities" in observe,
+        "velocities" in observe,
+        bool({"bands", "dos"} & set(observe)),
+    ]
+    study = MediaStudy(
+        packing, Load(applied.kind, loads), tuple(compress(QUANTITIES, asked)), stopwatch, against
+    )
     identity = {
-        "trade-off of": packing, applied.kind: loads, "observe": observe, "finite_overlap": finite_overlap,
-        "against": asdict(against), "budget": budget, "runs": runs, "versions": packages(),
-    }  # fmt: skip
+        "trade-off of": packing,
+        applied.kind: loads,
+        "observe": observe,
+        "finite_overlap": finite_overlap,
+        "against": asdict(against),
+        "budget": budget,
+        "runs": runs,
+        "versions": packages(),
+    }
     return carry_out(study, budget, runs, progress, executor, store, json.loads(to_json(identity)))
 
 
@@ -662,21 +833,31 @@ def carry_out(
 ) -> TradeOff:
     """Carry out a study within a ``budget`` (s, as its stopwatch tells it), by an ``executor``.
 
-    Once it is finished it is kept in a ``store``, which is claimed for the ``identity`` of the trade-off: plain data that
-    say which it is.
+    Once it is finished it is kept in a ``store``, which is claimed for the ``identity`` of the
+    trade-off: plain data that say which it is.
     """
     told = progress if executor is None else silent
     task = _StudyTask(study, f"study-{digest(identity)}", budget, runs, told)
     if store is not None:
         store.claim(identity, lambda: [task.name])
-    (found,) = solve_all("trade-off", [task], executor, silent if executor is None else progress, store)
+    (found,) = solve_all(
+        "trade-off", [task], executor, silent if executor is None else progress, store
+    )
     points = tuple(MeasuredPoint.from_dict(json.loads(text)) for text in found["points"].tolist())
-    reference, seconds, load = found["made"].item() if found["made"].size else "", float(found["seconds"].item()), study.load
-    return TradeOff(points, load.kind, load.values, study.quantities, reference, runs, seconds, float(budget))
+    reference, seconds, load = (
+        found["made"].item() if found["made"].size else "",
+        float(found["seconds"].item()),
+        study.load,
+    )
+    return TradeOff(
+        points, load.kind, load.values, study.quantities, reference, runs, seconds, float(budget)
+    )
 
 
 class _Runs(NamedTuple):
-    """The runs of a point: their outcomes, times of solving and preparing (s), and memory (bytes)."""
+    """The runs of a point: their outcomes, times of solving and preparing (s), and memory
+    (bytes).
+    """
 
     outcomes: list[Any]
     seconds: list[float]
@@ -690,7 +871,9 @@ class _BudgetError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class _StudyTask(Task):
-    """A study with the time that it may take, s, as a task; its result holds the points as JSON texts, and its time."""
+    """A study with the time that it may take, s, as a task; its result holds the points as JSON
+    texts, and its time.
+    """
 
     study: MediaStudy
     name: str
@@ -701,19 +884,32 @@ class _StudyTask(Task):
     kind: str = where
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
-        """Measure the points of the study in a part of its time, from now on, and find its reference in the rest."""
-        study, now = self.study, self.study.stopwatch.now
+        """Measure the points of the study in a part of its time, from now on, and find its
+        reference in the rest.
+        """
+        study = self.study
+        now = self.study.stopwatch.now
         start = now()
         deadline = Deadline(study.stopwatch, start + self.seconds)
         halfway = Deadline(study.stopwatch, now() + 0.4 * deadline.left)
-        points, failures, done, taken = study.make_points(), dict[Point, str](), dict[Point, _Runs](), dict[str, float]()
+        points, failures, done, taken = (
+            study.make_points(),
+            dict[Point, str](),
+            dict[Point, _Runs](),
+            dict[str, float](),
+        )
 
         def require_time(seconds: float) -> None:
-            """Raise :class:`_BudgetError` if the runs of a point, of so many s each, would not end by the deadline."""
+            """Raise :class:`_BudgetError` if the runs of a point, of so many s each, would not end
+            by the deadline.
+            """
             # four more are not timed: one warms up, and one is slower because its memory is watched
             if (self.runs + 4.0) * seconds > halfway.left:
                 about = write_quantity(seconds, "s", 2) if 1e-3 < seconds < math.inf else ""
-                raise _BudgetError("not run, beyond the budget" + (f": {self.runs} runs of about {about}" if about else ""))
+                raise _BudgetError(
+                    "not run, beyond the budget"
+                    + (f": {self.runs} runs of about {about}" if about else "")
+                )
 
         with self.progress.step("media", len(points)) as step:
             for point in points:
@@ -744,51 +940,90 @@ class _StudyTask(Task):
                 except GranphonError as error:
                     failures[point] = str(error)
                 step.advance()
-            # few runs do not tell the rms error of a random point: it is run more often, untimed, in half of the time left
+            # few runs do not tell the rms error of a random point: it is run more often, untimed,
+            # in half of the time left
             random = [point for point in done if point.random]
             until = now() + 0.5 * halfway.left
             for place, point in enumerate(random):
-                long = statistics.median(done[point].seconds) + statistics.median(done[point].setups)
-                end, outcomes = now() + (until - now()) / (len(random) - place), done[point].outcomes
-                while len(outcomes) < 100 and now() + 1.5 * long < end:  # a run may take longer than the median
+                long = statistics.median(done[point].seconds) + statistics.median(
+                    done[point].setups
+                )
+                end = now() + (until - now()) / (len(random) - place)
+                outcomes = done[point].outcomes
+                while len(outcomes) < 100 and now() + 1.5 * long < end:
+                    # a run may take longer than the median
                     outcomes.append(point.solve(point.prepare(len(outcomes) + 1)))
 
         def square(point: Point, reference: Reference) -> Array:
-            """Return the squares of the relative errors of all runs of a point, (n, n_loads, n_observed)."""
+            """Return the squares of the relative errors of all runs of a point, (n, n_loads,
+            n_observed).
+            """
             return np.asarray(np.square(np.array(done[point].outcomes) / reference.values - 1.0))
 
         def better(reference: Reference) -> bool:
             """Return whether the reference is good enough for every point."""
             found = (np.sqrt(np.mean(square(point, reference), axis=0)) for point in done)
-            return all(np.max(e) >= BETTER * reference.errors.flat[int(np.argmax(e))] for e in found)
+            return all(
+                np.max(e) >= BETTER * reference.errors.flat[int(np.argmax(e))] for e in found
+            )
 
-        reference, problem = None, "no point was run"
+        reference = None
+        problem = "no point was run"
         if done:
             with self.progress.step("media: reference") as step:
                 try:
                     reference = study.find_reference(deadline, better, step)
                 except GranphonError as error:
                     problem = f"there is no reference: {error}"
-        measured, nothing = list[MeasuredPoint](), np.zeros(0)
+        measured = list[MeasuredPoint]()
+        nothing = np.zeros(0)
         for point in points:
             if point not in done:
                 why = failures.get(point, problem)
-                measured.append(MeasuredPoint(point.method, point.knob, nothing, nothing, failure=why))
+                measured.append(
+                    MeasuredPoint(point.method, point.knob, nothing, nothing, failure=why)
+                )
                 continue
             ran = done[point]
-            errors, known_errors, stderrs, floor = nothing, nothing, nothing, 0.0
+            errors = nothing
+            known_errors = nothing
+            stderrs = nothing
+            floor = 0.0
             if reference is not None:
                 squares = square(point, reference)
-                errors, known_errors = np.sqrt(np.mean(squares, axis=0)), reference.errors
-                stderrs, floor = np.zeros_like(errors), float(np.finfo(float).eps) * study.condition
+                errors = np.sqrt(np.mean(squares, axis=0))
+                known_errors = reference.errors
+                stderrs = np.zeros_like(errors)
+                floor = float(np.finfo(float).eps) * study.condition
                 if point.random:
-                    stderrs = np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares)) / (2.0 * errors)
-                    floor = float(np.max(np.std(ran.outcomes, axis=0, ddof=1) / np.mean(ran.outcomes, axis=0)))
+                    stderrs = (
+                        np.std(squares, axis=0, ddof=1) / math.sqrt(len(squares)) / (2.0 * errors)
+                    )
+                    floor = float(
+                        np.max(np.std(ran.outcomes, axis=0, ddof=1) / np.mean(ran.outcomes, axis=0))
+                    )
             low, middle, high = statistics.quantiles(ran.seconds, n=4)
-            measured.append(MeasuredPoint(
-                point.method, point.knob, errors, known_errors, middle, 0.5 * (high - low),
-                statistics.median(ran.setups), ran.memory, floor, point.random,
-                "" if reference is not None else problem, stderrs, len(ran.outcomes),
-            ))  # fmt: skip
-        texts, made = [json.dumps(point.to_dict()) for point in measured], [reference.made] if reference else []
-        return {"points": np.array(texts, str), "made": np.array(made, str), "seconds": np.array(now() - start)}
+            measured.append(
+                MeasuredPoint(
+                    point.method,
+                    point.knob,
+                    errors,
+                    known_errors,
+                    middle,
+                    0.5 * (high - low),
+                    statistics.median(ran.setups),
+                    ran.memory,
+                    floor,
+                    point.random,
+                    "" if reference is not None else problem,
+                    stderrs,
+                    len(ran.outcomes),
+                )
+            )
+        texts = [json.dumps(point.to_dict()) for point in measured]
+        made = [reference.made] if reference else []
+        return {
+            "points": np.array(texts, str),
+            "made": np.array(made, str),
+            "seconds": np.array(now() - start),
+        }

@@ -1,1 +1,3 @@
-"""Waves in a finite network of contacts: densities of states, spectral functions, modes, pulses in time."""
+"""Waves in a finite network of contacts: densities of states, spectral functions, modes, pulses in
+time.
+"""

@@ -1,8 +1,9 @@
 """Chebyshev polynomials of the dynamical matrix, and the kernel polynomial method in the frequency.
 
-The polynomials T_n(2 D / top^2 - 1) are the even polynomials T_2n(omega / top) of omega = D^1/2. An expansion in them, with
-a kernel made for omega, resolves frequencies evenly down to zero. A spectrum of frequencies f from 0 to ``top``, continued
-as an even function to -top, has the even moments
+The polynomials T_n(2 D / top^2 - 1) are the even polynomials T_2n(omega / top) of omega = D^1/2. An
+expansion in them, with a kernel made for omega, resolves frequencies evenly down to zero. A
+spectrum of frequencies f from 0 to ``top``, continued as an even function to -top, has the even
+moments
 
     mu_n = integral rho(f) T_2n(f/top) df,
 
@@ -10,8 +11,9 @@ and with f = top cos(theta) its density is
 
     rho(f) = 2 / (pi top sin(theta)) (mu_0 + 2 sum_n g_n mu_n cos(2 n theta)).
 
-The Jackson kernel g (Weisse, Wellein, Alvermann, Fehske, Rev. Mod. Phys. 78, 275 (2006), Eq. 71) broadens each line into a
-bell that is nowhere below zero and nearly a Gaussian, whose standard deviation in theta is pi / 2M with M moments.
+The Jackson kernel g (Weisse, Wellein, Alvermann, Fehske, Rev. Mod. Phys. 78, 275 (2006), Eq. 71)
+broadens each line into a bell that is nowhere below zero and nearly a Gaussian, whose standard
+deviation in theta is pi / 2M with M moments.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ _LEAST = 4
 _POINTS = 4
 #: share of a moment that counts for rounding
 _ROUNDING = 1e-12
-#: bytes of vectors that a result keeps, so that more moments go on from them; what would take more begins again
+#: bytes of vectors that a result keeps, so that more moments go on from them; what would take more
+#: begins again
 _KEPT = 2**28
 #: share by which a moment may exceed that of order zero: rounding
 _GROWTH = 1e-6
@@ -61,27 +64,40 @@ class Kernel:
 
     @classmethod
     def of(cls, top: float, resolution: float | None = None, moments: int | None = None) -> Kernel:
-        """Return the kernel of a ``resolution``, Hz, or of a number of ``moments``; of :data:`MOMENTS` without either.
+        """Return the kernel of a ``resolution``, Hz, or of a number of ``moments``; of
+        :data:`MOMENTS` without either.
 
-        Raises :class:`~granphon.base.errors.InputError` if both are given, or if there would be too many moments,
-        or too few.
+        Raises :class:`~granphon.base.errors.InputError` if both are given, or if there would be too
+        many moments, or too few.
         """
         if resolution is None:
-            return cls(top, whole_number("moments", MOMENTS if moments is None else moments, 2, _MOST))
+            return cls(
+                top, whole_number("moments", MOMENTS if moments is None else moments, 2, _MOST)
+            )
         if moments is not None:
-            raise InputError("a resolution and a number of moments are given", "Each follows from the other")
+            raise InputError(
+                "a resolution and a number of moments are given", "Each follows from the other"
+            )
         wanted = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
         if wanted > _MOST:
-            what = f"a resolution of {resolution:g} Hz takes {wanted:.3g} moments, as frequencies go up to {top:g} Hz"
+            what = (
+                f"a resolution of {resolution:g} Hz takes {wanted:.3g} moments, as frequencies go"
+                f" up to {top:g} Hz"
+            )
             raise InputError(what, mend=f"Give {math.pi * top / (2.0 * _MOST):.3g} Hz or more")
         if wanted < _LEAST:
-            what = f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to {top:g} Hz"
+            what = (
+                f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to"
+                f" {top:g} Hz"
+            )
             raise InputError(what, mend=f"Give {math.pi * top / (2.0 * _LEAST):.3g} Hz or less")
         return cls(top, max(math.ceil(wanted * (1.0 - _ROUNDING)), 2))
 
     @property
     def resolution(self) -> float:
-        """Standard deviation of the kernel at frequency zero, where it is largest, Hz; at f it is that times sin(theta)."""
+        """Standard deviation of the kernel at frequency zero, where it is largest, Hz; at f it is
+        that times sin(theta).
+        """
         return math.pi * self.top / (2.0 * self.moments)
 
     @cached_property
@@ -89,7 +105,9 @@ class Kernel:
         """(M,) factors g_n of the moments."""
         angle = math.pi / (2.0 * self.moments)
         order = 2.0 * np.arange(self.moments)
-        falling = (2.0 * self.moments - order) * np.cos(order * angle) + np.sin(order * angle) / math.tan(angle)
+        falling = (2.0 * self.moments - order) * np.cos(order * angle) + np.sin(
+            order * angle
+        ) / math.tan(angle)
         return np.asarray(falling / (2.0 * self.moments))
 
     @property
@@ -99,8 +117,12 @@ class Kernel:
 
     @cached_property
     def angles(self) -> Array:
-        """(n_f,) theta of the points of a density, in the order of ascending frequencies: from pi/2 down to nearly zero."""
-        return np.asarray(math.pi * (self.count - 0.5 - np.arange(self.count)) / (2 * self.count - 1))
+        """(n_f,) theta of the points of a density, in the order of ascending frequencies: from pi/2
+        down to nearly zero.
+        """
+        return np.asarray(
+            math.pi * (self.count - 0.5 - np.arange(self.count)) / (2 * self.count - 1)
+        )
 
     @cached_property
     def frequencies(self) -> Array:
@@ -118,29 +140,40 @@ class Kernel:
         return np.asarray(summed[..., ::-1] * (2.0 / (math.pi * self.top * np.sin(self.angles))))
 
     def line(self, frequency: ArrayLike) -> Array:
-        """Return the densities (..., n_f), 1/Hz, of single lines at frequencies (...), Hz: the kernel itself."""
+        """Return the densities (..., n_f), 1/Hz, of single lines at frequencies (...), Hz: the
+        kernel itself.
+        """
         return self.densities(self.moments_of(frequency))
 
     def moments_of(self, frequency: ArrayLike) -> Array:
-        """Return the moments (..., M) of single lines at frequencies (...), Hz, from 0 to ``top``."""
+        """Return the moments (..., M) of single lines at frequencies (...), Hz, from 0 to
+        ``top``.
+        """
         theta = np.arccos(np.clip(np.asarray(frequency, float) / self.top, 0.0, 1.0))
         return np.cos(2.0 * theta[..., None] * np.arange(self.moments))
 
     def integral(self, densities: Array) -> Array:
-        """Return the integrals (...) of ``densities`` (..., n_f): by Gauss and Chebyshev's rule, exact to rounding."""
+        """Return the integrals (...) of ``densities`` (..., n_f): by Gauss and Chebyshev's rule,
+        exact to rounding.
+        """
         weights = np.sin(self.angles) * (math.pi * self.top / (2 * self.count - 1))
         weights[0] *= 0.5  # the point at zero stands for both sides
         return np.asarray(densities @ weights)
 
     def check_points(self, frequencies: Array) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if ``frequencies`` are not the points of a density."""
-        if frequencies.size != self.count or not np.allclose(frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0):
+        """Raise :class:`~granphon.base.errors.InputError` if ``frequencies`` are not the points of
+        a density.
+        """
+        if frequencies.size != self.count or not np.allclose(
+            frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0
+        ):
             what = f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"
             raise InputError(what, mend="Compute the spectrum again")
 
 
 def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
-    """Yield T_n(2 D / top^2 - 1) x for n = 0, 1, 2, ... without end; x is the vector, or the vectors (size, m), ``start``.
+    """Yield T_n(2 D / top^2 - 1) x for n = 0, 1, 2, ... without end; x is the vector, or the
+    vectors (size, m), ``start``.
 
     An array that was yielded is overwritten after the next one has been.
     """
@@ -158,19 +191,24 @@ def keeps_vectors(operator: WaveOperator, starts: int) -> bool:
 
 
 class Moments:
-    """The moments mu_n = <x| T_n(2 D / top^2 - 1) |x> of one vector x, found as far as they were asked for.
+    """The moments mu_n = <x| T_n(2 D / top^2 - 1) |x> of one vector x, found as far as they were
+    asked for.
 
-    Two of them cost one product: mu_2n = 2 <x_n|x_n> - mu_0 and mu_2n+1 = 2 <x_n+1|x_n> - mu_1 with x_n = T_n x.
+    Two of them cost one product: mu_2n = 2 <x_n|x_n> - mu_0 and mu_2n+1 = 2 <x_n+1|x_n> - mu_1 with
+    x_n = T_n x.
 
     Parameters
     ----------
     operator : D.
     start : makes the vector, (size,).
-    keep : whether to keep the last vectors. Without them more moments begin again, and are the same to the last bit.
+    keep : whether to keep the last vectors. Without them more moments begin again, and are the same
+        to the last bit.
     """
 
     def __init__(self, operator: WaveOperator, start: Callable[[], Array], *, keep: bool) -> None:
-        self._operator, self._start, self._keep = operator, start, keep
+        self._operator = operator
+        self._start = start
+        self._keep = keep
         self._found: list[float] = []
         self._vectors: Iterator[Array] | None = None
         self._last: Array | None = None
@@ -178,7 +216,8 @@ class Moments:
     def first(self, count: int) -> Array:
         """Return the first ``count`` moments, (count,).
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if they grow: a squared frequency is below zero.
+        Raises :class:`~granphon.base.errors.InstabilityError` if they grow: a squared frequency is
+        below zero.
         """
         found = self._found
         if len(found) < count and self._vectors is None:
@@ -192,7 +231,10 @@ class Moments:
             # the last vector is overwritten only after the one that comes now
             x = next(self._vectors)
             across = float(np.vdot(x, self._last))
-            found += [across if len(found) == 1 else 2.0 * across - found[1], 2.0 * float(np.vdot(x, x)) - found[0]]
+            found += [
+                across if len(found) == 1 else 2.0 * across - found[1],
+                2.0 * float(np.vdot(x, x)) - found[0],
+            ]
             self._last = x
             if not abs(found[-1]) <= (1.0 + _GROWTH) * found[0]:
                 raise explain_instability(self._operator.network)
@@ -202,7 +244,8 @@ class Moments:
 
 
 class Refinable(Result):
-    """A frozen spectrum at the points of the kernel of ``moments`` that finds one with more of them.
+    """A frozen spectrum at the points of the kernel of ``moments`` that finds one with more of
+    them.
 
     Plain data and pickles do not keep what it needs for that.
     """
@@ -224,7 +267,9 @@ class Refinable(Result):
 
     @property
     def resolution(self) -> float:
-        """Standard deviation of the kernel at frequency zero, Hz; at f it is this times (1 - (f/top)^2)^1/2."""
+        """Standard deviation of the kernel at frequency zero, Hz; at f it is this times (1 -
+        (f/top)^2)^1/2.
+        """
         return self._kernel.resolution
 
     def _with_work(self, work: Callable[..., Self]) -> Self:
@@ -235,7 +280,9 @@ class Refinable(Result):
         if self._work is None:
             name = type(self).__name__
             mend = "Ask gp.Waves(network) for it again"
-            raise InputError(f"this {name} was read from data, which do not have the network", mend=mend)
+            raise InputError(
+                f"this {name} was read from data, which do not have the network", mend=mend
+            )
         return self._work
 
     def with_moments(self, moments: int) -> Self:

@@ -1,16 +1,19 @@
-"""The forces of contacts in motion: normal laws of any overlap, and tangential forces with Coulomb's limit.
+"""The forces of contacts in motion: normal laws of any overlap, and tangential forces with
+Coulomb's limit.
 
-A contact at rest has the overlap h_0 and the force f_0; it is stretched by e, so that its overlap is h = h_0 - e. It pushes
-by its law and is open where that is zero. Slip, twist and rolling s are resisted by forces T whose stiffness is in
-proportion to that of a flat punch as wide as the contact, k_t = eta 2 E* a(h), which without adhesion is the normal
-stiffness k: dT = k_t ds while a rises, and the elastic part T/k_t is kept while a falls. Slip ends at Coulomb's limit
-|T| <= mu f, of the force f of the law, without that of dashpots. It is the law of :mod:`granphon.array.friction`. Dashpots
-add tau k(h) times the rate of an elongation (G. Kuwabara and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h)
-times those of other deformations.
+A contact at rest has the overlap h_0 and the force f_0; it is stretched by e, so that its overlap
+is h = h_0 - e. It pushes by its law and is open where that is zero. Slip, twist and rolling s are
+resisted by forces T whose stiffness is in proportion to that of a flat punch as wide as the
+contact, k_t = eta 2 E* a(h), which without adhesion is the normal stiffness k: dT = k_t ds while a
+rises, and the elastic part T/k_t is kept while a falls. Slip ends at Coulomb's limit |T| <= mu f,
+of the force f of the law, without that of dashpots. It is the law of
+:mod:`granphon.array.friction`. Dashpots add tau k(h) times the rate of an elongation (G. Kuwabara
+and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h) times those of other deformations.
 
-Some laws jump: of balls that adhere, the force is not zero where they touch or part. Such a contact is joined or not. It
-joins where the balls come to touch, and parts where the law ends, which may be farther apart: what that takes of the energy
-is lost. Forces are those of contacts as they are joined, until a step ends at which they join or part.
+Some laws jump: of balls that adhere, the force is not zero where they touch or part. Such a contact
+is joined or not. It joins where the balls come to touch, and parts where the law ends, which may be
+farther apart: what that takes of the energy is lost. Forces are those of contacts as they are
+joined, until a step ends at which they join or part.
 """
 
 from __future__ import annotations
@@ -30,35 +33,51 @@ from granphon.media.crystal_statics import Springs
 _PART = 256
 #: what stands for zero where it divides zero
 _NONE = hertz.LEAST_NORMAL
-#: change of an overlap, over the overlap, up to which forces are averaged: a difference of energies would lose more digits
+#: change of an overlap, over the overlap, up to which forces are averaged: a difference of energies
+#: would lose more digits
 _CLOSE = 2e-3
 #: Gauss's two points, over the way between, from its middle
 _GAUSS = 0.5 / math.sqrt(3.0)
 
 
 def share(values: Array) -> Array:
-    """Return values (..., n) of contacts, held once where all are the same: they are read faster."""
-    return np.broadcast_to(values[..., :1], values.shape) if np.all(values == values[..., :1]) else values
+    """Return values (..., n) of contacts, held once where all are the same: they are read
+    faster.
+    """
+    return (
+        np.broadcast_to(values[..., :1], values.shape)
+        if np.all(values == values[..., :1])
+        else values
+    )
 
 
 class Powers:
     """Normal forces c h_+^a of contacts (n,), as functions of their elongation e from rest."""
 
     def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
-        self.exponent, self.coefficient, self.overlap = exponent, share(coefficient), share(overlap)
-        self.root, self.rest = share(np.maximum(np.sqrt(overlap), _NONE)), share(coefficient * overlap**exponent)
-        self._fall, self._rise = share(-coefficient), share(hertz.stiffness_of(coefficient))
+        self.exponent = exponent
+        self.coefficient = share(coefficient)
+        self.overlap = share(overlap)
+        self.root = share(np.maximum(np.sqrt(overlap), _NONE))
+        self.rest = share(coefficient * overlap**exponent)
+        self._fall = share(-coefficient)
+        self._rise = share(hertz.stiffness_of(coefficient))
 
     #: contacts whose force jumps, and whether the law knows the radius of its contacts
-    jumps, know_radii = np.zeros(0, np.intp), False
+    jumps = np.zeros(0, np.intp)
+    know_radii = False
 
     def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
-        """Return f - f_0, without a difference of near-equal forces, and the stiffness of contacts; in ``out``.
+        """Return f - f_0, without a difference of near-equal forces, and the stiffness of contacts;
+        in ``out``.
 
-        ``joined`` (n,) says of contacts whose force jumps whether they are joined; by default all are.
+        ``joined`` (n,) says of contacts whose force jumps whether they are joined; by default all
+        are.
         """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
-        a, c, rest = self.exponent, self.coefficient, self.overlap
+        a = self.exponent
+        c = self.coefficient
+        rest = self.overlap
         if a == hertz.EXPONENT:
             hertz.release(rest, self.root, e, (change, k))
             change *= self._fall
@@ -68,7 +87,10 @@ class Powers:
         part = np.divide(-e, rest, out=np.zeros_like(e), where=rest > 0.0)
         with np.errstate(divide="ignore"):
             part = self.rest * np.expm1(a * np.log1p(np.maximum(part, -1.0)))
-            change[:], k[:] = np.where(rest > 0.0, part, c * h**a), np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0)
+            change[:], k[:] = (
+                np.where(rest > 0.0, part, c * h**a),
+                np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0),
+            )
         return change, k
 
     def begin(self, e: Array) -> Any:
@@ -78,15 +100,24 @@ class Powers:
     def mean(self, e: Array, other: Array, joined: Any = None) -> Array:
         """Return the mean of f - f_0 on the straight way from one elongation to another."""
         if self.exponent == hertz.EXPONENT:
-            return self.coefficient * hertz.mean_force(self.overlap - e, self.overlap - other) - self.rest
+            return (
+                self.coefficient * hertz.mean_force(self.overlap - e, self.overlap - other)
+                - self.rest
+            )
         return _mean_of(self, e, other)
 
     def store(self, e: Array, joined: Any = None) -> Array:
-        """Return the energy of each contact and of its share of the load, J, since rest: zero at e = 0, and never below."""
+        """Return the energy of each contact and of its share of the load, J, since rest: zero at e
+        = 0, and never below.
+        """
         if self.exponent == hertz.EXPONENT:
             return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e))
-        a, h = self.exponent, np.maximum(self.overlap - e, 0.0)
-        far = self.coefficient * (h ** (a + 1.0) - self.overlap ** (a + 1.0)) / (a + 1.0) + self.rest * e
+        a = self.exponent
+        h = np.maximum(self.overlap - e, 0.0)
+        far = (
+            self.coefficient * (h ** (a + 1.0) - self.overlap ** (a + 1.0)) / (a + 1.0)
+            + self.rest * e
+        )
         return _store_near(self, e, far)
 
     def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:
@@ -95,7 +126,8 @@ class Powers:
 
 
 class PairLaws:
-    """Normal forces by the laws of pairs (:class:`~granphon.balls.contact_laws.PairLaw`), each of some of the contacts.
+    """Normal forces by the laws of pairs (:class:`~granphon.balls.contact_laws.PairLaw`), each of
+    some of the contacts.
 
     The last ``apart`` contacts are those of balls that may meet, which no load holds.
 
@@ -106,8 +138,11 @@ class PairLaws:
     """
 
     def __init__(self, springs: Springs, overlap: Array, apart: int = 0) -> None:
-        self.springs, self.overlap, self.rest = springs, overlap, springs.force(overlap)
-        self.apart, self.know_radii = apart, springs.know_radii
+        self.springs = springs
+        self.overlap = overlap
+        self.rest = springs.force(overlap)
+        self.apart = apart
+        self.know_radii = springs.know_radii
         # the first overlap that is of the law itself
         self._first = np.nextafter(springs.least, np.inf)
         start = np.maximum(overlap, self._first)
@@ -122,7 +157,9 @@ class PairLaws:
         self._last = springs.force(np.where(opens, self._first, 0.0))[self.jumps]
 
     def begin(self, e: Array) -> Any:
-        """Return which contacts are joined, as for :meth:`press`: those of the network, and of others those that touch."""
+        """Return which contacts are joined, as for :meth:`press`: those of the network, and of
+        others those that touch.
+        """
         h = self.overlap - e
         least = np.copy(self.springs.least)
         if self.apart:
@@ -130,14 +167,20 @@ class PairLaws:
         return h >= least if len(self.jumps) else None
 
     def pass_ends(self, e: Array, joined: Array) -> Array:
-        """Return how far :attr:`jumps` have passed the overlap at which they join or part, m; below zero before it."""
-        at, springs = self.jumps, self.springs
+        """Return how far :attr:`jumps` have passed the overlap at which they join or part, m; below
+        zero before it.
+        """
+        at = self.jumps
+        springs = self.springs
         h = self.overlap[at] - e[at]
         return np.where(joined[at], springs.least[at] - h, h - springs.touch[at])
 
     def _reach(self, e: Array) -> Array:
-        """Return overlaps at which laws are asked: those of jumps are where the law has not ended."""
-        h, at = self.overlap - e, self.jumps
+        """Return overlaps at which laws are asked: those of jumps are where the law has not
+        ended.
+        """
+        h = self.overlap - e
+        at = self.jumps
         h[at] = np.maximum(h[at], self._first[at])
         return h
 
@@ -148,7 +191,8 @@ class PairLaws:
     def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
         """As for :class:`Powers`."""
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
-        h, parted = self._reach(e), self._parted(joined)
+        h = self._reach(e)
+        parted = self._parted(joined)
         change[:], k[:] = self.springs.force(h), np.maximum(self.springs.stiffness(h), 0.0)
         change[parted] = k[parted] = 0.0
         change -= self.rest
@@ -165,8 +209,12 @@ class PairLaws:
         return _mean_of(self, e, other, joined)
 
     def store(self, e: Array, joined: Any = None) -> Array:
-        """As for :class:`Powers`; below zero where contacts adhere. Where they have parted it is that where they part."""
-        h, parted, at = np.maximum(self.overlap - e, self._first), self._parted(joined), self.jumps
+        """As for :class:`Powers`; below zero where contacts adhere. Where they have parted it is
+        that where they part.
+        """
+        h = np.maximum(self.overlap - e, self._first)
+        parted = self._parted(joined)
+        at = self.jumps
         h[parted] = self._first[parted]
         far = self.springs.energy(h) - self._energy + self.rest * e
         # the work of the force that joined ones keep until a step ends
@@ -184,21 +232,33 @@ class PairLaws:
 
 def _level(law: Powers | PairLaws, e: Array, other: Array, joined: Any) -> Array:
     """Return the mean of f - f_0 between elongations that are close."""
-    middle, part = 0.5 * (e + other), _GAUSS * (other - e)
-    low, high = law.press(middle - part, None, joined)[0], law.press(middle + part, None, joined)[0]
+    middle = 0.5 * (e + other)
+    part = _GAUSS * (other - e)
+    low = law.press(middle - part, None, joined)[0]
+    high = law.press(middle + part, None, joined)[0]
     return np.asarray(0.5 * (low + high))
 
 
 def _store_near(law: Powers | PairLaws, e: Array, far: Array, joined: Any = None) -> Array:
-    """Return the energies ``far``, but near rest, where they are differences of near-equal ones, that of the mean force."""
-    near = (np.abs(e) <= _CLOSE * np.abs(law.overlap)) & (law.overlap != 0.0) & law.is_closed(e, joined)
+    """Return the energies ``far``, but near rest, where they are differences of near-equal ones,
+    that of the mean force.
+    """
+    near = (
+        (np.abs(e) <= _CLOSE * np.abs(law.overlap))
+        & (law.overlap != 0.0)
+        & law.is_closed(e, joined)
+    )
     return np.where(near, -e * _level(law, np.zeros_like(e), e, joined), far)
 
 
 def _mean_of(law: Powers | PairLaws, e: Array, other: Array, joined: Any = None) -> Array:
-    """Return the mean force: the change of the energy over that of e, where these are not close or a contact opens."""
+    """Return the mean force: the change of the energy over that of e, where these are not close or
+    a contact opens.
+    """
     way = other - e
-    far = (np.abs(way) > _CLOSE * np.abs(law.overlap - e)) | (law.is_closed(e, joined) != law.is_closed(other, joined))
+    far = (np.abs(way) > _CLOSE * np.abs(law.overlap - e)) | (
+        law.is_closed(e, joined) != law.is_closed(other, joined)
+    )
     change = law.store(e, joined) - law.store(other, joined)
     return np.divide(change, way, out=_level(law, e, other, joined), where=far)
 
@@ -206,8 +266,9 @@ def _mean_of(law: Powers | PairLaws, e: Array, other: Array, joined: Any = None)
 class Touch(NamedTuple):
     """Contacts at a moment.
 
-    They have elongations e (n,), ``pull`` (rows, n) of f - f_0 and forces T of slips, then of the others, normal stiffnesses
-    k (n,), those of flat ``punch`` es as wide (n,), and are ``joined`` (n,), or None where no force jumps.
+    They have elongations e (n,), ``pull`` (rows, n) of f - f_0 and forces T of slips, then of the
+    others, normal stiffnesses k (n,), those of flat ``punch`` es as wide (n,), and are ``joined``
+    (n,), or None where no force jumps.
     """
 
     e: Array
@@ -223,19 +284,29 @@ class ContactForces:
     Attributes
     ----------
     normal : the law of the normal forces.
-    ratio : (rows - 1, n) stiffnesses against slip, twist and rolling over those of flat punches; slips come first.
+    ratio : (rows - 1, n) stiffnesses against slip, twist and rolling over those of flat punches;
+        slips come first.
     slips : number of slips.
     mu : of Coulomb's limit.
     times : (2,) tau of dashpots, or (2, n), s.
     is_damped : whether there are dashpots.
     """
 
-    def __init__(self, normal: Powers | PairLaws, ratio: Array, slips: int, mu: float, times: Array) -> None:
-        self.normal, self.ratio, self.slips, self.mu, self.times = normal, ratio, slips, mu, times
-        self.is_damped, self._half, self._rest = bool(np.any(times)), 0.5 * ratio, np.array(normal.rest)
+    def __init__(
+        self, normal: Powers | PairLaws, ratio: Array, slips: int, mu: float, times: Array
+    ) -> None:
+        self.normal = normal
+        self.ratio = ratio
+        self.slips = slips
+        self.mu = mu
+        self.times = times
+        self.is_damped = bool(np.any(times))
+        self._half = 0.5 * ratio
+        self._rest = np.array(normal.rest)
 
     def begin(self, e: Array, moved: Array, held: Array) -> Touch:
-        """Return contacts that have come to e and deformations ``moved`` (rows - 1, n) without sliding, but for the limit.
+        """Return contacts that have come to e and deformations ``moved`` (rows - 1, n) without
+        sliding, but for the limit.
 
         ``held`` are the tangential forces at rest.
         """
@@ -258,21 +329,36 @@ class ContactForces:
             self.normal.punch(touch.e, touch.punch, touch.joined)
 
     def follow(self, before: Touch, after: Touch, moved: Array, held: Array) -> float:
-        """Set forces and stiffnesses of contacts ``after`` deformations (rows - 1, n) on the way to their elongations, and
-        return the work of slip, twist and roll.
+        """Set forces and stiffnesses of contacts ``after`` deformations (rows - 1, n) on the way to
+        their elongations, and return the work of slip, twist and roll.
 
         ``held`` are the tangential forces before, as they have turned.
         """
         self.press(after)
         slides = self.slips if self.mu < math.inf else 0
-        return _resist(after.pull, after.punch, before.punch, moved, held, self._half, self._rest, slides, self.mu)
+        return _resist(
+            after.pull,
+            after.punch,
+            before.punch,
+            moved,
+            held,
+            self._half,
+            self._rest,
+            slides,
+            self.mu,
+        )
 
     def pass_ends(self, e: Array, joined: Any) -> Array:
-        """Return how far contacts whose force jumps have passed where they join or part, m; below zero before it."""
-        return self.normal.pass_ends(e, joined) if isinstance(self.normal, PairLaws) else np.zeros(0)
+        """Return how far contacts whose force jumps have passed where they join or part, m; below
+        zero before it.
+        """
+        return (
+            self.normal.pass_ends(e, joined) if isinstance(self.normal, PairLaws) else np.zeros(0)
+        )
 
     def switch(self, touch: Touch) -> tuple[Touch, Index, float]:
-        """Return contacts after those have joined or parted that have passed their ends, which ones, and the energy lost, J.
+        """Return contacts after those have joined or parted that have passed their ends, which
+        ones, and the energy lost, J.
 
         Contacts that part have no force of slip, twist and roll any more.
         """
@@ -288,7 +374,9 @@ class ContactForces:
         return found, at, float(np.sum(lost))
 
     def damp(self, touch: Touch, rates: Array) -> Array:
-        """Return what dashpots add to a ``pull`` (rows, n) at the ``rates`` (rows, n) of deformations."""
+        """Return what dashpots add to a ``pull`` (rows, n) at the ``rates`` (rows, n) of
+        deformations.
+        """
         out = np.empty_like(rates)
         out[0] = -self.times[0] * touch.k * rates[0]
         out[1:] = self.times[1] * self.ratio * touch.punch * rates[1:]
@@ -296,30 +384,52 @@ class ContactForces:
 
     def springs(self, touch: Touch) -> float:
         """Return the energy of slip, twist and rolling, J."""
-        t, stiffness = touch.pull[1:], 2.0 * self.ratio * touch.punch
-        return float(np.sum(np.divide(t * t, stiffness, out=np.zeros_like(t), where=stiffness > 0.0)))
+        t = touch.pull[1:]
+        stiffness = 2.0 * self.ratio * touch.punch
+        return float(
+            np.sum(np.divide(t * t, stiffness, out=np.zeros_like(t), where=stiffness > 0.0))
+        )
 
 
 @compiled
 def _resist(
-    pull: Array, k: Array, before: Array, moved: Array, held: Array, half: Array, rest: Array, slides: int, mu: float
-) -> float:  # fmt: skip
-    """Set the tangential forces in a ``pull`` as :meth:`ContactForces.follow`, with stiffnesses of punches and those before.
+    pull: Array,
+    k: Array,
+    before: Array,
+    moved: Array,
+    held: Array,
+    half: Array,
+    rest: Array,
+    slides: int,
+    mu: float,
+) -> float:
+    """Set the tangential forces in a ``pull`` as :meth:`ContactForces.follow`, with stiffnesses of
+    punches and those before.
 
-    Coulomb's limit is that of the first ``slides`` rows. Contacts are taken in parts, on whose rows the processor works
-    several numbers at a time.
+    Coulomb's limit is that of the first ``slides`` rows. Contacts are taken in parts, on whose rows
+    the processor works several numbers at a time.
     """
-    work, room = 0.0, np.empty((4, _PART))
+    work = 0.0
+    room = np.empty((4, _PART))
     for low in range(0, len(k), _PART):
         part = slice(low, min(low + _PART, len(k)))
-        now, then, push, force = k[part], before[part], pull[0, part], rest[part]
-        mean, left, size, lost = room[0], room[1], room[2], room[3]
+        now = k[part]
+        then = before[part]
+        push = pull[0, part]
+        force = rest[part]
+        mean = room[0]
+        left = room[1]
+        size = room[2]
+        lost = room[3]
         for at in range(len(now)):
             least = min(now[at], then[at])
             # what the law leaves of a force: nothing where contacts were open
             mean[at], left[at], size[at] = least + now[at], least / max(then[at], _NONE), 0.0
         for row in range(len(held)):
-            t, way, old, part_of_k = pull[1 + row, part], moved[row, part], held[row, part], half[row, part]
+            t = pull[1 + row, part]
+            way = moved[row, part]
+            old = held[row, part]
+            part_of_k = half[row, part]
             for at in range(len(now)):
                 t[at] = part_of_k[at] * mean[at] * way[at] + left[at] * old[at]
             if row < slides:
@@ -327,11 +437,14 @@ def _resist(
                     size[at] += t[at] * t[at]
         if slides:
             for at in range(len(now)):
-                limit, whole = mu * max(push[at] + force[at], 0.0), math.sqrt(size[at])
+                limit = mu * max(push[at] + force[at], 0.0)
+                whole = math.sqrt(size[at])
                 size[at] = limit / whole if whole > limit else 1.0
         lost[:] = 0.0
         for row in range(len(held)):
-            t, way, old = pull[1 + row, part], moved[row, part], held[row, part]
+            t = pull[1 + row, part]
+            way = moved[row, part]
+            old = held[row, part]
             if row < slides:
                 for at in range(len(now)):
                     t[at] *= size[at]

@@ -1,4 +1,6 @@
-"""Densities of states of finite networks: of small ones by their modes, of others by random vectors; of single balls."""
+"""Densities of states of finite networks: of small ones by their modes, of others by random
+vectors; of single balls.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 
-#: memory of a local density at one frequency, of one motion of the ball and of the frequency itself, bytes
+#: memory of a local density at one frequency, of one motion of the ball and of the frequency
+#: itself, bytes
 _LOCAL_BYTES = 40.0
 #: most numbers of moments of all random vectors: their densities are 4 GiB
 MOST_MOMENTS = 2**26
@@ -33,7 +36,8 @@ _BLOCK = 2**22
 class LocalDensity(Result, array="values"):
     """Local density of states of a ball, by its motions; ``np.asarray`` of it is ``values``.
 
-    That of a motion is the sum over all modes of their kinetic energy in it, each line broadened by the Jackson kernel.
+    That of a motion is the sum over all modes of their kinetic energy in it, each line broadened by
+    the Jackson kernel.
 
     Attributes
     ----------
@@ -54,43 +58,61 @@ class LocalDensity(Result, array="values"):
 
 
 def find_local_density(
-    operator: WaveOperator, ball: int, frequencies: ArrayLike, resolution: float | None, moments: int | None
+    operator: WaveOperator,
+    ball: int,
+    frequencies: ArrayLike,
+    resolution: float | None,
+    moments: int | None,
 ) -> LocalDensity:
-    """Return the local density of states of a ball; see :meth:`granphon.waves.waves.Waves.local_dos`."""
-    network, kernel = operator.network, Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
+    """Return the local density of states of a ball; see
+    :meth:`granphon.waves.waves.Waves.local_dos`.
+    """
+    network = operator.network
+    kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
     hertz = np.atleast_1d(finite_array("frequencies", frequencies, "Hz", "zero or above"))
     if hertz.ndim != 1:
         raise InputError(f"the frequencies have the shape {hertz.shape}", mend="Give a list")
     needed = _LOCAL_BYTES * hertz.size * (1.0 + operator.motions.count)
-    require_memory(f"local densities of states at {hertz.size:,} frequencies", needed, "Take fewer frequencies")
+    require_memory(
+        f"local densities of states at {hertz.size:,} frequencies", needed, "Take fewer frequencies"
+    )
     ball = whole_number("ball", ball, 0, network.n_balls - 1)
     if not network.moving[ball]:
         raise InputError(f"ball {ball} does not move", "Its mass is infinite", "Give another ball")
     starts = np.zeros((operator.motions.count, operator.balls.size, operator.motions.count))
     starts[:, np.searchsorted(operator.balls, ball)] = np.eye(operator.motions.count)
-    found = [Moments(operator, partial(operator.vector, one), keep=False).first(kernel.moments) for one in starts]
+    found = [
+        Moments(operator, partial(operator.vector, one), keep=False).first(kernel.moments)
+        for one in starts
+    ]
     inside = hertz < kernel.top
     angle = np.arccos(hertz[inside] / kernel.top)
     series = kernel.weights * np.array(found) * np.where(np.arange(kernel.moments), 2.0, 1.0)
     values = np.zeros((hertz.size, len(found)))
     values[inside] = np.polynomial.chebyshev.chebval(np.cos(2.0 * angle), series.T).T
     values[inside] *= (2.0 / (math.pi * kernel.top * np.sin(angle)))[:, None]
-    return LocalDensity(hertz, values, operator.motions.letters, ball, kernel.resolution, kernel.moments)
+    return LocalDensity(
+        hertz, values, operator.motions.letters, ball, kernel.resolution, kernel.moments
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpectralDensity(Refinable):
-    """Density of states of a network, 1/Hz per ball that moves, each line broadened by the Jackson kernel.
+    """Density of states of a network, 1/Hz per ball that moves, each line broadened by the Jackson
+    kernel.
 
-    Of a network of up to 600 motions it is exact. Of a larger one it is an estimate by random vectors, whose integral is
-    exact: the number of motions of a ball.
+    Of a network of up to 600 motions it is exact. Of a larger one it is an estimate by random
+    vectors, whose integral is exact: the number of motions of a ball.
 
     Attributes
     ----------
-    frequencies : (n,) Hz, from zero; Chebyshev nodes, four within the standard deviation of the kernel.
-    translational, rotational : (n,) 1/Hz, the density with each mode weighted by that part of its kinetic energy.
-    error, translational_error, rotational_error : (n,) 1/Hz, standard errors over the random vectors of the total and of
-        the two parts; zero without any, nan if there is one vector. For few vectors they follow Student's t.
+    frequencies : (n,) Hz, from zero; Chebyshev nodes, four within the standard deviation of the
+        kernel.
+    translational, rotational : (n,) 1/Hz, the density with each mode weighted by that part of its
+        kinetic energy.
+    error, translational_error, rotational_error : (n,) 1/Hz, standard errors over the random
+        vectors of the total and of the two parts; zero without any, nan if there is one vector. For
+        few vectors they follow Student's t.
     top : bound of all frequencies, Hz, on which the polynomials are made.
     moments : number of Chebyshev moments.
     vectors : number of random vectors; 0 where all modes were found.
@@ -123,55 +145,78 @@ class SpectralDensity(Refinable):
         return float(self._kernel.integral(self.total))
 
     def with_vectors(self, vectors: int) -> SpectralDensity:
-        """Return the density from this number of random vectors; work done for earlier vectors is kept.
+        """Return the density from this number of random vectors; work done for earlier vectors is
+        kept.
 
-        It is the same, bit for bit, as one that is found with that number at once; without random vectors it is this one.
-        Raises :class:`~granphon.base.errors.InputError` if this result was read from data.
+        It is the same, bit for bit, as one that is found with that number at once; without random
+        vectors it is this one. Raises :class:`~granphon.base.errors.InputError` if this result was
+        read from data.
         """
         return self._known_work()(self.moments, vectors=whole_number("vectors", vectors, 1))
 
 
 class AllModes:
-    """All modes of a network: their frequencies, and how much of the energy of each is of translations and of rotations."""
+    """All modes of a network: their frequencies, and how much of the energy of each is of
+    translations and of rotations.
+    """
 
     def __init__(self, operator: WaveOperator, seed: int) -> None:
         squares, modes = np.linalg.eigh(operator.matrix.toarray())
-        self._top, self._seed, self._balls = operator.top / (2.0 * math.pi), seed, operator.balls.size
+        self._top = operator.top / (2.0 * math.pi)
+        self._seed = seed
+        self._balls = operator.balls.size
         self._frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi)
         self._warnings = network_warnings(operator.network)
         self._weights = np.stack(
-            [np.sum(modes[part] ** 2, axis=0) for part in (~operator.is_rotation, operator.is_rotation)]
+            [
+                np.sum(modes[part] ** 2, axis=0)
+                for part in (~operator.is_rotation, operator.is_rotation)
+            ]
         )
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by a number of moments; ``vectors`` are none."""
         kernel = Kernel(self._top, moments)
         found = np.zeros((2, moments))
-        for few in np.array_split(np.arange(self._frequencies.size), 1 + self._frequencies.size * moments // _BLOCK):
+        for few in np.array_split(
+            np.arange(self._frequencies.size), 1 + self._frequencies.size * moments // _BLOCK
+        ):
             found += self._weights[:, few] @ kernel.moments_of(self._frequencies[few])
         translational, rotational = kernel.densities(found / self._balls)
         nothing = np.zeros(kernel.count)
         return SpectralDensity(
-            kernel.frequencies, translational, rotational, nothing, nothing, nothing, kernel.top, moments, 0, self._seed,
+            kernel.frequencies,
+            translational,
+            rotational,
+            nothing,
+            nothing,
+            nothing,
+            kernel.top,
+            moments,
+            0,
+            self._seed,
             self._warnings,
-        )._with_work(partial(self.find, vectors=0))  # fmt: skip
+        )._with_work(partial(self.find, vectors=0))
 
 
 class RandomVectors:
     """Moments of random vectors: of their translations and of their rotations, each by itself.
 
-    <r|T|r> of vectors of random signs has the mean Tr T. With r cut into the two parts, each gives the trace over its own
-    motions, and their sum lacks the noise of the terms between them.
+    <r|T|r> of vectors of random signs has the mean Tr T. With r cut into the two parts, each gives
+    the trace over its own motions, and their sum lacks the noise of the terms between them.
     """
 
     def __init__(self, operator: WaveOperator, seed: int, vectors: int) -> None:
-        self._operator, self._seed = operator, seed
+        self._operator = operator
+        self._seed = seed
         self._parts = (False, True) if operator.motions.rotate else (False,)
         self._keep = keeps_vectors(operator, vectors * len(self._parts))
         self._vectors: list[tuple[Moments, ...]] = []
 
     def _draw(self, number: int, rotations: bool) -> Array:
-        """Return a vector of +1 and -1 by chance in the rotations, or in the translations, and of zeros elsewhere."""
+        """Return a vector of +1 and -1 by chance in the rotations, or in the translations, and of
+        zeros elsewhere.
+        """
         operator = self._operator
         # each vector has a seed of its own, and numbers that are the same on every machine
         own = int(uniform_numbers(number + 1, self._seed)[number] * 2.0**52)
@@ -185,18 +230,30 @@ class RandomVectors:
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
         for number in range(len(self._vectors), vectors):
             starts = [partial(self._draw, number, turns) for turns in self._parts]
-            self._vectors.append(tuple(Moments(self._operator, start, keep=self._keep) for start in starts))
+            self._vectors.append(
+                tuple(Moments(self._operator, start, keep=self._keep) for start in starts)
+            )
         found = np.array([[part.first(moments) for part in one] for one in self._vectors[:vectors]])
         parts = np.zeros((vectors, 2, kernel.count))
         parts[:, : found.shape[1]] = kernel.densities(found / self._operator.balls.size)
         mean = parts.mean(axis=0)
         return SpectralDensity(
-            kernel.frequencies, mean[0], mean[1], _error(parts.sum(axis=1)), _error(parts[:, 0]),
-            _error(parts[:, 1]), kernel.top, moments, vectors, self._seed,
+            kernel.frequencies,
+            mean[0],
+            mean[1],
+            _error(parts.sum(axis=1)),
+            _error(parts[:, 0]),
+            _error(parts[:, 1]),
+            kernel.top,
+            moments,
+            vectors,
+            self._seed,
             network_warnings(self._operator.network),
-        )._with_work(partial(self.find, vectors=vectors))  # fmt: skip
+        )._with_work(partial(self.find, vectors=vectors))
 
 
 def _error(values: Array) -> Array:
     """Return the standard error of the mean over the first axis; nan if it has one entry."""
-    return standard_error(values, axis=0) if len(values) > 1 else np.full(values.shape[1:], math.nan)
+    return (
+        standard_error(values, axis=0) if len(values) > 1 else np.full(values.shape[1:], math.nan)
+    )

@@ -1,17 +1,21 @@
 """Modes of finite networks: the lowest, or those nearest to a frequency.
 
-Small matrices are dense. Larger ones are factorised (sparse LU) at a shift, and Lanczos finds the modes nearest to it; the
-factors also say, by Sylvester's law of inertia, how many eigenvalues are below a value, so that none is missed.
+Small matrices are dense. Larger ones are factorised (sparse LU) at a shift, and Lanczos finds the
+modes nearest to it; the factors also say, by Sylvester's law of inertia, how many eigenvalues are
+below a value, so that none is missed.
 
-Where the factors would be too large, modes of a window of frequencies are filtered out of random vectors. With
-omega = top cos(phi/2) the polynomials T_n(2 D / top^2 - 1) are cos(n phi). The sums of them up to the order M that lie
-in a window of phi, of the width 2 H, as much as the order allows are those with Slepian's sequences as coefficients (Bell
-Syst. Tech. J. 57, 1371 (1978)): 2 M H / pi filters. All of them, applied to a few random vectors in one recursion, span the
-modes of the window if they are well more than these: filter diagonalisation (Wall and Neuhauser, J. Chem. Phys. 102, 8011
-(1995)). The window that holds a number of modes follows from the density of states, by the kernel polynomial method.
+Where the factors would be too large, modes of a window of frequencies are filtered out of random
+vectors. With omega = top cos(phi/2) the polynomials T_n(2 D / top^2 - 1) are cos(n phi). The sums
+of them up to the order M that lie in a window of phi, of the width 2 H, as much as the order allows
+are those with Slepian's sequences as coefficients (Bell Syst. Tech. J. 57, 1371 (1978)): 2 M H / pi
+filters. All of them, applied to a few random vectors in one recursion, span the modes of the window
+if they are well more than these: filter diagonalisation (Wall and Neuhauser, J. Chem. Phys. 102,
+8011
+(1995)). The window that holds a number of modes follows from the density of states, by the kernel
+polynomial method.
 
-A random vector has a part of every mode. So after the modes are found, fresh ones are filtered, and freed of these modes:
-the squares of what is left count the modes in the window that are missing.
+A random vector has a part of every mode. So after the modes are found, fresh ones are filtered, and
+freed of these modes: the squares of what is left count the modes in the window that are missing.
 """
 
 from __future__ import annotations
@@ -43,7 +47,8 @@ from granphon.waves.operator import WaveOperator, explain_instability
 DENSE = 600
 #: frequency over the top frequency, at or below which a mode counts as one that costs no energy
 ZERO = 1e-6
-#: largest |D x - omega^2 x| / top^2 of a mode x of norm one; the error of omega^2 is its square over the distance of others
+#: largest |D x - omega^2 x| / top^2 of a mode x of norm one; the error of omega^2 is its square
+#: over the distance of others
 RESIDUAL = 1e-8
 #: random vectors of the density of states from which the window follows
 _VECTORS = 4
@@ -53,7 +58,8 @@ _MOMENTS = 512
 _RESOLVED = 4.0
 #: numbers of filters of a window that are tried; many pay where nearly all of a window is empty
 _FILTERS = (32, 48, 64, 96, 128, 192, 256, 384)
-#: numbers of random vectors to begin with that are tried, until memory suffices: as many modes of one frequency are found
+#: numbers of random vectors to begin with that are tried, until memory suffices: as many modes of
+#: one frequency are found
 _STARTS = (12, 8, 6, 4)
 #: filtered vectors, over the modes in the window
 _MORE = 2.3
@@ -61,7 +67,8 @@ _MORE = 2.3
 _EDGE = 6.4
 #: part of a window that is to be without a missing mode before a wider one is taken
 _CORE = 0.8
-#: half width of the next window that is tried, but for its ends, over that of one in which too few modes are
+#: half width of the next window that is tried, but for its ends, over that of one in which too few
+#: modes are
 _WIDER = 1.1
 #: modes that the middle of a window holds by the density of states, over those that are wanted
 _SPARE_MODES = 2
@@ -88,7 +95,8 @@ _ROWS = 2**9
 _KEPT = 32
 #: vectors that are worked on at a time
 _COLUMNS = 32
-#: most motions of a matrix that is dense because many modes are wanted, or many cost no energy: 2 GB
+#: most motions of a matrix that is dense because many modes are wanted, or many cost no energy: 2
+#: GB
 _LARGEST = 10_000
 #: largest share of all modes that are found without all of them
 _SHARE = 3
@@ -96,21 +104,25 @@ _SHARE = 3
 _SHIFT = 1e-6
 #: products with D that tell whether a network too large to be factorised is stable
 _KRYLOV = 400
-#: how well they tell an eigenvalue, over top^2. D is lower than the whole by a tenth of that, where overlaps are d/50
+#: how well they tell an eigenvalue, over top^2. D is lower than the whole by a tenth of that, where
+#: overlaps are d/50
 _SEEN = 1e-5
 #: greatest rate of growth, over the top frequency, that is put down to forces left on balls at rest
 _BALANCED = 1e-4
-#: part of the largest entry of a column from which a pivot of a damped matrix is taken on the diagonal. With a tenth factors
-#: at frequencies within bands have up to a hundred times more entries, and no digit more once solutions are refined
+#: part of the largest entry of a column from which a pivot of a damped matrix is taken on the
+#: diagonal. With a tenth factors at frequencies within bands have up to a hundred times more
+#: entries, and no digit more once solutions are refined
 PIVOT = 1e-5
 #: more vectors than are asked for
 _SPARE = 8
 
 
 class Eigenpairs(NamedTuple):
-    """Angular frequencies ``omega`` (m,), rad/s, ascending; ``vectors`` (size, m) of norm one; largest ``residual``/top^2.
+    """Angular frequencies ``omega`` (m,), rad/s, ascending; ``vectors`` (size, m) of norm one;
+    largest ``residual``/top^2.
 
-    ``zeros`` is the number of modes of the network that cost no energy; None if they were not counted.
+    ``zeros`` is the number of modes of the network that cost no energy; None if they were not
+    counted.
     """
 
     omega: Array
@@ -123,7 +135,9 @@ class Problem:
     """D on the motions ``live`` that some spring holds."""
 
     def __init__(self, operator: WaveOperator, live: NDArray[np.intp]) -> None:
-        self.operator, self.live, self.top = operator, live, operator.top
+        self.operator = operator
+        self.live = live
+        self.top = operator.top
         self.loose = operator.size - live.size
 
     @classmethod
@@ -148,16 +162,22 @@ class Problem:
         raise ConvergenceError("the matrix of the network cannot be factorised")
 
     def count_below(self, value: float) -> int:
-        """Return the number of eigenvalues below ``value``: that of the pivots below zero (Sylvester's law of inertia)."""
+        """Return the number of eigenvalues below ``value``: that of the pivots below zero
+        (Sylvester's law of inertia).
+        """
         factors = self.factors(value)
         if not np.array_equal(factors.perm_r, factors.perm_c):
-            raise ConvergenceError("the factors of the matrix have pivots off the diagonal", "No modes are counted")
+            raise ConvergenceError(
+                "the factors of the matrix have pivots off the diagonal", "No modes are counted"
+            )
         return int(np.sum(factors.U.diagonal() < 0.0))
 
     def refine(self, vectors: Array) -> tuple[Array, Array, Array]:
-        """Return the frequencies, modes and residuals over top^2 within the space of ``vectors`` (live, m).
+        """Return the frequencies, modes and residuals over top^2 within the space of ``vectors``
+        (live, m).
 
-        Without static forces they are singular values and vectors of A, so that low frequencies lose no digits.
+        Without static forces they are singular values and vectors of A, so that low frequencies
+        lose no digits.
         """
         operator = self.operator
         whole = np.zeros((operator.size, vectors.shape[1]))
@@ -172,20 +192,25 @@ class Problem:
             try:
                 _, sizes, rows = np.linalg.svd(triangle)
             except np.linalg.LinAlgError:
-                # LAPACK's fast method fails on some matrices with hundreds of singular values near zero; this does not
+                # LAPACK's fast method fails on some matrices with hundreds of singular values near
+                # zero; this does not
                 from scipy.linalg import svd
 
                 _, sizes, rows = svd(triangle, lapack_driver="gesvd")
             omega = np.zeros(len(rows))
             omega[: sizes.size] = sizes
             order = np.argsort(omega, kind="stable")
-            omega, turned = omega[order], rows.T[:, order]
-        whole, pressed = whole @ turned, pressed @ turned
+            omega = omega[order]
+            turned = rows.T[:, order]
+        whole = whole @ turned
+        pressed = pressed @ turned
         residual = np.linalg.norm(pressed - omega**2 * whole, axis=0) / self.top**2
         return omega, whole, residual
 
     def choose(self, omega: Array, count: int, target: float) -> NDArray[np.intp]:
-        """Return the places of the ``count`` frequencies nearest to ``target`` that cost energy, ascending."""
+        """Return the places of the ``count`` frequencies nearest to ``target`` that cost energy,
+        ascending.
+        """
         cost = np.flatnonzero(omega > ZERO * self.top)
         return np.sort(cost[np.argsort(np.abs(omega[cost] - target), kind="stable")[:count]])
 
@@ -193,25 +218,31 @@ class Problem:
 def find_fall(operator: WaveOperator) -> float:
     """Return the size, (rad/s)^2, of squared frequencies below zero that count as zero.
 
-    They are rounding, and where static forces act, what these leave on balls: no program brings forces to rest to all
-    digits, and balls that carry no load have been left out. A ball on which a force F is left falls where springs do not
-    resist: about the line through two contacts, at h from its centre, as exp(s t), s^2 = F h/2(m h^2 + I) for neighbours
-    that stay. F/(m r) is above that for any h; T/I is the same of a torque T that is left.
+    They are rounding, and where static forces act, what these leave on balls: no program brings
+    forces to rest to all digits, and balls that carry no load have been left out. A ball on which a
+    force F is left falls where springs do not resist: about the line through two contacts, at h
+    from its centre, as exp(s t), s^2 = F h/2(m h^2 + I) for neighbours that stay. F/(m r) is above
+    that for any h; T/I is the same of a torque T that is left.
     """
-    network, rounding = operator.network, (ZERO * operator.top) ** 2
+    network = operator.network
+    rounding = (ZERO * operator.top) ** 2
     if not network.prestress:
         return rounding
     force, torque = (np.linalg.norm(one[operator.balls], axis=1) for one in network.unbalanced)
-    masses, radii, inertias = (one[operator.balls] for one in (network.masses, network.radii, network.inertias))
+    masses, radii, inertias = (
+        one[operator.balls] for one in (network.masses, network.radii, network.inertias)
+    )
     left = float(np.max(force / (masses * radii) + torque / inertias))
     return rounding + min(left, (_BALANCED * operator.top) ** 2)
 
 
 def find_roots(operator: WaveOperator, squares: Array) -> Array:
-    """Return angular frequencies, rad/s, of their squares, which ascend; those below zero count as zero.
+    """Return angular frequencies, rad/s, of their squares, which ascend; those below zero count as
+    zero.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if one is below that, see :func:`find_fall`. With static
-    tangential forces there is no limit: D, which lacks a part of them, lowers frequencies of zero.
+    Raises :class:`~granphon.base.errors.InstabilityError` if one is below that, see
+    :func:`find_fall`. With static tangential forces there is no limit: D, which lacks a part of
+    them, lowers frequencies of zero.
     """
     if operator.whole is None and squares[0] < -find_fall(operator):
         raise explain_instability(operator.network)
@@ -220,13 +251,16 @@ def find_roots(operator: WaveOperator, squares: Array) -> Array:
 
 def make_too_few(there: int, count: int) -> InputError:
     """Return the error of ``count`` modes that are asked for where fewer are ``there``."""
-    asked, among = counted(count, "mode is", "modes are"), f"only {there}" if there else "none"
+    asked = counted(count, "mode is", "modes are")
+    among = f"only {there}" if there else "none"
     return InputError(f"{asked} asked for, and {among} cost energy", mend="Ask for fewer")
 
 
 @dataclass(frozen=True)
 class _Window:
-    """The window |phi - centre| < half of modes; ``centre`` is 0 or pi for one at an end of the spectrum."""
+    """The window |phi - centre| < half of modes; ``centre`` is 0 or pi for one at an end of the
+    spectrum.
+    """
 
     centre: float
     half: float
@@ -243,7 +277,9 @@ class _Window:
 
     @cached_property
     def coefficients(self) -> Array:
-        """(filters, M + 1) of the polynomials, for each filter; those within the window come first."""
+        """(filters, M + 1) of the polynomials, for each filter; those within the window come
+        first.
+        """
         from scipy.signal.windows import dpss
 
         # functions of phi are even: at an end, only the even half of the sequences makes filters
@@ -265,13 +301,16 @@ class _Window:
 
     def part(self, share: float) -> tuple[float, float]:
         """Return the ends in phi of the middle part of the window, a ``share`` of it."""
-        return max(self.centre - share * self.half, 0.0), min(self.centre + share * self.half, math.pi)
+        return max(self.centre - share * self.half, 0.0), min(
+            self.centre + share * self.half, math.pi
+        )
 
     def apply(self, operator: WaveOperator, starts: Array) -> Array:
         """Return (size, filters x m) all filters of the vectors ``starts`` (size, m)."""
         size, m = starts.shape
         found = np.zeros((size, self.filters, m))
-        vectors, kept = polynomials(operator, starts), np.empty((_KEPT, size, m))
+        vectors = polynomials(operator, starts)
+        kept = np.empty((_KEPT, size, m))
         for first in range(0, self.order + 1, _KEPT):
             factors = self.coefficients[:, first : first + _KEPT]
             count = factors.shape[1]
@@ -285,7 +324,9 @@ class _Window:
 
 
 class _Density:
-    """Number of modes in windows of phi, by the kernel polynomial method, for the motions that some spring holds."""
+    """Number of modes in windows of phi, by the kernel polynomial method, for the motions that some
+    spring holds.
+    """
 
     def __init__(self, problem: Problem, random: np.random.Generator) -> None:
         operator = problem.operator
@@ -300,30 +341,41 @@ class _Density:
         return 0.5 * self.within(math.pi, _RESOLVED * math.pi / _MOMENTS)
 
     def without_zeros(self) -> _Density:
-        """Return the density without the modes that cost no energy: those at phi = pi, as far as the moments tell."""
-        found, sign = copy(self), (-1.0) ** np.arange(_MOMENTS)
+        """Return the density without the modes that cost no energy: those at phi = pi, as far as
+        the moments tell.
+        """
+        found = copy(self)
+        sign = (-1.0) ** np.arange(_MOMENTS)
         found._moments = self._moments - self.zeros * sign * Kernel(1.0, _MOMENTS).weights
         return found
 
     def within(self, centre: float, half: float) -> float:
-        """Return the number of modes at |phi - centre| < half; both those at phi and at -phi, or 2 pi - phi, count."""
+        """Return the number of modes at |phi - centre| < half; both those at phi and at -phi, or 2
+        pi - phi, count.
+        """
         n = np.arange(1, _MOMENTS)
         waves = 2.0 * np.sin(n * half) * np.cos(n * centre) / n
         return float(2.0 * half * self._moments[0] + 2.0 * self._moments[1:] @ waves) / math.pi
 
     def reach(self, centre: float, count: float) -> float:
-        """Return the half width about ``centre`` within which there are ``count`` modes; pi if all are fewer."""
+        """Return the half width about ``centre`` within which there are ``count`` modes; pi if all
+        are fewer.
+        """
         from scipy.optimize import brentq
 
         if self.within(centre, math.pi) <= count:
             return math.pi
-        return float(brentq(lambda half: self.within(centre, half) - count, 0.0, math.pi, xtol=1e-9))
+        return float(
+            brentq(lambda half: self.within(centre, half) - count, 0.0, math.pi, xtol=1e-9)
+        )
 
     def choose(self, target: float, wanted: int, starts: int, least: float) -> tuple[_Window, int]:
-        """Return the window for the ``wanted`` modes nearest to phi = ``target``, and how many random vectors it takes.
+        """Return the window for the ``wanted`` modes nearest to phi = ``target``, and how many
+        random vectors it takes.
 
-        Its part without the ends holds :data:`_SPARE_MODES` times these modes, and has the half width ``least``. Of such
-        windows it is the one that takes the fewest filtered vectors, with ``starts`` random vectors or so.
+        Its part without the ends holds :data:`_SPARE_MODES` times these modes, and has the half
+        width ``least``. Of such windows it is the one that takes the fewest filtered vectors, with
+        ``starts`` random vectors or so.
         """
         near = max(self.reach(target, _SPARE_MODES * wanted), least)
         found = []
@@ -334,8 +386,11 @@ class _Density:
             count = self.within(centre, half)
             for end in (math.pi, 0.0):
                 across = abs(end - target)
-                if across < half:  # from the end of the spectrum on, through the target: both images count
-                    count = 0.5 * self.within(end, across) + max(_SPARE_MODES * wanted, vectors * filters / _MORE)
+                if across < half:
+                    # from the end of the spectrum on, through the target: both images count
+                    count = 0.5 * self.within(end, across) + max(
+                        _SPARE_MODES * wanted, vectors * filters / _MORE
+                    )
                     centre, half = end, max(self.reach(end, 2.0 * count), across + wide)
                     count = 0.5 * self.within(end, half)
             vectors = max(vectors, math.ceil(_MORE * count / filters))
@@ -344,7 +399,9 @@ class _Density:
 
 
 class _Found(NamedTuple):
-    """Modes that are found: ``omega`` (m,) ascending, rad/s, ``vectors`` (size, m), ``residuals`` (m,) over top^2."""
+    """Modes that are found: ``omega`` (m,) ascending, rad/s, ``vectors`` (size, m), ``residuals``
+    (m,) over top^2.
+    """
 
     omega: Array
     vectors: Array
@@ -352,20 +409,27 @@ class _Found(NamedTuple):
 
 
 def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | None:
-    """Return the ``count`` modes nearest to ``target``, rad/s; None if that takes more vectors than there are modes.
+    """Return the ``count`` modes nearest to ``target``, rad/s; None if that takes more vectors than
+    there are modes.
 
-    Raises :class:`~granphon.base.errors.InputError` beforehand if it takes too much memory or too many products with D, and
+    Raises :class:`~granphon.base.errors.InputError` beforehand if it takes too much memory or too
+    many products with D, and
     :class:`~granphon.base.errors.ConvergenceError` if it turns out so.
     """
     from scipy.linalg import qr
 
-    random, top, size = np.random.default_rng(0), problem.top, problem.operator.size
-    density, least = _Density(problem, random), 0.0
+    random = np.random.default_rng(0)
+    top = problem.top
+    size = problem.operator.size
+    density = _Density(problem, random)
+    least = 0.0
     error: type[InputError | ConvergenceError] = InputError
-    # each random vector finds one mode of those without energy: many are left out from the beginning
+    # each random vector finds one mode of those without energy: many are left out from the
+    # beginning
     power = 0
     if target <= ZERO * top and density.zeros > _ZEROS:
-        density, power = density.without_zeros(), 4 if problem.operator.network.prestress else 2
+        density = density.without_zeros()
+        power = 4 if problem.operator.network.prestress else 2
 
     def count_bytes(window: _Window, starts: int) -> int:
         return 8 * _COPIES * size * window.filters * (starts + _fresh(starts))
@@ -375,14 +439,18 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
             window, starts = density.choose(_phi(top, target), count, most, least)
             if count_bytes(window, starts) <= _BYTES:
                 break
-        basis, found, vectors = np.zeros((size, 0)), None, starts
+        basis = np.zeros((size, 0))
+        found = None
+        vectors = starts
         while True:
             if window.filters * (starts + _fresh(starts)) > problem.live.size:
                 return None
-            products, needed = window.order * (starts + _fresh(starts)), count_bytes(window, starts)
+            products = window.order * (starts + _fresh(starts))
+            needed = count_bytes(window, starts)
             if needed > _BYTES or products > _PRODUCTS:
                 what = (
-                    f"{count} modes of {problem.live.size} motions take {needed / 1e9:.2g} GB, and {products:.2g} products"
+                    f"{count} modes of {problem.live.size} motions take {needed / 1e9:.2g} GB,"
+                    f" and {products:.2g} products"
                 )
                 why = "In a large network modes of one frequency range lie close together"
                 mend = "Ask for fewer modes, or take a smaller network, or its density of states"
@@ -393,17 +461,28 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
                 # fresh vectors, freed of the modes that are known, show whether one is missing
                 chosen = problem.choose(found.omega, count, target)
                 reach = np.max(np.abs(found.omega[chosen] - target), initial=0.0)
-                ends = _phi(top, target + reach), _phi(top, max(target - reach, _SOFT * reach if power else 0.0))
+                ends = (
+                    _phi(top, target + reach),
+                    _phi(top, max(target - reach, _SOFT * reach if power else 0.0)),
+                )
                 inner = window.part(1.0 - _EDGE / window.filters)
                 enough = chosen.size == count and inner[0] <= ends[0] and ends[1] <= inner[1]
-                if _missing(window, fresh, found.vectors, ends if enough else window.part(_CORE), power) < _LEFT:
+                if (
+                    _missing(
+                        window, fresh, found.vectors, ends if enough else window.part(_CORE), power
+                    )
+                    < _LEFT
+                ):
                     break
                 starts += vectors
-            # filters that reach out of the window a little add what is missing at 1e-8: no direction is left out
-            both, first = np.empty((size, basis.shape[1] + fresh.shape[1]), order="F"), basis.shape[1]
+            # filters that reach out of the window a little add what is missing at 1e-8: no
+            # direction is left out
+            both = np.empty((size, basis.shape[1] + fresh.shape[1]), order="F")
+            first = basis.shape[1]
             both[:, :first], both[:, first:] = basis, fresh
             basis = np.asarray(qr(both, overwrite_a=True, mode="economic", check_finite=False)[0])
-            found, vectors = _solve(problem, window, basis), _fresh(starts)
+            found = _solve(problem, window, basis)
+            vectors = _fresh(starts)
         zeros = int(np.sum(found.omega <= ZERO * top))
         if enough:
             found = _Found(*problem.refine(found.vectors[problem.live][:, chosen]))
@@ -422,9 +501,11 @@ def _fresh(starts: int) -> int:
 
 
 def _draw(problem: Problem, random: np.random.Generator, count: int, power: int) -> Array:
-    """Return ``count`` random vectors, (size, count), in which the square of a mode has the mean (omega / top)^``power``.
+    """Return ``count`` random vectors, (size, count), in which the square of a mode has the mean
+    (omega / top)^``power``.
 
-    They are x, A^T y or D x, of powers 0, 2 and 4; the latter two are without the modes that cost no energy.
+    They are x, A^T y or D x, of powers 0, 2 and 4; the latter two are without the modes that cost
+    no energy.
     """
     operator = problem.operator
     if power == 2:
@@ -436,36 +517,47 @@ def _draw(problem: Problem, random: np.random.Generator, count: int, power: int)
 
 
 def _solve(problem: Problem, window: _Window, basis: Array) -> _Found:
-    """Return the modes of the window in the space of ``basis``: Ritz vectors whose residuals are small."""
-    matrix, top = problem.operator.matrix, problem.top
+    """Return the modes of the window in the space of ``basis``: Ritz vectors whose residuals are
+    small.
+    """
+    matrix = problem.operator.matrix
+    top = problem.top
     parts = range(0, basis.shape[1], _COLUMNS)
     pressed = np.hstack([basis.T @ (matrix @ basis[:, at : at + _COLUMNS]) for at in parts])
     squares, turned = np.linalg.eigh(0.5 * (pressed + pressed.T))
     (low, high), omega = window.part(1.0), find_roots(problem.operator, squares)
     inside = (omega <= top * math.cos(low / 2.0)) & (omega >= top * (math.cos(high / 2.0) - ZERO))
-    omega, turned = omega[inside], turned[:, inside]
-    vectors, residuals = [basis[:, :0]], [omega[:0]]
+    omega = omega[inside]
+    turned = turned[:, inside]
+    vectors = [basis[:, :0]]
+    residuals = [omega[:0]]
     for at in range(0, omega.size, _COLUMNS):
         some = basis @ turned[:, at : at + _COLUMNS]
-        left = np.linalg.norm(matrix @ some - omega[at : at + _COLUMNS] ** 2 * some, axis=0) / top**2
+        left = (
+            np.linalg.norm(matrix @ some - omega[at : at + _COLUMNS] ** 2 * some, axis=0) / top**2
+        )
         vectors.append(some[:, left <= RESIDUAL])
         residuals.append(left)
     every = np.concatenate(residuals)
     return _Found(omega[every <= RESIDUAL], np.hstack(vectors), every[every <= RESIDUAL])
 
 
-def _missing(window: _Window, fresh: Array, known: Array, ends: tuple[float, float], power: int) -> float:
-    """Return an estimate of how many modes between the ``ends`` in phi are not ``known``: below it only with bad luck.
+def _missing(
+    window: _Window, fresh: Array, known: Array, ends: tuple[float, float], power: int
+) -> float:
+    """Return an estimate of how many modes between the ``ends`` in phi are not ``known``: below it
+    only with bad luck.
 
-    ``fresh`` are filtered random vectors, of which the known modes have not been made. A mode has that share of their
-    squares which the squares of the filters are at its frequency, times (omega / top)^``power``. Modes outside of the ends
-    add to it.
+    ``fresh`` are filtered random vectors, of which the known modes have not been made. A mode has
+    that share of their squares which the squares of the filters are at its frequency, times (omega
+    / top)^``power``. Modes outside of the ends add to it.
     """
     phi = np.linspace(*ends, 33)
     weights = np.min(window.weights(phi) * np.cos(0.5 * phi) ** power, axis=1)
     first = int(np.argmax(weights >= 0.5 * weights[-1])) + 1
     some = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
-    vectors, some = some.shape[2], some.reshape(len(fresh), -1)
+    vectors = some.shape[2]
+    some = some.reshape(len(fresh), -1)
     return float(np.sum((some - known @ (known.T @ some)) ** 2) / (vectors * weights[first - 1]))
 
 
@@ -476,15 +568,16 @@ class NetworkModes(Result):
     Attributes
     ----------
     frequencies : (m,) Hz, ascending.
-    vectors : (m, n_balls, motions) the modes, real, of norm one, weighted with masses: M^1/2 times displacements u, and
-        M^1/2 w, w = (I/M)^1/2 phi, of the rotations. Balls that do not move have zeros. The largest number is above zero.
-        Modes of one frequency are any basis of their space.
+    vectors : (m, n_balls, motions) the modes, real, of norm one, weighted with masses: M^1/2 times
+        displacements u, and M^1/2 w, w = (I/M)^1/2 phi, of the rotations. Balls that do not move
+        have zeros. The largest number is above zero. Modes of one frequency are any basis of their
+        space.
     displacements : number of the motions that are displacements: the others are rotations.
     moving : number of the balls that move.
-    zero_modes : number of modes of the network that cost no energy, at or below 1e-6 of the top frequency: of the whole at
-        rest, of balls that nothing holds, of mechanisms. They are not among the modes. None if they were not counted: in a
-        network too large to be factorised, unless the lowest modes are requested and held balls have about 48 zero modes or
-        fewer.
+    zero_modes : number of modes of the network that cost no energy, at or below 1e-6 of the top
+        frequency: of the whole at rest, of balls that nothing holds, of mechanisms. They are not
+        among the modes. None if they were not counted: in a network too large to be factorised,
+        unless the lowest modes are requested and held balls have about 48 zero modes or fewer.
     residual : largest ``|D x - omega^2 x|`` / top^2 of a mode x.
     network : the network whose modes these are.
     """
@@ -506,14 +599,18 @@ class NetworkModes(Result):
 
     @property
     def _energies(self) -> Array:
-        """(m, n_balls, 2) share of each ball in the kinetic energy of a mode: of displacements, and of rotations."""
+        """(m, n_balls, 2) share of each ball in the kinetic energy of a mode: of displacements, and
+        of rotations.
+        """
         squares = self.vectors**2
         parts = (squares[..., : self.displacements], squares[..., self.displacements :])
         return np.stack([part.sum(axis=2) for part in parts], axis=-1)
 
     @property
     def participation_ratio(self) -> Array:
-        """(m,) (sum e)^2 / (N sum e^2) of the kinetic energies e of the N balls that move: from 1/N, if one moves, to 1."""
+        """(m,) (sum e)^2 / (N sum e^2) of the kinetic energies e of the N balls that move: from
+        1/N, if one moves, to 1.
+        """
         energies = self._energies.sum(axis=2)
         return np.asarray(energies.sum(axis=1) ** 2 / (self.moving * np.sum(energies**2, axis=1)))
 
@@ -524,12 +621,17 @@ class NetworkModes(Result):
 
 
 def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> NetworkModes:
-    """Return modes of a network that is stable, see :func:`require_stable`; for the rest see ``Waves.modes``."""
+    """Return modes of a network that is stable, see :func:`require_stable`; for the rest see
+    ``Waves.modes``.
+    """
     count = whole_number("count", count, 1)
     target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
     if target > operator.top:
         top = operator.top / (2.0 * math.pi)
-        raise InputError(f"the network has no modes near {nearest:g} Hz", f"All frequencies are below {top:.6g} Hz")
+        raise InputError(
+            f"the network has no modes near {nearest:g} Hz",
+            f"All frequencies are below {top:.6g} Hz",
+        )
     problem = Problem.of(operator)
     size = problem.live.size
     if count > size:
@@ -540,7 +642,8 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
         pairs = _find_factored(problem, count, target)
     else:
         pairs = find_filtered(problem, count, target) or _find_dense(problem, count, target)
-    network, motions = operator.network, operator.motions
+    network = operator.network
+    motions = operator.motions
     vectors = np.zeros((count, network.n_balls, motions.count))
     vectors[:, operator.balls] = np.moveaxis(operator.values(pairs.vectors), -1, 0)
     largest = np.argmax(np.abs(pairs.vectors), axis=0)
@@ -557,33 +660,47 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
 
 
 def find_damped(
-    operator: WaveOperator, count: int, nearest: float | None, damping: Any = 0.0, loss_factor: Any = 0.0
+    operator: WaveOperator,
+    count: int,
+    nearest: float | None,
+    damping: Any = 0.0,
+    loss_factor: Any = 0.0,
 ) -> DampedModes:
-    """Return damped modes of a network that is stable; see :meth:`granphon.waves.waves.Waves.damped_modes`."""
-    network, motions, damped = operator.network, operator.motions, ContactDamping.of(operator.network, damping, loss_factor)
+    """Return damped modes of a network that is stable; see
+    :meth:`granphon.waves.waves.Waves.damped_modes`.
+    """
+    network = operator.network
+    motions = operator.motions
+    damped = ContactDamping.of(operator.network, damping, loss_factor)
     even = damped.find_even(network)
     if even is not None:
         modes = find_modes(operator, count, nearest)
         omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even)
         order = np.argsort(omega)  # by their real part: the highest modes are the first to creep
         warnings = damped.find_warnings(float(modes.frequencies[-1]))
-        return DampedModes(omega[order] / (2.0 * math.pi), modes.vectors[order].astype(complex), None, warnings)
+        return DampedModes(
+            omega[order] / (2.0 * math.pi), modes.vectors[order].astype(complex), None, warnings
+        )
     count = whole_number("count", count, 1)
     target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
     problem = Problem.of(operator)
-    top, live = operator.top, problem.live
+    top = operator.top
+    live = problem.live
     if live.size > LARGEST_FACTORS[network.dimension]:
         mend = "Damp all contacts alike, or take a smaller network"
         raise InputError(f"{live.size:,} motions that are damped unevenly are too many", mend=mend)
     lossy = ((operator.matrix + 1j * operator.weigh(damped.losses)) / top**2).tocsr()[live][:, live]
     viscous = (operator.weigh(damped.times) / top).tocsr()[live][:, live]
     many = _SHARE * (2 * count + _SPARE) > 2 * live.size
-    if 2 * live.size <= DENSE or (many and live.size <= DENSE):  # twice: the size of the matrix of first order
+    if 2 * live.size <= DENSE or (many and live.size <= DENSE):
+        # twice: the size of the matrix of first order
         squares, shapes = _diagonalise(problem, count)
         others = shapes[:, find_roots(operator, squares) > ZERO * top]
         if others.shape[1] < count:
             raise make_too_few(others.shape[1], count)
-        omega, vectors = damp_unevenly(*(others.T @ np.asarray(one @ others) for one in (lossy, viscous)))
+        omega, vectors = damp_unevenly(
+            *(others.T @ np.asarray(one @ others) for one in (lossy, viscous))
+        )
         chosen = _choose_damped(omega, count, target / top)
         vectors = others @ vectors[:, chosen]
     else:
@@ -593,7 +710,10 @@ def find_damped(
         wanted = 2 * count + _SPARE  # modes that swing have two rates
         while True:
             if wanted > live.size - still.shape[1]:
-                what = f"{count} modes of {live.size} motions that are damped unevenly are too many to be found"
+                what = (
+                    f"{count} modes of {live.size} motions that are damped unevenly are too many"
+                    f" to be found"
+                )
                 raise InputError(what, mend="Ask for fewer")
             omega, vectors = _follow_damped(lossy, viscous, still, wanted, target / top)
             chosen = _choose_damped(omega, count, target / top)
@@ -608,22 +728,29 @@ def find_damped(
     # without losses, a motion of this shape has the frequency of Rayleigh's quotient
     squares = np.sum(every.conj() * (operator.matrix @ every), axis=0).real
     highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
-    return DampedModes(omega[chosen] * top / (2.0 * math.pi), whole, None, damped.find_warnings(highest))
+    return DampedModes(
+        omega[chosen] * top / (2.0 * math.pi), whole, None, damped.find_warnings(highest)
+    )
 
 
 def _choose_damped(omega: Complex, count: int, target: float) -> NDArray[np.intp]:
-    """Return the places of the ``count`` modes whose real parts are nearest to ``target``, ascending, then as they decay."""
+    """Return the places of the ``count`` modes whose real parts are nearest to ``target``,
+    ascending, then as they decay.
+    """
     near = np.lexsort((omega.imag, np.abs(omega.real - target)))[:count]
     return near[np.lexsort((omega[near].imag, omega[near].real))]
 
 
 def _find_still(problem: Problem, count: int) -> Array:
-    """Return motions (live, z) that cost no energy, orthonormal; ``count`` other ones are wanted."""
+    """Return motions (live, z) that cost no energy, orthonormal; ``count`` other ones are
+    wanted.
+    """
     zeros = problem.count_below((ZERO * problem.top) ** 2)
     if not zeros:
         return np.zeros((problem.live.size, 0))
     shift = -_SHIFT * problem.top**2
-    wanted, solve = zeros + _SPARE, problem.factors(shift).solve
+    wanted = zeros + _SPARE
+    solve = problem.factors(shift).solve
     while wanted * _SHARE <= problem.live.size:
         _, vectors = find_nearest(problem.shifted(0.0), wanted, shift, solve)
         omega, vectors, _ = problem.refine(vectors)
@@ -636,19 +763,25 @@ def _find_still(problem: Problem, count: int) -> Array:
 
 
 @single_products()
-def _follow_damped(stiffness: Any, viscous: Any, still: Array, wanted: int, target: float) -> tuple[Complex, Complex]:
-    """Return modes of x'' + G x' + D x = 0, omega (m,) with ``wanted`` rates nearest to ``target``, and vectors (n, m).
+def _follow_damped(
+    stiffness: Any, viscous: Any, still: Array, wanted: int, target: float
+) -> tuple[Complex, Complex]:
+    """Return modes of x'' + G x' + D x = 0, omega (m,) with ``wanted`` rates nearest to ``target``,
+    and vectors (n, m).
 
-    With y = x', ((0, 1), (-D, -G)) - s is solved by the factors of D + s G + s^2, and Arnoldi's vectors are kept free of the
-    motions ``still`` (n, z), which cost no energy: each is there twice, at a rate of zero, and nearer than all others. Of
-    the two rates of a motion that creeps, roots of r^2 + (x.Gx) r + x.Dx, the slower one is above the middle of them.
+    With y = x', ((0, 1), (-D, -G)) - s is solved by the factors of D + s G + s^2, and Arnoldi's
+    vectors are kept free of the motions ``still`` (n, z), which cost no energy: each is there
+    twice, at a rate of zero, and nearer than all others. Of the two rates of a motion that creeps,
+    roots of r^2 + (x.Gx) r + x.Dx, the slower one is above the middle of them.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
 
     n, shift = stiffness.shape[0], math.sqrt(_SHIFT) + 1j * target
     unit: Any = eye_array(n)
-    factors = factorise((stiffness + shift * viscous + shift**2 * unit).astype(complex), pivot=PIVOT)
+    factors = factorise(
+        (stiffness + shift * viscous + shift**2 * unit).astype(complex), pivot=PIVOT
+    )
 
     def free(z: Any) -> Any:
         parts = np.stack([z[:n].real, z[:n].imag, z[n:].real, z[n:].imag], axis=1)
@@ -662,11 +795,14 @@ def _follow_damped(stiffness: Any, viscous: Any, still: Array, wanted: int, targ
         x = -factors.solve(z[n:] + viscous @ z[:n] + shift * z[:n])
         return free(np.concatenate([x, z[:n] + shift * x]))
 
-    whole, inverse = (LinearOperator((2 * n, 2 * n), matvec=one, dtype=complex) for one in (apply, solve))
+    whole, inverse = (
+        LinearOperator((2 * n, 2 * n), matvec=one, dtype=complex) for one in (apply, solve)
+    )
     start = free(np.random.default_rng(0).normal(size=2 * n).astype(complex))
     with lanczos_converges():
         rates, vectors = eigs(whole, k=wanted, sigma=shift, OPinv=inverse, v0=start)
-    omega, vectors = -1j * rates, vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
+    omega = -1j * rates
+    vectors = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
     creeps = np.abs(omega.real) <= ZERO
     omega = np.where(creeps, 1j * omega.imag, omega)
     slower = 2.0 * omega.imag < np.sum(vectors.conj() * (viscous @ vectors), axis=0).real
@@ -675,21 +811,26 @@ def _follow_damped(stiffness: Any, viscous: Any, still: Array, wanted: int, targ
 
 
 def require_stable(operator: WaveOperator) -> None:
-    """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero, see :func:`is_stable`."""
+    """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero,
+    see :func:`is_stable`.
+    """
     if not is_stable(operator):
         raise explain_instability(operator.network)
 
 
 def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
-    """Whether no squared frequency is below zero by more than ``fall``, (rad/s)^2, by default :func:`find_fall`.
+    """Whether no squared frequency is below zero by more than ``fall``, (rad/s)^2, by default
+    :func:`find_fall`.
 
-    Only static forces make one. Where static tangential forces act, and D has a square below zero, the lowest eigenvalue of
-    the whole that is not symmetric decides: its real part is not below the lowest of D. Of networks too large to be
-    factorised the lowest Ritz value of a Krylov space of D decides.
+    Only static forces make one. Where static tangential forces act, and D has a square below zero,
+    the lowest eigenvalue of the whole that is not symmetric decides: its real part is not below the
+    lowest of D. Of networks too large to be factorised the lowest Ritz value of a Krylov space of D
+    decides.
     """
     if not operator.network.prestress:
         return True
-    whole, least = operator.whole, -(find_fall(operator) if fall is None else fall)
+    whole = operator.whole
+    least = -(find_fall(operator) if fall is None else fall)
     if not _has_factors(operator):
         return _search_lowest(operator) >= (least if whole is None else -_SEEN * operator.top**2)
     if not Problem(operator, np.arange(operator.size)).count_below(least):
@@ -698,8 +839,8 @@ def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
 
 
 def find_falls(operator: WaveOperator, fall: float) -> Array:
-    """Return motions (size, m) by which a network that is not stable falls: modes whose squared frequency is below
-    zero by more than ``fall``, (rad/s)^2.
+    """Return motions (size, m) by which a network that is not stable falls: modes whose squared
+    frequency is below zero by more than ``fall``, (rad/s)^2.
 
     They are all of these; with static tangential forces only the lowest one, by its sizes. Raises
     :class:`~granphon.base.errors.InstabilityError` for a network too large to be factorised.
@@ -709,13 +850,20 @@ def find_falls(operator: WaveOperator, fall: float) -> Array:
     whole = operator.whole
     if whole is not None:
         return _find_lowest_of_whole(operator, whole, -fall)[1][:, None]
-    network, problem = operator.network, Problem(operator, np.arange(operator.size))
-    # static forces make no square lower than twice that of a ball which they alone move, while all others are held
+    network = operator.network
+    problem = Problem(operator, np.arange(operator.size))
+    # static forces make no square lower than twice that of a ball which they alone move, while all
+    # others are held
     pressed = np.maximum(network.normal_force, 0.0) / network.distance
     ends = (network.i, network.j)
-    alone = np.sum([np.bincount(ball, pressed, network.n_balls) for ball in ends], axis=0) / network.masses
+    alone = (
+        np.sum([np.bincount(ball, pressed, network.n_balls) for ball in ends], axis=0)
+        / network.masses
+    )
     shift, count = -2.0 * float(np.max(alone)), problem.count_below(-fall)
-    return np.asarray(find_nearest(problem.shifted(0.0), count, shift, problem.factors(shift).solve)[1])
+    return np.asarray(
+        find_nearest(problem.shifted(0.0), count, shift, problem.factors(shift).solve)[1]
+    )
 
 
 def _has_factors(operator: WaveOperator) -> bool:
@@ -724,7 +872,9 @@ def _has_factors(operator: WaveOperator) -> bool:
 
 
 def _find_lowest_of_whole(operator: WaveOperator, whole: Any, low: float) -> tuple[float, Array]:
-    """Return the lowest real part of an eigenvalue of the ``whole``, (rad/s)^2, and the sizes (size,) of its motions."""
+    """Return the lowest real part of an eigenvalue of the ``whole``, (rad/s)^2, and the sizes
+    (size,) of its motions.
+    """
     from scipy.sparse.linalg import eigs
 
     problem = Problem(operator, np.arange(operator.size))
@@ -737,29 +887,42 @@ def _find_lowest_of_whole(operator: WaveOperator, whole: Any, low: float) -> tup
 
 
 def _search_lowest(operator: WaveOperator) -> float:
-    """Return the lowest Ritz value of the Krylov space of a random vector, (rad/s)^2: above the lowest eigenvalue of D."""
+    """Return the lowest Ritz value of the Krylov space of a random vector, (rad/s)^2: above the
+    lowest eigenvalue of D.
+    """
     from scipy.linalg import eigvalsh_tridiagonal
 
     x = np.random.default_rng(0).normal(size=operator.size)
     x /= np.linalg.norm(x)
-    before, across, diagonal, beside = np.zeros(operator.size), 0.0, [], []
+    before = np.zeros(operator.size)
+    across = 0.0
+    diagonal = []
+    beside = []
     for _ in range(_KRYLOV):
         y = operator @ x - across * before
         diagonal.append(float(x @ y))
         y -= diagonal[-1] * x
         across = float(np.linalg.norm(y))
         beside.append(across)
-        before, x = x, y / across
-    values = eigvalsh_tridiagonal(np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0))
+        before = x
+        x = y / across
+    values = eigvalsh_tridiagonal(
+        np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0)
+    )
     return float(values[0])
 
 
 def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
-    """Return all eigenvalues (live,) and eigenvectors (live, live) of D, of which ``count`` modes are wanted."""
+    """Return all eigenvalues (live,) and eigenvectors (live, live) of D, of which ``count`` modes
+    are wanted.
+    """
     from scipy.linalg import eigh
 
     if problem.live.size > _LARGEST:
-        what = f"{count} modes of {problem.live.size} motions, with those without energy, are too many to be found"
+        what = (
+            f"{count} modes of {problem.live.size} motions, with those without energy, are too"
+            f" many to be found"
+        )
         raise InputError(what, mend="Ask for fewer")
     squares, vectors = eigh(problem.shifted(0.0).toarray())
     return squares, vectors
@@ -777,7 +940,8 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
 
 
 def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
-    size, top = problem.live.size, problem.top
+    size = problem.live.size
+    top = problem.top
     zero = ZERO * top
     zeros = problem.count_below(zero**2)
     if count > size - zeros:
@@ -791,11 +955,18 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
         omega, vectors, residual = problem.refine(vectors)
         chosen = problem.choose(omega, count, target)
         if chosen.size == count and np.max(residual[chosen]) <= RESIDUAL:
-            # all modes as near as the farthest one that was chosen, and no further ones, are to be there
+            # all modes as near as the farthest one that was chosen, and no further ones, are to be
+            # there
             reach = np.max(np.abs(omega[chosen] - target)) * (1.0 - 1e-9)
-            low, high = max(target - reach, zero), target + reach
+            low = max(target - reach, zero)
+            high = target + reach
             below = zeros if low == zero else problem.count_below(low**2)
             if problem.count_below(high**2) - below == np.sum((omega > low) & (omega < high)):
-                return Eigenpairs(omega[chosen], vectors[:, chosen], float(residual[chosen].max()), problem.loose + zeros)
+                return Eigenpairs(
+                    omega[chosen],
+                    vectors[:, chosen],
+                    float(residual[chosen].max()),
+                    problem.loose + zeros,
+                )
         wanted *= 2
     return _find_dense(problem, count, target)

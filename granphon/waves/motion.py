@@ -1,4 +1,6 @@
-"""Balls in motion at a list of times: where they are, what forces act, where the energy is, and what waves they make."""
+"""Balls in motion at a list of times: where they are, what forces act, where the energy is, and
+what waves they make.
+"""
 
 from __future__ import annotations
 
@@ -29,16 +31,20 @@ _ABOUT = {"format": "granphon motion", "schema": "1"}
 _PASSAGES = ("peak", "front")
 #: part of the greatest change of a force below which nothing has come to a contact
 _STILL = 1e-3
-#: part of the greatest force at rest below which a change may be rounding; a change, N, that is none
-_ROUNDING, _NOTHING = 1e-10, 1e-300
+#: part of the greatest force at rest below which a change may be rounding; a change, N, that is
+#: none
+_ROUNDING = 1e-10
+_NOTHING = 1e-300
 #: least correlation of a line
 _STRAIGHT = 0.9
-#: greatest change of its slope over it, over the slope: what diffuses, t ~ x^2, has a half between quarters of the way
+#: greatest change of its slope over it, over the slope: what diffuses, t ~ x^2, has a half between
+#: quarters of the way
 _BENT = 0.25
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
-#: least part of the height of a maximum that frames beside it have: three frames within the width of a pulse at half of its
-#: height are those of a peak. Of a shorter one they are of any motions that follow it, and say nothing about when it passes
+#: least part of the height of a maximum that frames beside it have: three frames within the width
+#: of a pulse at half of its height are those of a peak. Of a shorter one they are of any motions
+#: that follow it, and say nothing about when it passes
 _FLANK = 0.5
 #: most multiples and periods: no run has as many frames
 _MOST_MULTIPLES = 10**9
@@ -48,22 +54,26 @@ _KEPT = "It holds the frames that came before"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(Result):
-    """Balls in motion, at a list of times. Vectors have three components; what does not move is zero.
+    """Balls in motion, at a list of times. Vectors have three components; what does not move is
+    zero.
 
     Attributes
     ----------
     times : (n_f,) s.
-    displacements, velocities : (n_f, n, 3) from the places at rest, m, m/s. Velocities of balls that a drive moves are
-        differences over two steps.
+    displacements, velocities : (n_f, n, 3) from the places at rest, m, m/s. Velocities of balls
+        that a drive moves are differences over two steps.
     rotations, spins : (n_f, n, 3) rad, rad/s.
-    forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its force of slip, N.
+    forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its
+        force of slip, N.
     translation, rotation : (n_f,) kinetic energies, J.
     stored : (n_f,) energy that contacts and the load have gained since rest, J.
-    lost : (n_f,) energy that contacts have lost by friction, by dashpots, and by their law, as those that adhere do, J.
+    lost : (n_f,) energy that contacts have lost by friction, by dashpots, and by their law, as
+        those that adhere do, J.
     work : (n_f,) of drives, J.
     step : s.
     network : the balls at rest, and their contacts.
-    met : (n_m, 2) balls of contacts that came about beside those of the network: the last columns of ``forces``.
+    met : (n_m, 2) balls of contacts that came about beside those of the network: the last columns
+        of ``forces``.
     """
 
     times: Annotated[Array, "f", "s"]
@@ -89,41 +99,59 @@ class Motion(Result):
 
     @classmethod
     def read(cls, path: str | os.PathLike[str] | BinaryIO, frames: slice = slice(None)) -> Self:
-        """Return the motion in a file of a run or of :meth:`write`, or some of its ``frames``; the run may still go on.
+        """Return the motion in a file of a run or of :meth:`write`, or some of its ``frames``; the
+        run may still go on.
 
-        Arrays over frames stay in the file, as :class:`numpy.memmap`: what is used of them is read then, so that a motion
-        may be larger than the memory. An open binary file is read whole, and of a file that was cut the frames that are
-        whole, with a :class:`~granphon.base.errors.StoppedEarlyWarning`.
+        Arrays over frames stay in the file, as :class:`numpy.memmap`: what is used of them is read
+        then, so that a motion may be larger than the memory. An open binary file is read whole, and
+        of a file that was cut the frames that are whole, with a
+        :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
-        Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema,
-        and for ``frames`` that are none, or that run backwards.
+        Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of
+        another kind or schema, and for ``frames`` that are none, or that run backwards.
         """
         if not isinstance(path, str | os.PathLike) and not hasattr(path, "read"):
-            raise InputError(f"the file of a motion is {brief(path)}", mend="Give a path, or an open binary file")
+            raise InputError(
+                f"the file of a motion is {brief(path)}", mend="Give a path, or an open binary file"
+            )
         given: Any = frames
         if not isinstance(given, slice) or (isinstance(given.step, int) and given.step < 0):
-            raise InputError(f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)")
+            raise InputError(
+                f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)"
+            )
         found, about = read_records(path, _ABOUT, frames)
         if not len(found.get("times", [0])):
-            raise InputError(f"frames is {brief(frames)}, and the file has none of them", mend="Give others")
+            raise InputError(
+                f"frames is {brief(frames)}, and the file has none of them", mend="Give others"
+            )
         try:
-            own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
+            own = {
+                name.removeprefix("network_"): found.pop(name)
+                for name in list(found)
+                if name.startswith("network_")
+            }
             for name in ("i", "j", "shift", "labels"):
                 if name in own:
                     own[name] = own[name].astype(np.intp)
-            network = restore({"class": "ContactNetwork", **json.loads(about["network"]), **own}, ContactNetwork)
+            network = restore(
+                {"class": "ContactNetwork", **json.loads(about["network"]), **own}, ContactNetwork
+            )
             met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
             motion = cls(**found, network=network, met=met, step=float(about["step"]))
             motion._check()
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"the file of a motion is damaged: {error}", mend="Run again") from None
+            raise InputError(
+                f"the file of a motion is damaged: {error}", mend="Run again"
+            ) from None
         return motion
 
     def write(self, path: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write a netCDF file, or to an open binary file, for :meth:`read`. A motion at the path is replaced.
+        """Write a netCDF file, or to an open binary file, for :meth:`read`. A motion at the path is
+        replaced.
 
         Raises :class:`~granphon.base.errors.InputError` for what is no path, and
-        :class:`~granphon.base.errors.OutputError` where something else than a motion is there, or cannot be written.
+        :class:`~granphon.base.errors.OutputError` where something else than a motion is there, or
+        cannot be written.
         """
         if not hasattr(path, "write"):
             _require_place(path)
@@ -131,7 +159,9 @@ class Motion(Result):
                 self.write(stream)
             return
         names = [name for name, layout in self._shapes.items() if layout[0] == "f"]
-        frames = ({name: getattr(self, name)[at] for name in names} for at in range(len(self.times)))
+        frames = (
+            {name: getattr(self, name)[at] for name in names} for at in range(len(self.times))
+        )
         first = next(frames)
         file = _begin_file(path, self.network, self.step, self.met, first)
         for frame in chain([first], frames):
@@ -150,144 +180,218 @@ class Motion(Result):
     @property
     def middles(self) -> Array:
         """(n_c, 3) places of the contacts at rest, m."""
-        network, (i, j) = self.network, self.met.T
-        start, periods = network.positions[i], network.cell[list(network.pbc)]
+        network = self.network
+        (i, j) = self.met.T
+        start = network.positions[i]
+        periods = network.cell[list(network.pbc)]
         apart = network.positions[j] - start
-        met = start + 0.5 * (apart - np.rint(apart @ np.linalg.pinv(periods)) @ periods)  # of the nearest image
-        for wall, (place, toward) in network.walls.items():  # where the ball stands over a flat wall
+        # of the nearest image
+        met = start + 0.5 * (apart - np.rint(apart @ np.linalg.pinv(periods)) @ periods)
+        for wall, (
+            place,
+            toward,
+        ) in network.walls.items():  # where the ball stands over a flat wall
             own = j == wall
             met[own] = start[own] + np.outer((place - start[own]) @ toward, toward)
         return np.concatenate([network.contact_places, met])
 
     def peaks(self) -> tuple[Array, Array]:
-        """Return the times, s, and the heights, N, of the greatest normal force of each contact, each (n_c,).
+        """Return the times, s, and the heights, N, of the greatest normal force of each contact,
+        each (n_c,).
 
-        Both are those of a parabola through the greatest frame and its neighbours; of the first frame, or the last, itself.
+        Both are those of a parabola through the greatest frame and its neighbours; of the first
+        frame, or the last, itself.
         """
         return self._find_tops(np.argmax(self.forces, axis=0))
 
     def _find_tops(self, frames: Index) -> tuple[Array, Array]:
-        """Return times and heights of parabolas through the forces of contacts at ``frames`` (n_c,) and beside them."""
-        last, contacts = len(self.times) - 1, np.arange(self.forces.shape[1])
-        before, after = np.maximum(frames - 1, 0), np.minimum(frames + 1, last)
+        """Return times and heights of parabolas through the forces of contacts at ``frames`` (n_c,)
+        and beside them.
+        """
+        last = len(self.times) - 1
+        contacts = np.arange(self.forces.shape[1])
+        before = np.maximum(frames - 1, 0)
+        after = np.minimum(frames + 1, last)
         low, most, high = (self.forces[at, contacts] for at in (before, frames, after))
-        bend, tilt = (low - most) + (high - most), low - high  # so of a change by rounding it is not zero either
+        bend = (low - most) + (high - most)
+        tilt = low - high  # so of a change by rounding it is not zero either
         shift = np.divide(0.5 * tilt, bend, out=np.zeros_like(bend), where=after == before + 2)
-        return self.times[frames] + 0.5 * shift * (self.times[after] - self.times[before]), most - 0.25 * tilt * shift
+        return self.times[frames] + 0.5 * shift * (
+            self.times[after] - self.times[before]
+        ), most - 0.25 * tilt * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
-        """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its first great change.
+        """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its
+        first great change.
 
-        That is the first maximum of the change with at least half of the greatest, so that a later echo does not count; or
-        the greatest change, if it has no such maximum. Times between frames are interpolated linearly; the time is infinite
-        where a force does not change.
+        That is the first maximum of the change with at least half of the greatest, so that a later
+        echo does not count; or the greatest change, if it has no such maximum. Times between frames
+        are interpolated linearly; the time is infinite where a force does not change.
         """
         change = np.abs(self.forces - self.forces[0])
         first = _find_first_maxima(change)
-        top, contacts = np.where(first > 0, first, np.argmax(change, axis=0)), np.arange(change.shape[1])
-        level = require("share", lambda value: number(value, 1e-9, 1.0), share) * change[top, contacts]
+        top = np.where(first > 0, first, np.argmax(change, axis=0))
+        contacts = np.arange(change.shape[1])
+        level = (
+            require("share", lambda value: number(value, 1e-9, 1.0), share) * change[top, contacts]
+        )
         after = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
         low, high = (change[at, contacts] for at in (after - 1, after))
         part = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
-        return np.where(level > 0.0, self.times[after - 1] + part * (self.times[after] - self.times[after - 1]), np.inf)
+        return np.where(
+            level > 0.0,
+            self.times[after - 1] + part * (self.times[after] - self.times[after - 1]),
+            np.inf,
+        )
 
     def passages(self, of: Literal["peak", "front"] = "peak", share: float = 0.5) -> Array:
-        """Return the times, (n_c,), s, at which a pulse passes each contact: by its peak, or its front.
+        """Return the times, (n_c,), s, at which a pulse passes each contact: by its peak, or its
+        front.
 
-        The peak is the first maximum of the force above that at the start, with at least half of the greatest; the front is
-        where the force has the part ``share`` of its first great change, as in :meth:`arrivals`. nan where hardly anything
-        comes, where the force has no such maximum, as where it still rises at the end, and where a frame beside the maximum
-        has less than half of its height: so few frames do not tell when the pulse passes.
+        The peak is the first maximum of the force above that at the start, with at least half of
+        the greatest; the front is where the force has the part ``share`` of its first great change,
+        as in :meth:`arrivals`. nan where hardly anything comes, where the force has no such
+        maximum, as where it still rises at the end, and where a frame beside the maximum has less
+        than half of its height: so few frames do not tell when the pulse passes.
         """
         times, is_resolved = self._find_passages(of, share)
         return np.where(is_resolved, times, np.nan)
 
-    def _find_passages(self, of: Literal["peak", "front"], share: float) -> tuple[Array, NDArray[np.bool_]]:
-        """Return times (n_c,) as of :meth:`passages`, however few the frames, and whether these resolve the pulse."""
+    def _find_passages(
+        self, of: Literal["peak", "front"], share: float
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return times (n_c,) as of :meth:`passages`, however few the frames, and whether these
+        resolve the pulse.
+        """
         rise = self.forces - self.forces[0]
         change = np.abs(rise)
-        least = _STILL * float(change.max(initial=0.0)), _ROUNDING * float(self.forces[0].max(initial=0.0)), _NOTHING
+        least = (
+            _STILL * float(change.max(initial=0.0)),
+            _ROUNDING * float(self.forces[0].max(initial=0.0)),
+            _NOTHING,
+        )
         height = rise if one_of("of", of, _PASSAGES) == "peak" else change
         first = _find_first_maxima(height)
         is_known = (change.max(axis=0, initial=0.0) > max(least)) & (first > 0)
         times = self._find_tops(first)[0] if of == "peak" else self.arrivals(share)
         # of contacts without a maximum, which are not known, frames are those of the start
-        before, after, contacts = np.maximum(first - 1, 0), np.minimum(first + 1, len(height) - 1), np.arange(first.size)
+        before = np.maximum(first - 1, 0)
+        after = np.minimum(first + 1, len(height) - 1)
+        contacts = np.arange(first.size)
         flank = np.minimum(height[before, contacts], height[after, contacts])
         return np.where(is_known, times, np.nan), flank >= _FLANK * height[first, contacts]
 
     def pulse_velocity(
-        self, contacts: Sequence[int], direction: ArrayLike | None = None, of: Literal["peak", "front"] = "peak",
+        self,
+        contacts: Sequence[int],
+        direction: ArrayLike | None = None,
+        of: Literal["peak", "front"] = "peak",
         share: float | None = None,
-    ) -> float:  # fmt: skip
-        """Return the velocity, m/s, at which a pulse, by its peak or its front, :meth:`passes <passages>` ``contacts``.
+    ) -> float:
+        """Return the velocity, m/s, at which a pulse, by its peak or its front, :meth:`passes
+        <passages>` ``contacts``.
 
-        The front is where the force has the part ``share`` of its first great change, by default half. A straight line is
-        fitted to distances over times (:func:`fit_velocity`). Distances are along the ``direction`` (3,), by default from
-        the first contact to the last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, for a
-        contact that the pulse does not pass within the run, for fewer than three frames within the width of the pulse at
-        half of its height, for contacts that it does not reach one after another along a straight line, and for a ``share``
-        of a peak.
+        The front is where the force has the part ``share`` of its first great change, by default
+        half. A straight line is fitted to distances over times (:func:`fit_velocity`). Distances
+        are along the ``direction`` (3,), by default from the first contact to the last. Raises
+        :class:`~granphon.base.errors.InputError` for fewer than two contacts, for a contact that
+        the pulse does not pass within the run, for fewer than three frames within the width of the
+        pulse at half of its height, for contacts that it does not reach one after another along a
+        straight line, and for a ``share`` of a peak.
         """
         at = index_array("contacts", contacts, self.forces.shape[1], "contacts")
         if at.size < 2:
             raise InputError(f"contacts are {brief(contacts)}", mend="Give two or more")
         if one_of("of", of, _PASSAGES) == "peak" and share is not None:
-            raise InputError(f"share is {brief(share)}, and a peak has none", mend='Give of="front" too')
+            raise InputError(
+                f"share is {brief(share)}, and a peak has none", mend='Give of="front" too'
+            )
         places = self.middles[at] - self.middles[at[0]]
         if direction is None and not np.any(places[-1]):
-            raise InputError(f"contacts {brief(contacts)} begin and end at one place", mend="Give contacts along a way")
+            raise InputError(
+                f"contacts {brief(contacts)} begin and end at one place",
+                mend="Give contacts along a way",
+            )
         along = one_direction(places[-1] if direction is None else direction, 3)
-        times, is_resolved = (found[at] for found in self._find_passages(of, 0.5 if share is None else share))
+        times, is_resolved = (
+            found[at] for found in self._find_passages(of, 0.5 if share is None else share)
+        )
         if np.any(np.isnan(times)):
             missed = at[np.isnan(times)]
             what = f"the pulse does not pass contact {missed[0]}"
             more = f", nor {missed.size - 1} others" if missed.size > 1 else ""
             mend = "Run for longer, keep more frames, or give contacts that it has passed"
-            raise InputError(what + more, "Its force does not change much, or still rises at the end", mend)
+            raise InputError(
+                what + more, "Its force does not change much, or still rises at the end", mend
+            )
         if not np.all(is_resolved):
             step = float(self.times[1] - self.times[0])
-            what = f"the pulse at contact {at[~is_resolved][0]} is too short for frames {step:.3g} s apart"
-            raise InputError(what, "Fewer than three are within its width at half of its height", "Keep more frames")
+            what = (
+                f"the pulse at contact {at[~is_resolved][0]} is too short for frames {step:.3g} s"
+                f" apart"
+            )
+            raise InputError(
+                what,
+                "Fewer than three are within its width at half of its height",
+                "Keep more frames",
+            )
         velocity, reason = fit_velocity(places @ along, times)
         if reason:
-            mend = "Give contacts in the order in which it comes to them, on one side of where it begins"
+            mend = (
+                "Give contacts in the order in which it comes to them, on one side of where it"
+                " begins"
+            )
             raise InputError(f"the pulse has no velocity along these contacts: {reason}", mend=mend)
         return velocity
 
     def spectrum(self, ball: int, axis: int = 0) -> tuple[Array, Array]:
-        """Return frequencies, Hz, and amplitudes, m, of the displacement of a ball along an ``axis``, each (n_f//2 + 1,).
+        """Return frequencies, Hz, and amplitudes, m, of the displacement of a ball along an
+        ``axis``, each (n_f//2 + 1,).
 
-        The mean is left out. A Hann window keeps frequencies apart; the amplitude is that of a steady motion at a frequency
-        of the list, to 1 % from the second above zero to the third from the end. Raises
+        The mean is left out. A Hann window keeps frequencies apart; the amplitude is that of a
+        steady motion at a frequency of the list, to 1 % from the second above zero to the third
+        from the end. Raises
         :class:`~granphon.base.errors.InputError` for fewer than four frames.
         """
         values = self.displacements[
-            :, whole_number("ball", ball, 0, self.network.n_balls - 1), whole_number("axis", axis, 0, 2)
+            :,
+            whole_number("ball", ball, 0, self.network.n_balls - 1),
+            whole_number("axis", axis, 0, 2),
         ]
         if len(values) < 4:
             raise InputError(f"{len(values)} frames have no spectrum", mend="Keep more frames")
         window = np.hanning(len(values))
         weighed = window * (values - np.average(values, weights=window))
-        frequencies: Array = np.asarray(np.fft.rfftfreq(len(values), float(self.times[1] - self.times[0])), float)
+        frequencies: Array = np.asarray(
+            np.fft.rfftfreq(len(values), float(self.times[1] - self.times[0])), float
+        )
         return frequencies, 2.0 / np.sum(window) * np.abs(np.fft.rfft(weighed))
 
-    def harmonics(self, frequency: float, count: int = 3, axis: int = 0, periods: int = 10) -> NDArray[np.complex128]:
-        """Return the amplitudes of a steady motion at multiples of its ``frequency``, Hz: (count, n) complex, m.
+    def harmonics(
+        self, frequency: float, count: int = 3, axis: int = 0, periods: int = 10
+    ) -> NDArray[np.complex128]:
+        """Return the amplitudes of a steady motion at multiples of its ``frequency``, Hz: (count,
+        n) complex, m.
 
-        They are those of displacements along an ``axis``, Re sum_m a_m exp(-2 pi i m f t), with a mean, fitted to the last
-        ``periods``. Raises :class:`~granphon.base.errors.InputError` if these are not in the run, or if a period of the
-        highest multiple has fewer than 2.5 frames.
+        They are those of displacements along an ``axis``, Re sum_m a_m exp(-2 pi i m f t), with a
+        mean, fitted to the last ``periods``. Raises :class:`~granphon.base.errors.InputError` if
+        these are not in the run, or if a period of the highest multiple has fewer than 2.5 frames.
         """
-        f, frames = positive("frequency", frequency, "Hz"), len(self.times)
+        f = positive("frequency", frequency, "Hz")
+        frames = len(self.times)
         most = whole_number("count", count, 1, _MOST_MULTIPLES)
         fitted_to = whole_number("periods", periods, 1, _MOST_MULTIPLES)
         along = whole_number("axis", axis, 0, 2)
         whole = float(self.times[-1] - self.times[0]) * f
         per = (frames - 1) / (whole * most) if whole > 0.0 else 0.0
         if fitted_to > whole * (1.0 + 1e-9) or per < _PER_PERIOD:
-            what = f"{per:.3g} frames are in a period of multiple {most}, and {whole:.3g} periods in the run"
-            raise InputError(what, mend="Run for longer, keep more frames, or ask for fewer multiples")
+            what = (
+                f"{per:.3g} frames are in a period of multiple {most}, and {whole:.3g} periods in"
+                f" the run"
+            )
+            raise InputError(
+                what, mend="Run for longer, keep more frames, or ask for fewer multiples"
+            )
         last = self.times > self.times[-1] - fitted_to / f * (1.0 + 1e-9)
         angle = 2.0 * np.pi * f * self.times[last, None] * np.arange(1, most + 1)
         terms = np.hstack([np.ones((len(angle), 1)), np.cos(angle), np.sin(angle)])
@@ -296,22 +400,28 @@ class Motion(Result):
 
 
 def _find_first_maxima(values: Array) -> Index:
-    """Return the frames (n_c,) of the first maxima of ``values`` (n_f, n_c) with half of the greatest; 0 without one."""
+    """Return the frames (n_c,) of the first maxima of ``values`` (n_f, n_c) with half of the
+    greatest; 0 without one.
+    """
     if len(values) < 3:
         return np.zeros(values.shape[1], np.intp)
     inner = values[1:-1]
     is_top = (inner > values[:-2]) & (inner >= values[2:])
     is_top &= (inner >= 0.5 * values.max(axis=0, initial=0.0)) & (inner > 0.0)
     return (
-        np.where(np.any(is_top, axis=0), 1 + np.argmax(is_top, axis=0), 0) if len(inner) else np.zeros(values.shape[1], int)
+        np.where(np.any(is_top, axis=0), 1 + np.argmax(is_top, axis=0), 0)
+        if len(inner)
+        else np.zeros(values.shape[1], int)
     )
 
 
 def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
-    """Return the slope of the line of least squares of distances, m, over times, s, and an empty text.
+    """Return the slope of the line of least squares of distances, m, over times, s, and an empty
+    text.
 
-    Without a straight line that rises it is nan, and the text says why: times that do not grow with the distance, that
-    scatter about the line (correlation of :data:`_STRAIGHT` or less), or whose line bends, as that of what diffuses.
+    Without a straight line that rises it is nan, and the text says why: times that do not grow with
+    the distance, that scatter about the line (correlation of :data:`_STRAIGHT` or less), or whose
+    line bends, as that of what diffuses.
     """
     (a, b), (_, c) = np.cov(times, distances)
     if not b > 0.0:
@@ -339,11 +449,14 @@ class Frames:
     def __init__(self, network: ContactNetwork, step: float, path: Any) -> None:
         if path is not None:
             _require_place(path)
-        self._network, self._step, self._path = network, step, None if path is None else Path(path)
+        self._network = network
+        self._step = step
+        self._path = None if path is None else Path(path)
         self._columns: dict[tuple[int, ...], int] = {}
         self._frames: list[dict[str, Any]] = []
         self._file: RecordFile | None = None
-        self._count, self.last_time = 0, 0.0
+        self._count = 0
+        self.last_time = 0.0
 
     def __len__(self) -> int:
         return self._count
@@ -356,10 +469,18 @@ class Frames:
             with explaining(self._path, _KEPT):
                 self._file.close()
 
-    def keep(self, frame: Mapping[str, Any], forces: Array, shears: Array, met: Sequence[tuple[int, ...]]) -> None:
-        """Keep a frame. Contacts beyond those of the network, ``met`` (i, j, shift), get a column when they first push."""
+    def keep(
+        self, frame: Mapping[str, Any], forces: Array, shears: Array, met: Sequence[tuple[int, ...]]
+    ) -> None:
+        """Keep a frame. Contacts beyond those of the network, ``met`` (i, j, shift), get a column
+        when they first push.
+        """
         base = self._network.n_contacts
-        new = [pair for pair, force in zip(met, forces[base:], strict=True) if force and pair not in self._columns]
+        new = [
+            pair
+            for pair, force in zip(met, forces[base:], strict=True)
+            if force and pair not in self._columns
+        ]
         for pair in new:
             self._columns[pair] = base + len(self._columns)
         whole: dict[str, Any] = dict(frame)
@@ -373,7 +494,9 @@ class Frames:
         elif self._file is not None and not new:
             with explaining(self._path, _KEPT):
                 self._file.append(whole)
-        else:  # columns are of a fixed number in a file: it is written anew, and then takes the place of the one before
+        else:
+            # columns are of a fixed number in a file: it is written anew, and then takes the place
+            # of the one before
             before = dict[str, Any]()
             if self._file is not None:
                 self._file.close()
@@ -381,10 +504,16 @@ class Frames:
             with put_beside(self._path) as beside:
                 self._file = _begin_file(beside, self._network, self._step, self._met, whole)
                 for at in range(self._count):
-                    self._file.append({name: _pad(before[name][at], np.shape(last)) for name, last in whole.items()})
+                    self._file.append(
+                        {
+                            name: _pad(before[name][at], np.shape(last))
+                            for name, last in whole.items()
+                        }
+                    )
                 self._file.append(whole)
                 del before  # some systems do not replace a file that is in use
-        self._count, self.last_time = self._count + 1, float(frame["times"])  # once it is kept, as Ctrl-C may come before
+        self._count = self._count + 1
+        self.last_time = float(frame["times"])  # once it is kept, as Ctrl-C may come before
 
     @property
     def _met(self) -> Index:
@@ -396,36 +525,50 @@ class Frames:
             return Motion.read(self._path)
         last = self._frames[-1]
         stacked: dict[str, Any] = {
-            name: np.array([_pad(one[name], np.shape(last[name])) for one in self._frames]) for name in last
+            name: np.array([_pad(one[name], np.shape(last[name])) for one in self._frames])
+            for name in last
         }
         return Motion(**stacked, network=self._network, met=self._met, step=self._step)
 
 
 def _require_place(path: Any) -> None:
-    """Raise unless a motion may be written to a path: there is nothing, or a motion that nobody is writing."""
+    """Raise unless a motion may be written to a path: there is nothing, or a motion that nobody is
+    writing.
+    """
     if not isinstance(path, str | os.PathLike) or not os.fspath(path) or "\0" in str(path):
         raise InputError(f"the file of a motion is {brief(path)}", mend="Give a path")
     if os.path.exists(path):
         try:
             read_records(path, _ABOUT)
         except InputError:
-            raise OutputError(f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another") from None
+            raise OutputError(
+                f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another"
+            ) from None
         with open(path, "rb") as file:
             hold(file)
 
 
-def _begin_file(path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]) -> RecordFile:
+def _begin_file(
+    path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]
+) -> RecordFile:
     """Return a file of a motion, without frames, that takes such as ``frame``."""
     network = network.storable()
     values = {one.name: getattr(network, one.name) for one in fields(network)}
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
     rest = {name: plain(value) for name, value in values.items() if name not in arrays}
-    fixed = {f"network_{name}": (value, _name_axes(name, ContactNetwork)) for name, value in arrays.items()}
+    fixed = {
+        f"network_{name}": (value, _name_axes(name, ContactNetwork))
+        for name, value in arrays.items()
+    }
     if len(met):  # a dimension of no length would be the one that grows
         fixed["met"] = (met, _name_axes("met", Motion))
-    growing = {name: (np.shape(value), _name_axes(name, Motion)[1:]) for name, value in frame.items()}
+    growing = {
+        name: (np.shape(value), _name_axes(name, Motion)[1:]) for name, value in frame.items()
+    }
     units = Motion.units | {f"network_{name}": unit for name, unit in ContactNetwork.units.items()}
-    return RecordFile(path, fixed, growing, units, _ABOUT | {"network": json.dumps(rest), "step": repr(step)})
+    return RecordFile(
+        path, fixed, growing, units, _ABOUT | {"network": json.dumps(rest), "step": repr(step)}
+    )
 
 
 def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:

@@ -5,21 +5,23 @@ Mass-weighted motions x = M^1/2 u (rotations carried by w = R_g phi) obey
     x'' = A^T ((f(h) - f_0) e_n - (T - T_0)) + forces,    A = C M^-1/2
 
 where C x are the deformations of contacts, in the directions of the network or in the true ones
-(:mod:`granphon.waves.directions`), and f and T are their forces (:mod:`granphon.waves.contact_forces`). f_0 and T_0 are the
-static forces, which the load holds in balance. In the directions of the network displacements are small against the balls,
-not against the overlaps.
+(:mod:`granphon.waves.directions`), and f and T are their forces
+(:mod:`granphon.waves.contact_forces`). f_0 and T_0 are the static forces, which the load holds in
+balance. In the directions of the network displacements are small against the balls, not against the
+overlaps.
 
-There are two schemes. Verlet's steps in velocity form are explicit, symplectic and, without losses, the same backwards; the
-sum of energies, each known in closed form, differs from a constant by the square of the step, which wanders where contacts
-open: the force has no second derivative there. Steps of "midpoint" take the
-velocity and the geometry at the middle, and of each contact the mean force: of normal forces the change of the energy over
-that of the overlap, of others the mean of both ends. What forces then do is what energies change by (the discrete gradient
-of D. Greenspan, Discrete Models, 1973, and O. Gonzalez, J. Nonlinear Sci. 6, 449, 1996), so that the sum closes to rounding,
-with losses too. They are implicit, and solved by iteration.
+There are two schemes. Verlet's steps in velocity form are explicit, symplectic and, without losses,
+the same backwards; the sum of energies, each known in closed form, differs from a constant by the
+square of the step, which wanders where contacts open: the force has no second derivative there.
+Steps of "midpoint" take the velocity and the geometry at the middle, and of each contact the mean
+force: of normal forces the change of the energy over that of the overlap, of others the mean of
+both ends. What forces then do is what energies change by (the discrete gradient of D. Greenspan,
+Discrete Models, 1973, and O. Gonzalez, J. Nonlinear Sci. 6, 449, 1996), so that the sum closes to
+rounding, with losses too. They are implicit, and solved by iteration.
 
-Where the force of a contact jumps, as that of balls that adhere does when they touch or part, a step ends, and the next has
-the other force: so both schemes stay of second order. The instant is that at which the way of the balls, as the step has it,
-comes to the overlap of the jump.
+Where the force of a contact jumps, as that of balls that adhere does when they touch or part, a
+step ends, and the next has the other force: so both schemes stay of second order. The instant is
+that at which the way of the balls, as the step has it, comes to the overlap of the jump.
 """
 
 from __future__ import annotations
@@ -36,7 +38,15 @@ from numpy.typing import ArrayLike
 
 from granphon.balls import hertz
 from granphon.balls.ball import RIGID_PLANE
-from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, TabulatedLaw, law_between, punch_stiffness
+from granphon.balls.contact_laws import (
+    DMT,
+    JKR,
+    Hertz,
+    PowerLaw,
+    TabulatedLaw,
+    law_between,
+    punch_stiffness,
+)
 from granphon.balls.contact_table import find_pairs, select_once
 from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Index
@@ -45,7 +55,15 @@ from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, 
 from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 from granphon.base.threads import single_products
-from granphon.base.validation import index_array, not_negative, one_of, positive, real_array, real_number, whole_number
+from granphon.base.validation import (
+    index_array,
+    not_negative,
+    one_of,
+    positive,
+    real_array,
+    real_number,
+    whole_number,
+)
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.cost import motion_memory
 from granphon.media.crystal import Crystal, CrystalState
@@ -59,25 +77,33 @@ from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_vector, require_moves
 from granphon.waves.settings import GEOMETRIES, SCHEMES
 
-#: steps in the shortest period that the contacts could have, by default; and the least number with which steps are stable
-_STEPS, _LEAST_STEPS = 60.0, 4.0
+#: steps in the shortest period that the contacts could have, by default; and the least number with
+#: which steps are stable
+_STEPS = 60.0
+_LEAST_STEPS = 4.0
 #: share of a step that counts for rounding, where a given step divides the time from frame to frame
 _ROUNDING = 1e-12
 #: how often a step that is too long is halved
 _HALVINGS = 10
 #: most steps of a run
 _MOST_STEPS = 10_000_000
-#: displacement, over the mean diameter, at which a ball has left its place among directions that do not turn
+#: displacement, over the mean diameter, at which a ball has left its place among directions that do
+#: not turn
 _AWAY = 0.5
 #: kind of the balls of a network that names none
 _BALL = "ball"
 #: distance over the mean diameter up to which balls are listed as ones that may meet
 _SKIN = 0.2
-#: relative change at which an implicit step is solved, that up to which one that does not fall is rounding, most iterations
-_SOLVED, _ROUNDED, _ITERATIONS = 1e-14, 1e-9, 50
-#: relative difference of coefficients of contacts, over the roots of their radii, that are those of one material
+#: relative change at which an implicit step is solved, that up to which one that does not fall is
+#: rounding, most iterations
+_SOLVED = 1e-14
+_ROUNDED = 1e-9
+_ITERATIONS = 50
+#: relative difference of coefficients of contacts, over the roots of their radii, that are those of
+#: one material
 _ALIKE = 1e-2
-#: share of a step in which contacts that join or part do so at once: of the energy of a jump within a step, no more is lost
+#: share of a step in which contacts that join or part do so at once: of the energy of a jump within
+#: a step, no more is lost
 _TOGETHER = 1e-6
 #: how often a contact joins and parts in a step, from which it rattles there
 _RATTLES = 20
@@ -90,10 +116,12 @@ class Drive:
     Parameters
     ----------
     balls : index of a ball, or several.
-    direction : (3,), or as many numbers as the network has dimensions; a unit vector along it is taken.
-    displacement : function of the time, s, that returns the displacement of the balls, m, zero at the time zero. They move
-        so whatever acts on them; bodies that are held may be moved.
-    force : function of the time, s, that returns the force on each of the balls, N. Give one of both.
+    direction : (3,), or as many numbers as the network has dimensions; a unit vector along it is
+        taken.
+    displacement : function of the time, s, that returns the displacement of the balls, m, zero at
+        the time zero. They move so whatever acts on them; bodies that are held may be moved.
+    force : function of the time, s, that returns the force on each of the balls, N. Give one of
+        both.
     """
 
     balls: Any
@@ -103,58 +131,82 @@ class Drive:
 
 
 class NonlinearWaves:
-    """The motion of balls by the whole of their contact law: pulses of any height, impacts, contacts that open.
+    """The motion of balls by the whole of their contact law: pulses of any height, impacts,
+    contacts that open.
 
     Parameters
     ----------
-    x : a state at one load, a sample, or a :class:`~granphon.ContactNetwork`, at rest under its load; or a
-        :class:`~granphon.Crystal`, whose balls touch without load. A sample that was pressed with friction starts with its
-        tangential forces.
-    law : of the normal forces; by default that of a crystal, and elsewhere :class:`~granphon.Hertz`. Of a
-        :class:`~granphon.PowerLaw` the exponent is taken: the coefficient and the overlap of each contact follow from its
-        force f and stiffness k, the overlap as a f/k. Other laws are the same for all pairs. The
-        :class:`~granphon.Crystal` itself gives its network, once repeated or cut, the laws of its pairs.
+    x : a state at one load, a sample, or a :class:`~granphon.ContactNetwork`, at rest under its
+        load; or a :class:`~granphon.Crystal`, whose balls touch without load. A sample that was
+        pressed with friction starts with its tangential forces.
+    law : of the normal forces; by default that of a crystal, and elsewhere
+        :class:`~granphon.Hertz`. Of a :class:`~granphon.PowerLaw` the exponent is taken: the
+        coefficient and the overlap of each contact follow from its force f and stiffness k, the
+        overlap as a f/k. Other laws are the same for all pairs. The :class:`~granphon.Crystal`
+        itself gives its network, once repeated or cut, the laws of its pairs.
     friction_coefficient : mu of Coulomb's limit of slip; by default contacts do not slide.
-    damping : viscosity of contacts over their present stiffness, s, as in :meth:`Waves.response`: a number, or a tuple of
-        that of normal and of all other motion; (n_c,) where balls do not meet others.
-    geometry : "lattice", the directions of the network: displacements are small against the balls, and contacts are those of
-        the network. "exact", the true directions: balls may go anywhere, and meet others.
-    gravity : (3,) or (d,) acceleration of the balls, m/s2, beside the load that holds a state at rest. A state that was
-        found under gravity has that in its load.
+    damping : viscosity of contacts over their present stiffness, s, as in :meth:`Waves.response`: a
+        number, or a tuple of that of normal and of all other motion; (n_c,) where balls do not meet
+        others.
+    geometry : "lattice", the directions of the network: displacements are small against the balls,
+        and contacts are those of the network. "exact", the true directions: balls may go anywhere,
+        and meet others.
+    gravity : (3,) or (d,) acceleration of the balls, m/s2, beside the load that holds a state at
+        rest. A state that was found under gravity has that in its load.
 
     Raises
     ------
-    InputError : no network; contacts without force, whose overlap is not known; a law that needs the balls of a crystal; a
-        network with ``prestress``, whose static forces act sideways, in the directions of the network; numbers out of range.
+    InputError : no network; contacts without force, whose overlap is not known; a law that needs
+        the balls of a crystal; a network with ``prestress``, whose static forces act sideways, in
+        the directions of the network; numbers out of range.
     """
 
     def __init__(
-        self, x: Any, law: Any = None, *, friction_coefficient: float = math.inf, damping: Any = 0.0,
-        geometry: Literal["lattice", "exact"] = "lattice", gravity: ArrayLike | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        x: Any,
+        law: Any = None,
+        *,
+        friction_coefficient: float = math.inf,
+        damping: Any = 0.0,
+        geometry: Literal["lattice", "exact"] = "lattice",
+        gravity: ArrayLike | None = None,
+    ) -> None:
         state = x.touch() if isinstance(x, Crystal) else x
         self.network: ContactNetwork = given_network(state)
-        self.geometry, network = one_of("geometry", geometry, GEOMETRIES), self.network
+        self.geometry = one_of("geometry", geometry, GEOMETRIES)
+        network = self.network
         if network.prestress and geometry == "lattice":
             why = "Contacts keep their directions in this motion, and static forces would turn them"
-            raise InputError("static forces act sideways in this network", why, 'Give geometry="exact"')
-        self.normal = self._find_laws(law, state if isinstance(state, CrystalState) else None, isinstance(x, Crystal))
+            raise InputError(
+                "static forces act sideways in this network", why, 'Give geometry="exact"'
+            )
+        self.normal = self._find_laws(
+            law, state if isinstance(state, CrystalState) else None, isinstance(x, Crystal)
+        )
         mu = real_number(friction_coefficient)
-        self.mu = mu if mu == math.inf else not_negative("friction_coefficient", friction_coefficient)
+        self.mu = (
+            mu if mu == math.inf else not_negative("friction_coefficient", friction_coefficient)
+        )
         self._damped = ContactDamping.of(network, damping)
         self.damping = self._damped.times
         field = np.zeros(3)
         if gravity is not None:
             given = real_array("gravity", gravity)
             if given.shape not in ((network.dimension,), (3,)) or not np.all(np.isfinite(given)):
-                raise InputError(f"gravity is {brief(gravity)}", mend=f"Give {network.dimension} finite numbers, m/s2")
+                raise InputError(
+                    f"gravity is {brief(gravity)}",
+                    mend=f"Give {network.dimension} finite numbers, m/s2",
+                )
             field[: len(given)] = given
             require_moves("gravity", field, network)
         self.gravity: Array = field
 
     def __repr__(self) -> str:
         of = f", f ~ overlap^{self.normal.exponent:g}" if isinstance(self.normal, Powers) else ""
-        return f"NonlinearWaves({self.network.n_balls:,} balls, {self.network.n_contacts:,} contacts{of})"
+        return (
+            f"NonlinearWaves({self.network.n_balls:,} balls, {self.network.n_contacts:,}"
+            f" contacts{of})"
+        )
 
     @property
     def overlap(self) -> Array:
@@ -162,9 +214,12 @@ class NonlinearWaves:
         return self.normal.overlap
 
     def _find_laws(self, law: Any, state: CrystalState | None, unloaded: bool) -> Powers | PairLaws:
-        """Return the laws of the contacts; keep them, what finds the law of two kinds that meet, kappa/2E*a, and E*, and the
-        stiffnesses 2E*a of contacts at rest."""
-        network, force, stiffness = self.network, self.network.normal_force, self.network.normal_stiffness
+        """Return the laws of the contacts; keep them, what finds the law of two kinds that meet,
+        kappa/2E*a, and E*, and the stiffnesses 2E*a of contacts at rest.
+        """
+        network = self.network
+        force = self.network.normal_force
+        stiffness = self.network.normal_stiffness
         self._known: Powers | Springs
         self._find: Callable[..., tuple[Any, Any, Any]]
         self.punch = stiffness
@@ -175,25 +230,36 @@ class NonlinearWaves:
             if not network.kinds and len(crystal.names) == 1:
                 kinds[_BALL] = crystal.names[0]
             elif not network.kinds or not set(network.kinds) <= set(kinds):
-                raise InputError("the balls of the network are not of the kinds of the crystal", mend="Give a law")
+                raise InputError(
+                    "the balls of the network are not of the kinds of the crystal",
+                    mend="Give a law",
+                )
             self._find = lambda name, other: crystal.contact_model.law_of(kinds[name], kinds[other])
-            groups, modulus = list[tuple[Any, Index]](), np.ones(force.size)
+            groups = list[tuple[Any, Index]]()
+            modulus = np.ones(force.size)
             for pair, at in pairs.items():
                 found, _, modulus[at] = self._find(*pair)
                 groups.append((found, at))
             self._known = Springs(groups, force.size, modulus)
             self._rest_on(self._known)
-            return _take_laws(self._known, self._known.overlap(np.zeros_like(force) if unloaded else force))
+            return _take_laws(
+                self._known, self._known.overlap(np.zeros_like(force) if unloaded else force)
+            )
         eta = network.shear_stiffness / stiffness
         if unloaded or isinstance(law, DMT | JKR):
             why = "Its contacts are those of balls of known materials, or of no load"
-            raise InputError(f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here")
+            raise InputError(
+                f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here"
+            )
         if not isinstance(law, Hertz | PowerLaw | None):
             one = law_between(law, RIGID_PLANE, RIGID_PLANE)
             overlap = np.asarray(one.overlap(force), float)
-            # of balls that are not known, a modulus with which punches are as stiff at rest as contacts
+            # of balls that are not known, a modulus with which punches are as stiff at rest as
+            # contacts
             radius = punch_stiffness(one, overlap, 0.5)
-            modulus = 0.5 * np.asarray(one.stiffness(overlap)) / np.where(radius > 0.0, radius, np.inf)
+            modulus = (
+                0.5 * np.asarray(one.stiffness(overlap)) / np.where(radius > 0.0, radius, np.inf)
+            )
             self._known = Springs([(one, np.arange(force.size))], force.size, modulus)
             self._rest_on(self._known)
             eta = network.shear_stiffness / self.punch
@@ -206,18 +272,25 @@ class NonlinearWaves:
             return _take_laws(self._known, overlap)
         if not np.all(force > 0.0):
             what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
-            raise InputError(what, "Their overlap is not known", "Press the network, leave them out, or give a Crystal")
+            raise InputError(
+                what,
+                "Their overlap is not known",
+                "Press the network, leave them out, or give a Crystal",
+            )
         exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
         overlap = exponent * force / stiffness
         self._known = powers = Powers(exponent, force / overlap**exponent, overlap)
-        # Hertz's coefficients go with the root of the radius of contacts, and a power has one whatever the balls
+        # Hertz's coefficients go with the root of the radius of contacts, and a power has one
+        # whatever the balls
         self._sizes = np.ones_like(network.radii) if isinstance(law, PowerLaw) else network.radii
         each = powers.coefficient / _root_radius(self._sizes, network.i, network.j)
 
         def find(*pair: str) -> tuple[Any, Any, Any]:
             alike = pairs.get(pair, slice(None))
             if np.ptp(each[alike]) > _ALIKE * np.mean(each[alike]):
-                raise InputError(f"contacts of {pair} have no law that is known", mend="Give a Crystal")
+                raise InputError(
+                    f"contacts of {pair} have no law that is known", mend="Give a Crystal"
+                )
             return np.mean(each[alike]), np.mean(eta[alike]), 1.0
 
         self._find = find
@@ -228,13 +301,22 @@ class NonlinearWaves:
         if springs.know_radii:
             self.punch = springs.punch(springs.overlap(self.network.normal_force))
 
-    def _join_laws(self, i: Index, j: Index) -> tuple[Powers | PairLaws, Array, list[tuple[Index, str]]]:
-        """Return the laws of the contacts and of pairs (i, j) beside, which just touch, and kappa/2E*a of these pairs.
+    def _join_laws(
+        self, i: Index, j: Index
+    ) -> tuple[Powers | PairLaws, Array, list[tuple[Index, str]]]:
+        """Return the laws of the contacts and of pairs (i, j) beside, which just touch, and
+        kappa/2E*a of these pairs.
 
-        Pairs without a law do not push: the numbers of their contacts come with what is wrong once they meet.
+        Pairs without a law do not push: the numbers of their contacts come with what is wrong once
+        they meet.
         """
-        known, n, groups, unknown = self._known, self.network.n_contacts, [], list[tuple[Index, str]]()
-        overlap, ratio, modulus = np.append(self.overlap, np.zeros(len(i))), np.zeros(len(i)), np.ones(len(i))
+        known = self._known
+        n = self.network.n_contacts
+        groups = []
+        unknown = list[tuple[Index, str]]()
+        overlap = np.append(self.overlap, np.zeros(len(i)))
+        ratio = np.zeros(len(i))
+        modulus = np.ones(len(i))
         for pair, at in self._group(i, j).items():
             try:
                 law, ratio[at], modulus[at] = self._find(*pair)
@@ -242,7 +324,9 @@ class NonlinearWaves:
             except InputError as error:
                 unknown.append((n + at, str(error).rstrip(".")))
         if isinstance(known, Springs):
-            both = Springs([*known.groups, *groups], len(overlap), np.append(known.modulus, modulus))
+            both = Springs(
+                [*known.groups, *groups], len(overlap), np.append(known.modulus, modulus)
+            )
             return _take_laws(both, overlap, len(i)), ratio, unknown
         coefficient = np.append(known.coefficient, np.zeros(len(i)))
         for each, at in groups:
@@ -251,51 +335,70 @@ class NonlinearWaves:
 
     def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
         """Return the numbers of the contacts (i, j) of each pair of kinds of balls."""
-        kinds = self.network.kinds or np.where(np.isinf(self.network.radii), RIGID_PLANE.name, _BALL)
+        kinds = self.network.kinds or np.where(
+            np.isinf(self.network.radii), RIGID_PLANE.name, _BALL
+        )
         names, code = np.unique(kinds, return_inverse=True)
         keys = np.min(code[[i, j]], axis=0) * len(names) + np.max(code[[i, j]], axis=0)
         pairs = {key: divmod(key, len(names)) for key in np.unique(keys).tolist()}
-        return {(str(names[one]), str(names[two])): np.flatnonzero(keys == key) for key, (one, two) in pairs.items()}
+        return {
+            (str(names[one]), str(names[two])): np.flatnonzero(keys == key)
+            for key, (one, two) in pairs.items()
+        }
 
     def run(
-        self, duration: float, positions: ArrayLike | None = None, velocities: ArrayLike | None = None,
-        drive: Drive | Sequence[Drive] | None = None, *, displacements: ArrayLike | None = None,
-        rotations: ArrayLike | None = None, spins: ArrayLike | None = None, frames: int = 201, step: float | None = None,
-        scheme: Literal["verlet", "midpoint"] = "verlet", file: str | os.PathLike[str] | None = None,
+        self,
+        duration: float,
+        positions: ArrayLike | None = None,
+        velocities: ArrayLike | None = None,
+        drive: Drive | Sequence[Drive] | None = None,
+        *,
+        displacements: ArrayLike | None = None,
+        rotations: ArrayLike | None = None,
+        spins: ArrayLike | None = None,
+        frames: int = 201,
+        step: float | None = None,
+        scheme: Literal["verlet", "midpoint"] = "verlet",
+        file: str | os.PathLike[str] | None = None,
         progress: Progress = silent,
-    ) -> Motion:  # fmt: skip
+    ) -> Motion:
         """Let the balls move for a ``duration``, s.
 
         Parameters
         ----------
-        positions : where the balls start, (n, 3) or (n, d), m; by default those of the network. Their ``displacements`` from
-            there, m, keep the digits that positions lose: give one of both.
-        velocities, rotations, spins : at the start, (n, 3) or (n, d), m/s, rad and rad/s; zero by default. Contacts have
-            come to the start without sliding, but for Coulomb's limit.
+        positions : where the balls start, (n, 3) or (n, d), m; by default those of the network.
+            Their ``displacements`` from there, m, keep the digits that positions lose: give one of
+            both.
+        velocities, rotations, spins : at the start, (n, 3) or (n, d), m/s, rad and rad/s; zero by
+            default. Contacts have come to the start without sliding, but for Coulomb's limit.
         drive : a :class:`Drive`, or several.
         frames : number of times that are kept, the start and the end among them.
-        step : s, of which a frame has a whole number; by default a sixtieth of the shortest period that the stiffest contact
-            allows. It is halved, and the run begins anew, if contacts become much stiffer. A step is cut where a contact
-            whose force jumps closes or opens.
-        scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by the square of the step,
-            and wanders where contacts open; or "midpoint", implicit, four to six times the work, whose sum of energies is
-            constant to rounding, with losses.
-        file : path to which frames are written as they come, for :meth:`Motion.read`; a motion there is replaced. It can be
-            read at any time, and after the program was killed.
+        step : s, of which a frame has a whole number; by default a sixtieth of the shortest period
+            that the stiffest contact allows. It is halved, and the run begins anew, if contacts
+            become much stiffer. A step is cut where a contact whose force jumps closes or opens.
+        scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by
+            the square of the step, and wanders where contacts open; or "midpoint", implicit, four
+            to six times the work, whose sum of energies is constant to rounding, with losses.
+        file : path to which frames are written as they come, for :meth:`Motion.read`; a motion
+            there is replaced. It can be read at any time, and after the program was killed.
         progress : is told how many frames are done.
 
-        A run that Ctrl-C stops, one whose balls leave their places by half of their diameter (geometry "lattice") or meet
-        others without a known law ("exact"), or one for whose contacts the given ``step`` becomes too long, ends there with
-        a :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. Where contacts become wider than the
-        law allows (:func:`~granphon.validity`), there is a :class:`~granphon.base.errors.LimitWarning`; and where they are
-        more viscous than stiff at all frequencies of the run, from the inverse of its duration, as a damping is a time.
+        A run that Ctrl-C stops, one whose balls leave their places by half of their diameter
+        (geometry "lattice") or meet others without a known law ("exact"), or one for whose contacts
+        the given ``step`` becomes too long, ends there with a
+        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. Where
+        contacts become wider than the law allows (:func:`~granphon.validity`), there is a
+        :class:`~granphon.base.errors.LimitWarning`; and where they are more viscous than stiff at
+        all frequencies of the run, from the inverse of its duration, as a damping is a time.
 
-        Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not allowed, a drive of nothing or
-        along which balls do not move, a force on a body that is held, a start that moves a body that is held or that a drive
-        displaces, and a ``step`` too long for the stiffest contact; and
-        :class:`~granphon.base.errors.OutputError` where ``file`` is something else than a motion, or cannot be written.
+        Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not
+        allowed, a drive of nothing or along which balls do not move, a force on a body that is
+        held, a start that moves a body that is held or that a drive displaces, and a ``step`` too
+        long for the stiffest contact; and :class:`~granphon.base.errors.OutputError` where ``file``
+        is something else than a motion, or cannot be written.
         """
-        length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2, _MOST_STEPS)
+        length = positive("duration", duration, "s")
+        count = whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
         held = 2 if file is not None else count  # frames of a file are not held in memory
         needed = motion_memory(self.network.n_balls, self.network.n_contacts, held)
@@ -309,18 +412,31 @@ class NonlinearWaves:
             places = real_array("positions", positions)
             self._require_shape("positions", places)
             displacements = places - self.network.positions[:, : places.shape[1]]
-        system = _System(self, [] if drive is None else list(drive) if isinstance(drive, list | tuple) else [drive])
-        start = [system.read(name, one) for name, one in (
-            ("displacements", displacements), ("velocities", velocities), ("rotations", rotations), ("spins", spins)
-        )]  # fmt: skip
-        x, v = start[0] + start[2], start[1] + start[3]
+        system = _System(
+            self,
+            [] if drive is None else list(drive) if isinstance(drive, list | tuple) else [drive],
+        )
+        start = [
+            system.read(name, one)
+            for name, one in (
+                ("displacements", displacements),
+                ("velocities", velocities),
+                ("rotations", rotations),
+                ("spins", spins),
+            )
+        ]
+        x = start[0] + start[2]
+        v = start[1] + start[3]
         with np.errstate(over="ignore", invalid="ignore"):
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
             stiffness = system.press(x, 0.5 * float(np.max(squares, initial=0.0)))
-            stable, top = system.choose_step(stiffness), system.fixed.top(stiffness)
+            stable = system.choose_step(stiffness)
+            top = system.fixed.top(stiffness)
         wanted = stable if step is None else positive("step", step, "s")
         if wanted * _LEAST_STEPS > _STEPS * stable:
-            what = f"the step of {wanted:.3g} s is too long for the stiffest contact, or its damping"
+            what = (
+                f"the step of {wanted:.3g} s is too long for the stiffest contact, or its damping"
+            )
             raise InputError(what, "It would not be stable", "Leave step out")
         least = wanted * 2.0**-_HALVINGS
         require_steps(length / wanted)  # which may be infinite
@@ -331,9 +447,12 @@ class NonlinearWaves:
             require_steps(length / wanted)
             each = max(1, math.ceil(length / (count - 1) / wanted * (1.0 - _ROUNDING)))
             require_steps(each * (count - 1))
-            exact, stopped = length / (count - 1) / each, ""
+            exact = length / (count - 1) / each
+            stopped = ""
             if not exact >= hertz.LEAST_NORMAL:
-                raise InputError(f"a step of {length:.3g} s over {count - 1} frames is beyond double precision")
+                raise InputError(
+                    f"a step of {length:.3g} s over {count - 1} frames is beyond double precision"
+                )
             kept = Frames(self.network, exact, file)
             # what leaves the floating range ends the run
             floating = np.errstate(over="ignore", invalid="ignore")
@@ -352,28 +471,42 @@ class NonlinearWaves:
                 wanted *= 0.5
                 continue
             if (wide := check_limit("contact_radius", system.widest).warning) is not None:
-                warnings.warn(f"in the motion {wide[0].lower()}{wide[1:].rstrip('.')}", LimitWarning, stacklevel=2)
+                warnings.warn(
+                    f"in the motion {wide[0].lower()}{wide[1:].rstrip('.')}",
+                    LimitWarning,
+                    stacklevel=2,
+                )
             if stopped:
-                early = StoppedEarlyWarning(f"the motion ends after {kept.last_time:.4g} s of {length:.4g} s: {stopped}")
+                early = StoppedEarlyWarning(
+                    f"the motion ends after {kept.last_time:.4g} s of {length:.4g} s: {stopped}"
+                )
                 early.interrupted = stopped == _CTRL_C
                 warnings.warn(early, stacklevel=2)
             return kept.join()
 
     def find_step(self, speed: float = 0.0) -> float:
-        """Return the step, s, of a run from rest, or in which the heaviest ball has a ``speed``, m/s, zero or above.
+        """Return the step, s, of a run from rest, or in which the heaviest ball has a ``speed``,
+        m/s, zero or above.
 
-        Raises :class:`~granphon.base.errors.InputError` for another speed, and where no contact is pressed at it.
+        Raises :class:`~granphon.base.errors.InputError` for another speed, and where no contact is
+        pressed at it.
         """
         speed = not_negative("speed", speed, "m/s")
-        system, masses = _System(self, []), self.network.masses[self.network.moving]
+        system = _System(self, [])
+        masses = self.network.masses[self.network.moving]
         energy = 0.5 * float(np.max(masses, initial=0.0)) * speed * speed
         with np.errstate(over="ignore", invalid="ignore"):
             return system.choose_step(system.press(np.zeros(system.operator.size), energy))
 
     def _require_shape(self, name: str, values: Array) -> None:
-        n, d = self.network.n_balls, self.network.dimension
+        n = self.network.n_balls
+        d = self.network.dimension
         if (wrong := values.shape not in ((n, 3), (n, d))) or not np.all(np.isfinite(values)):
-            what = f"{name} has the shape {values.shape}" if wrong else f"{name} has a number that is not finite"
+            what = (
+                f"{name} has the shape {values.shape}"
+                if wrong
+                else f"{name} has a number that is not finite"
+            )
             raise InputError(what, mend=f"Give ({n}, 3) finite numbers, one row for each ball")
 
 
@@ -381,7 +514,9 @@ def require_steps(count: float) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for more steps than are made."""
     if count > _MOST_STEPS:
         mend = "Give a shorter duration, fewer frames, a longer step, or less damping"
-        raise InputError(f"the run takes {count:.3g} steps", f"More than {_MOST_STEPS:.0e} are not made", mend)
+        raise InputError(
+            f"the run takes {count:.3g} steps", f"More than {_MOST_STEPS:.0e} are not made", mend
+        )
 
 
 class _Stop(Exception):
@@ -396,9 +531,15 @@ _RATTLED = "a contact whose force jumps opens and closes many times in a step"
 
 
 def _take_laws(springs: Springs, overlap: Array, apart: int = 0) -> Powers | PairLaws:
-    """Return laws as for :class:`PairLaws`, or as powers of one exponent, which are faster, if they are."""
-    exponents = {getattr(one, "exponent", hertz.EXPONENT) for one, _ in springs.groups} or {hertz.EXPONENT}
-    if len(exponents) > 1 or not all(isinstance(one, HertzLaw | PowerLaw) for one, _ in springs.groups):
+    """Return laws as for :class:`PairLaws`, or as powers of one exponent, which are faster, if they
+    are.
+    """
+    exponents = {getattr(one, "exponent", hertz.EXPONENT) for one, _ in springs.groups} or {
+        hertz.EXPONENT
+    }
+    if len(exponents) > 1 or not all(
+        isinstance(one, HertzLaw | PowerLaw) for one, _ in springs.groups
+    ):
         return PairLaws(springs, overlap, apart)
     coefficient = np.zeros(len(overlap))
     for one, at in springs.groups:
@@ -412,10 +553,11 @@ def _root_radius(radii: Array, i: Index, j: Index) -> Array:
 
 
 class _Trial(NamedTuple):
-    """A step that ends with these ways and forces of drives, after motions (size,) ``moved``, with contacts ``at`` there.
+    """A step that ends with these ways and forces of drives, after motions (size,) ``moved``, with
+    contacts ``at`` there.
 
-    An implicit one also has its mean acceleration, contacts ``touch``, the work of slip, twist and roll, the mean forces of
-    dashpots, and the forces that resist drives.
+    An implicit one also has its mean acceleration, contacts ``touch``, the work of slip, twist and
+    roll, the mean forces of dashpots, and the forces that resist drives.
     """
 
     step: float
@@ -431,7 +573,9 @@ class _Trial(NamedTuple):
 
 
 def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
-    """Return the largest stiffnesses on the way to elongations: normal, and of flat punches as wide as the contacts, N/m."""
+    """Return the largest stiffnesses on the way to elongations: normal, and of flat punches as wide
+    as the contacts, N/m.
+    """
     _, stiffness = normal.press(e)
     if isinstance(normal, PairLaws):
         if normal.know_radii:
@@ -454,11 +598,17 @@ class _System:
     _travelled: float
 
     def __init__(self, waves: NonlinearWaves, drives: Sequence[Any]) -> None:
-        network, self.waves, self.drives = waves.network, waves, drives
-        masses, self.moved, pushed = network.masses.copy(), [], []
+        network = waves.network
+        self.waves = waves
+        self.drives = drives
+        masses = network.masses.copy()
+        self.moved = []
+        pushed = []
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
-                raise InputError(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force")
+                raise InputError(
+                    f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force"
+                )
             if not callable(given := one.force if one.displacement is None else one.displacement):
                 what = f"what a drive does is {brief(given)}"
                 raise InputError(what, mend="Give a function of the time, s, that returns a number")
@@ -466,43 +616,62 @@ class _System:
             along = read_vector("direction", one.direction, network.dimension)
             require_moves("drive", along, network)
             if one.force is not None and not np.all(network.moving[balls]):
-                raise InputError("a force acts on a body that is held", mend="Give its displacement")
+                raise InputError(
+                    "a force acts on a body that is held", mend="Give its displacement"
+                )
             if one.displacement is not None:
                 masses[balls] = np.inf
                 self.moved.append((balls, along))
             else:
                 pushed.append((balls, along))
         driven = np.concatenate([balls for balls, _ in self.moved] or [np.zeros(0, np.intp)])
-        if len(np.unique(driven)) < len(driven) or any(np.any(np.isin(balls, driven)) for balls, _ in pushed):
+        if len(np.unique(driven)) < len(driven) or any(
+            np.any(np.isin(balls, driven)) for balls, _ in pushed
+        ):
             what = "a ball has two drives, of which one is a displacement"
-            raise InputError(what, "It moves as that says, whatever acts on it", "Give it one drive")
+            raise InputError(
+                what, "It moves as that says, whatever acts on it", "Give it one drive"
+            )
         self.network = replace(network, masses=masses) if self.moved else network
         self.operator = operator = WaveOperator(self.network)
         self.fixed = FixedDirections(operator, self.moved, waves.punch)
         self._ways = [one.displacement for one in drives if one.displacement is not None]
         self._lifts = [one.force for one in drives if one.force is not None]
-        self._push = np.reshape([operator.push(*one, 1.0 / np.sqrt(masses[one[0]])) for one in pushed], (-1, operator.size))
+        self._push = np.reshape(
+            [operator.push(*one, 1.0 / np.sqrt(masses[one[0]])) for one in pushed],
+            (-1, operator.size),
+        )
         self._weight = operator.push(operator.balls, waves.gravity, np.sqrt(masses[operator.balls]))
         self._lightest = math.sqrt(float(np.min(masses[self.network.moving], initial=np.inf)))
         # balls that may meet are listed anew when one has moved by half of the margin
         self._skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
 
     def _join(self, i: Index, j: Index, shift: Index) -> None:
-        """Let contacts be those of the network and some more; contacts without a law end the run when they close."""
-        waves, normal, radii = self.waves, self.waves.normal, self.network.radii
+        """Let contacts be those of the network and some more; contacts without a law end the run
+        when they close.
+        """
+        waves = self.waves
+        normal = self.waves.normal
+        radii = self.network.radii
         ends = np.append(self.network.i, i), np.append(self.network.j, j)
         # Hertz's radius of a contact over that of the smaller ball, over the root of the overlap
         self._wide = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
         if waves.geometry == "exact":
-            normal, ratio, self._unknown = waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), [])
+            normal, ratio, self._unknown = (
+                waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), [])
+            )
             more = (i, j, shift, ratio)
             rest = waves.normal.rest, waves.punch
-            self.where: Any = TrueDirections(self.operator, self.fixed, self.moved, *rest, more, self._bulge)
+            self.where: Any = TrueDirections(
+                self.operator, self.fixed, self.moved, *rest, more, self._bulge
+            )
         else:
             self.where = self.fixed
         times = waves.damping
         if len(i):
-            times = np.concatenate([times, np.repeat(times.mean(axis=1, keepdims=True), len(i), axis=1)], axis=1)
+            times = np.concatenate(
+                [times, np.repeat(times.mean(axis=1, keepdims=True), len(i), axis=1)], axis=1
+            )
         self.forces = ContactForces(normal, self.where.ratio, self.where.slips, waves.mu, times)
         self._steady: Array = self.where.load + self._weight
         self._spare: Any = (None, None)  # a moment and a touch that are not needed any more
@@ -510,14 +679,17 @@ class _System:
     @property
     def _bulge(self) -> float:
         """Overlap at rest less the one that radii and places of the network have, m: a mean."""
-        network, round_ones = self.network, np.flatnonzero(np.isfinite(self.network.distance))
-        i, j = network.i[round_ones], network.j[round_ones]
+        network = self.network
+        round_ones = np.flatnonzero(np.isfinite(self.network.distance))
+        i = network.i[round_ones]
+        j = network.j[round_ones]
         apart = network.distance[round_ones] - network.radii[i] - network.radii[j]
         return float(np.mean(self.waves.overlap[round_ones] + apart)) if len(i) else 0.0
 
     def read(self, name: str, given: ArrayLike | None) -> Array:
         """Return vectors of balls (n, 3) or (n, d) as mass-weighted motions (size,)."""
-        operator, network = self.operator, self.network
+        operator = self.operator
+        network = self.network
         if given is None:
             return np.zeros(operator.size)
         values = real_array(name, given)
@@ -525,85 +697,127 @@ class _System:
         turns = name in ("rotations", "spins")
         axes = operator.motions.rotations if turns else operator.motions.translations
         if values.shape[1] <= max(axes, default=0):
-            raise InputError(f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)")
+            raise InputError(
+                f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)"
+            )
         values = np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
         require_moves(name, values, network, turns)
         if np.any(fast := np.any(values, axis=1) & ~network.moving):
             what = f"{name} of ball {np.flatnonzero(fast)[0]} are not zero"
-            raise InputError(what, "It is held, or is displaced by a drive, whatever acts on it", "Let them be zero")
+            raise InputError(
+                what,
+                "It is held, or is displaced by a drive, whatever acts on it",
+                "Let them be zero",
+            )
         places, scale = operator.in_balls
-        return np.asarray(np.pad(values, ((0, 0), (3 * turns, 3 - 3 * turns))).ravel()[places] / scale)
+        return np.asarray(
+            np.pad(values, ((0, 0), (3 * turns, 3 - 3 * turns))).ravel()[places] / scale
+        )
 
     def choose_step(self, stiffness: Array) -> float:
         """Return a step for contacts of a normal ``stiffness``."""
         top = self._top(stiffness)
         if not top < math.inf:
-            raise InputError("contacts become too stiff for double precision", mend="Compare the units")
+            raise InputError(
+                "contacts become too stiff for double precision", mend="Compare the units"
+            )
         if not top > 0.0:
-            raise InputError("no contact is pressed, and no ball moves", "There is no time scale", "Give a step")
+            raise InputError(
+                "no contact is pressed, and no ball moves", "There is no time scale", "Give a step"
+            )
         return 2.0 * math.pi / _STEPS / top
 
     def press(self, x: Array, energy: float) -> Array:
-        """Return stiffnesses of contacts at the start, or of those that a ball of this kinetic energy, J, would press."""
+        """Return stiffnesses of contacts at the start, or of those that a ball of this kinetic
+        energy, J, would press.
+        """
         normal = self.waves.normal
         e = self.fixed.locate(x, np.zeros(len(self.moved))).e
         if not (energy < math.inf and np.all(np.isfinite(e))):
-            raise InputError("balls are too fast, or too far away, for double precision", mend="Compare the units")
+            raise InputError(
+                "balls are too fast, or too far away, for double precision",
+                mend="Compare the units",
+            )
         # the first of these depths that takes the energy, by bisection
-        depths = 1e-12 * float(np.mean(self.network.radii[self.network.moving])) * 1.25 ** np.arange(201.0)
-        low, high = np.zeros(len(e), np.int16), np.full(len(e), 200 if energy > 0.0 else 0, np.int16)
+        depths = (
+            1e-12
+            * float(np.mean(self.network.radii[self.network.moving]))
+            * 1.25 ** np.arange(201.0)
+        )
+        low = np.zeros(len(e), np.int16)
+        high = np.full(len(e), 200 if energy > 0.0 else 0, np.int16)
         while np.any(low < high):
             middle = (low + high) // 2
             deep = depths[middle]
             short = normal.store(-deep) + normal.rest * deep < energy
-            low, high = np.where(short, middle + 1, low), np.where(short, high, middle)
+            low = np.where(short, middle + 1, low)
+            high = np.where(short, high, middle)
         stiffness = _find_stiffest(normal, np.minimum(-depths[low], e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
         return stiffness
 
     def _top(self, stiffness: Array) -> float:
-        """Return a bound of the rates, rad/s, of contacts of a normal ``stiffness``: of oscillation w and of damping.
+        """Return a bound of the rates, rad/s, of contacts of a normal ``stiffness``: of oscillation
+        w and of damping.
 
-        Dashpots slow motions down at the rate tau w^2. Steps h are stable for tau w^2 h < 1, and for w h < 2.
+        Dashpots slow motions down at the rate tau w^2. Steps h are stable for tau w^2 h < 1, and
+        for w h < 2.
         """
         top = self.fixed.top(stiffness)
         return max(top, 2.0 * float(np.max(self.waves.damping, initial=0.0)) * top**2)
 
     def integrate(
         self, x: Array, v: Array, step: float, each: int, count: int, scheme: str, kept: Frames
-    ) -> Any:  # fmt: skip
+    ) -> Any:
         """Make ``count`` frames of ``each`` steps, and yield after each whether it is kept."""
         self._begin(x, v, step)
         self._keep(0, kept)
         yield False
-        limit, explicit = 2.0 * math.pi / _LEAST_STEPS / step, scheme == "verlet"
+        limit = 2.0 * math.pi / _LEAST_STEPS / step
+        explicit = scheme == "verlet"
         for number in range(1, each * (count - 1) + 1):
             if self.waves.geometry == "exact":
                 self._watch(self._follow(number * step)[0])
             self._advance(number * step, explicit)
             if number % each == 0:
                 stiffest = np.maximum(self.touch.k, self.touch.punch)
-                if not (self._top(stiffest) <= limit and np.all(np.isfinite(self.v)) and np.all(np.isfinite(self.at.e))):
+                if not (
+                    self._top(stiffest) <= limit
+                    and np.all(np.isfinite(self.v))
+                    and np.all(np.isfinite(self.at.e))
+                ):
                     raise _Stop(_TOO_LONG)
                 self._keep(number, kept)
                 yield True
                 if self.waves.geometry == "lattice":
                     away = float(np.max(np.abs(self.operator.to_balls(self.x)[:, :3]), initial=0.0))
-                    if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
-                        raise _Stop(f"a ball has left its place by {away:.3g} m, which needs geometry: exact")
+                    if not away < _AWAY * 2.0 * float(
+                        np.mean(self.network.radii[self.network.moving])
+                    ):
+                        raise _Stop(
+                            f"a ball has left its place by {away:.3g} m, which needs"
+                            f" geometry: exact"
+                        )
 
     def _begin(self, x: Array, v: Array, step: float) -> None:
         """Let contacts be those of the network, and the time be zero."""
         none = np.zeros(0, np.intp)
         self._keys: dict[tuple[int, ...], int] = {}
         self._join(none, none, np.zeros((0, 3), np.intp))
-        where, forces = self.where, self.forces
-        self.x, self.v, self.step, self.widest = x.copy(), v.copy(), step, 0.0
+        where = self.where
+        forces = self.forces
+        self.x = x.copy()
+        self.v = v.copy()
+        self.step = step
+        self.widest = 0.0
         self.ways, self.lifts = self._follow(0.0)
         if np.any(self.ways):
-            raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
-        still, self.at = where.locate(np.zeros_like(x), np.zeros_like(self.ways)), where.locate(x, self.ways)
+            raise InputError(
+                "a displacement does not begin at zero", mend="Give a function that is zero at zero"
+            )
+        still = where.locate(np.zeros_like(x), np.zeros_like(self.ways))
+        self.at = where.locate(x, self.ways)
         where.step(still, self.at, np.zeros((where.count, len(self.at.e))))
         self.touch = forces.begin(self.at.e, where.way, where.held)
         nothing = np.zeros(self.network.n_contacts)
@@ -613,14 +827,17 @@ class _System:
         self._at_rest = forces.springs(rest)
         if self.waves.geometry == "exact":
             self._list()
-            where, forces = self.where, self.forces
+            where = self.where
+            forces = self.forces
         # of slip, twist and roll, of dashpots, of drives, and of contacts that join and part
         self.worked, self._springs = np.zeros(4), forces.springs(self.touch)
         self._start(np.zeros_like(self.ways))
 
     def _start(self, speeds: Array) -> None:
         """Set what a step begins with, at these speeds of the drives."""
-        where, forces, pull = self.where, self.forces, self.touch.pull
+        where = self.where
+        forces = self.forces
+        pull = self.touch.pull
         self.dash = _NOTHING
         if forces.is_damped:
             self.dash = forces.damp(self.touch, where.rate(self.at, self.v, speeds))
@@ -629,7 +846,9 @@ class _System:
         self.last = self.acceleration
 
     def _act(self, at: Any, pull: Array, lifts: Array, before: Any = None) -> tuple[Array, Array]:
-        """Return the accelerations (size,), and the forces with which contacts and loads resist displacements of drives."""
+        """Return the accelerations (size,), and the forces with which contacts and loads resist
+        displacements of drives.
+        """
         found, resist = self.where.push(at, pull, before)
         found += self._steady
         if len(lifts):
@@ -638,7 +857,8 @@ class _System:
 
     def _advance(self, end: float, explicit: bool) -> None:
         """Make a step that ends at a time, in parts where contacts join or part within it."""
-        left, jumps = self.step, self.forces.normal.jumps
+        left = self.step
+        jumps = self.forces.normal.jumps
         often: Index = np.zeros(len(self.at.e) if len(jumps) else 0, np.intp)
         while left > 0.0:
             trial = self._try(left, end, explicit)
@@ -650,8 +870,11 @@ class _System:
             else:
                 self._settle(trial)
             if len(trial.lifts):
-                self.worked[2] += float(0.5 * (self.lifts + trial.lifts) @ (self._push @ trial.moved))
-            self.ways, self.lifts = trial.ways, trial.lifts
+                self.worked[2] += float(
+                    0.5 * (self.lifts + trial.lifts) @ (self._push @ trial.moved)
+                )
+            self.ways = trial.ways
+            self.lifts = trial.lifts
             left -= trial.step
             if len(jumps) and self._passed(self.at) > 0.0:
                 self.touch, switched, lost = self.forces.switch(self.touch)
@@ -662,31 +885,44 @@ class _System:
                     raise _Stop(_RATTLED)
 
     def _passed(self, at: Moment) -> float:
-        """Return how far the first of the contacts has passed where it joins or parts, m; below zero before it."""
+        """Return how far the first of the contacts has passed where it joins or parts, m; below
+        zero before it.
+        """
         return float(np.max(self.forces.pass_ends(at.e, self.touch.joined)))
 
     def _cut(self, trial: _Trial, end: float, explicit: bool) -> _Trial:
         """Return the part of a step in which the first contacts come to where they join or part.
 
-        It is found by the rule of false position (the Illinois method), to a small share of the step.
+        It is found by the rule of false position (the Illinois method), to a small share of the
+        step.
         """
-        whole, start = trial.step, end - trial.step
-        low, high, side = 0.0, whole, 0
-        before, after = self._passed(self.at), self._passed(trial.at)
+        whole = trial.step
+        start = end - trial.step
+        low = 0.0
+        high = whole
+        side = 0
+        before = self._passed(self.at)
+        after = self._passed(trial.at)
         near = _TOGETHER * self.step
         while high - low > near:
             middle = low - before * (high - low) / (after - before)
             middle = min(max(middle, low + 0.5 * near), high - 0.5 * near)
             passed = self._passed(self._try(middle, start + middle, explicit).at)
             if passed > 0.0:
-                high, after = middle, passed
+                high = middle
+                after = passed
                 before *= 0.5 if side == 1 else 1.0
                 side = 1
             else:
-                low, before = middle, passed
+                low = middle
+                before = passed
                 after *= 0.5 if side == -1 else 1.0
                 side = -1
-        return self._try(whole, end, explicit) if whole - high < near else self._try(high, start + high, explicit)
+        return (
+            self._try(whole, end, explicit)
+            if whole - high < near
+            else self._try(high, start + high, explicit)
+        )
 
     def _try(self, step: float, end: float, explicit: bool) -> _Trial:
         """Return where a ``step`` that ends at a time would come to."""
@@ -695,24 +931,34 @@ class _System:
             return self._solve(step, ways, lifts)
         # half of the kick, and the way that all balls go
         moved = step * (self.v + 0.5 * step * self.acceleration)
-        return _Trial(step, ways, lifts, moved, self.where.locate(self.x + moved, ways, self._spare[0]))
+        return _Trial(
+            step, ways, lifts, moved, self.where.locate(self.x + moved, ways, self._spare[0])
+        )
 
     def _leap(self, trial: _Trial) -> None:
         """Make a step of Verlet's."""
-        where, forces, old_at, old, step, at = self.where, self.forces, self.at, self.touch, trial.step, trial.at
+        where = self.where
+        forces = self.forces
+        old_at = self.at
+        old = self.touch
+        step = trial.step
+        at = trial.at
         kick = 0.5 * step * self.acceleration
         self.v += kick
         self.x += trial.moved
         # contacts follow: their slips, how their forces turn, and the forces
         self.touch, spent = self._follow_balls(at)
         where.turn_on(self.touch.pull, at)
-        self.at, pull, self._spare = at, self.touch.pull, (old_at, old)
+        self.at = at
+        pull = self.touch.pull
+        self._spare = (old_at, old)
         self.worked[0] += spent
         way = trial.ways - self.ways
         if forces.is_damped:
             # the speed at the end of the step, but for what dashpots change within it
             rate = where.rate(at, self.v + kick, way / step)
-            before, self.dash = self.dash, forces.damp(self.touch, rate)
+            before = self.dash
+            self.dash = forces.damp(self.touch, rate)
             pull = pull + self.dash
             mean = 0.5 * (before + self.dash) if np.shape(before) == self.dash.shape else self.dash
             self.worked[1] += _lose(mean, at.e - old.e, where.way)
@@ -724,28 +970,39 @@ class _System:
         self.resist = resist
 
     def _follow_balls(self, at: Moment) -> tuple[Touch, float]:
-        """Return contacts when balls have come to a moment, their forces half turned, and the work of slip, twist, roll."""
-        where, old = self.where, self.touch
+        """Return contacts when balls have come to a moment, their forces half turned, and the work
+        of slip, twist, roll.
+        """
+        where = self.where
+        old = self.touch
         touch = self.forces.take(at.e, old.joined, self._spare[1])
         where.step(self.at, at, old.pull)
         return touch, self.forces.follow(old, touch, where.way, where.turned)
 
     def _solve(self, step: float, ways: Array, lifts: Array) -> _Trial:
         """Return where an implicit ``step``, whose energies add up, comes to."""
-        where, forces, old_at, old = self.where, self.forces, self.at, self.touch
-        guess, change = 2.0 * self.acceleration - self.last, math.inf
+        where = self.where
+        forces = self.forces
+        old_at = self.at
+        old = self.touch
+        guess = 2.0 * self.acceleration - self.last
+        change = math.inf
         for _ in range(_ITERATIONS):
             moved = step * (self.v + 0.5 * step * guess)
             at = where.locate(self.x + moved, ways, self._spare[0])
             touch, spent = self._follow_balls(at)
             mean = forces.normal.mean(old.e, at.e, old.joined)
-            pull, dash = np.concatenate([mean[None], 0.5 * (where.turned + touch.pull[1:])]), None
+            pull = np.concatenate([mean[None], 0.5 * (where.turned + touch.pull[1:])])
+            dash = None
             if forces.is_damped:
-                half = touch._replace(k=0.5 * (old.k + touch.k), punch=0.5 * (old.punch + touch.punch))
+                half = touch._replace(
+                    k=0.5 * (old.k + touch.k), punch=0.5 * (old.punch + touch.punch)
+                )
                 dash = forces.damp(half, np.concatenate([(at.e - old.e)[None], where.way]) / step)
                 pull += dash
             found, resist = self._act(at, pull, 0.5 * (self.lifts + lifts), old_at)
-            last, change = change, float(np.max(np.abs(found - guess)))
+            last = change
+            change = float(np.max(np.abs(found - guess)))
             size = max(float(np.max(np.abs(found))), float(np.max(np.abs(self.v))) / step)
             if change <= _SOLVED * size or last <= change <= _ROUNDED * size:
                 return _Trial(step, ways, lifts, moved, at, guess, touch, spent, dash, resist)
@@ -754,9 +1011,14 @@ class _System:
 
     def _settle(self, trial: _Trial) -> None:
         """Make the implicit step that has been solved last."""
-        where, old, touch = self.where, self.touch, trial.touch
+        where = self.where
+        old = self.touch
+        touch = trial.touch
         where.turn_on(touch.pull, trial.at)
-        self.last, self.acceleration, self.at, self.touch = self.acceleration, trial.acceleration, trial.at, touch
+        self.last = self.acceleration
+        self.acceleration = trial.acceleration
+        self.at = trial.at
+        self.touch = touch
         self.x += trial.moved
         self.v += trial.step * trial.acceleration
         self.worked[0] += trial.spent
@@ -766,37 +1028,65 @@ class _System:
 
     def _keep(self, number: int, kept: Frames) -> None:
         """Keep the frame after this number of steps."""
-        touch, normal, step, operator = self.touch, self.forces.normal, self.step, self.operator
-        square, springs = self.v * self.v, self.forces.springs(touch)
-        stored = float(np.sum(normal.store(touch.e, touch.joined))) + springs - self._at_rest - float(self._weight @ self.x)
+        touch = self.touch
+        normal = self.forces.normal
+        step = self.step
+        operator = self.operator
+        square = self.v * self.v
+        springs = self.forces.springs(touch)
+        stored = (
+            float(np.sum(normal.store(touch.e, touch.joined)))
+            + springs
+            - self._at_rest
+            - float(self._weight @ self.x)
+        )
         wide = self._wide * np.sqrt(np.maximum(normal.overlap - touch.e, 0.0))
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
-        time, both = number * step, (self._displace(), operator.to_balls(self.v))
+        time = number * step
+        both = (self._displace(), operator.to_balls(self.v))
         (places, turns), (speeds, spins) = (np.split(one, 2, axis=1) for one in both)
-        before, after = (self._follow(max(time + shift * step, 0.0))[0] for shift in (-1, 1)) if self._ways else ((), ())
+        before, after = (
+            (self._follow(max(time + shift * step, 0.0))[0] for shift in (-1, 1))
+            if self._ways
+            else ((), ())
+        )
         for (balls, along), low, high in zip(self.moved, before, after, strict=True):
             speeds[balls] = (high - low) / (step * (2 if number else 1)) * along
         kept.keep(
             {
-                "times": time, "displacements": places, "velocities": speeds,
-                "rotations": turns, "spins": spins,
+                "times": time,
+                "displacements": places,
+                "velocities": speeds,
+                "rotations": turns,
+                "spins": spins,
                 "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
                 "stored": stored + self.where.rest_energy(self.at),
-                "lost": self.worked[0] - (springs - self._springs) + self.worked[1] + self.worked[3], "work": self.worked[2],
+                "lost": self.worked[0]
+                - (springs - self._springs)
+                + self.worked[1]
+                + self.worked[3],
+                "work": self.worked[2],
             },
             np.where(normal.is_closed(touch.e, touch.joined), touch.pull[0] + normal.rest, 0.0),
-            np.sqrt(np.sum(touch.pull[1 : 1 + self.where.slips] ** 2, axis=0)), list(self._keys),
-        )  # fmt: skip
+            np.sqrt(np.sum(touch.pull[1 : 1 + self.where.slips] ** 2, axis=0)),
+            list(self._keys),
+        )
 
     def _follow(self, time: float) -> tuple[Array, Array]:
         """Return the ways of moved bodies and the forces on pushed balls at a time."""
         if not self.drives:
             return _NOTHING, _NOTHING
-        ways, lifts = (np.array([real_number(one(time)) for one in each]) for each in (self._ways, self._lifts))
+        ways, lifts = (
+            np.array([real_number(one(time)) for one in each]) for each in (self._ways, self._lifts)
+        )
         if not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
             what = f"a drive is not a finite number at {time:.4g} s"
-            raise _Stop(what) if time else InputError(what, mend="Give a function of the time that returns one")
+            raise (
+                _Stop(what)
+                if time
+                else InputError(what, mend="Give a function of the time that returns one")
+            )
         return ways, lifts
 
     def _displace(self) -> Array:
@@ -807,7 +1097,8 @@ class _System:
         return found
 
     def _watch(self, ways: Array) -> None:
-        """List anew the balls that may meet, if one may move in a step to ``ways`` by more than half of the margin.
+        """List anew the balls that may meet, if one may move in a step to ``ways`` by more than
+        half of the margin.
 
         Ends the run where balls without a law have met.
         """
@@ -815,8 +1106,11 @@ class _System:
 
         if met := [said for at, said in self._unknown if np.any(self.touch.e[at] < 0.0)]:
             raise _Stop(met[0])
-        speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest  # no ball is faster
-        self._travelled += self.step * speed + (float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0)
+        # no ball is faster
+        speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest
+        self._travelled += self.step * speed + (
+            float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0
+        )
         if self._travelled > 0.5 * self._skin:
             gone = self.network.positions + self._displace()[:, :3] - self._listed
             self._travelled = math.sqrt(np.max(np.sum(gone * gone, axis=1)))
@@ -825,24 +1119,34 @@ class _System:
 
     def _list(self) -> None:
         """List the balls that may meet; contacts that are listed again keep their state."""
-        network, touch, radii = self.network, self.touch, self.network.radii
+        network = self.network
+        touch = self.touch
+        radii = self.network.radii
         places = self._listed = network.positions + self._displace()[:, :3]
         self._travelled = 0.0
         round_ones = np.flatnonzero(np.isfinite(radii))
-        periods, margin = network.cell[list(network.pbc)], self._skin + max(self._bulge, 0.0)
-        i, j, cells, apart = find_pairs(places[round_ones], periods, 2.0 * float(np.max(radii[round_ones])) + margin)
+        periods = network.cell[list(network.pbc)]
+        margin = self._skin + max(self._bulge, 0.0)
+        i, j, cells, apart = find_pairs(
+            places[round_ones], periods, 2.0 * float(np.max(radii[round_ones])) + margin
+        )
         near = np.linalg.norm(apart, axis=1) < radii[round_ones[i]] + radii[round_ones[j]] + margin
-        i, j, shift = round_ones[i[near]], round_ones[j[near]], np.zeros((np.count_nonzero(near), 3), np.intp)
+        i = round_ones[i[near]]
+        j = round_ones[j[near]]
+        shift = np.zeros((np.count_nonzero(near), 3), np.intp)
         shift[:, list(network.pbc)] = cells[near]
         for wall, (place, toward) in network.walls.items():
             moved = places[wall] - network.positions[wall]
             gap = (place + moved - places[round_ones]) @ toward - radii[round_ones]
             near = round_ones[gap < self._skin]
-            i, j = np.append(i, near), np.append(j, np.full(len(near), wall))
+            i = np.append(i, near)
+            j = np.append(j, np.full(len(near), wall))
             shift = np.concatenate([shift, np.zeros((len(near), 3), np.intp)])
-        # pairs that are no contacts of the network, each once; contacts begin with the ball that pairs begin with, and those
-        # with a flat wall, which is at any place, with the other
-        flat, n, moves = np.isinf(network.distance), network.n_contacts, network.moving
+        # pairs that are no contacts of the network, each once; contacts begin with the ball that
+        # pairs begin with, and those with a flat wall, which is at any place, with the other
+        flat = np.isinf(network.distance)
+        n = network.n_contacts
+        moves = network.moving
         own = np.column_stack([network.i, network.j, np.where(flat[:, None], 0, network.shift)])
         back = ~(select_once(network.i, network.j, network.shift) | flat)
         own[back] = np.column_stack([network.j, network.i, -network.shift])[back]

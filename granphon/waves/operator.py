@@ -4,19 +4,21 @@ With the rows C of all contacts (:mod:`granphon.dynamics.rows`), the stiffnesses
 
     A = K^1/2 C M^-1/2,    D = A^T A - B^T (f/r) B,
 
-where the second term, B being displacements across contacts, is the prestress, if the network has it; f is below zero
-where contacts pull. The eigenvalues of D
-are squared angular frequencies, (rad/s)^2, and singular values of A are angular frequencies. A vector holds, for each ball
-that moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
+where the second term, B being displacements across contacts, is the prestress, if the network has
+it; f is below zero where contacts pull. The eigenvalues of D are squared angular frequencies,
+(rad/s)^2, and singular values of A are angular frequencies. A vector holds, for each ball that
+moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
 
-Static tangential forces T add G (:func:`granphon.dynamics.rows.carry_rows`), which has no potential, as the law of discrete
-elements has none. D has its symmetric part. What is left out changes an eigenvalue by a term of second order in T/(k r).
-It is seen where an eigenvalue is zero: a ball with two contacts in space turns freely about the line through them, along
-which its forces are, and D makes a little less than zero of that. So :attr:`WaveOperator.whole` tells whether it is stable.
+Static tangential forces T add G (:func:`granphon.dynamics.rows.carry_rows`), which has no
+potential, as the law of discrete elements has none. D has its symmetric part. What is left out
+changes an eigenvalue by a term of second order in T/(k r). It is seen where an eigenvalue is zero:
+a ball with two contacts in space turns freely about the line through them, along which its forces
+are, and D makes a little less than zero of that. So :attr:`WaveOperator.whole` tells whether it is
+stable.
 
 D of a large array of equal masses is applied without a matrix (:class:`ArrayOperator`, with
-:mod:`granphon.array.contact_operator`). Several vectors at once are left to the sparse matrix, which is read once for all of
-them, and is then faster.
+:mod:`granphon.array.contact_operator`). Several vectors at once are left to the sparse matrix,
+which is read once for all of them, and is then faster.
 """
 
 from __future__ import annotations
@@ -33,7 +35,14 @@ from scipy.sparse.linalg import LinearOperator
 from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError, message
-from granphon.dynamics.rows import Row, carry_rows, find_gyration, network_rows, push_rows, weigh_rows
+from granphon.dynamics.rows import (
+    Row,
+    carry_rows,
+    find_gyration,
+    network_rows,
+    push_rows,
+    weigh_rows,
+)
 from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
@@ -54,13 +63,17 @@ def explain_instability(network: ContactNetwork) -> InstabilityError:
     what = message("the network is not stable: a squared frequency is below zero", why)
     mend = "Bring it to rest first, give its tangential_force if it has friction"
     left = network.describe_imbalance() if network.prestress else ""
-    return InstabilityError(message(what, left, f"{mend}, or leave the static forces out (prestress=False)"))
+    return InstabilityError(
+        message(what, left, f"{mend}, or leave the static forces out (prestress=False)")
+    )
 
 
 class Parts(NamedTuple):
-    """D = C^T K C in parts: deformations C of a vector (size,), and what tensions in these do to balls, C^T.
+    """D = C^T K C in parts: deformations C of a vector (size,), and what tensions in these do to
+    balls, C^T.
 
-    ``weigh`` returns the diagonal of K, with signs, or of the weighted one of :meth:`WaveOperator.of_rows`.
+    ``weigh`` returns the diagonal of K, with signs, or of the weighted one of
+    :meth:`WaveOperator.of_rows`.
     """
 
     deform: Callable[[NDArray[Any]], NDArray[Any]]
@@ -78,14 +91,18 @@ class WaveOperator(LinearOperator):
     balls : (n_free,) indices of the balls that move.
     """
 
-    #: time of a product with a vector and the sums that go with it in a Krylov space, s for each motion, by the dimension
+    #: time of a product with a vector and the sums that go with it in a Krylov space, s for each
+    #: motion, by the dimension
     product_time: ClassVar = {1: 1.2e-8, 2: 3e-8, 3: 1e-7}
 
     def __init__(self, network: ContactNetwork) -> None:
-        self.network, self.motions = network, network.ball_motions
+        self.network = network
+        self.motions = network.ball_motions
         self.balls = np.flatnonzero(network.moving)
         if not self.balls.size or not network.n_contacts:
-            raise InputError("no waves run in this network", "It has no ball that moves, or no contact")
+            raise InputError(
+                "no waves run in this network", "It has no ball that moves, or no contact"
+            )
         size = self.balls.size * self.motions.count
         super().__init__(np.float64, (size, size))  # type: ignore[call-arg]  # the stubs do not know this constructor
 
@@ -94,7 +111,7 @@ class WaveOperator(LinearOperator):
         """Number of motions of all balls that move."""
         return int(self.shape[0])
 
-    # -- vectors and values of balls ----------------------------------------------------------------------------------
+    # -- vectors and values of balls ---------------------------------------------------------------
 
     def vector(self, values: ArrayLike) -> NDArray[Any]:
         """Return the vector (size, ...) of values (n_free, motions, ...) of balls that move."""
@@ -116,37 +133,60 @@ class WaveOperator(LinearOperator):
     @cached_property
     def is_rotation(self) -> NDArray[np.bool_]:
         """(size,) whether each number of a vector belongs to a rotation."""
-        return np.asarray(self.vector(np.broadcast_to(self.motions.is_rotation, (self.balls.size, self.motions.count))))
+        return np.asarray(
+            self.vector(
+                np.broadcast_to(self.motions.is_rotation, (self.balls.size, self.motions.count))
+            )
+        )
 
     @cached_property
     def in_balls(self) -> tuple[NDArray[np.uintp], Array]:
-        """(size,) the place of each motion among the six (n, 6) of all balls, and what that is of the mass-weighted one."""
-        network, axes = self.network, np.array([*self.motions.translations, *(3 + axis for axis in self.motions.rotations)])
-        masses = np.where(axes < 3, network.masses[self.balls, None], network.inertias[self.balls, None])
-        return self.vector(6 * self.balls[:, None] + axes).astype(np.uintp), self.vector(1.0 / np.sqrt(masses))
+        """(size,) the place of each motion among the six (n, 6) of all balls, and what that is of
+        the mass-weighted one.
+        """
+        network, axes = (
+            self.network,
+            np.array([*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]),
+        )
+        masses = np.where(
+            axes < 3, network.masses[self.balls, None], network.inertias[self.balls, None]
+        )
+        return self.vector(6 * self.balls[:, None] + axes).astype(np.uintp), self.vector(
+            1.0 / np.sqrt(masses)
+        )
 
     def to_balls(self, vector: Array) -> Array:
-        """Return mass-weighted motions (size,) as displacements, m, and rotations, rad, (n, 6) of all balls."""
-        found, (places, scale) = np.zeros((self.network.n_balls, 6)), self.in_balls
+        """Return mass-weighted motions (size,) as displacements, m, and rotations, rad, (n, 6) of
+        all balls.
+        """
+        found = np.zeros((self.network.n_balls, 6))
+        (places, scale) = self.in_balls
         found.reshape(-1)[places] = scale * vector
         return found
 
     def push(self, balls: Index, along: Array, weights: Array) -> Array:
-        """Return the vector (size,) of translations ``along`` (3,) of some balls, times their ``weights`` (k,)."""
-        vector, axes = np.zeros(self.size), list(self.motions.translations)
+        """Return the vector (size,) of translations ``along`` (3,) of some balls, times their
+        ``weights`` (k,).
+        """
+        vector = np.zeros(self.size)
+        axes = list(self.motions.translations)
         vector[self.places[balls, : len(axes)]] = along[axes] * weights[:, None]
         return vector
 
-    # -- matrices -------------------------------------------------------------------------------------------------------
+    # -- matrices ----------------------------------------------------------------------------------
 
-    def _make_matrix(self, rows: list[Row], root: Sequence[Any], phase: Any = 1.0) -> csr_array[Any]:
-        """Return the rows, each times its ``root`` (n_c,), over the root of the masses: (kinds x n_c, size).
+    def _make_matrix(
+        self, rows: list[Row], root: Sequence[Any], phase: Any = 1.0
+    ) -> csr_array[Any]:
+        """Return the rows, each times its ``root`` (n_c,), over the root of the masses: (kinds x
+        n_c, size).
 
         Balls j of contacts move with the ``phase`` (n_c,).
         """
         from scipy.sparse import csr_array  # imported here: most simulations do not need it
 
-        network, m = self.network, self.motions.count
+        network = self.network
+        m = self.motions.count
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
         columns = np.hstack([self.places[network.i], self.places[network.j]]).astype(np.int32)
         columns[columns < 0] = 0  # of balls that are held: their entries are zero
@@ -155,73 +195,112 @@ class WaveOperator(LinearOperator):
             np.multiply((-weight * scale[network.i])[:, None], row.tail, out=out[:, :m])
             np.multiply((phase * weight * scale[network.j])[:, None], row.head, out=out[:, m:])
         starts = np.arange(len(rows) * network.n_contacts + 1, dtype=np.int32) * np.int32(2 * m)
-        matrix = csr_array((entries.ravel(), np.tile(columns, (len(rows), 1)).ravel(), starts), (starts.size - 1, self.size))
+        matrix = csr_array(
+            (entries.ravel(), np.tile(columns, (len(rows), 1)).ravel(), starts),
+            (starts.size - 1, self.size),
+        )
         matrix.sum_duplicates()
         matrix.eliminate_zeros()
         return matrix
 
     @cached_property
     def rows(self) -> list[Row]:
-        """Deformations of the contacts, as coefficients of u and w of their balls; their stiffness is in N/m."""
+        """Deformations of the contacts, as coefficients of u and w of their balls; their stiffness
+        is in N/m.
+        """
         return network_rows(self.network)
 
     @cached_property
     def law_rows(self) -> list[Row]:
-        """Elongation, of zeros where no motion makes it, as out of the plane, and the other :attr:`rows`."""
-        rows, none = self.rows, np.zeros_like(self.rows[0].head)
+        """Elongation, of zeros where no motion makes it, as out of the plane, and the other
+        :attr:`rows`.
+        """
+        rows = self.rows
+        none = np.zeros_like(self.rows[0].head)
         made = rows[0].kind == "elongation"
-        return rows if made else [Row("elongation", self.network.normal_stiffness, none, none), *rows]
+        return (
+            rows if made else [Row("elongation", self.network.normal_stiffness, none, none), *rows]
+        )
 
     @cached_property
     def full_root(self) -> csr_array[Any]:
-        """A = K^1/2 C M^-1/2, and below it (|f|/r)^1/2 B of static forces where these act, (rows, size), rad/s."""
+        """A = K^1/2 C M^-1/2, and below it (|f|/r)^1/2 B of static forces where these act, (rows,
+        size), rad/s.
+        """
         return self._make_matrix(*self._weighed_rows)
 
     @cached_property
     def root(self) -> csr_array[Any]:
         """A alone, rad/s."""
-        return self.full_root[: len(self.rows) * self.network.n_contacts] if self.network.prestress else self.full_root
+        return (
+            self.full_root[: len(self.rows) * self.network.n_contacts]
+            if self.network.prestress
+            else self.full_root
+        )
 
     @cached_property
     def _weighed_rows(self) -> tuple[list[Row], list[Array]]:
         """The rows of :attr:`full_root`, and what each is multiplied by."""
-        network, static = self.network, self._static_rows
+        network = self.network
+        static = self._static_rows
         pressed = np.sqrt(np.abs(network.static_forces[0]) / network.distance) if static else None
-        return self.rows + static, [np.sqrt(row.stiffness) for row in self.rows] + [pressed] * len(static)
+        return self.rows + static, [np.sqrt(row.stiffness) for row in self.rows] + [pressed] * len(
+            static
+        )
 
     @cached_property
     def _static_rows(self) -> list[Row]:
-        """Displacements across contacts on which static forces act: none of balls that move along a line alone."""
+        """Displacements across contacts on which static forces act: none of balls that move along a
+        line alone.
+        """
         network = self.network
-        return push_rows(network.normal[:, : network.dimension], self.motions) if network.prestress else []
+        return (
+            push_rows(network.normal[:, : network.dimension], self.motions)
+            if network.prestress
+            else []
+        )
 
     def of_rows(self, weights: Array | None = None) -> Array:
         """Return the weights (rows,) of the rows of :attr:`full_root` in D.
 
-        Static forces have -1 where they press, and 1 where they pull, as tension holds contacts straight. Given ``weights``
-        (2, n_c) of elongation, and of other deformations of contacts, return these, where static forces have 0.
+        Static forces have -1 where they press, and 1 where they pull, as tension holds contacts
+        straight. Given ``weights`` (2, n_c) of elongation, and of other deformations of contacts,
+        return these, where static forces have 0.
         """
         springs = np.ones((2, self.network.n_contacts)) if weights is None else weights
-        static = -np.sign(self.network.static_forces[0]) if weights is None else np.zeros(self.network.n_contacts)
+        static = (
+            -np.sign(self.network.static_forces[0])
+            if weights is None
+            else np.zeros(self.network.n_contacts)
+        )
         return np.concatenate([*weigh_rows(self.rows, springs), *[static] * len(self._static_rows)])
 
     def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
-        """Return A^H W A, (size, size), (rad/s)^2, with ``weights`` as for :meth:`of_rows`; without any, D.
+        """Return A^H W A, (size, size), (rad/s)^2, with ``weights`` as for :meth:`of_rows`; without
+        any, D.
 
         With a ``phase`` (n_c,) it is that of waves, in which balls j of contacts move with it.
         """
         root = self.full_root if phase is None else self._make_matrix(*self._weighed_rows, phase)
-        found: csr_array[Any] = (root.conj().T.tocsr() @ root.multiply(self.of_rows(weights)[:, None]).tocsr()).tocsr()
+        found: csr_array[Any] = (
+            root.conj().T.tocsr() @ root.multiply(self.of_rows(weights)[:, None]).tocsr()
+        ).tocsr()
         return found
 
     @cached_property
     def matrix(self) -> csr_array[Any]:
         """D, (size, size), (rad/s)^2."""
         found = self.weigh()
-        return found if self._carried is None else (found + 0.5 * (self._carried + self._carried.T)).tocsr()
+        return (
+            found
+            if self._carried is None
+            else (found + 0.5 * (self._carried + self._carried.T)).tocsr()
+        )
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
-        """Return the product of D + i A^T eta A with a vector (size,), eta being ``losses`` as for :meth:`of_rows`."""
+        """Return the product of D + i A^T eta A with a vector (size,), eta being ``losses`` as for
+        :meth:`of_rows`.
+        """
         matrix = (self.matrix + 1j * self.weigh(losses)).tocsr()
         return lambda x: np.asarray(matrix @ x)
 
@@ -229,46 +308,79 @@ class WaveOperator(LinearOperator):
     def parts(self) -> Parts:
         """D in parts."""
         root, sides = self.full_root, self.full_root.T.tocsr()
-        return Parts(lambda x: np.asarray(root @ x), lambda tension: np.asarray(sides @ tension), self.of_rows)
+        return Parts(
+            lambda x: np.asarray(root @ x),
+            lambda tension: np.asarray(sides @ tension),
+            self.of_rows,
+        )
 
     def store(self, x: Array) -> float:
-        """Return the energy x D x / 2 of a vector, J, by its deformations: a drift of all balls takes no digits from it."""
-        pull, move = (self._make_matrix(*one) @ x for one in self._pairs) if self._pairs else (x[:0], x[:0])
+        """Return the energy x D x / 2 of a vector, J, by its deformations: a drift of all balls
+        takes no digits from it.
+        """
+        pull, move = (
+            (self._make_matrix(*one) @ x for one in self._pairs) if self._pairs else (x[:0], x[:0])
+        )
         return 0.5 * float(self.parts.weigh() @ self.parts.deform(x) ** 2 + pull @ move)
 
     def stretch(self, moved: Array, weighed: tuple[list[Row], list[Array]] | None = None) -> Array:
-        """Return what displacements (n, motions), m, of bodies that do not move make of rows: those of :attr:`full_root`."""
-        i, j, (rows, roots) = moved[self.network.i], moved[self.network.j], weighed or self._weighed_rows
-        parts = [root * np.sum(row.head * j - row.tail * i, axis=1) for row, root in zip(rows, roots, strict=True)]
+        """Return what displacements (n, motions), m, of bodies that do not move make of rows: those
+        of :attr:`full_root`.
+        """
+        i = moved[self.network.i]
+        j = moved[self.network.j]
+        (rows, roots) = weighed or self._weighed_rows
+        parts = [
+            root * np.sum(row.head * j - row.tail * i, axis=1)
+            for row, root in zip(rows, roots, strict=True)
+        ]
         return np.concatenate(parts)
 
     def pull(self, moved: Array, weights: Array | None = None) -> Array:
-        """Return the mass-weighted forces (size,), N/kg^1/2, on balls that move when bodies that do not are displaced.
+        """Return the mass-weighted forces (size,), N/kg^1/2, on balls that move when bodies that do
+        not are displaced.
 
-        ``moved`` (n, motions) are displacements, m. The forces are those of springs and of static forces; with ``weights``,
-        as for :meth:`of_rows`, those of springs alone, each times its weight.
+        ``moved`` (n, motions) are displacements, m. The forces are those of springs and of static
+        forces; with ``weights``, as for :meth:`of_rows`, those of springs alone, each times its
+        weight.
         """
         found = -(self.full_root.T @ (self.of_rows(weights) * self.stretch(moved)))
-        for one, other in (self._pairs, self._pairs[::-1]) if self._pairs and weights is None else ():
+        for one, other in (
+            (self._pairs, self._pairs[::-1]) if self._pairs and weights is None else ()
+        ):
             found -= 0.5 * (self._make_matrix(*one).T @ self.stretch(moved, other))
         return np.asarray(found)
 
     def compose(self, rows: list[Row], phase: Any = 1.0) -> csr_array[Any]:
-        """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for :meth:`weigh`."""
+        """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for
+        :meth:`weigh`.
+        """
         return self._make_matrix(rows, [1.0] * len(rows), phase)
 
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
-        """The two sets of rows of which static tangential forces make G; none if no such forces act."""
-        network, force = self.network, self.network.static_forces[1]
+        """The two sets of rows of which static tangential forces make G; none if no such forces
+        act.
+        """
+        network = self.network
+        force = self.network.static_forces[1]
         if not network.prestress or not np.any(force):
             return ()
         gyration = find_gyration(network)
         pairs = carry_rows(
-            network.normal, force, network.distance, network.arm_i, network.arm_j, network.ball_motions,
-            gyration[network.i], gyration[network.j],
-        )  # fmt: skip
-        return tuple((list(rows), [np.ones(network.n_contacts)] * len(pairs)) for rows in zip(*pairs, strict=True))
+            network.normal,
+            force,
+            network.distance,
+            network.arm_i,
+            network.arm_j,
+            network.ball_motions,
+            gyration[network.i],
+            gyration[network.j],
+        )
+        return tuple(
+            (list(rows), [np.ones(network.n_contacts)] * len(pairs))
+            for rows in zip(*pairs, strict=True)
+        )
 
     @cached_property
     def _carried(self) -> csr_array[Any] | None:
@@ -281,28 +393,43 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def whole(self) -> csr_array[Any] | None:
-        """D with the part of G that is not symmetric, (size, size), (rad/s)^2; None if no static tangential forces act."""
-        return None if self._carried is None else (self.matrix + 0.5 * (self._carried - self._carried.T)).tocsr()
+        """D with the part of G that is not symmetric, (size, size), (rad/s)^2; None if no static
+        tangential forces act.
+        """
+        return (
+            None
+            if self._carried is None
+            else (self.matrix + 0.5 * (self._carried - self._carried.T)).tocsr()
+        )
 
     @cached_property
     def _blocks(self) -> Array:
-        """(n_free, motions, motions) what springs, and tension, make of D for each ball that moves alone, (rad/s)^2."""
-        network, m = self.network, self.motions.count
+        """(n_free, motions, motions) what springs, and tension, make of D for each ball that moves
+        alone, (rad/s)^2.
+        """
+        network = self.network
+        m = self.motions.count
         own = np.zeros((m, m, network.n_balls))
         tension = np.maximum(-network.static_forces[0], 0.0) / network.distance
-        for row, stiffness in [(row, row.stiffness) for row in self.rows] + [(row, tension) for row in self._static_rows]:
+        for row, stiffness in [(row, row.stiffness) for row in self.rows] + [
+            (row, tension) for row in self._static_rows
+        ]:
             for ball, part in ((network.j, row.head), (network.i, row.tail)):
                 for a, b in np.ndindex(m, m):
                     if np.any(weights := stiffness * part[:, a] * part[:, b]):
                         own[a, b] += np.bincount(ball, weights, network.n_balls)
-        return np.asarray(own[:, :, self.balls].transpose(2, 0, 1) / network.masses[self.balls, None, None])
+        return np.asarray(
+            own[:, :, self.balls].transpose(2, 0, 1) / network.masses[self.balls, None, None]
+        )
 
     @cached_property
     def top(self) -> float:
-        """A bound of all angular frequencies, rad/s: 2^1/2 times the highest at which a ball moves alone, and a margin.
+        """A bound of all angular frequencies, rad/s: 2^1/2 times the highest at which a ball moves
+        alone, and a margin.
 
-        The energy of a contact is at most twice what it would be if its two balls moved one at a time. Contacts that are
-        pressed lower D, and tangential forces add at most the largest sum of a row.
+        The energy of a contact is at most twice what it would be if its two balls moved one at a
+        time. Contacts that are pressed lower D, and tangential forces add at most the largest sum
+        of a row.
         """
         most = 2.0 * float(np.max(np.linalg.eigvalsh(self._blocks)))
         if self._carried is not None:
@@ -311,13 +438,16 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def _step(self) -> csr_array[Any]:
-        """4 D / top^2 - 2: twice the matrix whose eigenvalues lie between -1 and 1, see :meth:`advance`."""
+        """4 D / top^2 - 2: twice the matrix whose eigenvalues lie between -1 and 1, see
+        :meth:`advance`.
+        """
         from scipy.sparse import eye_array
 
         return (4.0 / self.top**2 * self.matrix - 2.0 * eye_array(self.size)).tocsr()
 
     def advance(self, current: Array, previous: Array) -> Array:
-        """Return T_n+1 x from T_n x and T_n-1 x, Chebyshev polynomials of 2 D / top^2 - 1; ``previous`` may be overwritten.
+        """Return T_n+1 x from T_n x and T_n-1 x, Chebyshev polynomials of 2 D / top^2 - 1;
+        ``previous`` may be overwritten.
 
         In terms of the angular frequency omega these are the even polynomials T_2n(omega / top).
         """
@@ -334,31 +464,44 @@ class WaveOperator(LinearOperator):
         return self
 
 
-# -- arrays ---------------------------------------------------------------------------------------------------------------
+# -- arrays ----------------------------------------------------------------------------------------
 
 
 def make_operator(network: ContactNetwork) -> WaveOperator:
-    """Return D of a network: by stencils if it is a large enough array of equal masses, else by a sparse matrix."""
+    """Return D of a network: by stencils if it is a large enough array of equal masses, else by a
+    sparse matrix.
+    """
     kinds = find_kinds(network) if network.n_balls >= _LEAST_BALLS else None
     return WaveOperator(network) if kinds is None else ArrayOperator(network, kinds)
 
 
 def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
-    """Return (n_c,) the row of each contact in the table of the lattice; None if the network is not such an array.
+    """Return (n_c,) the row of each contact in the table of the lattice; None if the network is not
+    such an array.
 
-    Contacts must have the directions and arms of the lattice, each from ball i to ball j of the table; masses must be equal,
-    and there must be no prestress. An array so short that a ball touches another twice is not treated as one.
+    Contacts must have the directions and arms of the lattice, each from ball i to ball j of the
+    table; masses must be equal, and there must be no prestress. An array so short that a ball
+    touches another twice is not treated as one.
     """
-    lattice, shape = network.lattice, network.shape
+    lattice = network.lattice
+    shape = network.shape
     if lattice is None or shape is None or network.prestress or min(shape) < 3:
         return None
-    table, n, p = lattice.contacts, lattice.n_balls, lattice.periods
-    if network.n_balls != n * math.prod(shape) or not (_is_one(network.masses) and _is_one(network.inertias)):
+    table = lattice.contacts
+    n = lattice.n_balls
+    p = lattice.periods
+    if network.n_balls != n * math.prod(shape) or not (
+        _is_one(network.masses) and _is_one(network.inertias)
+    ):
         return None
-    cells = [np.stack(np.unravel_index(ball // n, shape), axis=-1) for ball in (network.i, network.j)]
+    cells = [
+        np.stack(np.unravel_index(ball // n, shape), axis=-1) for ball in (network.i, network.j)
+    ]
     step = cells[1] + network.shift[:, :p] * np.array(shape) - cells[0]
     kinds = np.full(network.n_contacts, -1)
-    for kind, (i, j, shift) in enumerate(zip(table.i.tolist(), table.j.tolist(), table.shift, strict=True)):
+    for kind, (i, j, shift) in enumerate(
+        zip(table.i.tolist(), table.j.tolist(), table.shift, strict=True)
+    ):
         kinds[(network.i % n == i) & (network.j % n == j) & np.all(step == shift, axis=1)] = kind
     if np.any(kinds < 0) or len(set((kinds * network.n_balls + network.i).tolist())) < kinds.size:
         return None
@@ -372,11 +515,16 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
 
 def _is_one(values: Array) -> bool:
     """Whether all values are the same, but for rounding, and finite."""
-    return bool(np.all(np.isfinite(values)) and np.ptp(values) <= _ALIKE * np.max(np.abs(values), initial=0.0))
+    return bool(
+        np.all(np.isfinite(values))
+        and np.ptp(values) <= _ALIKE * np.max(np.abs(values), initial=0.0)
+    )
 
 
 class ArrayOperator(WaveOperator):
-    """D of an array of equal masses; vectors run over the motions of the balls of a cell, and for each over all cells."""
+    """D of an array of equal masses; vectors run over the motions of the balls of a cell, and for
+    each over all cells.
+    """
 
     product_time: ClassVar = {1: 4e-9, 2: 1.2e-8, 3: 4e-8}
 
@@ -384,7 +532,9 @@ class ArrayOperator(WaveOperator):
         super().__init__(network)
         assert network.lattice is not None  # find_kinds has seen that
         assert network.shape is not None
-        self.lattice, self.cells, self._kinds = network.lattice, network.shape, kinds
+        self.lattice = network.lattice
+        self.cells = network.shape
+        self._kinds = kinds
         self._fields = self.lattice.n_balls * self.motions.count
 
     def vector(self, values: ArrayLike) -> NDArray[Any]:
@@ -417,23 +567,34 @@ class ArrayOperator(WaveOperator):
     @cached_property
     def _contacts(self) -> ContactOperator:
         """C as stencils."""
-        table, m, ends = self.lattice.contacts, self.motions.count, []
+        table = self.lattice.contacts
+        m = self.motions.count
+        ends = []
         for row in self.rows:
             heads, tails = np.zeros((2, len(table), self._fields))
-            for kind, (i, j, own) in enumerate(zip(table.i.tolist(), table.j.tolist(), self._own, strict=True)):
+            for kind, (i, j, own) in enumerate(
+                zip(table.i.tolist(), table.j.tolist(), self._own, strict=True)
+            ):
                 if own.size:
-                    heads[kind, m * j : m * (j + 1)], tails[kind, m * i : m * (i + 1)] = row.head[own[0]], row.tail[own[0]]
+                    heads[kind, m * j : m * (j + 1)], tails[kind, m * i : m * (i + 1)] = (
+                        row.head[own[0]],
+                        row.tail[own[0]],
+                    )
             ends.append((heads, tails))
         head, tail = (np.concatenate(one) for one in zip(*ends, strict=True))
-        return ContactOperator(self.cells, [tuple(steps) for steps in table.shift.tolist()], head, tail)
+        return ContactOperator(
+            self.cells, [tuple(steps) for steps in table.shift.tolist()], head, tail
+        )
 
     def _lay(self, weights: NDArray[Any]) -> NDArray[Any]:
-        """Return stiffnesses times ``weights`` (rows, n_c) over the mass, at the cells of the balls i of contacts.
+        """Return stiffnesses times ``weights`` (rows, n_c) over the mass, at the cells of the balls
+        i of contacts.
 
         They are zero where there is no contact.
         """
         springs = np.zeros((len(self.rows), len(self._own), *self.cells), weights.dtype)
-        cells, mass = self.network.i // self.lattice.n_balls, float(self.network.masses[0])
+        cells = self.network.i // self.lattice.n_balls
+        mass = float(self.network.masses[0])
         for place, row in enumerate(self.rows):
             stiffness = row.stiffness * weights[place] / mass
             for kind, own in enumerate(self._own):
@@ -442,7 +603,9 @@ class ArrayOperator(WaveOperator):
 
     @cached_property
     def parts(self) -> Parts:
-        """D in parts, see :attr:`WaveOperator.parts`; deformations (rows x cells,) are as in stencils."""
+        """D in parts, see :attr:`WaveOperator.parts`; deformations (rows x cells,) are as in
+        stencils.
+        """
         contacts = self._contacts
 
         def weigh(weights: Array | None = None) -> Array:
@@ -468,9 +631,13 @@ class ArrayOperator(WaveOperator):
         x = np.ravel(x)
         if np.iscomplexobj(x):
             return np.asarray(self._matvec(x.real) + 1j * self._matvec(x.imag))
-        return np.asarray(0.25 * self.top**2 * self._product(x.reshape(self._fields, *self.cells))[0].ravel())
+        return np.asarray(
+            0.25 * self.top**2 * self._product(x.reshape(self._fields, *self.cells))[0].ravel()
+        )
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
         """Return the product of D + i A^T eta A, see :meth:`WaveOperator.make_lossy_product`."""
-        product = self._make_product(0.25 * self.top**2 * (1.0 + 1j * weigh_rows(self.rows, losses)))
+        product = self._make_product(
+            0.25 * self.top**2 * (1.0 + 1j * weigh_rows(self.rows, losses))
+        )
         return lambda x: np.asarray(product(x.reshape(self._fields, *self.cells))[0].ravel())

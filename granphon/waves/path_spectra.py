@@ -1,4 +1,6 @@
-"""Spectral functions along a path through the Brillouin zone of an array, beside the bands of its mean lattice."""
+"""Spectral functions along a path through the Brillouin zone of an array, beside the bands of its
+mean lattice.
+"""
 
 from __future__ import annotations
 
@@ -31,17 +33,19 @@ _BAND_POINTS = 101
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PathSpectra(Result):
-    """Spectral functions of an array at wave vectors of its cell along a path, and the bands of its mean lattice.
+    """Spectral functions of an array at wave vectors of its cell along a path, and the bands of its
+    mean lattice.
 
     Attributes
     ----------
     corners : (m,) distances of the corners along the path, 1/m.
     labels : of the corners.
-    distances : (n,) of the wave vectors along the path, 1/m; each is the one of the cell that is nearest to a point of the
-        path, and Gamma is left out.
+    distances : (n,) of the wave vectors along the path, 1/m; each is the one of the cell that is
+        nearest to a point of the path, and Gamma is left out.
     spectra : for each polarisation a spectral function of the n wave vectors.
     band_distances : (b,) 1/m.
-    bands : (b, n_branches) frequencies of the lattice of equal contacts with the mean stiffness, Hz.
+    bands : (b, n_branches) frequencies of the lattice of equal contacts with the mean stiffness,
+        Hz.
     """
 
     corners: Annotated[Array, "c", "1/m"]
@@ -53,36 +57,61 @@ class PathSpectra(Result):
 
     @classmethod
     def of(
-        cls, spectra: Sequence[SpectralFunction], corners: Array, distances: Array, lattice: ContactLattice, scales: Units,
-        path: Sequence[ArrayLike], labels: Sequence[str],
-    ) -> Self:  # fmt: skip
-        """Put spectral functions beside the bands of a lattice along the path; see :func:`find_path_spectra`."""
+        cls,
+        spectra: Sequence[SpectralFunction],
+        corners: Array,
+        distances: Array,
+        lattice: ContactLattice,
+        scales: Units,
+        path: Sequence[ArrayLike],
+        labels: Sequence[str],
+    ) -> Self:
+        """Put spectral functions beside the bands of a lattice along the path; see
+        :func:`find_path_spectra`.
+        """
         steps = np.linspace(0.0, 1.0, _BAND_POINTS)[:, None]
         fine = corners[:-1] + steps * np.diff(corners)
         legs = [leg for piece in path for leg in pairwise(lattice.wavevectors(piece))]
         bands = [lattice.frequencies(start + steps * (end - start)) for start, end in legs]
         hertz = scales.frequency * np.concatenate(bands)
-        return cls(corners, join_labels(path, labels), distances, tuple(spectra), fine.T.ravel(), hertz)
+        return cls(
+            corners, join_labels(path, labels), distances, tuple(spectra), fine.T.ravel(), hertz
+        )
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a table of peaks: a row for each wave vector and polarisation.
 
-        The columns are the polarisation, the distance along the path and the wave vector, 1/m, peak and width, Hz, whether
-        the width is resolved (1 or 0), the mean free path, m, and the attenuation, 1/m.
+        The columns are the polarisation, the distance along the path and the wave vector, 1/m, peak
+        and width, Hz, whether the width is resolved (1 or 0), the mean free path, m, and the
+        attenuation, 1/m.
         """
         names = [f"q{axis}" for axis in "xyz"[: self.spectra[0].q.shape[1]]]
         headings: list[Heading | str] = [
-            "polarisation", Heading("distance", "1/m"), *(Heading(name, "1/m") for name in names), Heading("peak", "Hz"),
-            Heading("width", "Hz"), "resolved", Heading("mean_free_path", "m"), Heading("attenuation", "1/m"),
-        ]  # fmt: skip
+            "polarisation",
+            Heading("distance", "1/m"),
+            *(Heading(name, "1/m") for name in names),
+            Heading("peak", "Hz"),
+            Heading("width", "Hz"),
+            "resolved",
+            Heading("mean_free_path", "m"),
+            Heading("attenuation", "1/m"),
+        ]
         columns = [
             [
-                *[[one.polarisation] * len(self.distances)], self.distances.tolist(), *one.q.T.tolist(), one.peak.tolist(),
-                one.width.tolist(), one.resolved.astype(int).tolist(), one.mean_free_path.tolist(), one.attenuation.tolist(),
+                *[[one.polarisation] * len(self.distances)],
+                self.distances.tolist(),
+                *one.q.T.tolist(),
+                one.peak.tolist(),
+                one.width.tolist(),
+                one.resolved.astype(int).tolist(),
+                one.mean_free_path.tolist(),
+                one.attenuation.tolist(),
             ]
             for one in self.spectra
-        ]  # fmt: skip
-        write_text(path, table_text(headings, (row for one in columns for row in zip(*one, strict=True))))
+        ]
+        write_text(
+            path, table_text(headings, (row for one in columns for row in zip(*one, strict=True)))
+        )
 
 
 def find_path_spectra(
@@ -101,16 +130,19 @@ def find_path_spectra(
     Parameters
     ----------
     waves : of the array.
-    lattice, scales : the lattice of equal contacts with the mean stiffness, whose bands are drawn beside the spectra.
+    lattice, scales : the lattice of equal contacts with the mean stiffness, whose bands are drawn
+        beside the spectra.
     path : pieces (n_corners, p) or (n_corners, 3), in fractions of the reciprocal cell.
     labels : one for each corner.
-    points : between two corners, both counted; several may have the same wave vector of the cell, which counts once.
+    points : between two corners, both counted; several may have the same wave vector of the cell,
+        which counts once.
     polarisations : see :meth:`~granphon.waves.waves.Waves.spectral_function`.
     resolution : Hz.
 
     Raises
     ------
-    InputError : fewer than two points, or an array so small that it has no wave vector on the path but Gamma.
+    InputError : fewer than two points, or an array so small that it has no wave vector on the path
+        but Gamma.
     """
     way = find_path_points(waves.network, lattice, scales.length, path, points)
     spectra = [waves.spectral_function(way.q, name, resolution) for name in polarisations]
@@ -120,8 +152,8 @@ def find_path_spectra(
 class PathPoints(NamedTuple):
     """Wave vectors of a periodic network along a path.
 
-    ``corners`` (m,) are the distances along the path of its corners, 1/m; ``q`` (n, d) the wave vectors, 1/m, and
-    ``distances`` (n,) where they are along it.
+    ``corners`` (m,) are the distances along the path of its corners, 1/m; ``q`` (n, d) the wave
+    vectors, 1/m, and ``distances`` (n,) where they are along it.
     """
 
     corners: Array
@@ -130,20 +162,29 @@ class PathPoints(NamedTuple):
 
 
 def find_path_points(
-    network: ContactNetwork | PeriodicCell, lattice: ContactLattice, spacing: float, path: Sequence[ArrayLike], points: int
+    network: ContactNetwork | PeriodicCell,
+    lattice: ContactLattice,
+    spacing: float,
+    path: Sequence[ArrayLike],
+    points: int,
 ) -> PathPoints:
-    """Return the wave vectors of the cell of a network that are nearest to ``points`` points on each leg of a path.
+    """Return the wave vectors of the cell of a network that are nearest to ``points`` points on
+    each leg of a path.
 
-    Those of Gamma, those that lie farther off the path than half a step, and double ones are left out. ``spacing`` is the
-    unit of length of the ``lattice``, m. Raises what :func:`find_path_spectra` raises.
+    Those of Gamma, those that lie farther off the path than half a step, and double ones are left
+    out. ``spacing`` is the unit of length of the ``lattice``, m. Raises what
+    :func:`find_path_spectra` raises.
     """
     count = whole_number("points", points, 2)
     ends = [lattice.wavevectors(piece) / spacing for piece in path]  # 1/m
     legs = [(start, end) for piece in ends for start, end in pairwise(piece)]
     lengths = np.array([np.linalg.norm(end - start) for start, end in legs])
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
-    found: dict[tuple[int, ...], tuple[float, Array]] = {}  # by the whole numbers of waves along the periods
-    d, periods = network.dimension, network.cell[list(network.pbc)]
+    found: dict[
+        tuple[int, ...], tuple[float, Array]
+    ] = {}  # by the whole numbers of waves along the periods
+    d = network.dimension
+    periods = network.cell[list(network.pbc)]
     reciprocal = np.linalg.inv(lattice.wavevectors(np.eye(len(ends[0][0]))) / spacing)
     for (start, end), length, begin in zip(legs, lengths, starts[:-1], strict=True):
         along = (end - start) / length
@@ -154,7 +195,9 @@ def find_path_points(
             off = np.linalg.norm(q[: len(along)] - start - (place - begin) * along)
             number = tuple(np.rint(periods[:, :d] @ q / (2.0 * np.pi)).astype(int).tolist())
             reduced = q[: len(along)] @ reciprocal
-            if np.any(np.abs(reduced - np.rint(reduced)) > _SAME) and off <= 0.5 * length / (count - 1):
+            if np.any(np.abs(reduced - np.rint(reduced)) > _SAME) and off <= 0.5 * length / (
+                count - 1
+            ):
                 found.setdefault(number, (place, q))
     if not found:
         what = "the array has no wave vector on the path but Gamma"
@@ -165,7 +208,8 @@ def find_path_points(
 
 def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:
     """Return one label for each end of a leg: where the path jumps from K to M, "K|M"."""
-    names, out = iter(labels), list[str]()
+    names = iter(labels)
+    out = list[str]()
     for piece in path:
         first, *rest = (next(names) for _ in piece)
         out[-1:] = [f"{out[-1]}|{first}"] if out else [first]

@@ -1,21 +1,24 @@
 """Linear dynamics in time of a network that a force pushes, to rounding.
 
-The mass-weighted motions x of a network obey x'' + tau D x' + D x = b s(t), where b says which balls are pushed and s(t) is
-a tone burst. Every response at a time t is a function of D applied to b, and an entire one: it is expanded in Chebyshev
-polynomials T_n(y) of y = 2 D / top^2 - 1 (:mod:`granphon.waves.chebyshev`). So all times share one recursion. What a
-receiver r hears needs the moments <r|T_n|b> alone; at the Gauss nodes y_k, where D is a number Omega^2, the response is that
-of a damped oscillator in closed form. Damping in proportion to the stiffness of contacts enters through that number only.
+The mass-weighted motions x of a network obey x'' + tau D x' + D x = b s(t), where b says which
+balls are pushed and s(t) is a tone burst. Every response at a time t is a function of D applied to
+b, and an entire one: it is expanded in Chebyshev polynomials T_n(y) of y = 2 D / top^2 - 1
+(:mod:`granphon.waves.chebyshev`). So all times share one recursion. What a receiver r hears needs
+the moments <r|T_n|b> alone; at the Gauss nodes y_k, where D is a number Omega^2, the response is
+that of a damped oscillator in closed form. Damping in proportion to the stiffness of contacts
+enters through that number only.
 
-Where the normal and the tangential motion of contacts are damped differently, the damping C = A^T tau A, with a time tau for
-each kind of deformation, is no function of D, and modes exchange energy (:class:`ViscousPropagation`). The equations of
-first order for z = (omega_top x, x', source),
+Where the normal and the tangential motion of contacts are damped differently, the damping C = A^T
+tau A, with a time tau for each kind of deformation, is no function of D, and modes exchange energy
+(:class:`ViscousPropagation`). The equations of first order for z = (omega_top x, x', source),
 
     z' = L z,    source = alpha (cos omega_j t, sin omega_j t),
 
-do not contain the time explicitly: the waves that a burst consists of are part of z. Their propagator is expanded in
-polynomials P_n = i^n T_n(X/i), X = (L + c/2)/R, made by P_n+1 = 2 X P_n + P_n-1, with Bessel functions J_n(R t) as
-coefficients (the expansion of exp(R t X) by Jacobi and Anger). c bounds the damping and R the frequencies. Polynomials grow
-where damping is strong, so a record is divided into spans, each so short that no digit is lost.
+do not contain the time explicitly: the waves that a burst consists of are part of z. Their
+propagator is expanded in polynomials P_n = i^n T_n(X/i), X = (L + c/2)/R, made by P_n+1 = 2 X P_n +
+P_n-1, with Bessel functions J_n(R t) as coefficients (the expansion of exp(R t X) by Jacobi and
+Anger). c bounds the damping and R the frequencies. Polynomials grow where damping is strong, so a
+record is divided into spans, each so short that no digit is lost.
 """
 
 from __future__ import annotations
@@ -41,9 +44,11 @@ TOLERANCE = 1e-13
 _ROUNDING = 2e-15
 #: numbers in the blocks that polynomials, and responses at many times, are summed in
 _BLOCK = 4_000_000
-#: relative difference of the two decay rates of a mode below which both are parted, as their quotient has no digits
+#: relative difference of the two decay rates of a mode below which both are parted, as their
+#: quotient has no digits
 _CRITICAL = 1e-10
-#: distance of a rate from that of a wave, times the length of the burst, below which the two are near
+#: distance of a rate from that of a wave, times the length of the burst, below which the two are
+#: near
 _NEAR = 1e-2
 #: relative growth of a polynomial's norm, which is never above that of its start, beyond rounding
 _GROWTH = 1e-6
@@ -59,7 +64,8 @@ _LARGE = 10.0
 
 @dataclass(frozen=True)
 class ToneBurst:
-    """sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 from 0 to P: ``cycles`` periods under a Hann window, and zero elsewhere.
+    """sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 from 0 to P: ``cycles`` periods under a Hann
+    window, and zero elsewhere.
 
     Its integral is zero: it leaves no momentum behind.
 
@@ -81,28 +87,38 @@ class ToneBurst:
         """The burst at times, s."""
         amplitudes, omegas = self.waves
         inside = (times > 0.0) & (times < self.duration)
-        waves = np.imag(np.exp(1j * np.multiply.outer(np.where(inside, times, 0.0), omegas)) @ amplitudes)
+        waves = np.imag(
+            np.exp(1j * np.multiply.outer(np.where(inside, times, 0.0), omegas)) @ amplitudes
+        )
         return np.where(inside, waves, 0.0)
 
     @property
     def waves(self) -> tuple[Complex, Array]:
-        """Amplitudes and angular frequencies of the waves exp(i omega t) whose imaginary parts add up to the burst."""
-        omega, side = 2.0 * np.pi * self.frequency, 2.0 * np.pi / self.duration
+        """Amplitudes and angular frequencies of the waves exp(i omega t) whose imaginary parts add
+        up to the burst.
+        """
+        omega = 2.0 * np.pi * self.frequency
+        side = 2.0 * np.pi / self.duration
         start = np.exp(-0.5j * omega * self.duration)
         return start * np.array([0.5, -0.25, -0.25]), np.array([omega, omega + side, omega - side])
 
     def drive(self, rates: Complex, times: Array) -> Complex:
-        """Return the integral of exp(rate (t - t')) s(t') over t' from 0 to t, (n_t, n); no time is above P."""
+        """Return the integral of exp(rate (t - t')) s(t') over t' from 0 to t, (n_t, n); no time is
+        above P.
+        """
         amplitudes, omegas = self.waves
         weights = np.concatenate([amplitudes, -np.conj(amplitudes)]) / 2j
         waves = 1j * np.concatenate([omegas, -omegas])
         apart = rates[:, None] - waves
-        # each wave adds (exp(rate t) - exp(wave t))/(rate - wave); where these are near, their difference is taken with care
+        # each wave adds (exp(rate t) - exp(wave t))/(rate - wave); where these are near, their
+        # difference is taken with care
         near = np.min(np.abs(apart), axis=1) * self.duration < _NEAR
         part = weights / apart[~near]
         turned = np.exp(np.multiply.outer(times, waves))
         found = np.empty((times.size, rates.size), complex)
-        found[:, ~near] = np.exp(np.multiply.outer(times, rates[~near])) * np.sum(part, axis=1) - turned @ part.T
+        found[:, ~near] = (
+            np.exp(np.multiply.outer(times, rates[~near])) * np.sum(part, axis=1) - turned @ part.T
+        )
         for column in np.flatnonzero(near):
             gap = apart[column]
             still = gap == 0.0
@@ -115,8 +131,9 @@ class ToneBurst:
 class _Exponentials:
     """The response of an oscillator at each of ``count`` nodes as a sum of exp(rate t).
 
-    ``node`` (n,) is that of each rate (n,), 1/s; the real parts of ``velocity`` (n,) and ``displacement`` (n,) times the
-    exponentials add up to the velocity and displacement after a unit of momentum.
+    ``node`` (n,) is that of each rate (n,), 1/s; the real parts of ``velocity`` (n,) and
+    ``displacement`` (n,) times the exponentials add up to the velocity and displacement after a
+    unit of momentum.
     """
 
     node: NDArray[np.intp]
@@ -131,20 +148,24 @@ class _Exponentials:
         squared = omega**2 - decay**2
         squared = np.where(np.abs(squared) < _CRITICAL * omega**2, _CRITICAL * omega**2, squared)
         (swings,), (creeps,) = np.nonzero(squared > 0.0), np.nonzero(squared < 0.0)
-        turn, apart = np.sqrt(squared[swings]), np.sqrt(-squared[creeps])
-        slow = -(omega[creeps] ** 2) / (decay[creeps] + apart)  # without a difference of near numbers
+        turn = np.sqrt(squared[swings])
+        apart = np.sqrt(-squared[creeps])
+        # without a difference of near numbers
+        slow = -(omega[creeps] ** 2) / (decay[creeps] + apart)
         fast = -(decay[creeps] + apart)
         whirl = -decay[swings] + 1j * turn
         rate = np.concatenate([whirl, slow, fast])
         return cls(
-            np.concatenate([swings, creeps, creeps]), rate,
+            np.concatenate([swings, creeps, creeps]),
+            rate,
             np.concatenate([-1j * whirl / turn, slow / (2.0 * apart), -fast / (2.0 * apart)]),
             np.concatenate([-1j / turn, 0.5 / apart, -0.5 / apart]),
-        )  # fmt: skip
+        )
 
 
 class Propagation:
-    """Responses of the network behind ``operator`` to a burst that pushes ``push`` (size,), from time 0 to ``duration``.
+    """Responses of the network behind ``operator`` to a burst that pushes ``push`` (size,), from
+    time 0 to ``duration``.
 
     Parameters
     ----------
@@ -155,11 +176,21 @@ class Propagation:
     damping : tau, s: the viscosity of each contact over its stiffness.
     """
 
-    def __init__(self, operator: WaveOperator, push: Array, burst: ToneBurst, duration: float, damping: float = 0.0) -> None:
-        self.operator, self.push, self.burst, self.damping = operator, push, burst, damping
+    def __init__(
+        self,
+        operator: WaveOperator,
+        push: Array,
+        burst: ToneBurst,
+        duration: float,
+        damping: float = 0.0,
+    ) -> None:
+        self.operator = operator
+        self.push = push
+        self.burst = burst
+        self.damping = damping
         self.duration = duration
 
-    # -- the response of one oscillator ------------------------------------------------------------------------------
+    # -- the response of one oscillator ------------------------------------------------------------
 
     def _find_nodes(self, count: int) -> _Exponentials:
         # y = cos(angle) = 2 (Omega / top)^2 - 1
@@ -168,14 +199,18 @@ class Propagation:
 
     @cached_property
     def order(self) -> int:
-        """Number of polynomials; the coefficients of others add up to :data:`TOLERANCE`, or to the rounding of phases."""
+        """Number of polynomials; the coefficients of others add up to :data:`TOLERANCE`, or to the
+        rounding of phases.
+        """
         reach = 0.5 * self.operator.top * self.duration
         margin = 12.0 * reach ** (1.0 / 3.0) + 40.0
         count = math.ceil(reach + margin)
         while True:
             waves = self._find_nodes(count)
             late = np.zeros(count)
-            np.add.at(late, waves.node, np.real(waves.velocity * np.exp(waves.rate * self.duration)))
+            np.add.at(
+                late, waves.node, np.real(waves.velocity * np.exp(waves.rate * self.duration))
+            )
             size = np.abs(dct(late, type=2)) / count
             # rounding of the phases is spread over all coefficients
             size[size < _ROUNDING * (1.0 + reach) / math.sqrt(count)] = 0.0
@@ -185,9 +220,11 @@ class Propagation:
                 return max(int(short[0]), 2)  # all is still at the end where damping is large
             count *= 2
 
-    # -- recursion ------------------------------------------------------------------------------------------------------
+    # -- recursion ---------------------------------------------------------------------------------
 
-    def follow(self, listen: Callable[[Array], Array], times: Array, frames: Array) -> tuple[Array, Array, Array]:
+    def follow(
+        self, listen: Callable[[Array], Array], times: Array, frames: Array
+    ) -> tuple[Array, Array, Array]:
         """Return what receivers hear, and the motions of all balls, from one recursion.
 
         Parameters
@@ -203,11 +240,17 @@ class Propagation:
 
         Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
-        size, order, waves = self.push.size, self.order, self._find_nodes(self.order)
-        # coefficients of the polynomials in the displacements, then the velocities, at the few times of the frames
-        values, end = np.zeros((order, 2 * frames.size)), self.burst.duration
-        after = self.burst.drive(waves.rate, np.array([end]))[0]  # what the burst leaves in each exponential at its end
-        early, grown = frames < end, np.empty((frames.size, waves.rate.size), complex)
+        size = self.push.size
+        order = self.order
+        waves = self._find_nodes(self.order)
+        # coefficients of the polynomials in the displacements, then the velocities, at the few
+        # times of the frames
+        values = np.zeros((order, 2 * frames.size))
+        end = self.burst.duration
+        # what the burst leaves in each exponential at its end
+        after = self.burst.drive(waves.rate, np.array([end]))[0]
+        early = frames < end
+        grown = np.empty((frames.size, waves.rate.size), complex)
         grown[early] = self.burst.drive(waves.rate, frames[early])
         grown[~early] = np.exp(np.multiply.outer(frames[~early] - end, waves.rate)) * after
         responses = [np.real(grown * weights).T for weights in (waves.displacement, waves.velocity)]
@@ -216,7 +259,8 @@ class Propagation:
         forms[:, 0] *= 0.5
         # the polynomials T_n b: the moments that receivers hear of them, and their sums
         states = np.zeros((len(forms), size))
-        heard, most = [], np.linalg.norm(self.push) * (1.0 + _GROWTH)
+        heard = []
+        most = np.linalg.norm(self.push) * (1.0 + _GROWTH)
         block = np.empty((max(1, min(order, _BLOCK // size)), size))
         for n, vector in zip(range(order), polynomials(self.operator, self.push), strict=False):
             heard.append(listen(vector))
@@ -227,7 +271,8 @@ class Propagation:
                 states += forms[:, first : n + 1] @ block[: row + 1]
                 if not np.linalg.norm(vector) <= most:
                     raise explain_instability(self.operator.network)
-        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes, and from it the velocities at all times
+        # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes, and from it the
+        # velocities at all times
         moments = np.array(heard)
         weight = dct(moments, type=3, axis=0)[waves.node] / order * waves.velocity[:, None]
         signals = np.empty((times.size, moments.shape[1]))
@@ -248,7 +293,8 @@ class Propagation:
 
 
 class ViscousPropagation:
-    """Responses of a network to a burst that pushes ``push``, as in :class:`granphon.waves.propagation.Propagation`.
+    """Responses of a network to a burst that pushes ``push``, as in
+    :class:`granphon.waves.propagation.Propagation`.
 
     Parameters
     ----------
@@ -258,8 +304,11 @@ class ViscousPropagation:
     damping : of the contacts.
     """
 
-    def __init__(self, operator: WaveOperator, push: Array, burst: ToneBurst, damping: ContactDamping) -> None:
-        self.operator, self.burst = operator, burst
+    def __init__(
+        self, operator: WaveOperator, push: Array, burst: ToneBurst, damping: ContactDamping
+    ) -> None:
+        self.operator = operator
+        self.burst = burst
         self._viscous = operator.weigh(damping.times)
         self._shift = float(0.5 * np.max(damping.times) * operator.top**2)
         amplitudes, self._omegas = burst.waves
@@ -267,46 +316,72 @@ class ViscousPropagation:
         self._alpha = _LARGE * float(np.linalg.norm(push)) / self._radius
         # the burst is the imaginary part of the sum of amplitude (cos + i sin)
         parts = np.concatenate([np.imag(amplitudes), np.real(amplitudes)])
-        self._push, self._parts = push, parts / self._alpha
+        self._push = push
+        self._parts = parts / self._alpha
 
     def _apply(self, z: Array) -> Array:
         """Return X z."""
-        size, top, found = self._push.size, self.operator.top, np.empty_like(z)
-        x, v, source = z[:size], z[size : 2 * size], z[2 * size :]
+        size = self._push.size
+        top = self.operator.top
+        found = np.empty_like(z)
+        x = z[:size]
+        v = z[size : 2 * size]
+        source = z[2 * size :]
         found[:size] = top * v
-        found[size : 2 * size] = (self._parts @ source) * self._push - self._viscous @ v - (self.operator @ x) / top
+        found[size : 2 * size] = (
+            (self._parts @ source) * self._push - self._viscous @ v - (self.operator @ x) / top
+        )
         cosine, sine = np.split(source, 2)
         found[2 * size :] = np.concatenate([-self._omegas * sine, self._omegas * cosine])
         found += self._shift * z
         found /= self._radius
         return found
 
-    def follow(self, listen: Callable[[Array], Array], times: Array, frames: Array) -> tuple[Array, Array, Array]:
-        """Return what receivers hear, and the motions of all balls; see :meth:`Propagation.follow`."""
-        size, end = self._push.size, max(float(times[-1]), float(np.max(frames, initial=0.0)))
+    def follow(
+        self, listen: Callable[[Array], Array], times: Array, frames: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return what receivers hear, and the motions of all balls; see
+        :meth:`Propagation.follow`.
+        """
+        size = self._push.size
+        end = max(float(times[-1]), float(np.max(frames, initial=0.0)))
         z = np.zeros(2 * size + 2 * self._omegas.size)
         z[2 * size : 2 * size + self._omegas.size] = self._alpha
         signals = np.zeros((times.size, listen(z[:size]).size))
-        displaced, moving = np.zeros((frames.size, size)), np.zeros((frames.size, size))
+        displaced = np.zeros((frames.size, size))
+        moving = np.zeros((frames.size, size))
         longest = min(_DECAY / max(self._shift, 1e-300), _PHASE / self._radius)
-        first, switched = 0.0, False
+        first = 0.0
+        switched = False
         while first < end:
             last = min(first + longest, end)
             if not switched and last >= self.burst.duration:
-                last, switched = self.burst.duration, True
+                last = self.burst.duration
+                switched = True
             heard = (times > first) & (times <= last) | ((times == 0.0) & (first == 0.0))
-            seen, span = np.flatnonzero((frames > first) & (frames <= last)), last - first
+            seen = np.flatnonzero((frames > first) & (frames <= last))
+            span = last - first
             # the number of polynomials beyond which all terms are below _LEAST
-            phase, part = self._radius * span, self._shift / self._radius
+            phase = self._radius * span
+            part = self._shift / self._radius
             n = np.arange(math.ceil(2.0 * phase + 3.0 * self._shift * span) + 80)
             sizes = np.abs(jv(n, phase)) * np.exp(np.minimum(n * math.asinh(part), 700.0))
             count = int(np.flatnonzero(sizes > _LEAST)[-1]) + 2
-            # coefficients at the end of the span, at the frames, and at the times of signals within it
-            n, when = np.arange(count), np.concatenate([[span], frames[seen] - first, times[heard] - first])
-            forms = np.where(n, 2.0, 1.0) * jv(n, self._radius * when[:, None]) * np.exp(-self._shift * when)[:, None]
-            whole, parts = forms[: 1 + seen.size], forms[1 + seen.size :]
-            states, sound = np.zeros((len(whole), z.size)), np.zeros((len(parts), signals.shape[1]))
-            previous, current = z, self._apply(z)
+            # coefficients at the end of the span, at the frames, and at the times of signals within
+            # it
+            n = np.arange(count)
+            when = np.concatenate([[span], frames[seen] - first, times[heard] - first])
+            forms = (
+                np.where(n, 2.0, 1.0)
+                * jv(n, self._radius * when[:, None])
+                * np.exp(-self._shift * when)[:, None]
+            )
+            whole = forms[: 1 + seen.size]
+            parts = forms[1 + seen.size :]
+            states = np.zeros((len(whole), z.size))
+            sound = np.zeros((len(parts), signals.shape[1]))
+            previous = z
+            current = self._apply(z)
             for order in range(count):
                 for state, factor in zip(states, whole[:, order], strict=True):
                     if factor:
@@ -315,9 +390,14 @@ class ViscousPropagation:
                 following = self._apply(current)
                 following *= 2.0
                 following += previous
-                previous, current = current, following
-            z, signals[heard] = states[0], sound
-            displaced[seen], moving[seen] = states[1:, :size] / self.operator.top, states[1:, size : 2 * size]
+                previous = current
+                current = following
+            z = states[0]
+            signals[heard] = sound
+            displaced[seen], moving[seen] = (
+                states[1:, :size] / self.operator.top,
+                states[1:, size : 2 * size],
+            )
             if last == self.burst.duration:
                 z[2 * size :] = 0.0
             first = last

@@ -1,9 +1,11 @@
-"""Pulses through a network: a tone burst pushes a plane of balls or one ball, and a plane of balls receives it.
+"""Pulses through a network: a tone burst pushes a plane of balls or one ball, and a plane of balls
+receives it.
 
-:class:`Course` orders the balls along a direction, and says how the network closes on itself and where it ends.
-:class:`PulseSource` says what is sent. Its :class:`Route` through the network is found first, from the places of balls and
-the contacts alone, so that what cannot be sent is refused before anything is simulated; then the pulse is propagated
-(:mod:`granphon.waves.propagation`). :class:`Pulse` is what is received: signals, their coherent part, and times of flight as
+:class:`Course` orders the balls along a direction, and says how the network closes on itself and
+where it ends. :class:`PulseSource` says what is sent. Its :class:`Route` through the network is
+found first, from the places of balls and the contacts alone, so that what cannot be sent is refused
+before anything is simulated; then the pulse is propagated (:mod:`granphon.waves.propagation`).
+:class:`Pulse` is what is received: signals, their coherent part, and times of flight as
 experimenters read them.
 """
 
@@ -20,12 +22,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief, message
+from granphon.base.errors import (
+    InputError,
+    InstabilityError,
+    UnreachableFrequencyError,
+    brief,
+    message,
+)
 from granphon.base.memory import require_memory
 from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, index_array, not_negative, one_of, positive, real_array
+from granphon.base.validation import (
+    finite_array,
+    index_array,
+    not_negative,
+    one_of,
+    positive,
+    real_array,
+)
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.linalg import lanczos_converges
 from granphon.networks.network import ContactNetwork, number_pieces
@@ -52,37 +67,49 @@ _NEAR = 0.9
 _AT_ONCE = 0.05
 #: why a signal has no time of flight
 _SHORT = (
-    "the record ends before the pulse is over: use a longer duration; in a periodic network a longer array, a shorter "
+    "the record ends before the pulse is over: use a longer duration; in a periodic network a"
+    " longer array, a shorter "
     "distance, fewer cycles, a higher frequency, or ends: free"
 )
 _EARLY = (
-    "the signal comes not after the burst: what is heard has not travelled, as no waves of this frequency and polarisation "
+    "the signal comes not after the burst: what is heard has not travelled, as no waves of"
+    " this frequency and polarisation "
     "do, the plane is too near, or the array is far shorter than the pulse"
 )
 #: part of the envelope at which a signal begins
 _BEGINS = 0.1
-#: damping ratio of a wave of the pulse's frequency from which what arrives tells no velocity of sound
+#: damping ratio of a wave of the pulse's frequency from which what arrives tells no velocity of
+#: sound
 _MOST_DAMPING = 0.3
-#: relative excess of a velocity over that of the fastest wave that is left to the reading of the record
+#: relative excess of a velocity over that of the fastest wave that is left to the reading of the
+#: record
 _FASTER = 0.02
-#: how much is left of the frequency of the burst, compared with others of it, below which those others are what arrives
+#: how much is left of the frequency of the burst, compared with others of it, below which those
+#: others are what arrives
 _LEAST_SHARE = 0.5
 #: relative error of a velocity above which it is told
 _UNSURE = 0.03
 #: relative error of a velocity from which it is none
 _UNKNOWN = 0.5
-#: what is looked at around the height of a pulse, in durations of the burst: all of one that keeps its shape, and a margin
+#: what is looked at around the height of a pulse, in durations of the burst: all of one that keeps
+#: its shape, and a margin
 _REACH = 0.75
-_DAMPED = "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has no velocity of sound"
+_DAMPED = (
+    "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has"
+    " no velocity of sound"
+)
 #: message of an array that has no stable part once it is cut
 _NOTHING_HELD = message(
-    "the array does not hold with free ends: static forces push over one ball after the other, as far as the receivers",
+    "the array does not hold with free ends: static forces push over one ball after the"
+    " other, as far as the receivers",
     "They need the contacts that the ends cut, as such an array has hardly more than it needs",
     "Use ends: walls, balls with friction, or a higher load",
 )
-#: duration of the record without the burst, over the flight of a long wave in which balls move in proportion
+#: duration of the record without the burst, over the flight of a long wave in which balls move in
+#: proportion
 _LATE = 3.0
-#: share of the squared bound of frequencies below which a frequency is surely reached: a ball that moves alone has a half
+#: share of the squared bound of frequencies below which a frequency is surely reached: a ball that
+#: moves alone has a half
 _SURE = 0.45
 #: most products with D that a record may take
 _MOST = 2**20
@@ -90,11 +117,12 @@ _MOST = 2**20
 _MOST_DAMPED = 1e12
 #: largest number of times at which a pulse is read
 _MOST_READINGS = 2**24
-#: by so much, in diameters, the default distance is shorter than the part of the period that it is meant to be: the balls of
-#: samples of one array are not at the same places, and of two planes that are as near the same one is to be taken
+#: by so much, in diameters, the default distance is shorter than the part of the period that it is
+#: meant to be: the balls of samples of one array are not at the same places, and of two planes that
+#: are as near the same one is to be taken
 _NEARER = 0.07
-#: the mean contact force being the same, velocities and frequencies of an array of differing balls are those of the array of
-#: equal ones times a number between this and its inverse, generously
+#: the mean contact force being the same, velocities and frequencies of an array of differing balls
+#: are those of the array of equal ones times a number between this and its inverse, generously
 MARGIN = 1.5
 
 
@@ -106,9 +134,11 @@ class Course:
     ----------
     network : the network.
     direction : (3,) unit vector.
-    period : distance after which planes across the direction meet themselves, m; infinity if they never do.
+    period : distance after which planes across the direction meet themselves, m; infinity if they
+        never do.
     origin : coordinate along the direction at which places begin, m.
-    face : place from which distances are counted where the network has been given ends, m; else nan.
+    face : place from which distances are counted where the network has been given ends, m; else
+        nan.
     at_rest : whether it is known that static forces push no ball over.
     """
 
@@ -124,7 +154,9 @@ class Course:
         """Follow ``direction`` (3,), a unit vector, through the network from its first plane on."""
         if np.any(np.abs(direction[network.dimension :]) > _FLAT):
             mend = f"Give {network.dimension} numbers"
-            raise InputError("the direction leaves the line or the plane in which the balls lie", mend=mend)
+            raise InputError(
+                "the direction leaves the line or the plane in which the balls lie", mend=mend
+            )
         periods = network.cell[list(network.pbc)]
         sizes = np.linalg.norm(periods, axis=1)
         heights = np.abs(periods @ direction)
@@ -135,15 +167,19 @@ class Course:
                 if math.isinf(period):
                     period = float(height)
                     continue
-                # the greatest length that measures both, by Euclid's algorithm; lengths below ``least`` are rounding
+                # the greatest length that measures both, by Euclid's algorithm; lengths below
+                # ``least`` are rounding
                 rest = float(height)
                 while rest > least:
                     period, rest = rest, abs(period - rest * round(period / rest))
         # places begin halfway between two planes of balls, where a cut meets no ball
         course = cls(network, direction, period)
         if math.isinf(period):
-            return replace(course, origin=float(np.min(course.heights[network.moving])) - 0.5 * course.spacing)
-        # planes lie within a diameter; the widest gap among the balls there is the one between two of them
+            return replace(
+                course, origin=float(np.min(course.heights[network.moving])) - 0.5 * course.spacing
+            )
+        # planes lie within a diameter; the widest gap among the balls there is the one between two
+        # of them
         every = course._wrap(course.heights)
         near = np.sort(every)
         near = near[: max(2, int(np.searchsorted(near, course.spacing)) + 1)]
@@ -170,14 +206,20 @@ class Course:
         return lengths if math.isinf(self.period) else np.mod(lengths, self.period)
 
     def require_period(self, least: float, why: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if planes across it meet themselves before ``least``."""
+        """Raise :class:`~granphon.base.errors.InputError` if planes across it meet themselves
+        before ``least``.
+        """
         if self.period >= least * (1.0 - _FLAT):
             return
         shown = ", ".join(f"{one:.6g}" for one in self.direction[: self.network.dimension])
         heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
-        sides = " and ".join(f"{one:.6g}" for one in heights if one > _FLAT * float(np.max(heights)))
-        # the two directions nearest to this one whose planes have a period of ``least``, with the period, m
-        periods, found = self.network.cell[list(self.network.pbc)], []
+        sides = " and ".join(
+            f"{one:.6g}" for one in heights if one > _FLAT * float(np.max(heights))
+        )
+        # the two directions nearest to this one whose planes have a period of ``least``, with the
+        # period, m
+        periods = self.network.cell[list(self.network.pbc)]
+        found = []
         dual = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
         most = np.floor(np.linalg.norm(periods, axis=1) / least).astype(int)
         most = np.minimum(most, int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0)))
@@ -186,21 +228,43 @@ class Course:
                 vector = np.array(whole) @ dual
                 size = 1.0 / float(np.linalg.norm(vector))
                 if size >= least:
-                    found.append((float(vector @ self.direction) * size, (size * vector).tolist(), size))
+                    found.append(
+                        (float(vector @ self.direction) * size, (size * vector).tolist(), size)
+                    )
         best = sorted(found, key=lambda one: -round(one[0], 9))[:2]
-        better = [([round(x, 12) + 0.0 for x in one[: self.network.dimension]], size) for _, one, size in best]
-        offer = " or ".join(f"({', '.join(f'{x:.6g}' for x in one)}), with {size:.6g} m" for one, size in better)
-        closes = f"come back to themselves after {self.period:.6g} m" if self.period > self.spacing else "do not close"
-        cell = f". The cell is {sides} m long along it, and the greatest common measure counts" if " and " in sides else ""
+        better = [
+            ([round(x, 12) + 0.0 for x in one[: self.network.dimension]], size)
+            for _, one, size in best
+        ]
+        offer = " or ".join(
+            f"({', '.join(f'{x:.6g}' for x in one)}), with {size:.6g} m" for one, size in better
+        )
+        closes = (
+            f"come back to themselves after {self.period:.6g} m"
+            if self.period > self.spacing
+            else "do not close"
+        )
+        cell = (
+            f". The cell is {sides} m long along it, and the greatest common measure counts"
+            if " and " in sides
+            else ""
+        )
         # where vectors of the cell go equally far along the direction, that length is the period
-        longer = "a longer array" if not cell else "an array whose numbers of cells make these lengths equal"
-        what, why = f"planes across ({shown}) {closes} in this periodic network", f"{why}: {least:.6g} m are needed{cell}"
+        longer = (
+            "a longer array"
+            if not cell
+            else "an array whose numbers of cells make these lengths equal"
+        )
+        what = f"planes across ({shown}) {closes} in this periodic network"
+        why = f"{why}: {least:.6g} m are needed{cell}"
         mend = f"{longer}, or the direction {offer}" if better else f"or {longer}"
         raise InputError(what, why, f"Take a shorter distance, {mend}")
 
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
-        """(n_c,) how often each contact, from ball i to ball j, passes the beginning: 1 from the end, -1 towards it."""
+        """(n_c,) how often each contact, from ball i to ball j, passes the beginning: 1 from the
+        end, -1 towards it.
+        """
         if math.isinf(self.period):
             return np.zeros(self.network.n_contacts, int)
         network = self.network
@@ -209,28 +273,41 @@ class Course:
         return np.rint((network.vector @ self.direction - step) / self.period).astype(int)
 
     def with_ends(self, ends: str) -> Course:
-        """Return the course through the network with ``ends``, see :data:`~granphon.waves.settings.ENDS`."""
+        """Return the course through the network with ``ends``, see
+        :data:`~granphon.waves.settings.ENDS`.
+        """
         if ends == "periodic" or (ends == "free" and math.isinf(self.period)):
             return self
         if math.isinf(self.period):
             what = "there is no place for walls: the network has no period along this direction"
             mend = "Leave ends out: the network then has the ends that it has"
             raise InputError(what, "Walls are made where a period is cut", mend)
-        network, cut = self.network, self.crossings != 0
+        network = self.network
+        cut = self.crossings != 0
         if ends == "free":
             kept = {name: getattr(network, name)[~cut] for name in network.contact_fields}
-            return replace(self, network=drop_falling(replace(network, **kept), network), face=0.0, at_rest=True)
+            return replace(
+                self,
+                network=drop_falling(replace(network, **kept), network),
+                face=0.0,
+                at_rest=True,
+            )
         held = np.unique(np.where(self.crossings[cut] > 0, network.i[cut], network.j[cut]))
         masses = np.array(network.masses)
         masses[held] = math.inf
         if not np.any(np.isfinite(masses)):
-            raise InputError("no ball moves between the walls", "They hold all", "Take a longer array, or other ends")
+            raise InputError(
+                "no ball moves between the walls",
+                "They hold all",
+                "Take a longer array, or other ends",
+            )
         # the wall in front of the first balls is the one behind the last, a period earlier
         face = float(np.max(self.places[held])) - self.period
         return replace(self, network=replace(network, masses=masses), face=face)
 
     def find_plane(self, place: float, what: str) -> Index:
-        """Return the balls that move within a quarter of a diameter of the ball nearest to ``place``, along the direction.
+        """Return the balls that move within a quarter of a diameter of the ball nearest to
+        ``place``, along the direction.
 
         Where there is no lattice, and so no planes, within nine twentieths.
 
@@ -240,10 +317,13 @@ class Course:
         away = self._find_offset(self.places[moving] - place)
         nearest = int(np.argmin(np.round(np.abs(away) / self.spacing, 6)))
         if abs(away[nearest]) > self.spacing:
-            low, high = float(np.min(self.places[moving])), float(np.max(self.places[moving]))
+            low = float(np.min(self.places[moving]))
+            high = float(np.max(self.places[moving]))
             why = f"Balls lie from {low:.6g} to {high:.6g} m along the direction"
             mend = "Take a shorter distance, or a longer array"
-            raise InputError(f"there is no plane of balls for the {what} at {place:.6g} m", why, mend)
+            raise InputError(
+                f"there is no plane of balls for the {what} at {place:.6g} m", why, mend
+            )
         thick = (_THICKER if self.network.lattice is None else _THICK) * self.spacing
         return moving[np.abs(self._find_offset(away - away[nearest])) <= thick]
 
@@ -253,8 +333,12 @@ class Course:
         return math.isfinite(self.period) and math.isnan(self.face)
 
     def _find_offset(self, lengths: Array) -> Array:
-        """Return lengths as the shortest of those that differ by whole periods, if there are no ends."""
-        return lengths - self.period * np.rint(lengths / self.period) if self._is_closed else lengths
+        """Return lengths as the shortest of those that differ by whole periods, if there are no
+        ends.
+        """
+        return (
+            lengths - self.period * np.rint(lengths / self.period) if self._is_closed else lengths
+        )
 
     def find_place(self, balls: Index) -> float:
         """Return the mean place of ``balls``, which lie near each other along the direction."""
@@ -267,30 +351,37 @@ class Course:
         return float(np.mod(ahead, self.period)) if self._is_closed else ahead
 
     def find_echo(self, start: float, balls: Index) -> float:
-        """Return how much longer the way of the first echo from an end is than that from ``start`` to ``balls``, m.
+        """Return how much longer the way of the first echo from an end is than that from ``start``
+        to ``balls``, m.
 
-        Balls within a diameter of an end send or hear the pulse and its reflection there as one. Without ends the way is
-        that of the pulse that runs the other way round.
+        Balls within a diameter of an end send or hear the pulse and its reflection there as one.
+        Without ends the way is that of the pulse that runs the other way round.
         """
         if self._is_closed:
             return self.period - 2.0 * self.find_distance(start, balls)
         moving = self.places[self.network.moving]
-        first, last = (0.0, self.period) if math.isfinite(self.period) else (float(np.min(moving)), float(np.max(moving)))
+        first, last = (
+            (0.0, self.period)
+            if math.isfinite(self.period)
+            else (float(np.min(moving)), float(np.max(moving)))
+        )
         ways = (2.0 * (start - first), 2.0 * (last - self.find_place(balls)))
         return min((one for one in ways if one > 2.0 * self.spacing), default=2.0 * (last - first))
 
 
 def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
-    """Return a network ``cut`` from a ``whole`` one without the balls that its static forces push over.
+    """Return a network ``cut`` from a ``whole`` one without the balls that its static forces push
+    over.
 
-    The balls of a cut feel the forces of the contacts that they have lost as dead loads: these keep the balance, and do not
-    change with small motions. A ball that hangs on one contact rolls off it under such a load, and then carries nothing. It
-    no longer moves in the network, and has no contacts. Such are the balls that fewer pressed contacts hold than there are
-    dimensions, and those that are left so without them. If static forces still push something over, which hangs as a whole,
-    the ball that moves most in each of these motions goes, until the rest is stable.
+    The balls of a cut feel the forces of the contacts that they have lost as dead loads: these keep
+    the balance, and do not change with small motions. A ball that hangs on one contact rolls off it
+    under such a load, and then carries nothing. It no longer moves in the network, and has no
+    contacts. Such are the balls that fewer pressed contacts hold than there are dimensions, and
+    those that are left so without them. If static forces still push something over, which hangs as
+    a whole, the ball that moves most in each of these motions goes, until the rest is stable.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable itself, if nothing of it is
-    held, or if it is too large for its motions to be found.
+    Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable
+    itself, if nothing of it is held, or if it is too large for its motions to be found.
     """
     if not cut.prestress:
         return cut
@@ -310,24 +401,37 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
 
 
 def _find_hanging(network: ContactNetwork) -> Index:
-    """Return the balls that fewer contacts hold than there are dimensions, or do once such balls are gone."""
-    i, j, n = network.i, network.j, network.n_balls
+    """Return the balls that fewer contacts hold than there are dimensions, or do once such balls
+    are gone.
+    """
+    i = network.i
+    j = network.j
+    n = network.n_balls
     # a contact that pulls holds a ball alone, as a rope does
     holds = np.where(network.normal_force < 0.0, network.dimension, 1)
-    hanging, before = np.zeros(n, bool), -1
+    hanging = np.zeros(n, bool)
+    before = -1
     while np.count_nonzero(hanging) > before:
         before = int(np.count_nonzero(hanging))
         live = np.where(hanging[i] | hanging[j], 0, holds)
-        hanging = network.moving & (np.bincount(i, live, n) + np.bincount(j, live, n) < network.dimension)
+        hanging = network.moving & (
+            np.bincount(i, live, n) + np.bincount(j, live, n) < network.dimension
+        )
     return np.flatnonzero(hanging)
 
 
 def _detach(network: ContactNetwork, balls: Index) -> ContactNetwork:
-    """Return the network whose ``balls`` do not move and have no contacts; those that are left keep their numbers."""
+    """Return the network whose ``balls`` do not move and have no contacts; those that are left keep
+    their numbers.
+    """
     masses = np.array(network.masses)
     masses[balls] = math.inf
     kept = ~(np.isin(network.i, balls) | np.isin(network.j, balls))
-    return replace(network, masses=masses, **{name: getattr(network, name)[kept] for name in network.contact_fields})
+    return replace(
+        network,
+        masses=masses,
+        **{name: getattr(network, name)[kept] for name in network.contact_fields},
+    )
 
 
 def find_envelope(signals: Array) -> Array:
@@ -343,23 +447,27 @@ def find_envelope(signals: Array) -> Array:
 def find_arrivals(
     times: Array, signals: Array, sent: Array, duration: float, method: str, threshold: float
 ) -> tuple[Array, list[str]]:
-    """Return the times (n,) by which ``signals`` (n, n_t) come after ``sent`` (n_t,), s; ``times`` (n_t,) are even.
+    """Return the times (n,) by which ``signals`` (n, n_t) come after ``sent`` (n_t,), s; ``times``
+    (n_t,) are even.
 
     Parameters
     ----------
     duration : of what was sent, s: a record is to hold it, and the time of flight before it.
-    method : "envelope": between the maxima of the envelopes, of which the first counts that has half the height of the
-        greatest; "first": between the times at which the envelopes first reach ``threshold`` of that maximum;
-        "correlation": where the cross-correlation of both signals is greatest.
+    method : "envelope": between the maxima of the envelopes, of which the first counts that has
+        half the height of the greatest; "first": between the times at which the envelopes first
+        reach ``threshold`` of that maximum; "correlation": where the cross-correlation of both
+        signals is greatest.
 
     Returns
     -------
-    times : nan of a signal that is zero, does not come after the burst, or is not over when the record ends.
+    times : nan of a signal that is zero, does not come after the burst, or is not over when the
+        record ends.
     reasons : for each signal why its time is nan; empty if it is not.
 
     Raises :class:`~granphon.base.errors.InputError` for an unknown method.
     """
-    method, step = one_of("method", method, METHODS), float(times[1] - times[0])
+    method = one_of("method", method, METHODS)
+    step = float(times[1] - times[0])
     if method == "correlation":
         from scipy.signal import correlate
 
@@ -368,18 +476,22 @@ def find_arrivals(
             found = correlate(one, sent)[sent.size - 1 :]  # lags from zero on
             place = int(np.argmax(found))
             shifts.append(np.nan)
-            if 0 < place < found.size - 1:  # the extreme of the parabola through the values around the greatest
+            if 0 < place < found.size - 1:
+                # the extreme of the parabola through the values around the greatest
                 low, middle, high = found[place - 1 : place + 2]
                 shifts[-1] = place + 0.5 * float((low - high) / (low - 2.0 * middle + high))
     else:
-        start, *arrived = (_read(one, method, threshold) for one in find_envelope(np.vstack([sent, signals])))
+        start, *arrived = (
+            _read(one, method, threshold) for one in find_envelope(np.vstack([sent, signals]))
+        )
         shifts = [one - start for one in arrived]
     reasons = []
     for signal, shift in zip(signals, shifts, strict=True):
         reason = ""
         if not np.any(signal):
             reason = "the signal is zero"
-        elif not step * shift + duration <= times[-1] + step:  # nan too: the burst or the signal has no maximum
+        elif not step * shift + duration <= times[-1] + step:
+            # nan too: the burst or the signal has no maximum
             reason = _SHORT
         elif shift <= _AT_ONCE:
             reason = _EARLY
@@ -389,7 +501,9 @@ def find_arrivals(
 
 
 def _read(envelope: Array, method: str, threshold: float) -> float:
-    """Return where an envelope is highest, or first has the part ``threshold`` of that, in readings, or nan."""
+    """Return where an envelope is highest, or first has the part ``threshold`` of that, in
+    readings, or nan.
+    """
     # the first maximum that has half the height of the greatest value
     inner = envelope[1:-1]
     peaks = 1 + np.flatnonzero((inner > envelope[:-2]) & (inner >= envelope[2:]))
@@ -417,9 +531,11 @@ def _read(envelope: Array, method: str, threshold: float) -> float:
 
 
 def _find_delay(signal: Array, times: Array, frequency: float) -> float:
-    """Return the size of the group delay of a signal (n_t,) at a frequency, -d phase / d omega of its Fourier integral, s.
+    """Return the size of the group delay of a signal (n_t,) at a frequency, -d phase / d omega of
+    its Fourier integral, s.
 
-    Of a burst that is even about the time zero it is zero. It is nan for a signal without that frequency.
+    Of a burst that is even about the time zero it is zero. It is nan for a signal without that
+    frequency.
     """
     turned = signal * np.exp(-2j * np.pi * frequency * times)
     whole = np.sum(turned)
@@ -427,13 +543,17 @@ def _find_delay(signal: Array, times: Array, frequency: float) -> float:
 
 
 def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
-    """Return the standard error of the group delay of the mean of ``signals`` (n, n_t) at a frequency, s.
+    """Return the standard error of the group delay of the mean of ``signals`` (n, n_t) at a
+    frequency, s.
 
-    It is what each signal adds to the delay, to first order, as if those were independent; zero for one signal.
+    It is what each signal adds to the delay, to first order, as if those were independent; zero for
+    one signal.
     """
     wave = np.exp(-2j * np.pi * frequency * times)
-    parts, first = signals @ wave, signals @ (times * wave)
-    whole, n = np.mean(parts), len(signals)
+    parts = signals @ wave
+    first = signals @ (times * wave)
+    whole = np.mean(parts)
+    n = len(signals)
     if n < 2 or not abs(whole) > 0.0:
         return 0.0
     added = np.real((first - np.mean(first) / whole * parts) / whole)
@@ -446,27 +566,31 @@ class Pulse(Result):
 
     Attributes
     ----------
-    frequency, cycles : of the burst sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 that pushes the source; P = cycles/frequency.
+    frequency, cycles : of the burst sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2 that pushes the
+        source; P = cycles/frequency.
     direction, polarisation : (3,) unit vectors.
-    damping, tangential_damping : s, the viscosity of each contact over its stiffness, in normal motion and in all other.
+    damping, tangential_damping : s, the viscosity of each contact over its stiffness, in normal
+        motion and in all other.
     distance : m, of the receiving plane from the source, along the direction.
     times : (n_t,) s, from the beginning of the burst.
     sent : (n_t,) force on each ball of the source, N.
     sources, receivers : indices of the balls that are pushed, and of those of the receiving plane.
     samples : (n_r,) the number of the sample that each receiver belongs to; zeros for a single one.
     signals : (n_r, n_t) velocity of each receiver, m/s.
-    energies : (2,) J, kinetic and elastic, when the source has ended and at the end of the record, from the displacements
-        and velocities of all balls; means over samples.
+    energies : (2,) J, kinetic and elastic, when the source has ended and at the end of the record,
+        from the displacements and velocities of all balls; means over samples.
     plane_distances : (n_p,) m, of further planes, if there are any.
     planes : (n_p, n_t) mean velocity on each of them, m/s; (0,) without any.
     frames : (n_f,) s, if there are any.
     velocities : (n_f, n, 3) of all balls at the times ``frames``, m/s; (0,) without any.
-    warnings : one sentence for each limit of the model that the network exceeds, why the time of flight is not known, and
-        how sure the velocity is if its error is above 3 percent.
-    echo : m, how much longer the way of the first echo from an end is than the distance, or the way round a periodic network
-        in the other direction.
-    fastest : (2,) m/s, upper bounds of the velocity of long waves: of this polarisation, and of all.
-    left_out : number of balls that static forces push over where free ends are cut, and that are left out.
+    warnings : one sentence for each limit of the model that the network exceeds, why the time of
+        flight is not known, and how sure the velocity is if its error is above 3 percent.
+    echo : m, how much longer the way of the first echo from an end is than the distance, or the way
+        round a periodic network in the other direction.
+    fastest : (2,) m/s, upper bounds of the velocity of long waves: of this polarisation, and of
+        all.
+    left_out : number of balls that static forces push over where free ends are cut, and that are
+        left out.
     """
 
     frequency: Annotated[float, "", "Hz"]
@@ -495,7 +619,9 @@ class Pulse(Result):
     def __post_init__(self) -> None:
         # plain data do not keep the shape of an array without numbers
         if not self.planes.size:
-            object.__setattr__(self, "planes", np.zeros((len(self.plane_distances), self.times.size)))
+            object.__setattr__(
+                self, "planes", np.zeros((len(self.plane_distances), self.times.size))
+            )
         if not self.velocities.size:
             object.__setattr__(self, "velocities", np.zeros((len(self.frames), 0, 3)))
         super().__post_init__()
@@ -528,7 +654,9 @@ class Pulse(Result):
 
     @property
     def damping_ratio(self) -> float:
-        """zeta = pi times the frequency and the :attr:`damping`: over the critical one; a period leaves exp(-2 pi zeta)."""
+        """zeta = pi times the frequency and the :attr:`damping`: over the critical one; a period
+        leaves exp(-2 pi zeta).
+        """
         return math.pi * self.damping * self.frequency
 
     @property
@@ -538,18 +666,21 @@ class Pulse(Result):
         return float(1.0 - end / start)
 
     def arrival(self, method: str = "envelope", threshold: float = _BEGINS) -> float:
-        """Return the time of flight of the coherent signal, s; nan where there is none, see :attr:`time_of_flight`.
+        """Return the time of flight of the coherent signal, s; nan where there is none, see
+        :attr:`time_of_flight`.
 
         Parameters
         ----------
-        method : "envelope": from the maximum of the envelope of the burst to the first maximum of the envelope of the signal
-            that has at least half of the greatest height. "first": between the times at which the two envelopes first have
-            the part ``threshold`` of that maximum. "correlation": the shift at which the cross-correlation of the signal and
-            the burst is greatest; it follows single waves under the envelope, so for long pulses it tells the phase, up to
-            whole periods.
+        method : "envelope": from the maximum of the envelope of the burst to the first maximum of
+            the envelope of the signal that has at least half of the greatest height. "first":
+            between the times at which the two envelopes first have the part ``threshold`` of that
+            maximum. "correlation": the shift at which the cross-correlation of the signal and the
+            burst is greatest; it follows single waves under the envelope, so for long pulses it
+            tells the phase, up to whole periods.
         threshold : for "first".
 
-        Raises :class:`~granphon.base.errors.InputError` for an unknown method, and a threshold that is not between 0 and 1.
+        Raises :class:`~granphon.base.errors.InputError` for an unknown method, and a threshold that
+        is not between 0 and 1.
         """
         found = float(self._find_arrivals(self.coherent[None], method, threshold)[0][0])
         return math.nan if self.why_unknown else found
@@ -562,23 +693,34 @@ class Pulse(Result):
         found = self._find_arrivals(self.signals, method, threshold)[0]
         return np.full(found.shape, math.nan) if self._find_echo() else found
 
-    def _find_arrivals(self, signals: Array, method: str, threshold: float) -> tuple[Array, list[str]]:
+    def _find_arrivals(
+        self, signals: Array, method: str, threshold: float
+    ) -> tuple[Array, list[str]]:
         threshold = positive("threshold", threshold)
         if threshold >= 1.0:
-            raise InputError(f"threshold is {threshold:g}", mend="Give a part of the maximum, below 1")
-        return find_arrivals(self.times, signals, self.sent, self.cycles / self.frequency, method, threshold)
+            raise InputError(
+                f"threshold is {threshold:g}", mend="Give a part of the maximum, below 1"
+            )
+        return find_arrivals(
+            self.times, signals, self.sent, self.cycles / self.frequency, method, threshold
+        )
 
     @cached_property
     def _flight(self) -> tuple[float, float, float, str]:
-        """Time of flight by the envelope, s, its errors by shape and speckle, s, and why they are nan, or nothing."""
+        """Time of flight by the envelope, s, its errors by shape and speckle, s, and why they are
+        nan, or nothing.
+        """
         (time,), (why,) = self._find_arrivals(self.coherent[None], "envelope", _BEGINS)
-        hertz, fastest, why = self.frequency, float(self.fastest[1]), self._find_echo() or why
+        hertz = self.frequency
+        fastest = float(self.fastest[1])
+        why = self._find_echo() or why
         error = scatter = math.nan
         if not why and self.distance > (1.0 + _FASTER) * fastest * time:
             why = (
-                f"the signal is highest {write_quantity(time, 's', 4)} after the burst, and the fastest waves of the "
-                f"network, of {fastest:.4g} m/s at most, take longer: use a longer distance, another frequency or more"
-                " cycles"
+                f"the signal is highest {write_quantity(time, 's', 4)} after the burst, and"
+                f" the fastest waves of the "
+                f"network, of {fastest:.4g} m/s at most, take longer: use a longer distance,"
+                f" another frequency or more cycles"
             )
         if not why:
             # when the pulse is at its height, and how far around that nothing else comes
@@ -586,41 +728,53 @@ class Pulse(Result):
             middle = time + 0.5 * duration
             clear = min(time + self.echo / float(self.fastest[0]), float(self.times[-1])) - middle
             after = self.times - middle
-            # what comes within each reach counts, fading out over its last third: the pulse alone, and all that it trails,
-            # as waves near the top of a band are late. Either may agree with the envelope by chance
+            # what comes within each reach counts, fading out over its last third: the pulse alone,
+            # and all that it trails, as waves near the top of a band are late. Either may agree
+            # with the envelope by chance
             reaches = (min(_REACH * duration, clear), clear)
             gates = [np.clip(3.0 * (1.0 - np.abs(after) / one), 0.0, 1.0) for one in reaches]
             error = max(_find_delay(self.coherent * gate, after, hertz) for gate in gates)
             scatter = _find_delay_error(self.signals * gates[0], after, hertz)
             gated = self.coherent * gates[0]
-            # how much of that frequency is left, over the most of any other: as in the burst if all travel alike
+            # how much of that frequency is left, over the most of any other: as in the burst if all
+            # travel alike
             wave = np.exp(-2j * np.pi * hertz * self.times)
             left, given = (
-                abs(complex(trace @ wave)) / float(np.max(np.abs(np.fft.rfft(trace, 2 * trace.size))))
+                abs(complex(trace @ wave))
+                / float(np.max(np.abs(np.fft.rfft(trace, 2 * trace.size))))
                 for trace in (gated, self.sent)
             )
             if left / given < _LEAST_SHARE or not error < _UNKNOWN * time:
                 why = (
-                    f"what arrives are other waves of the burst than those of its frequency, {hertz:.6g} Hz, which are "
-                    "held back more than these: use another frequency, such as one of a band, more cycles, or a shorter "
-                    "distance"
+                    f"what arrives are other waves of the burst than those of its frequency,"
+                    f" {hertz:.6g} Hz, which are "
+                    "held back more than these: use another frequency, such as one of a band,"
+                    " more cycles, or a shorter distance"
                 )
         return (math.nan, math.nan, math.nan, why) if why else (float(time), error, scatter, "")
 
     def _find_echo(self) -> str:
-        """Return why an echo makes times of flight unknown, if one may come before the pulse is at its height."""
+        """Return why an echo makes times of flight unknown, if one may come before the pulse is at
+        its height.
+        """
         # of the height itself a sample comes before
-        needed = (0.5 * self.cycles / self.frequency + float(self.times[1] - self.times[0])) * float(self.fastest[0])
+        needed = (
+            0.5 * self.cycles / self.frequency + float(self.times[1] - self.times[0])
+        ) * float(self.fastest[0])
         if self.echo >= needed:
             return ""
         return (
-            "an echo from an end, or what runs round a periodic network the other way, may come before the pulse is at "
-            f"its height: its way is {self.echo:.4g} m longer, and {needed:.4g} m are needed. Use a longer array, a "
+            "an echo from an end, or what runs round a periodic network the other way, may"
+            " come before the pulse is at "
+            f"its height: its way is {self.echo:.4g} m longer, and {needed:.4g} m are needed."
+            f" Use a longer array, a "
             "shorter distance, a higher frequency or fewer cycles"
         )
 
     def judge(self) -> tuple[str, ...]:
-        """Return why the time of flight is not known, or how sure the velocity is if its error is above 3 percent."""
+        """Return why the time of flight is not known, or how sure the velocity is if its error is
+        above 3 percent.
+        """
         damping = max(self.damping, self.tangential_damping)
         said = [_DAMPED] if math.pi * self.frequency * damping > _MOST_DAMPING else []
         if self.why_unknown:
@@ -629,9 +783,13 @@ class Pulse(Result):
             _, shape, scatter, _ = self._flight
             known = f"its velocity is known to {100.0 * unsure:.0f} % only: use"
             changes = (
-                f"the pulse changes its shape on the way, and {known} more cycles, a longer distance or a lower frequency"
+                f"the pulse changes its shape on the way, and {known} more cycles, a longer"
+                f" distance or a lower frequency"
             )
-            differs = f"the pulse differs from ball to ball, and {known} a wider array, or the mean of several samples"
+            differs = (
+                f"the pulse differs from ball to ball, and {known} a wider array, or the mean of"
+                f" several samples"
+            )
             said.append(changes if shape >= scatter else differs)
         return tuple(said)
 
@@ -639,9 +797,9 @@ class Pulse(Result):
     def time_of_flight(self) -> float:
         """Time of flight by the envelope of the coherent signal, s.
 
-        It is nan, and :attr:`warnings` say why, in four cases: the record ends before the pulse is over; an echo may come
-        before the maximum of the pulse; the velocity would be above the fastest wave; other frequencies than that of the
-        burst arrive, as in a gap.
+        It is nan, and :attr:`warnings` say why, in four cases: the record ends before the pulse is
+        over; an echo may come before the maximum of the pulse; the velocity would be above the
+        fastest wave; other frequencies than that of the burst arrive, as in a gap.
         """
         return self._flight[0]
 
@@ -659,39 +817,49 @@ class Pulse(Result):
     def velocity_error(self) -> float:
         """How far the velocity may be from the group velocity at the frequency of the burst, m/s.
 
-        It has two parts, whose squares add up. The shape of the pulse changes: the difference from the velocity by the group
-        delay at that frequency, -d phase / d omega of the signal, the larger of two, of the pulse alone and of all that
-        comes before an echo or the end of the record. And signals differ from ball to ball: the standard error of that
-        delay, as if the balls of the plane were independent. Where an echo comes soon only a part of the pulse counts, and
-        the error is a lower bound; it is one too where neighbours hear alike.
+        It has two parts, whose squares add up. The shape of the pulse changes: the difference from
+        the velocity by the group delay at that frequency, -d phase / d omega of the signal, the
+        larger of two, of the pulse alone and of all that comes before an echo or the end of the
+        record. And signals differ from ball to ball: the standard error of that delay, as if the
+        balls of the plane were independent. Where an echo comes soon only a part of the pulse
+        counts, and the error is a lower bound; it is one too where neighbours hear alike.
         """
         time, shape, scatter, _ = self._flight
         return self.velocity * math.hypot(shape, scatter) / time
 
 
 def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
-    """Return one pulse with the receivers of several, of as many samples: its coherent part is the mean over all of them.
+    """Return one pulse with the receivers of several, of as many samples: its coherent part is the
+    mean over all of them.
 
-    Records of different lengths end with the shortest. Frames are left out, as they are of one sample.
+    Records of different lengths end with the shortest. Frames are left out, as they are of one
+    sample.
 
-    Raises :class:`~granphon.base.errors.InputError` for no pulse, or for pulses that were not sent alike.
+    Raises :class:`~granphon.base.errors.InputError` for no pulse, or for pulses that were not sent
+    alike.
     """
     if not pulses:
         raise InputError("there is no pulse to average", mend="Give one or more")
-    first, count = pulses[0], min(one.times.size for one in pulses)
+    first = pulses[0]
+    count = min(one.times.size for one in pulses)
     for one in pulses[1:]:
         same = ("frequency", "cycles", "direction", "polarisation", "damping", "tangential_damping")
-        unlike = [name for name in same if not np.array_equal(getattr(one, name), getattr(first, name))]
+        unlike = [
+            name for name in same if not np.array_equal(getattr(one, name), getattr(first, name))
+        ]
         if len(one.planes) != len(first.planes):
             unlike.append("plane_distances")
         if not unlike and abs(one.distance / first.distance - 1.0) > 0.1:
             unlike.append("distance")
-        if not unlike and not np.allclose(one.sent[:count], first.sent[:count], atol=1e-12 * np.max(np.abs(first.sent))):
+        if not unlike and not np.allclose(
+            one.sent[:count], first.sent[:count], atol=1e-12 * np.max(np.abs(first.sent))
+        ):
             unlike.append("sent")
         if unlike:
             what = f"the pulses differ in {', '.join(unlike)}"
             raise InputError(what, mend="Average pulses that were sent alike")
-    samples, last = [], 0
+    samples = []
+    last = 0
     for one in pulses:
         samples.append(one.samples + last)
         last = int(np.max(samples[-1])) + 1
@@ -699,17 +867,31 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
 
     def mean(name: str) -> Any:
         values = [getattr(one, name) for one in pulses]
-        return np.average([one[..., :count] if name == "planes" else one for one in values], axis=0, weights=weights)
+        return np.average(
+            [one[..., :count] if name == "planes" else one for one in values],
+            axis=0,
+            weights=weights,
+        )
 
     mean_pulse = replace(
-        first, distance=float(mean("distance")), times=first.times[:count], sent=first.sent[:count],
-        sources=np.concatenate([one.sources for one in pulses]), receivers=np.concatenate([one.receivers for one in pulses]),
-        samples=np.concatenate(samples), signals=np.concatenate([one.signals[:, :count] for one in pulses]),
-        energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=np.zeros(0),
-        velocities=np.zeros(0), echo=min(one.echo for one in pulses),
-        fastest=np.max(np.stack([one.fastest for one in pulses]), axis=0), left_out=sum(one.left_out for one in pulses),
+        first,
+        distance=float(mean("distance")),
+        times=first.times[:count],
+        sent=first.sent[:count],
+        sources=np.concatenate([one.sources for one in pulses]),
+        receivers=np.concatenate([one.receivers for one in pulses]),
+        samples=np.concatenate(samples),
+        signals=np.concatenate([one.signals[:, :count] for one in pulses]),
+        energies=mean("energies"),
+        plane_distances=mean("plane_distances"),
+        planes=mean("planes"),
+        frames=np.zeros(0),
+        velocities=np.zeros(0),
+        echo=min(one.echo for one in pulses),
+        fastest=np.max(np.stack([one.fastest for one in pulses]), axis=0),
+        left_out=sum(one.left_out for one in pulses),
         warnings=(),
-    )  # fmt: skip
+    )
     # what was said of each pulse alone is not true of their mean
     kept = dict.fromkeys(text for one in pulses for text in one.warnings if text not in one.judge())
     return replace(mean_pulse, warnings=(*kept, *mean_pulse.judge()))
@@ -717,7 +899,9 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
 
 @dataclass(frozen=True, eq=False)
 class PulseSource:
-    """A pulse to be sent: its fields are the arguments of :meth:`~granphon.waves.waves.Waves.transmit`, see there."""
+    """A pulse to be sent: its fields are the arguments of
+    :meth:`~granphon.waves.waves.Waves.transmit`, see there.
+    """
 
     frequency: float
     direction: ArrayLike
@@ -734,11 +918,14 @@ class PulseSource:
     frames: ArrayLike = ()
 
     @classmethod
-    def of(cls, settings: PulseSettings, network: ContactNetwork, direction: ArrayLike | None = None) -> Self:
+    def of(
+        cls, settings: PulseSettings, network: ContactNetwork, direction: ArrayLike | None = None
+    ) -> Self:
         """Take the settings of a scene, with the ``direction``, Cartesian, (p,); None for x.
 
-        Without a distance in the settings the receiving plane is half a period of the network away, and a quarter where ends
-        are periodic; of two planes that are as near to that place it is the one nearer to the source, in all samples alike.
+        Without a distance in the settings the receiving plane is half a period of the network away,
+        and a quarter where ends are periodic; of two planes that are as near to that place it is
+        the one nearer to the source, in all samples alike.
         """
         periods = sum(network.pbc)
         along = np.eye(periods)[0] if direction is None else np.asarray(direction, float)
@@ -748,11 +935,19 @@ class PulseSource:
             unit[:periods] = along / np.linalg.norm(along)
             course = Course.along(network, unit)
             course.require_period(2.0 * course.spacing, "A pulse goes half of that way")
-            distance = (0.25 if settings.ends == "periodic" else 0.5) * course.period - _NEARER * course.spacing
+            distance = (
+                0.25 if settings.ends == "periodic" else 0.5
+            ) * course.period - _NEARER * course.spacing
         return cls(
-            settings.frequency, along, distance, settings.cycles, settings.polarisation, source=settings.source,
-            ends=settings.ends, damping=settings.damping,
-        )  # fmt: skip
+            settings.frequency,
+            along,
+            distance,
+            settings.cycles,
+            settings.polarisation,
+            source=settings.source,
+            ends=settings.ends,
+            damping=settings.damping,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -767,7 +962,8 @@ class Route:
     start : place from which distances count, m.
     sources : balls that are pushed.
     groups : balls of the receiving plane, and of each further plane.
-    fastest : (2,) velocity of waves in which balls move in proportion, along ``push``, and in the stiffest direction, m/s.
+    fastest : (2,) velocity of waves in which balls move in proportion, along ``push``, and in the
+        stiffest direction, m/s.
     times : (n_t,) at which it is heard, s.
     frames : (n_f,) at which the motions of all balls are kept, s.
     """
@@ -784,11 +980,13 @@ class Route:
 
     @classmethod
     def of(cls, network: ContactNetwork, wanted: PulseSource, margin: float = 1.0) -> Self:
-        """Find the route; raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for the frequency.
+        """Find the route; raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for
+        the frequency.
 
         Waves may be faster than in this network by the factor ``margin``.
         """
-        hertz, length = positive("frequency", wanted.frequency, "Hz"), positive("distance", wanted.distance, "m")
+        hertz = positive("frequency", wanted.frequency, "Hz")
+        length = positive("distance", wanted.distance, "m")
         burst = ToneBurst(hertz, positive("cycles", wanted.cycles))
         if burst.cycles < 1.0:
             raise InputError(f"cycles is {burst.cycles:g}", mend="Give 1 or more")
@@ -800,22 +998,29 @@ class Route:
         farthest = max([length, *apart.tolist()])
         course = Course.along(network, along)
         if ends == "periodic":
-            course.require_period(2.0 * farthest, "The pulse that runs the other way round would come first")
+            course.require_period(
+                2.0 * farthest, "The pulse that runs the other way round would come first"
+            )
         course.require_period(farthest, "The pulse would meet itself")
         course = course.with_ends(ends)
         # the balls that are pushed, and the place from which distances count
-        source, moving = wanted.source, course.network.moving
+        source = wanted.source
+        moving = course.network.moving
         if isinstance(source, str):
             if source not in ("plane", "ball"):
-                raise InputError(f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball")
-            # the first balls behind the beginning; the last ones of the period before may be as near to it
+                raise InputError(
+                    f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"
+                )
+            # the first balls behind the beginning; the last ones of the period before may be as
+            # near to it
             plane = course.find_plane(float(np.min(course.places[moving])), "source")
             sources = plane if source == "plane" else plane[:1]
         else:
             sources = index_array("source", source, course.network.n_balls)
             if still := [int(one) for one in sources if not moving[one]]:
                 raise InputError(
-                    f"ball {still[0]} of the source does not move", "Its mass is infinite, or it fell where the end was cut"
+                    f"ball {still[0]} of the source does not move",
+                    "Its mass is infinite, or it fell where the end was cut",
                 )
         at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
         start = course.face if at_face else course.find_place(sources)
@@ -823,40 +1028,72 @@ class Route:
         if np.isin(groups[0], sources).any():
             what = f"the distance of {length:.6g} m leads to the plane of the source itself"
             why = "The receiving plane is that of the balls nearest to it"
-            raise InputError(what, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide")
-        net, axes = course.network, list(network.ball_motions.translations)
+            raise InputError(
+                what, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide"
+            )
+        net = course.network
+        axes = list(network.ball_motions.translations)
         part = number_pieces(net.i, net.j, net.moving)
         ways = np.intersect1d(part[groups[0]], part[sources])
         if not ways.size and np.any(network.moving & ~moving) and ends == "free":
             raise InstabilityError(_NOTHING_HELD)
         if not ways.size:
-            what = f"no contacts join the source and the {counted(len(groups[0]), 'ball')} of the receiving plane"
-            why, mend = f"The balls fall into {np.max(part) + 1} parts", "Use a higher load, or one of network.pieces()"
+            what = (
+                f"no contacts join the source and the {counted(len(groups[0]), 'ball')} of the"
+                f" receiving plane"
+            )
+            why = f"The balls fall into {np.max(part) + 1} parts"
+            mend = "Use a higher load, or one of network.pieces()"
             raise InputError(what, why, mend)
-        # the velocities of long waves if all balls of a part moved in proportion: than the fastest none is faster
-        own, mass = part[np.where(net.moving[net.i], net.i, net.j)], np.bincount(part[net.moving], net.masses[net.moving])
-        way, shear, n = (net.vector @ along) ** 2, net.shear_stiffness, net.normal.T
+        # the velocities of long waves if all balls of a part moved in proportion: than the fastest
+        # none is faster
+        own = part[np.where(net.moving[net.i], net.i, net.j)]
+        mass = np.bincount(part[net.moving], net.masses[net.moving])
+        way = (net.vector @ along) ** 2
+        shear = net.shear_stiffness
+        n = net.normal.T
         more = (net.normal_stiffness - shear) * way
-        tensor = np.array([[np.bincount(own, more * n[a] * n[b] + (a == b) * shear * way) for b in axes] for a in axes])
+        tensor = np.array(
+            [
+                [np.bincount(own, more * n[a] * n[b] + (a == b) * shear * way) for b in axes]
+                for a in axes
+            ]
+        )
         tensors = np.moveaxis(tensor, -1, 0)[ways] / mass[ways, None, None]
-        fastest = np.sqrt(np.maximum([(push[axes] @ tensors @ push[axes]).max(), np.linalg.eigvalsh(tensors).max()], 0.0))
+        fastest = np.sqrt(
+            np.maximum(
+                [(push[axes] @ tensors @ push[axes]).max(), np.linalg.eigvalsh(tensors).max()], 0.0
+            )
+        )
         if not fastest[0] > 0.0:
             what = "no contact resists this polarisation in this direction"
-            raise InputError(what, "Waves of it cost no energy", "Use friction, or another polarisation")
+            raise InputError(
+                what, "Waves of it cost no energy", "Use friction, or another polarisation"
+            )
         if wanted.duration is not None:
             duration = positive("duration", wanted.duration, "s")
         else:
             duration = burst.duration + _LATE * farthest / float(fastest[0])
             if ends == "periodic":
-                # the pulse that runs the other way round is to come only when the one that is heard is over
-                period, away, velocity = course.period, course.find_distance(start, groups[0]), fastest[0] / margin
-                needed, room = 2.0 * away + velocity * burst.duration, period - velocity * burst.duration
+                # the pulse that runs the other way round is to come only when the one that is heard
+                # is over
+                period = course.period
+                away = course.find_distance(start, groups[0])
+                velocity = fastest[0] / margin
+                needed = 2.0 * away + velocity * burst.duration
+                room = period - velocity * burst.duration
                 if needed > period:
                     nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
                     moments = ((period - away) / velocity, burst.duration, away / velocity)
                     end, pushed, flight = (write_quantity(one, "s", 3) for one in moments)
-                    what = f"the record ends at {end}, before the burst of {pushed} and the flight of {flight} are over"
-                    why = f"Then the pulse that runs the other way round the periodic network comes, which is {period:.4g} m"
+                    what = (
+                        f"the record ends at {end}, before the burst of {pushed} and the flight"
+                        f" of {flight} are over"
+                    )
+                    why = (
+                        f"Then the pulse that runs the other way round the periodic network"
+                        f" comes, which is {period:.4g} m"
+                    )
                     other = "fewer cycles, a higher frequency, or ends: free"
                     mend = f"Use {nearer}an array of {needed:.4g} m along the direction, {other}"
                     raise InputError(what, f"{why} long", mend)
@@ -864,8 +1101,13 @@ class Route:
         step = 1.0 / (READINGS * hertz)
         readings = duration / step if step else math.inf
         if not readings < _MOST_READINGS:
-            what = f"a pulse of {hertz:g} Hz and {burst.cycles:g} cycles is read more than {_MOST_READINGS:,} times"
-            raise InputError(what, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration")
+            what = (
+                f"a pulse of {hertz:g} Hz and {burst.cycles:g} cycles is read more than"
+                f" {_MOST_READINGS:,} times"
+            )
+            raise InputError(
+                what, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"
+            )
         times: Array = step * np.arange(max(3, math.floor(readings) + 1), dtype=np.float64)
         return cls(course, burst, push, start, sources, groups, fastest, times, frames)
 
@@ -881,10 +1123,11 @@ class Route:
 
 
 def require_sendable(network: ContactNetwork, wanted: PulseSource) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if it is known that a pulse cannot be sent, or not be read.
+    """Raise :class:`~granphon.base.errors.InputError` if it is known that a pulse cannot be sent,
+    or not be read.
 
-    ``network`` is the array of equal balls in the place of one of differing balls that has not been simulated. What depends
-    on the forces of contacts is refused only where it is beyond doubt.
+    ``network`` is the array of equal balls in the place of one of differing balls that has not been
+    simulated. What depends on the forces of contacts is refused only where it is beyond doubt.
     """
     route = Route.of(network, wanted, MARGIN)
     burst = route.burst
@@ -895,7 +1138,9 @@ def require_sendable(network: ContactNetwork, wanted: PulseSource) -> None:
     _require_short(operator, route.last / MARGIN)
 
 
-def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperator | None = None) -> Pulse:
+def transmit(
+    network: ContactNetwork, wanted: PulseSource, operator: WaveOperator | None = None
+) -> Pulse:
     """Send a pulse through a network; see :meth:`granphon.waves.waves.Waves.transmit`.
 
     ``operator`` is that of the network, if it is known, and known to be stable.
@@ -903,9 +1148,17 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
     from scipy.sparse.linalg import eigsh
 
     tau = not_negative("damping", wanted.damping, "s")
-    across = tau if wanted.tangential_damping is None else not_negative("tangential_damping", wanted.tangential_damping, "s")
+    across = (
+        tau
+        if wanted.tangential_damping is None
+        else not_negative("tangential_damping", wanted.tangential_damping, "s")
+    )
     route = Route.of(network, wanted)
-    course, burst, push, sources, groups = route.course, route.burst, route.push, route.sources, route.groups
+    course = route.course
+    burst = route.burst
+    push = route.push
+    sources = route.sources
+    groups = route.groups
     if operator is None or operator.network is not course.network:
         operator = make_operator(course.network)
         if not course.at_rest:
@@ -915,55 +1168,91 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
         if operator.size > 2:
             begin = np.random.default_rng(0).normal(size=operator.size)
             with lanczos_converges():
-                (top,) = eigsh(operator, k=1, which="LA", v0=begin, tol=1e-6, return_eigenvectors=False)
+                (top,) = eigsh(
+                    operator, k=1, which="LA", v0=begin, tol=1e-6, return_eigenvectors=False
+                )
         else:
             top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
         if squared > top * (1.0 + 1e-6):
-            raise _explain_unreachable(burst.frequency, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
+            raise _explain_unreachable(
+                burst.frequency, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz"
+            )
     damped = ContactDamping.of(course.network, (tau, across))
     even = damped.find_even(course.network) is not None
     _require_short(operator, route.last, float(np.max(damped.times)), not even)
-    axes, root, receivers = list(operator.motions.translations), 1.0 / np.sqrt(course.network.masses), np.concatenate(groups)
+    axes, root, receivers = (
+        list(operator.motions.translations),
+        1.0 / np.sqrt(course.network.masses),
+        np.concatenate(groups),
+    )
     e, forces = push[axes], operator.push(sources, push, root[sources])
     heard = operator.places[receivers, : e.size]
     what = f"{len(route.frames):,} frames of {network.n_balls:,} balls"
     needed = 8.0 * len(route.frames) * (3.0 * network.n_balls + 2.0 * operator.size)
     require_memory(what, needed, "Give fewer frames")
     propagation = (
-        Propagation(operator, forces, burst, route.last, tau) if even
+        Propagation(operator, forces, burst, route.last, tau)
+        if even
         else ViscousPropagation(operator, forces, burst, damped)
-    )  # fmt: skip
+    )
     signals, displaced, moving = propagation.follow(
         lambda vector: root[receivers] * (vector[heard] @ e),
         route.times,
         np.concatenate([[burst.duration, route.end], route.frames]),
     )
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
-    energies = [0.5 * (v @ v) + operator.store(x) for x, v in zip(displaced[:2], moving[:2], strict=True)]
+    energies = [
+        0.5 * (v @ v) + operator.store(x) for x, v in zip(displaced[:2], moving[:2], strict=True)
+    ]
     velocities = np.zeros((len(route.frames), network.n_balls, 3))
     for frame, vector in zip(velocities, moving[2:], strict=True):
-        frame[operator.balls[:, None], axes] = root[operator.balls, None] * operator.values(vector)[:, : e.size]
+        frame[operator.balls[:, None], axes] = (
+            root[operator.balls, None] * operator.values(vector)[:, : e.size]
+        )
     far = [course.find_distance(route.start, one) for one in groups]
     fallen = np.flatnonzero(network.moving & ~course.network.moving & (wanted.ends == "free"))
     pulse = Pulse(
-        burst.frequency, burst.cycles, course.direction, push, tau, across, far[0], route.times, burst(route.times), sources,
-        groups[0], np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
-        np.array([np.mean(one, axis=0) for one in parts[1:]]), route.frames, velocities,
-        echo=course.find_echo(route.start, groups[0]), fastest=route.fastest,
+        burst.frequency,
+        burst.cycles,
+        course.direction,
+        push,
+        tau,
+        across,
+        far[0],
+        route.times,
+        burst(route.times),
+        sources,
+        groups[0],
+        np.zeros(len(groups[0]), int),
+        parts[0],
+        np.array(energies),
+        np.array(far[1:]),
+        np.array([np.mean(one, axis=0) for one in parts[1:]]),
+        route.frames,
+        velocities,
+        echo=course.find_echo(route.start, groups[0]),
+        fastest=route.fastest,
         left_out=fallen.size,
-    )  # fmt: skip
-    depth, said = np.minimum(course.places, course.period - course.places), list[str]()
+    )
+    depth = np.minimum(course.places, course.period - course.places)
+    said = list[str]()
     if fallen.size and np.max(depth[fallen]) >= np.min(depth[groups[0]]):
         said.append(
-            f"static forces push {counted(fallen.size, 'ball')} over behind the ends that are cut, as far inside as the "
-            "receiving plane, so that the array is no longer what it was: use ends: walls, friction, or a higher load"
+            f"static forces push {counted(fallen.size, 'ball')} over behind the ends that are"
+            f" cut, as far inside as the "
+            "receiving plane, so that the array is no longer what it was: use ends: walls,"
+            " friction, or a higher load"
         )
     return replace(pulse, warnings=(*said, *pulse.judge()))
 
 
 def _read_list(name: str, given: ArrayLike, unit: str, span: str) -> Array:
     """Return numbers (n,), which may be none."""
-    return finite_array(name, given, unit, span).ravel() if real_array(name, given).size else np.zeros(0)
+    return (
+        finite_array(name, given, unit, span).ravel()
+        if real_array(name, given).size
+        else np.zeros(0)
+    )
 
 
 def read_vector(name: str, given: Any, dimension: int) -> Array:
@@ -971,26 +1260,42 @@ def read_vector(name: str, given: Any, dimension: int) -> Array:
     vector = finite_array(name, given)
     vector = np.atleast_1d(vector)
     if vector.ndim != 1 or vector.size > 3 or not np.any(vector):
-        raise InputError(f"{name} is {brief(given)}", f"It is a vector of {dimension} numbers, not all zero")
+        raise InputError(
+            f"{name} is {brief(given)}", f"It is a vector of {dimension} numbers, not all zero"
+        )
     vector = np.pad(vector, (0, 3 - vector.size)) / np.max(np.abs(vector))
     return np.asarray(vector / np.linalg.norm(vector))
 
 
 def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool = False) -> None:
-    """Raise InputError unless the balls of a network move along a vector (3,), or each along its own (n, 3); or turn so."""
-    motions, rows = network.ball_motions, np.atleast_2d(along)
+    """Raise InputError unless the balls of a network move along a vector (3,), or each along its
+    own (n, 3); or turn so.
+    """
+    motions = network.ball_motions
+    rows = np.atleast_2d(along)
     axes = motions.rotations if turns else motions.translations
     stray = np.abs(np.delete(rows, list(axes), axis=1)).max(axis=1, initial=0.0)
     if stray.max(initial=0.0) > 1e-9 * np.abs(rows).max(initial=0.0):
-        ball, (verb, how) = int(np.argmax(stray)), ("turn", "about") if turns else ("move", "along")
+        ball = int(np.argmax(stray))
+        (verb, how) = ("turn", "about") if turns else ("move", "along")
         shown = ", ".join(f"{x:.6g}" for x in rows[ball])
-        what = f"the {name} is {how} ({shown})" if along.ndim == 1 else f"{name} of ball {ball} are ({shown})"
-        allowed = f"{verb} {how} {' and '.join('xyz'[axis] for axis in axes)} only" if axes else f"do not {verb}"
+        what = (
+            f"the {name} is {how} ({shown})"
+            if along.ndim == 1
+            else f"{name} of ball {ball} are ({shown})"
+        )
+        allowed = (
+            f"{verb} {how} {' and '.join('xyz'[axis] for axis in axes)} only"
+            if axes
+            else f"do not {verb}"
+        )
         raise InputError(what, f"Balls {allowed}")
 
 
 def read_push(network: ContactNetwork, along: Array, given: Any) -> Array:
-    """Return the unit vector (3,) along which a source pushes whose waves travel ``along``, from its polarisation."""
+    """Return the unit vector (3,) along which a source pushes whose waves travel ``along``, from
+    its polarisation.
+    """
     axes = list(network.ball_motions.translations)
     if not isinstance(given, str):
         push = read_vector("polarisation", given, network.dimension)
@@ -999,7 +1304,8 @@ def read_push(network: ContactNetwork, along: Array, given: Any) -> Array:
     elif given == "out_of_plane":
         push = np.array([0.0, 0.0, 1.0])
     elif given == "transverse":
-        # within the plane of the balls; in space the axis farthest from the direction, made perpendicular to it
+        # within the plane of the balls; in space the axis farthest from the direction, made
+        # perpendicular to it
         among = [axis for axis in ((0, 1) if network.dimension < 3 else (0, 1, 2)) if axis in axes]
         if len(among) < 2:
             what = f"the motions {network.motions!r} have no transverse waves in this direction"
@@ -1017,24 +1323,35 @@ def read_push(network: ContactNetwork, along: Array, given: Any) -> Array:
 def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
     """Return the error of a frequency above the ``limit`` of the network's modes, in words."""
     what = f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit}"
-    return UnreachableFrequencyError(what, "Nothing of the pulse would travel", "Lower the frequency")
+    return UnreachableFrequencyError(
+        what, "Nothing of the pulse would travel", "Lower the frequency"
+    )
 
 
-def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0, uneven: bool = False) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a record that takes more than :data:`_MOST` products with D.
+def _require_short(
+    operator: WaveOperator, duration: float, damping: float = 0.0, uneven: bool = False
+) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a record that takes more than
+    :data:`_MOST` products with D.
 
-    ``damping`` is the largest time, s; ``uneven`` says that contacts are damped differently in their motions.
+    ``damping`` is the largest time, s; ``uneven`` says that contacts are damped differently in
+    their motions.
     """
-    tau, top = write_quantity(damping, "s", 3), write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
+    tau = write_quantity(damping, "s", 3)
+    top = write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
     if (ratio := operator.top * damping) > _MOST_DAMPED:
         what = f"with a damping of {tau} nothing moves at frequencies up to {top}"
-        raise InputError(what, mend=f"Give {write_quantity(_MOST_DAMPED / operator.top, 's', 3)} at most")
+        raise InputError(
+            what, mend=f"Give {write_quantity(_MOST_DAMPED / operator.top, 's', 3)} at most"
+        )
     if uneven and (viscous := ratio * operator.top * duration) > _MOST:
         what = f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network"
         why = "Different dampings are propagated in steps of the most damped motion"
         raise InputError(what, why, "Give less, or one for both")
     if (products := 0.5 * operator.top * duration) > _MOST:
-        record, longest = (write_quantity(one, "s", 3) for one in (duration, 2.0 * _MOST / operator.top))
+        record, longest = (
+            write_quantity(one, "s", 3) for one in (duration, 2.0 * _MOST / operator.top)
+        )
         what = f"a record of {record} takes {products:.3g} products with the matrix of the network"
         why = f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}"
         mend = "Use a higher frequency, fewer cycles, or a shorter distance or duration"

@@ -1,39 +1,45 @@
-"""The response of a network at given frequencies: receptance, mobility, and what a moved wall hands on.
+"""The response of a network at given frequencies: receptance, mobility, and what a moved wall hands
+on.
 
 With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z x = M^-1/2 F,
 
     Z(omega) = D(omega) - omega^2,    D(omega) = A^T (1 + i eta + i omega tau) A + static forces,
 
-with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that touch it with the same
-springs and dashpots. There are two ways to solve it.
+with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that
+touch it with the same springs and dashpots. There are two ways to solve it.
 
-Directly: sparse LU factors of Z at each frequency, in an order of the motions that is found once. Further solutions, of what
-is left, mend the first until they change it no more. The error is the last change, and what the rounding of Z and omega
-makes, which is large next to modes that lose no energy.
+Directly: sparse LU factors of Z at each frequency, in an order of the motions that is found once.
+Further solutions, of what is left, mend the first until they change it no more. The error is the
+last change, and what the rounding of Z and omega makes, which is large next to modes that lose no
+energy.
 
-By one Krylov space for all frequencies, of the source and a matrix H that does not depend on them: each step multiplies the
-last vector by H and makes the result orthogonal to the two before it. On these vectors H is a tridiagonal matrix, with which
-the shifted systems of all frequencies are solved (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). Of the
-vectors only the signals of receivers are kept, and a step takes one product and a few sums.
+By one Krylov space for all frequencies, of the source and a matrix H that does not depend on them:
+each step multiplies the last vector by H and makes the result orthogonal to the two before it. On
+these vectors H is a tridiagonal matrix, with which the shifted systems of all frequencies are
+solved (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). Of the vectors only the
+signals of receivers are kept, and a step takes one product and a few sums.
 
-If all contacts are damped alike, Z = s (D - z) with a number s and z = omega^2/s, and H is D: the process of Lanczos. If
-they have different loss factors alone, H is A^T (1 + i eta) A, complex and symmetric, and vectors are orthogonal in the
-product x.y without conjugation. With different dashpots, H is that of velocities v = x' and deformations
-y = i (1 + i eta)^1/2 A x, with which the equations of motion are of first order,
+If all contacts are damped alike, Z = s (D - z) with a number s and z = omega^2/s, and H is D: the
+process of Lanczos. If they have different loss factors alone, H is A^T (1 + i eta) A, complex and
+symmetric, and vectors are orthogonal in the product x.y without conjugation. With different
+dashpots, H is that of velocities v = x' and deformations y = i (1 + i eta)^1/2 A x, with which the
+equations of motion are of first order,
 
     (i omega + ((A^T tau A, -B^T), (-B, 0))) (v, y) = (M^-1/2 F, 0),    B = i (1 + i eta)^1/2 A.
 
-It is symmetric too. But if its vectors were real in v and imaginary in y, a vector would be orthogonal to itself as soon as
-both have the same energy. So the space is that of 1 - i H times the source: without losses its vectors are as real as those
-of Lanczos. x follows from the solution x' there, x = (x' + i source)/(1 + omega). With strong dashpots this process loses
-its digits, and vectors are made orthogonal in the product with conjugation, to the last two only: the process of Arnoldi,
-incomplete (Y. Saad, Linear Algebra Appl. 34, 269 (1980)), which is stable and takes many more steps. A static force adds
-deformations of imaginary stiffness^1/2.
+It is symmetric too. But if its vectors were real in v and imaginary in y, a vector would be
+orthogonal to itself as soon as both have the same energy. So the space is that of 1 - i H times the
+source: without losses its vectors are as real as those of Lanczos. x follows from the solution x'
+there, x = (x' + i source)/(1 + omega). With strong dashpots this process loses its digits, and
+vectors are made orthogonal in the product with conjugation, to the last two only: the process of
+Arnoldi, incomplete (Y. Saad, Linear Algebra Appl. 34, 269 (1980)), which is stable and takes many
+more steps. A static force adds deformations of imaginary stiffness^1/2.
 
-What is left has the norm of the next vector times the last coefficient. With g the least eta + omega tau of all contacts,
-|Z^-1| is at most one over the distance of omega^2 from all d (1 + i g'), d >= 0 and g' >= g, which bounds the error. From
-g follows beforehand how many steps it takes (:class:`ResponseWork`), and frequencies at which factors are less work are
-left to these.
+What is left has the norm of the next vector times the last coefficient. With g the least eta +
+omega tau of all contacts,
+|Z^-1| is at most one over the distance of omega^2 from all d (1 + i g'), d >= 0 and g' >= g, which
+bounds the error. From g follows beforehand how many steps it takes (:class:`ResponseWork`), and
+frequencies at which factors are less work are left to these.
 """
 
 from __future__ import annotations
@@ -70,41 +76,58 @@ QUANTITIES = {"displacement": "m/N", "velocity": "m/(N s)", "transmissibility": 
 METHODS = ("direct", "krylov")
 #: motions up to which factors are always taken, as they lose no digits
 _FEW = 2_000
-#: bound of the error of a response, over the largest of its frequency, with which it counts as found
+#: bound of the error of a response, over the largest of its frequency, with which it counts as
+#: found
 TOLERANCE = 1e-9
-#: root of the square of a vector, in the product that has either sign, over its norm, up to which nothing follows from it
+#: root of the square of a vector, in the product that has either sign, over its norm, up to which
+#: nothing follows from it
 _DEGENERATE = 1e-4
 #: most products of a space; products that the vectors of the first ones are kept for
-_MOST, _FIRST = 100_000, 256
-#: longest time of a response without a method that is named, and of factors where a space has not enough digits, s
-_LONGEST, _AGAIN = 3600.0, 10.0
-#: least pace of a Krylov space, over the mean distance of modes in a network, which it comes to tell apart
+_MOST = 100_000
+_FIRST = 256
+#: longest time of a response without a method that is named, and of factors where a space has not
+#: enough digits, s
+_LONGEST = 3600.0
+_AGAIN = 10.0
+#: least pace of a Krylov space, over the mean distance of modes in a network, which it comes to
+#: tell apart
 _MODE_PACE = 5.0
 #: time of a step with loss factors that differ, over that of Lanczos
 _LOSSY = 2.5
 #: time of a step with dashpots that differ, likewise
 _FIRST_ORDER = 4.5
-#: steps with dashpots that differ, over those of Lanczos: of the symmetric process, and of the incomplete one
-_SYMMETRIC, _INCOMPLETE = 2.0, 3.0
-#: greatest damping, over the top frequency, up to which the symmetric process of first order keeps its digits
+#: steps with dashpots that differ, over those of Lanczos: of the symmetric process, and of the
+#: incomplete one
+_SYMMETRIC = 2.0
+_INCOMPLETE = 3.0
+#: greatest damping, over the top frequency, up to which the symmetric process of first order keeps
+#: its digits
 _STRONG = 0.45
-#: what is left, over the source, at which a solution is looked at first, and least part of it at the next time
-_LOOK, _NEXT = 1e-3, 0.02
-#: norm of what is left in a step, over the largest, at which the space holds all that D makes of the source
+#: what is left, over the source, at which a solution is looked at first, and least part of it at
+#: the next time
+_LOOK = 1e-3
+_NEXT = 0.02
+#: norm of what is left in a step, over the largest, at which the space holds all that D makes of
+#: the source
 _COMPLETE = 1e-13
 #: solutions by the same factors, of which each mends the one before
 _SOLUTIONS = 4
-#: error above which a response is told to be unsure, and part of all motions by which a solution is mended if it is none
-_UNSURE, _UNKNOWN = 1e-6, 1e-2
+#: error above which a response is told to be unsure, and part of all motions by which a solution is
+#: mended if it is none
+_UNSURE = 1e-6
+_UNKNOWN = 1e-2
 #: part of the source that is left by Lanczos, from which on rounding is all that is left
 _ROUNDING = 1e-16
 #: what is left over the source, from which on a frequency is never found
 _LOST = 1e100
 #: most rounds in which a narrow line is approached: the distance from its pole falls as its square
 _ROUNDS = 12
-#: change of a pole, over its half width, at which it stands; that up to which two receivers hear one line
-_STANDS, _SAME_LINE = 1e-6, 1e-2
-#: least half width of a line over the square of its frequency, 1/Q: below it no losses are told from rounding
+#: change of a pole, over its half width, at which it stands; that up to which two receivers hear
+#: one line
+_STANDS = 1e-6
+_SAME_LINE = 1e-2
+#: least half width of a line over the square of its frequency, 1/Q: below it no losses are told
+#: from rounding
 _NARROWEST = 1e-9
 #: what returns values (n, n_r) at ascending frequencies (n,), Hz
 Solve = Callable[[Array], NDArray[np.complex128]]
@@ -112,12 +135,14 @@ Solve = Callable[[Array], NDArray[np.complex128]]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Response(Result, array="values"):
-    """Complex amplitudes of receivers in a steady motion exp(i omega t); ``np.asarray`` of it is ``values``.
+    """Complex amplitudes of receivers in a steady motion exp(i omega t); ``np.asarray`` of it is
+    ``values``.
 
     Attributes
     ----------
     frequencies : (n_f,) Hz.
-    values : (n_f, n_r) amplitude of each receiver over that of the source: m/N, m/(N s) or 1. A phase below zero lags.
+    values : (n_f, n_r) amplitude of each receiver over that of the source: m/N, m/(N s) or 1. A
+        phase below zero lags.
     quantity : "displacement" (receptance), "velocity" (mobility) or "transmissibility".
     sources : (n_s,) balls that are pushed, each with the same force, or bodies that are moved.
     pushes : (n_s, 3) unit vectors along which they are.
@@ -126,8 +151,8 @@ class Response(Result, array="values"):
     error : (n_f,) error of the values at each frequency, over the largest of them.
     factorisations : number of frequencies whose values were found by factors of the matrix.
     steps : number of steps of the Krylov space by which the others were found; 0 without any.
-    warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without damping; and one where
-        contacts are more viscous than stiff, as a damping is a time.
+    warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without
+        damping; and one where contacts are more viscous than stiff, as a damping is a time.
     """
 
     _notebook_fields = ("method",)
@@ -156,7 +181,9 @@ class Response(Result, array="values"):
 
     @property
     def phase(self) -> Array:
-        """(n_f, n_r) rad, without jumps by 2 pi from one frequency to the next; the first is between -pi and pi."""
+        """(n_f, n_r) rad, without jumps by 2 pi from one frequency to the next; the first is
+        between -pi and pi.
+        """
         return np.unwrap(np.angle(self.values), axis=0)
 
     @property
@@ -166,10 +193,12 @@ class Response(Result, array="values"):
 
     @cached_property
     def peaks(self) -> tuple[Peaks, ...]:
-        """For each receiver its peaks, each that of a mode over a constant background: frequencies, heights, Q factors.
+        """For each receiver its peaks, each that of a mode over a constant background: frequencies,
+        heights, Q factors.
 
-        Lines narrower than the step of the frequencies are solved for between these. A response that was read from a file or
-        a copy, or that loses no energy, has their frequencies to a step, and neither heights nor Q, which are nan.
+        Lines narrower than the step of the frequencies are solved for between these. A response
+        that was read from a file or a copy, or that loses no energy, has their frequencies to a
+        step, and neither heights nor Q, which are nan.
         """
         return self.peaks_of_means([[place] for place in range(len(self.receivers))])
 
@@ -185,26 +214,37 @@ class Response(Result, array="values"):
         def solve(frequencies: Array) -> Complex:
             return take_means(self._solver[0](frequencies))
 
-        return find_peaks(self.frequencies, take_means(self.values), solve if self._solver else None)
+        return find_peaks(
+            self.frequencies, take_means(self.values), solve if self._solver else None
+        )
 
     @property
     def method(self) -> str:
         """How it was found, in words."""
         krylov = len(self.frequencies) - self.factorisations
-        parts = [f"{counted(self.factorisations, 'frequency', 'frequencies')} by factors of the matrix"] * bool(
-            self.factorisations
-        )
+        parts = [
+            f"{counted(self.factorisations, 'frequency', 'frequencies')} by factors of the matrix"
+        ] * bool(self.factorisations)
         if krylov:
-            parts.append(f"{counted(krylov, 'frequency', 'frequencies')} by a Krylov space of {counted(self.steps, 'step')}")
+            parts.append(
+                f"{counted(krylov, 'frequency', 'frequencies')} by a Krylov space of"
+                f" {counted(self.steps, 'step')}"
+            )
         return ", ".join(parts)
 
     @property
     def labelled(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-        """What ``xarray.Dataset`` takes: dimensions, numbers and units of magnitude, phase, error and balls."""
+        """What ``xarray.Dataset`` takes: dimensions, numbers and units of magnitude, phase, error
+        and balls.
+        """
         unit = QUANTITIES[self.quantity]
         return {
             "frequency": (("frequency",), self.frequencies, {"units": "Hz"}),
-            "magnitude": (("frequency", "receiver"), self.magnitude, {"units": unit, "long_name": self.quantity}),
+            "magnitude": (
+                ("frequency", "receiver"),
+                self.magnitude,
+                {"units": unit, "long_name": self.quantity},
+            ),
             "phase": (("frequency", "receiver"), self.phase, {"units": "rad"}),
             "error": (("frequency",), self.error, {"units": "1"}),
             "receiver": (("receiver",), np.arange(len(self.receivers)), {}),
@@ -218,9 +258,10 @@ class Peaks(NamedTuple):
     Attributes
     ----------
     frequencies : (n,) Hz.
-    heights : (n,) magnitude at the peaks, in the unit of the response; nan of a line that is narrower than the step of the
-        frequencies, where nothing is solved between them.
-    quality : (n,) Q factors, a ratio without a unit; nan if the peak is not resolved, or not that of one mode.
+    heights : (n,) magnitude at the peaks, in the unit of the response; nan of a line that is
+        narrower than the step of the frequencies, where nothing is solved between them.
+    quality : (n,) Q factors, a ratio without a unit; nan if the peak is not resolved, or not that
+        of one mode.
     """
 
     frequencies: Array
@@ -228,15 +269,20 @@ class Peaks(NamedTuple):
     quality: Array
 
 
-def find_peaks(frequencies: Array, values: Complex, solve: Solve | None = None) -> tuple[Peaks, ...]:
-    """Return the peaks of the magnitude of each receiver, inside of the ascending frequencies (n_f,), Hz.
+def find_peaks(
+    frequencies: Array, values: Complex, solve: Solve | None = None
+) -> tuple[Peaks, ...]:
+    """Return the peaks of the magnitude of each receiver, inside of the ascending frequencies
+    (n_f,), Hz.
 
-    ``values`` are (n_f, n_r); ``solve`` returns those at other ascending frequencies. B + R/(p - f^2), a mode over a
-    constant background, passes through the highest value and its two neighbours. Its pole p gives the frequency (Re p)^1/2,
-    the height there, and Q = Re p / Im p. Where the width of the line is below half the step of the frequencies, these lie
-    too far from it: the response is solved at the pole and half a width beside it, and the pole found anew, until it stands.
-    Without ``solve`` the height and Q of such a line are not known, and its frequency is that of the highest value. Where
-    the pole is farther away than its width, the peak is not that of one mode: it is the highest value, and Q is not known.
+    ``values`` are (n_f, n_r); ``solve`` returns those at other ascending frequencies. B + R/(p -
+    f^2), a mode over a constant background, passes through the highest value and its two
+    neighbours. Its pole p gives the frequency (Re p)^1/2, the height there, and Q = Re p / Im p.
+    Where the width of the line is below half the step of the frequencies, these lie too far from
+    it: the response is solved at the pole and half a width beside it, and the pole found anew,
+    until it stands. Without ``solve`` the height and Q of such a line are not known, and its
+    frequency is that of the highest value. Where the pole is farther away than its width, the peak
+    is not that of one mode: it is the highest value, and Q is not known.
     """
     magnitude = np.abs(values)
     tops = (magnitude[1:-1] > magnitude[:-2]) & (magnitude[1:-1] >= magnitude[2:])
@@ -251,21 +297,31 @@ def find_peaks(frequencies: Array, values: Complex, solve: Solve | None = None) 
         top = np.abs(heard[1] - strength / (pole - x[1]) + strength / (1j * pole.imag))
         step = x[2] - x[0]
         is_broad = np.abs(pole.imag) >= 0.25 * step
-        is_mode = is_broad & (pole.imag > 0.0) & (np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * step))
+        is_mode = (
+            is_broad
+            & (pole.imag > 0.0)
+            & (np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * step))
+        )
         found = np.where(is_mode, pole.real, x[1])
-        heights = np.where(is_mode, np.maximum(top, magnitude[rows]), np.where(is_broad, magnitude[rows], np.nan))
+        heights = np.where(
+            is_mode, np.maximum(top, magnitude[rows]), np.where(is_broad, magnitude[rows], np.nan)
+        )
         quality = np.where(is_mode, pole.real / pole.imag, np.nan)
     narrow = is_top & ~is_broad
     if solve is not None and np.any(narrow):
         lines = np.flatnonzero(np.any(narrow, axis=1))
-        pole_of_line, square, between = _approach_lines(squares[:, lines], heard[:, lines], narrow[lines], solve)
+        pole_of_line, square, between = _approach_lines(
+            squares[:, lines], heard[:, lines], narrow[lines], solve
+        )
         own = _fit_pole(square[..., None], between)
         is_same = np.abs(own - pole_of_line[:, None]) <= _SAME_LINE * pole_of_line.imag[:, None]
         height = np.abs(between[1])
         is_line = narrow[lines] & is_same & (height >= magnitude[rows[lines]])
         found[lines] = np.where(is_line, square[1][:, None], found[lines])
         heights[lines] = np.where(is_line, height, heights[lines])
-        quality[lines] = np.where(is_line, (pole_of_line.real / pole_of_line.imag)[:, None], quality[lines])
+        quality[lines] = np.where(
+            is_line, (pole_of_line.real / pole_of_line.imag)[:, None], quality[lines]
+        )
     return tuple(
         Peaks(np.sqrt(found[mine, receiver]), heights[mine, receiver], quality[mine, receiver])
         for receiver, mine in enumerate(is_top.T)
@@ -275,9 +331,11 @@ def find_peaks(frequencies: Array, values: Complex, solve: Solve | None = None) 
 def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
     """Return the pole p of B + R/(p - x) through three values, the first axis.
 
-    With ``weights`` (n, n_r) it is that which the receivers, the last axis, have in common, by least squares.
+    With ``weights`` (n, n_r) it is that which the receivers, the last axis, have in common, by
+    least squares.
     """
-    rise, following = values[1] - values[0], values[2] - values[1]
+    rise = values[1] - values[0]
+    following = values[2] - values[1]
     if weights is None:
         ratio = rise / following
     else:
@@ -287,13 +345,17 @@ def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
     return (x[2] - ratio * x[0]) / (1.0 - ratio)
 
 
-def _approach_lines(x: Array, values: Complex, heard: Any, solve: Solve) -> tuple[Complex, Array, Complex]:
+def _approach_lines(
+    x: Array, values: Complex, heard: Any, solve: Solve
+) -> tuple[Complex, Array, Complex]:
     """Solve at lines (n,) between three points until their poles stand.
 
-    ``x`` (3, n) are squares of frequencies, ``values`` (3, n, n_r), and ``heard`` (n, n_r) says which receivers hear a line.
-    Returns the poles (n,), nan of lines that are not found, and the last points and values about each.
+    ``x`` (3, n) are squares of frequencies, ``values`` (3, n, n_r), and ``heard`` (n, n_r) says
+    which receivers hear a line. Returns the poles (n,), nan of lines that are not found, and the
+    last points and values about each.
     """
-    low, high = x[0], x[2]
+    low = x[0]
+    high = x[2]
     x, values = x.copy(), values.copy()
     pole = np.full(len(low), np.nan + 0j)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -304,50 +366,87 @@ def _approach_lines(x: Array, values: Complex, heard: Any, solve: Solve) -> tupl
         if not left.size:
             break
         centre = np.clip(estimate[left].real, low[left], high[left])
-        half_width = np.clip(np.abs(estimate[left].imag), _NARROWEST * centre, 0.25 * (high - low)[left])
+        half_width = np.clip(
+            np.abs(estimate[left].imag), _NARROWEST * centre, 0.25 * (high - low)[left]
+        )
         x[:, left] = centre + half_width * np.array([[-1.0], [0.0], [1.0]])
         frequencies, place = np.unique(np.sqrt(x[:, left]), return_inverse=True)
         values[:, left] = solve(frequencies)[place.reshape(3, left.size)]
         with np.errstate(divide="ignore", invalid="ignore"):
             found = _fit_pole(x[:, left], values[:, left], heard[left])
-        stands = (np.abs(found - estimate[left]) <= _STANDS * found.imag) & (found.imag > _NARROWEST * centre)
+        stands = (np.abs(found - estimate[left]) <= _STANDS * found.imag) & (
+            found.imag > _NARROWEST * centre
+        )
         pole[left[stands]] = found[stands]
         estimate[left] = found
         left = left[~stands]
     return pole, x, values
 
 
-def require_places(network: ContactNetwork, name: str, given: Any, moved: bool, **options: Any) -> None:
-    """Raise InputError unless a network has the places of a source or receiver, as arguments of ``Waves.response``."""
+def require_places(
+    network: ContactNetwork, name: str, given: Any, moved: bool, **options: Any
+) -> None:
+    """Raise InputError unless a network has the places of a source or receiver, as arguments of
+    ``Waves.response``.
+    """
     _Places(network, **options).find(name, given, held=moved)
 
 
 def find_response(
-    operator: WaveOperator, frequencies: ArrayLike, source: Any, receiver: Any, damping: Any = 0.0,
-    loss_factor: Any = 0.0, *, quantity: str = "displacement", direction: ArrayLike | None = None,
-    polarisation: str | ArrayLike = "longitudinal", distance: float | None = None, method: str | None = None,
+    operator: WaveOperator,
+    frequencies: ArrayLike,
+    source: Any,
+    receiver: Any,
+    damping: Any = 0.0,
+    loss_factor: Any = 0.0,
+    *,
+    quantity: str = "displacement",
+    direction: ArrayLike | None = None,
+    polarisation: str | ArrayLike = "longitudinal",
+    distance: float | None = None,
+    method: str | None = None,
     tolerance: float = TOLERANCE,
-) -> Response:  # fmt: skip
+) -> Response:
     """Return the response of a network; see :meth:`granphon.waves.waves.Waves.response`."""
-    network, hertz = operator.network, frequency_array("frequencies", frequencies)
-    quantity, tolerance = one_of("quantity", quantity, QUANTITIES), positive("tolerance", tolerance, "")
+    network = operator.network
+    hertz = frequency_array("frequencies", frequencies)
+    quantity, tolerance = (
+        one_of("quantity", quantity, QUANTITIES),
+        positive("tolerance", tolerance, ""),
+    )
     method = None if method is None else one_of("method", method, METHODS)
-    damped, places = ContactDamping.of(network, damping, loss_factor), _Places(network, direction, polarisation, distance)
+    damped = ContactDamping.of(network, damping, loss_factor)
+    places = _Places(network, direction, polarisation, distance)
     moved = quantity == "transmissibility"
     sources, pushes = places.find("source", source, held=moved)
     receivers, directions = places.find("receiver", receiver)
-    axes, count = list(operator.motions.translations), operator.motions.count
-    # the source: what does not depend on the damping, and what the loss factors and the dashpots add
+    axes = list(operator.motions.translations)
+    count = operator.motions.count
+    # the source: what does not depend on the damping, and what the loss factors and the dashpots
+    # add
     amplitude = np.zeros((network.n_balls, count))
     np.add.at(amplitude[:, : len(axes)], sources, pushes[:, axes])
     if moved:
-        drives = [operator.pull(amplitude), *(operator.pull(amplitude, one) for one in (damped.losses, damped.times))]
+        drives = [
+            operator.pull(amplitude),
+            *(operator.pull(amplitude, one) for one in (damped.losses, damped.times)),
+        ]
     else:
-        pushed = operator.vector(amplitude[operator.balls] / np.sqrt(network.masses[operator.balls])[:, None])
+        pushed = operator.vector(
+            amplitude[operator.balls] / np.sqrt(network.masses[operator.balls])[:, None]
+        )
         drives = [pushed, np.zeros(operator.size), np.zeros(operator.size)]
     heard = operator.places[receivers, : len(axes)]
     ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
-    problem = _Problem(operator, damped, drives, heard, ears, moved, operator.stretch(amplitude) if moved else np.zeros(0))
+    problem = _Problem(
+        operator,
+        damped,
+        drives,
+        heard,
+        ears,
+        moved,
+        operator.stretch(amplitude) if moved else np.zeros(0),
+    )
 
     def solve(at: Array) -> tuple[Complex, Array, int, int]:
         values, error, factored, steps = problem.solve(2.0 * math.pi * at, method, tolerance)
@@ -356,13 +455,18 @@ def find_response(
         return values, error, factored, steps
 
     what = f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies"
-    require_memory(what, _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)), "Take fewer frequencies")
+    require_memory(
+        what, _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)), "Take fewer frequencies"
+    )
     values, error, factored, steps = solve(hertz)
     warnings = damped.find_warnings(float(np.max(hertz)))
     unsure = np.flatnonzero(error > _UNSURE)
     if unsure.size:
         worst = unsure[np.argmax(error[unsure])]
-        where = f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at {hertz[worst]:.6g} Hz"
+        where = (
+            f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
+            f" {hertz[worst]:.6g} Hz"
+        )
         why = "hardly anything reaches the receivers, or a mode hardly loses energy"
         most = np.max((error * np.max(np.abs(values), axis=1))[error >= 1.0], initial=0.0)
         if most > 0.0:
@@ -372,19 +476,33 @@ def find_response(
             *warnings,
             f"the error of the response is above {_UNSURE:g} at {where}: {why}.",
         )
-    response = Response(hertz, values, quantity, sources, pushes, receivers, directions, error, factored, steps, warnings)
+    response = Response(
+        hertz,
+        values,
+        quantity,
+        sources,
+        pushes,
+        receivers,
+        directions,
+        error,
+        factored,
+        steps,
+        warnings,
+    )
     if not damped.is_none:  # without losses a peak has no height
         object.__setattr__(response, "_solver", (lambda at: solve(at)[0],))
     return response
 
 
-# -- sources and receivers ---------------------------------------------------------------------------------------------
+# -- sources and receivers -------------------------------------------------------------------------
 
 
 class _Places:
     """Where a network is pushed and heard; the arguments are those of ``Waves.response``."""
 
-    def __init__(self, network: ContactNetwork, direction: Any, polarisation: Any, distance: float | None) -> None:
+    def __init__(
+        self, network: ContactNetwork, direction: Any, polarisation: Any, distance: float | None
+    ) -> None:
         self.network = network
         if direction is None:  # across the periods, if there is a direction across them
             free = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
@@ -394,14 +512,20 @@ class _Places:
         self.distance = None if distance is None else positive("distance", distance, "m")
 
     def find(self, name: str, given: Any, held: bool = False) -> tuple[Index, Array]:
-        """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of these."""
-        network, several = self.network, given if isinstance(given, list) else [given]
-        balls, vectors = [np.zeros(0, int)], [np.zeros((0, 3))]
+        """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of
+        these.
+        """
+        network = self.network
+        several = given if isinstance(given, list) else [given]
+        balls = [np.zeros(0, int)]
+        vectors = [np.zeros((0, 3))]
         for one in several:
             if isinstance(one, str) and one == "plane":
-                found, vector = self._find_plane(name, held), read_push(network, self.along, self.polarisation)
+                found = self._find_plane(name, held)
+                vector = read_push(network, self.along, self.polarisation)
             elif isinstance(one, tuple) and len(one) == 2:
-                found, vector = index_array(name, one[0], network.n_balls), self._read_direction(one[1])
+                found = index_array(name, one[0], network.n_balls)
+                vector = self._read_direction(one[1])
             else:
                 mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
                 raise InputError(f"the {name} is {brief(one)}", mend=mend)
@@ -410,18 +534,27 @@ class _Places:
             vectors.append(np.tile(vector, (len(found), 1)))
         every = np.concatenate(balls)
         if not every.size:
-            raise InputError(f"there is no {name}", mend="Give (ball, direction), or a list of these")
+            raise InputError(
+                f"there is no {name}", mend="Give (ball, direction), or a list of these"
+            )
         wrong = every[network.moving[every] == held]
         if wrong.size:
             what = f"ball {wrong[0]} of the {name} {'moves' if held else 'does not move'}"
-            why = "A transmissibility is that of a wall or floor" if held else "It is held: its mass is infinite"
+            why = (
+                "A transmissibility is that of a wall or floor"
+                if held
+                else "It is held: its mass is infinite"
+            )
             mend = (
-                "Give a body of infinite mass" if held else "Ask for the transmissibility, to move it" * (name == "source")
+                "Give a body of infinite mass"
+                if held
+                else "Ask for the transmissibility, to move it" * (name == "source")
             )
             raise InputError(what, why, mend)
         ends = np.stack([network.i, network.j])
         if held and not np.any(np.isin(ends, every) & network.moving[ends[::-1]]):
-            what, mend = f"the {name} touches no ball that moves", "Give those balls of the wall that touch others"
+            what = f"the {name} touches no ball that moves"
+            mend = "Give those balls of the wall that touch others"
             raise InputError(what, "Nothing moves when it does", mend)
         return every, np.concatenate(vectors)
 
@@ -434,11 +567,14 @@ class _Places:
 
     def _find_plane(self, name: str, held: bool) -> Index:
         """Return the first plane of balls along the direction, or that of receivers."""
-        network, course = self.network, Course.along(self.network, self.along)
+        network = self.network
+        course = Course.along(self.network, self.along)
         if held:
             still = np.flatnonzero(~network.moving)
             if not still.size:
-                raise InputError("no body of this network is held", mend="Cut it with clamped edges or a floor")
+                raise InputError(
+                    "no body of this network is held", mend="Cut it with clamped edges or a floor"
+                )
             heights = course.heights[still]
             return np.asarray(still[heights <= np.min(heights) + 0.5 * course.spacing])
         places = course.places[network.moving]
@@ -446,21 +582,25 @@ class _Places:
         if name == "source":
             return course.find_plane(first, name)
         if self.distance is not None:
-            return course.find_plane(course.find_place(course.find_plane(first, name)) + self.distance, name)
+            return course.find_plane(
+                course.find_place(course.find_plane(first, name)) + self.distance, name
+            )
         if math.isfinite(course.period):
-            what = "the receiving plane has no distance, and the network repeats along the direction"
+            what = (
+                "the receiving plane has no distance, and the network repeats along the direction"
+            )
             raise InputError(what, mend="Give the distance, m, from the first plane")
         return course.find_plane(float(np.max(places)), name)
 
 
-# -- solutions ----------------------------------------------------------------------------------------------------------
+# -- solutions -------------------------------------------------------------------------------------
 
 
 class _Space(NamedTuple):
     """A matrix H, the product in which its vectors become orthogonal, and (H - shift) x = start.
 
-    ``scale`` (n_f,) times x is heard, and ``told`` (n_f, n_r) besides. The error of scale x is at most scale times ``bound``
-    (n_f,) times what is left.
+    ``scale`` (n_f,) times x is heard, and ``told`` (n_f, n_r) besides. The error of scale x is at
+    most scale times ``bound`` (n_f,) times what is left.
     """
 
     apply: Callable[[NDArray[Any]], NDArray[Any]]
@@ -495,7 +635,9 @@ class ResponseWork:
 
     @cached_property
     def of_rows(self) -> Array:
-        """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness; tension is one that loses no energy."""
+        """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness; tension is one
+        that loses no energy.
+        """
         rows = [self.operator.of_rows(one) for one in (self.damping.losses, self.damping.times)]
         return np.stack(rows)[:, self.operator.of_rows() > 0.0]
 
@@ -507,7 +649,9 @@ class ResponseWork:
 
     @cached_property
     def distance(self) -> Array:
-        """(n_f,) of omega^2 from all d (1 + i g'), 0 <= d <= top^2 and g' >= g, over top^2; none if it is not above zero."""
+        """(n_f,) of omega^2 from all d (1 + i g'), 0 <= d <= top^2 and g' >= g, over top^2; none if
+        it is not above zero.
+        """
         square = (self.omega / self.operator.top) ** 2
         return np.asarray(np.maximum(square * self.least / np.hypot(1.0, self.least), square - 1.0))
 
@@ -533,7 +677,11 @@ class ResponseWork:
     def step(self) -> float:
         """Time of a step of the Krylov space, s."""
         times = _FIRST_ORDER if self.has_order_one else 1.0 if self.even is not None else _LOSSY
-        return times * self.operator.size * float(self.operator.product_time[self.operator.network.dimension])
+        return (
+            times
+            * self.operator.size
+            * float(self.operator.product_time[self.operator.network.dimension])
+        )
 
     @cached_property
     def price(self) -> float:
@@ -549,25 +697,34 @@ class ResponseWork:
     def steps(self) -> Array:
         """(n_f,) steps of the Krylov space; infinite without a bound.
 
-        With w = omega/top and g = eta + omega tau the least of all, a step of Lanczos makes the error smaller by
-        exp(-2 Im arccos(w/(1 + i g)^1/2)), as the polynomials of Chebyshev do. In a network of few modes these are told
-        apart sooner, but by the incomplete process.
+        With w = omega/top and g = eta + omega tau the least of all, a step of Lanczos makes the
+        error smaller by exp(-2 Im arccos(w/(1 + i g)^1/2)), as the polynomials of Chebyshev do. In
+        a network of few modes these are told apart sooner, but by the incomplete process.
         """
-        w, n, d = self.omega / self.operator.top, self.operator.size, self.operator.network.dimension
+        w = self.omega / self.operator.top
+        n = self.operator.size
+        d = self.operator.network.dimension
         pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * self.least)).imag)
-        found, known = np.full(w.shape, np.inf), (self.distance > 0.0) & (pace > 0.0)
+        found = np.full(w.shape, np.inf)
+        known = (self.distance > 0.0) & (pace > 0.0)
         if not self.is_strong:
             pace += 2.0 * _MODE_PACE / np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
-        found[known] = np.log(np.maximum(1.0 / self.distance[known], 1.0) / self.tolerance) / pace[known]
-        return found * (_INCOMPLETE if self.is_strong else _SYMMETRIC if self.has_order_one else 1.0)
+        found[known] = (
+            np.log(np.maximum(1.0 / self.distance[known], 1.0) / self.tolerance) / pace[known]
+        )
+        return found * (
+            _INCOMPLETE if self.is_strong else _SYMMETRIC if self.has_order_one else 1.0
+        )
 
     def choose(self, method: str | None) -> tuple[NDArray[np.bool_], float]:
         """Return at which frequencies (n_f,) the matrix is factorised, and the time of all, s.
 
-        The Krylov space serves all others at once. Raises :class:`~granphon.base.errors.ConvergenceError` if neither way
-        serves, or takes too long and is not asked for.
+        The Krylov space serves all others at once. Raises
+        :class:`~granphon.base.errors.ConvergenceError` if neither way serves, or takes too long and
+        is not asked for.
         """
-        count, fits = self.omega.size, math.isfinite(self.price)
+        count = self.omega.size
+        fits = math.isfinite(self.price)
         chosen = np.ones(count, bool)
         if method == "direct" or self.unfit or (method is None and self.operator.size <= _FEW):
             if not fits:
@@ -576,7 +733,9 @@ class ResponseWork:
         else:  # factors at those that take most steps
             order = np.argsort(-self.steps, kind="stable")
             free = method is None and fits
-            times = self.step * np.append(self.steps[order], 0.0) + (np.arange(count + 1) * self.price if free else 0.0)
+            times = self.step * np.append(self.steps[order], 0.0) + (
+                np.arange(count + 1) * self.price if free else 0.0
+            )
             best = int(np.argmin(times)) if free else 0
             chosen[order[best:]], seconds = False, float(times[best])
             if (most := float(np.max(self.steps, where=~chosen, initial=0.0))) > _MOST:
@@ -586,27 +745,39 @@ class ResponseWork:
         return chosen, seconds
 
     def explain(self, fails: str, most: float = math.inf) -> ConvergenceError:
-        """Return the error of a response that fails: what each way would take, and which loss factor would do.
+        """Return the error of a response that fails: what each way would take, and which loss
+        factor would do.
 
         ``most`` are the steps of the Krylov space.
         """
         from granphon.media.cost import write_duration
 
-        count, lowest = self.omega.size, write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
+        count = self.omega.size
+        lowest = write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
         what = f"the response of {self.operator.size:,} motions from {lowest} on {fails}"
-        ways = [f"a Krylov space takes about {write_duration(most * self.step)}"] * math.isfinite(most)
+        ways = [f"a Krylov space takes about {write_duration(most * self.step)}"] * math.isfinite(
+            most
+        )
         if math.isfinite(self.price):
             takes = write_duration(self.price * count)
-            ways.append(f"factors at {counted(count, 'frequency', 'frequencies')} take about {takes}")
+            ways.append(
+                f"factors at {counted(count, 'frequency', 'frequencies')} take about {takes}"
+            )
         what += f": {', and '.join(ways)}" * bool(ways)
-        why = "Modes of a large network lie close together, and with little damping the response is that of each by itself"
+        why = (
+            "Modes of a large network lie close together, and with little damping the response is"
+            " that of each by itself"
+        )
         network = self.operator.network
         for eta in (0.01, 0.02, 0.05, 0.1):
             other = replace(self, damping=ContactDamping.of(network, 0.0, eta))
             least = float(np.max(other.steps))
             if other.even is not None and least <= _MOST and least * other.step <= _LONGEST:
                 takes = write_duration(least * other.step)
-                mend = f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about {takes}"
+                mend = (
+                    f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about"
+                    f" {takes}"
+                )
                 break
         else:
             mend = "Leave out the lowest frequencies, or take a smaller network"
@@ -618,9 +789,9 @@ class ResponseWork:
 class _Problem:
     """Z x = source, and what of x is heard.
 
-    ``drives`` are the parts of the source without damping, by loss factors and, over omega, by dashpots; ``moved`` says that
-    it is a wall, which makes ``stretched`` of the rows of A. ``heard`` and ``ears`` (n_r, axes) are places in x, and their
-    weights.
+    ``drives`` are the parts of the source without damping, by loss factors and, over omega, by
+    dashpots; ``moved`` says that it is a wall, which makes ``stretched`` of the rows of A.
+    ``heard`` and ``ears`` (n_r, axes) are places in x, and their weights.
     """
 
     operator: WaveOperator
@@ -632,18 +803,32 @@ class _Problem:
     stretched: Array
 
     @single_products()
-    def solve(self, omega: Array, method: str | None, tolerance: float) -> tuple[Complex, Array, int, int]:
-        """Return values and errors at ``omega`` (n_f,), rad/s, the number of factorisations, and of steps of Lanczos."""
+    def solve(
+        self, omega: Array, method: str | None, tolerance: float
+    ) -> tuple[Complex, Array, int, int]:
+        """Return values and errors at ``omega`` (n_f,), rad/s, the number of factorisations, and of
+        steps of Lanczos.
+        """
         work = ResponseWork(self.operator, self.damping, omega, tolerance)
         if work.unfit and method == "krylov":
-            raise InputError("no Krylov space serves all frequencies", work.unfit, "Use the direct method")
+            raise InputError(
+                "no Krylov space serves all frequencies", work.unfit, "Use the direct method"
+            )
         by_factors, _ = work.choose(method)
-        values, error = np.zeros((omega.size, len(self.heard)), complex), np.full(omega.size, np.inf)
-        some, steps, free = np.flatnonzero(~by_factors), 0, method is None and math.isfinite(work.price)
+        values, error = (
+            np.zeros((omega.size, len(self.heard)), complex),
+            np.full(omega.size, np.inf),
+        )
+        some, steps, free = (
+            np.flatnonzero(~by_factors),
+            0,
+            method is None and math.isfinite(work.price),
+        )
         if some.size:
             most = float(np.max(work.steps[some])) if free else math.inf
             values[some], error[some], steps = self._follow(replace(work, omega=omega[some]), most)
-        # what arrives deep in a gap is less than the rounding of a Krylov space; factors have all of its digits
+        # what arrives deep in a gap is less than the rounding of a Krylov space; factors have all
+        # of its digits
         deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
         if free and deep.size * work.price <= max(steps * work.step, _AGAIN):
             error[deep] = np.inf
@@ -655,23 +840,44 @@ class _Problem:
         return values, error, int(left.size), steps if left.size < omega.size else 0
 
     def _make_space(self, work: ResponseWork) -> _Space:
-        omega, operator, losses, even = work.omega, self.operator, self.damping.losses, work.even
+        omega = work.omega
+        operator = self.operator
+        losses = self.damping.losses
+        even = work.even
         if work.has_order_one:
             return self._make_first_order(work)
         top = operator.top**2
         if even is None:
-            start, bound = self.drives[0] + 1j * self.drives[1], _invert(top * work.distance)
-            return _Space(operator.make_lossy_product(losses), np.dot, start, omega**2, np.ones(omega.size), bound)
+            start = self.drives[0] + 1j * self.drives[1]
+            bound = _invert(top * work.distance)
+            return _Space(
+                operator.make_lossy_product(losses),
+                np.dot,
+                start,
+                omega**2,
+                np.ones(omega.size),
+                bound,
+            )
         scale = 1.0 + 1j * (even[0] + omega * even[1])
         shifts = omega**2 / scale
-        distance = np.hypot(shifts.imag, np.maximum(np.maximum(shifts.real - top, -shifts.real), 0.0))
+        distance = np.hypot(
+            shifts.imag, np.maximum(np.maximum(shifts.real - top, -shifts.real), 0.0)
+        )
         scale = scale**0 if self.moved else 1.0 / scale
-        return _Space(lambda x: operator @ x, np.dot, self.drives[0], shifts, scale, _invert(distance))
+        return _Space(
+            lambda x: operator @ x, np.dot, self.drives[0], shifts, scale, _invert(distance)
+        )
 
     def _make_first_order(self, work: ResponseWork) -> _Space:
-        """Return H of velocities and deformations, over the top frequency; static forces are further rows of A."""
-        top, n, parts, omega = self.operator.top, self.operator.size, self.operator.parts, work.omega
-        w, viscous = omega / top, parts.weigh(self.damping.times)
+        """Return H of velocities and deformations, over the top frequency; static forces are
+        further rows of A.
+        """
+        top = self.operator.top
+        n = self.operator.size
+        parts = self.operator.parts
+        omega = work.omega
+        w = omega / top
+        viscous = parts.weigh(self.damping.times)
         spring = np.sqrt(-parts.weigh() - 1j * parts.weigh(self.damping.losses)) / top
         lost = viscous / top
 
@@ -683,8 +889,11 @@ class _Problem:
             np.multiply(strain, spring, out=out[n:])
             return out
 
-        if self.moved:  # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
-            start = np.concatenate([-parts.pull(viscous * self.stretched), top * spring * self.stretched])
+        if self.moved:
+            # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
+            start = np.concatenate(
+                [-parts.pull(viscous * self.stretched), top * spring * self.stretched]
+            )
         else:
             start = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
         scale: Any = -1.0 / top * (np.ones(w.size) if self.moved else _invert(1j * omega))
@@ -693,7 +902,9 @@ class _Problem:
         if work.is_strong:
             return _Space(apply, np.vdot, start, 1j * w, scale, reach)
         told = 1j * (scale / (1.0 + w))[:, None] * self._listen(start)
-        return _Space(apply, np.dot, start - 1j * apply(start), 1j * w, scale / (1.0 + w), reach, told)
+        return _Space(
+            apply, np.dot, start - 1j * apply(start), 1j * w, scale / (1.0 + w), reach, told
+        )
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
@@ -702,33 +913,50 @@ class _Problem:
         """Return values (n_f, n_r) and errors (n_f,) by factors of Z at each frequency."""
         from scipy.sparse import eye_array
 
-        operator, squared = self.operator, self.operator.top**2
+        operator = self.operator
+        squared = self.operator.top**2
         # reduced by top^2; the order of the motions is that of least fill
-        place, unit = factorise(operator.matrix / squared + eye_array(operator.size)).perm_c, eye_array(operator.size)
+        place = factorise(operator.matrix / squared + eye_array(operator.size)).perm_c
+        unit = eye_array(operator.size)
         order = np.argsort(place)
-        lost = [(power, one) for power, one in enumerate((self.damping.losses, self.damping.times)) if np.any(one)]
+        lost = [
+            (power, one)
+            for power, one in enumerate((self.damping.losses, self.damping.times))
+            if np.any(one)
+        ]
         given: list[Any] = [operator.matrix, *(operator.weigh(one) for _, one in lost)]
-        matrix, ones, elastic, *lossy = share_places([unit, *((one / squared)[order][:, order] for one in given)])
+        matrix, ones, elastic, *lossy = share_places(
+            [unit, *((one / squared)[order][:, order] for one in given)]
+        )
         drives = [one[order] / squared for one in self.drives]
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
         for row, w in enumerate(omega.tolist()):
-            entries, drive = elastic - w**2 / squared * ones, drives[0]
+            entries = elastic - w**2 / squared * ones
+            drive = drives[0]
             for part, (power, _) in zip(lossy, lost, strict=True):
                 if factor := 1j * w**power:
-                    entries, drive = entries + factor * part, drive + factor * drives[1 + power]
+                    entries = entries + factor * part
+                    drive = drive + factor * drives[1 + power]
             matrix.data = entries
-            drive, x, found = drive.astype(matrix.dtype), np.zeros(operator.size, matrix.dtype), values[row]
+            drive = drive.astype(matrix.dtype)
+            x = np.zeros(operator.size, matrix.dtype)
+            found = values[row]
             try:
                 factors = factorise(matrix, pivot=PIVOT, order="NATURAL")
                 for solution in range(_SOLUTIONS):
                     x += (change := factors.solve(drive - matrix @ x))
-                    before, found = found, self._listen(x[place])
+                    before = found
+                    found = self._listen(x[place])
                     error[row] = np.max(np.abs(found - before)) / (np.max(np.abs(found)) or 1.0)
                     if solution and error[row] <= TOLERANCE:
                         break
                 # the entries of Z, and omega, have the rounding of a float
-                rounded = factors.solve(np.finfo(float).eps * (np.abs(matrix.diagonal()) + 2.0 * w**2 / squared) * x)
-                error[row] += np.max(np.abs(self._listen(rounded[place]))) / (np.max(np.abs(found)) or 1.0)
+                rounded = factors.solve(
+                    np.finfo(float).eps * (np.abs(matrix.diagonal()) + 2.0 * w**2 / squared) * x
+                )
+                error[row] += np.max(np.abs(self._listen(rounded[place]))) / (
+                    np.max(np.abs(found)) or 1.0
+                )
             except RuntimeError:  # exactly singular
                 raise _explain_resonance(w) from None
             if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x):
@@ -737,7 +965,9 @@ class _Problem:
         return values, error
 
     def _follow(self, work: ResponseWork, most: float) -> tuple[Complex, Array, int]:
-        """Return values and errors (infinite of what is not found) by a Krylov space, and the number of its steps."""
+        """Return values and errors (infinite of what is not found) by a Krylov space, and the
+        number of its steps.
+        """
         from scipy.linalg import solve_banded
         from scipy.linalg.blas import daxpy, zaxpy
 
@@ -748,15 +978,25 @@ class _Problem:
             return values, error, 0
         error[:] = np.inf
         add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy
-        size, loud = np.sqrt(space.product(space.start, space.start)), float(np.max(np.linalg.norm(self.ears, axis=1)))
-        before, current = np.zeros_like(space.start), space.start / size
-        # the matrix by its columns, above, on and below the diagonal; the signals; the last pivot and part of the solutions
-        bands, signals = np.zeros((3, _FIRST), complex), np.zeros((_FIRST, len(self.heard)), current.dtype)
-        pivot, part = np.ones(omega.size, complex), np.ones(omega.size)
-        left, look, below, largest, growth = np.isfinite(space.bound), np.full(omega.size, _LOOK), 1.0, 0.0, 1.0
+        size = np.sqrt(space.product(space.start, space.start))
+        loud = float(np.max(np.linalg.norm(self.ears, axis=1)))
+        before = np.zeros_like(space.start)
+        current = space.start / size
+        # the matrix by its columns, above, on and below the diagonal; the signals; the last pivot
+        # and part of the solutions
+        bands = np.zeros((3, _FIRST), complex)
+        signals = np.zeros((_FIRST, len(self.heard)), current.dtype)
+        pivot = np.ones(omega.size, complex)
+        part = np.ones(omega.size)
+        left = np.isfinite(space.bound)
+        look = np.full(omega.size, _LOOK)
+        below = 1.0
+        largest = 0.0
+        growth = 1.0
         for step in range(1, 1 + math.ceil(min(2.0 * most, _MOST))):
             if step > len(signals):
-                bands, signals = np.pad(bands, ((0, 0), (0, step - 1))), np.pad(signals, ((0, step - 1), (0, 0)))
+                bands = np.pad(bands, ((0, 0), (0, step - 1)))
+                signals = np.pad(signals, ((0, step - 1), (0, 0)))
             signals[step - 1] = self._listen(current)
             following = space.apply(current)
             above = space.product(before, following)
@@ -764,8 +1004,11 @@ class _Problem:
             own = space.product(current, following)
             following = add(current, following, a=-own)
             pivot = own - space.shifts - above * below / pivot
-            part = np.minimum(part * np.abs(below / np.where(pivot == 0.0, np.finfo(float).tiny, pivot)), _LOST)
-            below, length = np.sqrt(space.product(following, following)), math.sqrt(np.vdot(following, following).real)
+            part = np.minimum(
+                part * np.abs(below / np.where(pivot == 0.0, np.finfo(float).tiny, pivot)), _LOST
+            )
+            below = np.sqrt(space.product(following, following))
+            length = math.sqrt(np.vdot(following, following).real)
             bands[:, step - 1] = above, own, below
             largest = max(largest, length, abs(own))
             complete = length <= _COMPLETE * largest
@@ -775,22 +1018,34 @@ class _Problem:
             for place in np.flatnonzero(left & ((length * part <= look) | complete)):
                 matrix = bands[:, :step].copy()
                 matrix[1] -= space.shifts[place]
-                y = solve_banded((1, 1), matrix, np.eye(1, step, dtype=complex)[0], check_finite=False)
-                z = solve_banded((1, 1), matrix, np.finfo(float).eps * largest * y, check_finite=False)  # rounding of H
+                y = solve_banded(
+                    (1, 1), matrix, np.eye(1, step, dtype=complex)[0], check_finite=False
+                )
+                # rounding of H
+                z = solve_banded(
+                    (1, 1), matrix, np.finfo(float).eps * largest * y, check_finite=False
+                )
                 found, rounded = size * space.scale[place] * (np.stack([y, z]) @ signals[:step])
                 values[place] = found = found + told[place]
                 rest = 0.0 if complete else abs(size) * length * float(part[place])
                 least = abs(space.scale[place]) * loud * rest * space.bound[place]
                 heard = float(np.max(np.abs(found))) or least or 1.0
                 cut = least / heard
-                error[place] = np.finfo(float).eps * math.sqrt(step) * growth + np.max(np.abs(rounded)) / heard + cut
+                error[place] = (
+                    np.finfo(float).eps * math.sqrt(step) * growth
+                    + np.max(np.abs(rounded)) / heard
+                    + cut
+                )
                 # before anything is heard nothing is known
                 enough = _ROUNDING * abs(size) * growth if np.any(found) else 0.0
                 left[place] = not complete and cut > tolerance and rest > enough
-                look[place] = rest / abs(size) * max(0.5 * tolerance / cut, _NEXT) if left[place] else 0.0
+                look[place] = (
+                    rest / abs(size) * max(0.5 * tolerance / cut, _NEXT) if left[place] else 0.0
+                )
             if complete or not np.any(left & (part < _LOST)):
                 break
-            before, current = current, following
+            before = current
+            current = following
             current /= below
         error[left] = np.inf
         return values, error, step
@@ -798,7 +1053,9 @@ class _Problem:
 
 def _invert(values: NDArray[Any]) -> NDArray[Any]:
     """Return one over values; infinite of zeros."""
-    return np.asarray(np.divide(1.0, values, out=np.full(values.shape, np.inf, values.dtype), where=values != 0.0))
+    return np.asarray(
+        np.divide(1.0, values, out=np.full(values.shape, np.inf, values.dtype), where=values != 0.0)
+    )
 
 
 def _explain_resonance(omega: float) -> InputError:

@@ -1,5 +1,6 @@
-"""Settings of waves: the blocks ``spectrum`` and ``pulse`` of a scene, of a simulated array, ``surface``, of an edge, and
-``response`` and ``motion``, of the network of any state, with what drives balls: impacts, shakers, forces over time.
+"""Settings of waves: the blocks ``spectrum`` and ``pulse`` of a scene, of a simulated array,
+``surface``, of an edge, and ``response`` and ``motion``, of the network of any state, with what
+drives balls: impacts, shakers, forces over time.
 """
 
 from __future__ import annotations
@@ -17,7 +18,17 @@ import numpy as np
 from granphon.balls.layers import EDGES, read_axis
 from granphon.base.arrays import Index
 from granphon.base.errors import InputError, Refused
-from granphon.base.quantities import FREQUENCY, LENGTH, NUMBER, PUSH, SINCE, TIME, VELOCITY, WAY, Quantity
+from granphon.base.quantities import (
+    FREQUENCY,
+    LENGTH,
+    NUMBER,
+    PUSH,
+    SINCE,
+    TIME,
+    VELOCITY,
+    WAY,
+    Quantity,
+)
 from granphon.base.tables import Table
 from granphon.base.text import show
 from granphon.base.validation import (
@@ -49,15 +60,24 @@ READINGS = 24
 #: what stands at the two ends of a network
 ENDS = ("free", "walls", "periodic")
 #: directions of contacts in a motion, and schemes of its steps
-GEOMETRIES, SCHEMES = ("lattice", "exact"), ("verlet", "midpoint")
+GEOMETRIES = ("lattice", "exact")
+SCHEMES = ("verlet", "midpoint")
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
 _SOURCES = ("plane", "ball")
 #: what a response may be of, and what it is called then
-RESPONSES = {"displacement": "receptance", "velocity": "mobility", "transmissibility": "transmissibility"}
+RESPONSES = {
+    "displacement": "receptance",
+    "velocity": "mobility",
+    "transmissibility": "transmissibility",
+}
 _QUANTITIES: dict[str, Quantity] = {
-    "resolution": FREQUENCY, "frequency": FREQUENCY, "distance": LENGTH, "damping": TIME,
-    "duration": TIME, "step": TIME,
-}  # fmt: skip
+    "resolution": FREQUENCY,
+    "frequency": FREQUENCY,
+    "distance": LENGTH,
+    "damping": TIME,
+    "duration": TIME,
+    "step": TIME,
+}
 #: the faces of an array
 FACES = ("lower", "upper")
 #: what may be done to balls, and in words
@@ -72,7 +92,9 @@ class _Block:
     def __post_init__(self) -> None:
         for name, rule in wave_rules(self.block, read=False).items():
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, require(f"{self.block}.{name}", rule, getattr(self, name)))
+                object.__setattr__(
+                    self, name, require(f"{self.block}.{name}", rule, getattr(self, name))
+                )
 
 
 @dataclass(frozen=True)
@@ -82,7 +104,8 @@ class SpectrumSettings(_Block):
     Attributes
     ----------
     polarisation : "longitudinal", "transverse", "rotational", one or more.
-    resolution : standard deviation of the kernel, Hz; None for a hundredth of the top frequency, about.
+    resolution : standard deviation of the kernel, Hz; None for a hundredth of the top frequency,
+        about.
     points : wave vectors between two corners of the path, both counted.
     """
 
@@ -100,7 +123,8 @@ class PulseSettings(_Block):
     Attributes
     ----------
     frequency : Hz.
-    distance : m; None for half the length of the array along the direction, a quarter where ends are periodic.
+    distance : m; None for half the length of the array along the direction, a quarter where ends
+        are periodic.
     cycles : periods of the burst.
     polarisation : "longitudinal", "transverse" or "out_of_plane".
     source : "plane" or "ball".
@@ -193,17 +217,19 @@ class ResponseSettings(NetworkSettings):
     Attributes
     ----------
     frequencies : (n_f,) Hz, ascending.
-    source, receiver : "plane", or a ball and a direction, such as "12 x" or "12 0.6 0.8", one or more. What is heard on a
-        plane is the mean over its balls.
+    source, receiver : "plane", or a ball and a direction, such as "12 x" or "12 0.6 0.8", one or
+        more. What is heard on a plane is the mean over its balls.
     damping : s, of all motions of a contact, or of normal and of other motion.
     loss_factor : likewise.
     quantity : "displacement", "velocity" or "transmissibility".
-    direction : across planes; None for the first axis along which the network does not repeat, or x.
+    direction : across planes; None for the first axis along which the network does not repeat, or
+        x.
     polarisation : "longitudinal", "transverse" or "out_of_plane".
     distance : m, of the receiving plane from the first; None for the last.
     """
 
-    block, of_network = "response", ("repeat", "cut", "source", "receiver")
+    block = "response"
+    of_network = ("repeat", "cut", "source", "receiver")
 
     frequencies: tuple[float, ...]
     source: tuple[str, ...]
@@ -218,7 +244,10 @@ class ResponseSettings(NetworkSettings):
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
         """Values and unit of each dimension of what is found, by name."""
-        return {"response_frequency": (self.frequencies, FREQUENCY.unit), "receiver": (self.receiver, "")}
+        return {
+            "response_frequency": (self.frequencies, FREQUENCY.unit),
+            "receiver": (self.receiver, ""),
+        }
 
 
 @dataclass(frozen=True)
@@ -243,7 +272,8 @@ class Signal:
         if self.times[0] < 0.0 or np.any(np.diff(self.times) <= 0.0):
             place = 0 if self.times[0] < 0.0 else int(np.argmax(np.diff(self.times) <= 0.0)) + 1
             raise Refused(
-                f"the time {self.times[place]:g} s in row {place + 1}", "times from 0 s on, each after the one before"
+                f"the time {self.times[place]:g} s in row {place + 1}",
+                "times from 0 s on, each after the one before",
             )
 
     def __call__(self, time: float) -> float:
@@ -251,7 +281,9 @@ class Signal:
         return float(np.interp(time, self.times, self.values))
 
     def lost(self, step: float, end: float) -> float:
-        """Return the part of the area under the signal up to ``end``, s, that values at each ``step``, s, do not show."""
+        """Return the part of the area under the signal up to ``end``, s, that values at each
+        ``step``, s, do not show.
+        """
         steps = np.floor(np.divide(self.times, step))
         seen = step * np.union1d(steps, steps + 1.0)
         times = np.union1d([*self.times, end], seen)
@@ -263,7 +295,8 @@ class Signal:
 
 @dataclass(frozen=True)
 class Shaker:
-    """A displacement A r(t) sin(2 pi f t), whose size r rises from 0 to 1 as half a cosine over the first periods.
+    """A displacement A r(t) sin(2 pi f t), whose size r rises from 0 to 1 as half a cosine over the
+    first periods.
 
     Attributes
     ----------
@@ -289,7 +322,8 @@ class DriveSettings:
 
     Attributes
     ----------
-    balls : their numbers; or "lower" or "upper": the floor at this face of the array, its clamped balls, or its outer layer.
+    balls : their numbers; or "lower" or "upper": the floor at this face of the array, its clamped
+        balls, or its outer layer.
     direction : Cartesian; None for x.
     impact : velocity at the start, m/s.
     shaker : :class:`Shaker`.
@@ -309,13 +343,19 @@ class DriveSettings:
         return next(name for name in DRIVES if getattr(self, name) is not None)
 
     def find_balls(self, network: ContactNetwork) -> Index:
-        """Return the numbers of the balls, or of the floor; raises :class:`InputError` where there is no such face."""
+        """Return the numbers of the balls, or of the floor; raises :class:`InputError` where there
+        is no such face.
+        """
         if not isinstance(self.balls, str):
             return np.array(self.balls, np.intp)
         axis = int(np.sum(network.pbc))
         if axis >= network.dimension:
             what = f"the array has no {self.balls} face"
-            raise InputError(what, "It repeats along all its axes", "Cut it (motion.cut), or give numbers of balls")
+            raise InputError(
+                what,
+                "It repeats along all its axes",
+                "Cut it (motion.cut), or give numbers of balls",
+            )
         heights = network.positions[:, axis] * (-1.0 if self.balls == FACES[0] else 1.0)
         balls = np.isfinite(network.radii)
         top = float(np.max(heights[balls]))
@@ -323,8 +363,11 @@ class DriveSettings:
         if floor.size:
             return floor
         outer = balls & (heights > top - 0.5 * float(np.mean(network.radii[balls])))
-        if not np.any(network.moving[outer]):  # a clamped layer moves as a whole, whatever balls it has
-            outer = balls & ~network.moving & (heights > 0.5 * (top + float(np.min(heights[balls]))))
+        if not np.any(network.moving[outer]):
+            # a clamped layer moves as a whole, whatever balls it has
+            outer = (
+                balls & ~network.moving & (heights > 0.5 * (top + float(np.min(heights[balls]))))
+            )
         return np.flatnonzero(outer)
 
 
@@ -344,7 +387,8 @@ class MotionSettings(NetworkSettings):
     scheme : "verlet" or "midpoint", of the steps.
     """
 
-    block, of_network = "motion", ("repeat", "cut", "drive")
+    block = "motion"
+    of_network = ("repeat", "cut", "drive")
 
     duration: float
     drive: tuple[DriveSettings, ...]
@@ -358,22 +402,32 @@ class MotionSettings(NetworkSettings):
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
         """Values and unit of each dimension of what is found, by name."""
-        return {"motion_time": (tuple((self.duration / (self.frames - 1) * np.arange(self.frames)).tolist()), TIME.unit)}
+        return {
+            "motion_time": (
+                tuple((self.duration / (self.frames - 1) * np.arange(self.frames)).tolist()),
+                TIME.unit,
+            )
+        }
 
 
 #: the blocks about the network of a state, by the word with which a scene observes them
-NETWORK_BLOCKS: dict[str, type[NetworkSettings]] = {"response": ResponseSettings, "motion": MotionSettings}
+NETWORK_BLOCKS: dict[str, type[NetworkSettings]] = {
+    "response": ResponseSettings,
+    "motion": MotionSettings,
+}
 
 
 @dataclass(frozen=True)
 class WaveSettings:
-    """What is asked of the waves in each sample of a simulation, and of the networks of any states; plain data.
+    """What is asked of the waves in each sample of a simulation, and of the networks of any states;
+    plain data.
 
     Attributes
     ----------
     dos : whether the density of states is.
     spectrum : the spectral functions along a path; None for none.
-    path, labels : pieces of that path, corners in fractions of the reciprocal cell, and a label for each corner.
+    path, labels : pieces of that path, corners in fractions of the reciprocal cell, and a label for
+        each corner.
     pulse : a pulse; None for none.
     direction : in which the pulse goes, Cartesian, (p,); None for x.
     of_networks : what is asked of the network of each state.
@@ -399,40 +453,61 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
     def quantity(name: str) -> Rule:
         kind = _QUANTITIES[name]
         if name == "damping":  # zero, without a unit, is one too
-            return partial(read_loss, name, rule=_read_time if read else partial(zero_or_above, unit=kind.unit))
+            return partial(
+                read_loss, name, rule=_read_time if read else partial(zero_or_above, unit=kind.unit)
+            )
         return _quantity(kind, read)
 
     if block == "surface":
-        return {"axis": read_axis, "edge": partial(choice, options=EDGES), "points": partial(whole, low=2, high=10_000)}
+        return {
+            "axis": read_axis,
+            "edge": partial(choice, options=EDGES),
+            "points": partial(whole, low=2, high=10_000),
+        }
     if block == "spectrum":
         return {
-            "polarisation": _read_polarisations, "resolution": quantity("resolution"),
+            "polarisation": _read_polarisations,
+            "resolution": quantity("resolution"),
             "points": partial(whole, low=2, high=10_000),
-        }  # fmt: skip
+        }
     losses: dict[str, Rule] = {
         "damping": partial(_one_or_two, rule=quantity("damping")),
-        "loss_factor": partial(_one_or_two, rule=partial(read_loss, "loss_factor", rule=zero_or_above)),
-    }  # fmt: skip
+        "loss_factor": partial(
+            _one_or_two, rule=partial(read_loss, "loss_factor", rule=zero_or_above)
+        ),
+    }
     if block == "bands":
         return losses
     if block == "response":
         return losses | {
             "frequencies": lambda value: tuple(frequencies(value).tolist()),
-            "source": _read_places, "receiver": _read_places, "quantity": partial(choice, options=tuple(RESPONSES)),
-            "direction": read_direction, "polarisation": partial(choice, options=_PUSHES), "distance": quantity("distance"),
-        }  # fmt: skip
+            "source": _read_places,
+            "receiver": _read_places,
+            "quantity": partial(choice, options=tuple(RESPONSES)),
+            "direction": read_direction,
+            "polarisation": partial(choice, options=_PUSHES),
+            "distance": quantity("distance"),
+        }
     if block == "motion":
         return {
-            "duration": quantity("duration"), "drive": partial(read_drives, read=read),
-            "friction_coefficient": zero_or_above, "damping": losses["damping"],
-            "frames": partial(whole, low=2, high=1_000_000), "step": quantity("step"),
-            "geometry": partial(choice, options=GEOMETRIES), "scheme": partial(choice, options=SCHEMES),
-        }  # fmt: skip
+            "duration": quantity("duration"),
+            "drive": partial(read_drives, read=read),
+            "friction_coefficient": zero_or_above,
+            "damping": losses["damping"],
+            "frames": partial(whole, low=2, high=1_000_000),
+            "step": quantity("step"),
+            "geometry": partial(choice, options=GEOMETRIES),
+            "scheme": partial(choice, options=SCHEMES),
+        }
     return {
-        "frequency": quantity("frequency"), "distance": quantity("distance"), "cycles": partial(number, low=1.0, high=1e4),
-        "polarisation": partial(choice, options=_PUSHES), "source": partial(choice, options=_SOURCES),
-        "ends": partial(choice, options=ENDS), "damping": quantity("damping"),
-    }  # fmt: skip
+        "frequency": quantity("frequency"),
+        "distance": quantity("distance"),
+        "cycles": partial(number, low=1.0, high=1e4),
+        "polarisation": partial(choice, options=_PUSHES),
+        "source": partial(choice, options=_SOURCES),
+        "ends": partial(choice, options=ENDS),
+        "damping": quantity("damping"),
+    }
 
 
 def _read_time(value: Any) -> float:
@@ -443,14 +518,18 @@ def _read_time(value: Any) -> float:
 def _read_polarisations(value: Any) -> tuple[str, ...]:
     """Read one polarisation, or a list of them, each once."""
     rule = partial(choice, options=POLARISATIONS)
-    found: tuple[str, ...] = each(value, rule, "polarisations") if isinstance(value, list | tuple) else (rule(value),)
+    found: tuple[str, ...] = (
+        each(value, rule, "polarisations") if isinstance(value, list | tuple) else (rule(value),)
+    )
     if len(set(found)) < len(found):
         raise Refused(show(value), f"{', '.join(POLARISATIONS)}, each once")
     return found
 
 
 def _read_places(value: Any) -> tuple[str, ...]:
-    """Read one place of a source or receiver, or a list of them, each once: "plane", or a ball and its direction."""
+    """Read one place of a source or receiver, or a list of them, each once: "plane", or a ball and
+    its direction.
+    """
     if isinstance(value, list | tuple):
         found: tuple[str, ...] = tuple(one for (one,) in each(value, _read_places, "places"))
         if len(set(found)) < len(found):
@@ -459,23 +538,39 @@ def _read_places(value: Any) -> tuple[str, ...]:
     words = value.split() if isinstance(value, str) else []
     if words == ["plane"]:
         return ("plane",)
-    if len(words) > 1 and words[0].isdecimal() and (words[1:] in ([one] for one in "xyz") or _is_vector(words[1:])):
+    if (
+        len(words) > 1
+        and words[0].isdecimal()
+        and (words[1:] in ([one] for one in "xyz") or _is_vector(words[1:]))
+    ):
         return (" ".join(words),)
     raise Refused(
-        show(value), "plane, or the number of a ball and its direction, such as 12 x or 12 0.6 0.8, or a list of these"
+        show(value),
+        "plane, or the number of a ball and its direction, such as 12 x or 12 0.6 0.8, or a"
+        " list of these",
     )
 
 
 def find_place(text: str) -> Any:
     """Return a place of a source or receiver as the calls of Python have it."""
     ball, *words = text.split()
-    return text if not words else (int(ball), words[0] if words[0] in "xyz" else [float(word) for word in words])
+    return (
+        text
+        if not words
+        else (int(ball), words[0] if words[0] in "xyz" else [float(word) for word in words])
+    )
 
 
 def _is_vector(words: list[Any]) -> bool:
     """Whether words are one to three numbers, not all zero."""
-    numbers = [float(one) if isinstance(one, str) and re.fullmatch(NUMBER, one) else one for one in words]
-    return 1 <= len(numbers) <= 3 and any(numbers) and all(math.isfinite(real_number(one)) for one in numbers)
+    numbers = [
+        float(one) if isinstance(one, str) and re.fullmatch(NUMBER, one) else one for one in words
+    ]
+    return (
+        1 <= len(numbers) <= 3
+        and any(numbers)
+        and all(math.isfinite(real_number(one)) for one in numbers)
+    )
 
 
 def _one_or_two(value: Any, rule: Rule) -> Any:
@@ -494,7 +589,7 @@ def write_setting(name: str, value: Any) -> Any:
     return _QUANTITIES[name].write(value) if name in _QUANTITIES and value else value
 
 
-# -- drives, as they are read and written -------------------------------------------------------------------------
+# -- drives, as they are read and written ----------------------------------------------------------
 
 
 def _quantity(kind: Quantity, read: bool) -> Rule:
@@ -506,7 +601,9 @@ def _quantity(kind: Quantity, read: bool) -> Rule:
 
 
 def read_drives(value: Any, read: bool = True, folder: Path = Path()) -> tuple[DriveSettings, ...]:
-    """Read a drive or a list of them: of a file (``read``), whose tables lie in ``folder``, or in numbers in SI."""
+    """Read a drive or a list of them: of a file (``read``), whose tables lie in ``folder``, or in
+    numbers in SI.
+    """
     rule = partial(_read_drive, read=read, folder=folder)
     return each(value, rule, "drives") if isinstance(value, list | tuple) else (rule(value),)
 
@@ -520,7 +617,9 @@ def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
         "impact": _quantity(VELOCITY, read),
         "shaker": partial(_read_shaker, read=read),
         "force": partial(_read_signal, name="force", kind=PUSH, read=read, folder=folder),
-        "displacement": partial(_read_signal, name="displacement", kind=WAY, read=read, folder=folder),
+        "displacement": partial(
+            _read_signal, name="displacement", kind=WAY, read=read, folder=folder
+        ),
     }
     given = [name for name in DRIVES if isinstance(value, dict) and name in value]
     if len(given) > 1:
@@ -533,7 +632,13 @@ def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
 
 def read_direction(value: Any) -> tuple[float, ...]:
     """Read a Cartesian vector, a list of numbers or a text of them."""
-    words = value.split() if isinstance(value, str) else value if isinstance(value, list | tuple) else [value]
+    words = (
+        value.split()
+        if isinstance(value, str)
+        else value
+        if isinstance(value, list | tuple)
+        else [value]
+    )
     found = each(words, partial(fraction, largest=1e3), "numbers")
     if len(found) > 3 or not any(found):
         raise Refused(show(value), "one to three numbers, not all zero, such as 0 1")
@@ -544,7 +649,11 @@ def _read_balls(value: Any) -> tuple[int, ...] | str:
     """Read the word of a face, or numbers of balls, each once."""
     if isinstance(value, str) and not value[:1].isdecimal():
         return choice(value, FACES)
-    words = [int(one) if one.isdecimal() else one for one in value.split()] if isinstance(value, str) else value
+    words = (
+        [int(one) if one.isdecimal() else one for one in value.split()]
+        if isinstance(value, str)
+        else value
+    )
     listed = words if isinstance(words, list | tuple) else [words]
     found = each(listed, partial(whole, low=0, high=100_000_000), "numbers of balls")
     if len(set(found)) < len(found):
@@ -555,8 +664,13 @@ def _read_balls(value: Any) -> tuple[int, ...] | str:
 def _read_shaker(value: Any, read: bool) -> Shaker:
     if isinstance(value, Shaker):
         value = vars(value)
-    amplitude, frequency = _quantity(LENGTH, read), _quantity(FREQUENCY, read)
-    rules: dict[str, Rule] = {"amplitude": amplitude, "frequency": frequency, "ramp": partial(number, low=0.0, high=1e6)}
+    amplitude = _quantity(LENGTH, read)
+    frequency = _quantity(FREQUENCY, read)
+    rules: dict[str, Rule] = {
+        "amplitude": amplitude,
+        "frequency": frequency,
+        "ramp": partial(number, low=0.0, high=1e6),
+    }
     return Shaker(**block(value, rules, ("amplitude", "frequency")))
 
 
@@ -565,14 +679,21 @@ def _read_signal(value: Any, name: str, kind: Quantity, read: bool, folder: Path
     if isinstance(value, str) and read:
         try:
             table = Table.read(folder / value, quoted=False)
-            return Signal(tuple(table.column("time", SINCE).tolist()), tuple(table.column(name, kind).tolist()))
+            return Signal(
+                tuple(table.column("time", SINCE).tolist()),
+                tuple(table.column(name, kind).tolist()),
+            )
         except Refused:
             raise
         except InputError as error:
-            raise Refused(show(value), f"a table with the columns time and {name}", str(error)) from None
+            raise Refused(
+                show(value), f"a table with the columns time and {name}", str(error)
+            ) from None
     given = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
     kinds = {"time": SINCE, name: kind}
-    rules: dict[str, Rule] = {one: partial(each, rule=_quantity(of, read), what="values") for one, of in kinds.items()}
+    rules: dict[str, Rule] = {
+        one: partial(each, rule=_quantity(of, read), what="values") for one, of in kinds.items()
+    }
     found = block(given, rules, ("time", name))
     return Signal(found["time"], found[name])
 
@@ -581,7 +702,9 @@ def write_drives(drives: Sequence[DriveSettings]) -> Any:
     """Return drives as a scene file holds them, in SI units."""
     out = []
     for one in drives:
-        row: dict[str, Any] = {"balls": one.balls if isinstance(one.balls, str) else list(one.balls)}
+        row: dict[str, Any] = {
+            "balls": one.balls if isinstance(one.balls, str) else list(one.balls)
+        }
         row |= {} if one.direction is None else {"direction": list(one.direction)}
         if one.impact is not None:
             row["impact"] = VELOCITY.write(one.impact)
@@ -593,7 +716,8 @@ def write_drives(drives: Sequence[DriveSettings]) -> Any:
             }
         for name, kind in (("force", PUSH), ("displacement", WAY)):
             if (signal := getattr(one, name)) is not None:
-                times, values = map(SINCE.write, signal.times), map(kind.write, signal.values)
+                times = map(SINCE.write, signal.times)
+                values = map(kind.write, signal.values)
                 row[name] = {"time": list(times), name: list(values)}
         out.append(row)
     return out if len(out) > 1 else out[0]
@@ -602,4 +726,9 @@ def write_drives(drives: Sequence[DriveSettings]) -> Any:
 def named_tables(drives: Any) -> list[str]:
     """Return the names of the tables that drives of a valid scene file take their signals from."""
     rows = drives if isinstance(drives, list) else [drives]
-    return [row[name] for row in rows for name in ("force", "displacement") if isinstance(row.get(name), str)]
+    return [
+        row[name]
+        for row in rows
+        for name in ("force", "displacement")
+        if isinstance(row.get(name), str)
+    ]

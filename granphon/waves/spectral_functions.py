@@ -1,6 +1,8 @@
-"""Spectral functions of finite networks: the frequencies of a plane wave in an array that is not perfect, and its line.
+"""Spectral functions of finite networks: the frequencies of a plane wave in an array that is not
+perfect, and its line.
 
-A plane wave has a wave vector that the cell of the network has, and a polarisation; its vector is one of the operator's.
+A plane wave has a wave vector that the cell of the network has, and a polarisation; its vector is
+one of the operator's.
 """
 
 from __future__ import annotations
@@ -33,10 +35,13 @@ _WHOLE = 1e-6
 _MOST_PHASE = 1e15
 #: length of the part of a direction across q, over that of the direction, below which there is none
 _ACROSS = 1e-9
-#: greatest common denominator of the sites of a lattice, in fractions of its vectors, that is looked for
+#: greatest common denominator of the sites of a lattice, in fractions of its vectors, that is
+#: looked for
 _MOST_PARTS = 24
-#: a Lorentz curve of the full width L is broadened by a kernel of the width G to l L + ((1 - l)^2 L^2 + G^2)^1/2. With
-#: l = 0.5346 that is Voigt's curve, of a Gaussian (Olivero and Longbothum, J. Quant. Spectrosc. Radiat. Transf. 17, 233
+#: a Lorentz curve of the full width L is broadened by a kernel of the width G to l L + ((1 - l)^2
+#: L^2 + G^2)^1/2. With
+#: l = 0.5346 that is Voigt's curve, of a Gaussian (Olivero and Longbothum, J. Quant. Spectrosc.
+#: Radiat. Transf. 17, 233
 #: (1977)); for the Jackson kernel, which is not quite one, it holds to 3e-3 with
 _LINEAR = 0.465
 #: width of a line over that of the kernel, from which it counts as resolved
@@ -48,62 +53,85 @@ _ALIKE = 0.02
 
 
 class PeriodicCell(NamedTuple):
-    """The cell of a network, without its balls: vectors (3, 3), m, which of them are periods, and the dimension."""
+    """The cell of a network, without its balls: vectors (3, 3), m, which of them are periods, and
+    the dimension.
+    """
 
     cell: Array
     pbc: tuple[bool, bool, bool]
     dimension: int
 
 
-# -- wave vectors -------------------------------------------------------------------------------------------------------
+# -- wave vectors ----------------------------------------------------------------------------------
 
 
 def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
-    """Return ``q`` as (n, d), 1/m; along axes with a period the wave vectors are those that the cell has, to rounding.
+    """Return ``q`` as (n, d), 1/m; along axes with a period the wave vectors are those that the
+    cell has, to rounding.
 
-    Raises :class:`~granphon.base.errors.InputError` for another shape, and for a q that the cell does not have.
+    Raises :class:`~granphon.base.errors.InputError` for another shape, and for a q that the cell
+    does not have.
     """
     given = _as_wavevectors(network, q)
     nearest = _round(network, given)
     periods = network.cell[list(network.pbc), : network.dimension]
-    wrong = np.abs((given - nearest) @ periods.T) > 2.0 * np.pi * _WHOLE * np.maximum(1.0, np.abs(nearest @ periods.T))
+    wrong = np.abs((given - nearest) @ periods.T) > 2.0 * np.pi * _WHOLE * np.maximum(
+        1.0, np.abs(nearest @ periods.T)
+    )
     if np.any(wrong):
         bad = int(np.argmax(np.any(wrong, axis=1)))
-        wanted, there = ("(" + ", ".join(f"{one:.9g}" for one in vector) + ")" for vector in (given[bad], nearest[bad]))
-        what, why = f"q = {wanted} is no wave vector of the periodic cell", "Along each of its vectors L, q . L must be"
+        wanted, there = (
+            "(" + ", ".join(f"{one:.9g}" for one in vector) + ")"
+            for vector in (given[bad], nearest[bad])
+        )
+        what = f"q = {wanted} is no wave vector of the periodic cell"
+        why = "Along each of its vectors L, q . L must be"
         mend = f"The nearest is {there} 1/m; waves.nearest_wavevectors(q) finds it for any q"
         if not np.any(nearest[bad]):
-            mend = f"It is shorter than those of this cell, of which the shortest is {_find_shortest(network):.6g} 1/m"
+            mend = (
+                f"It is shorter than those of this cell, of which the shortest is"
+                f" {_find_shortest(network):.6g} 1/m"
+            )
         raise InputError(what, f"{why} a multiple of 2 pi", mend)
     return nearest
 
 
 def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
-    """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in the same shape."""
+    """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in
+    the same shape.
+    """
     given = _as_wavevectors(network, q)
     return np.asarray(_round(network, given).reshape(np.shape(q)))
 
 
 def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
-    """Return for wave vectors ``q`` (n, d) of a lattice the shortest, 1/m, in whose waves all balls move as in those of q.
+    """Return for wave vectors ``q`` (n, d) of a lattice the shortest, 1/m, in whose waves all balls
+    move as in those of q.
 
-    They differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t between all balls of a cell. With one
-    ball in a cell these are all G, and the shortest lies in the first zone; along the axis of hcp every second one is such.
-    None for a network of no lattice, and for a lattice whose sites are no multiples of a 24th, or of a larger part, of the
-    lattice vectors.
+    They differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t between all
+    balls of a cell. With one ball in a cell these are all G, and the shortest lies in the first
+    zone; along the axis of hcp every second one is such. None for a network of no lattice, and for
+    a lattice whose sites are no multiples of a 24th, or of a larger part, of the lattice vectors.
     """
     if network.lattice is None or network.shape is None:
         return None
     periods = len(network.shape)
-    # steps between the balls of a cell, in fractions of the lattice vectors, and their least common denominator m
+    # steps between the balls of a cell, in fractions of the lattice vectors, and their least common
+    # denominator m
     sites = network.lattice.positions @ np.linalg.pinv(network.lattice.vectors)
     steps = sites - sites[0]
-    denominators = (m for m in range(1, _MOST_PARTS + 1) if np.all(np.abs(m * steps - np.round(m * steps)) <= _WHOLE))
+    denominators = (
+        m
+        for m in range(1, _MOST_PARTS + 1)
+        if np.all(np.abs(m * steps - np.round(m * steps)) <= _WHOLE)
+    )
     if (m := next(denominators, None)) is None:
         return None
-    # reciprocal vectors, as whole numbers, that span all G with exp(i G . t) = 1: m times any reciprocal vector is one of
-    # them, so that those from 0 to m have a triangular basis among them
-    numbers = np.stack(np.meshgrid(*[np.arange(m + 1)] * periods, indexing="ij"), axis=-1).reshape(-1, periods)
+    # reciprocal vectors, as whole numbers, that span all G with exp(i G . t) = 1: m times any
+    # reciprocal vector is one of them, so that those from 0 to m have a triangular basis among them
+    numbers = np.stack(np.meshgrid(*[np.arange(m + 1)] * periods, indexing="ij"), axis=-1).reshape(
+        -1, periods
+    )
     numbers = numbers[np.all((numbers @ np.round(m * steps).astype(int).T) % m == 0, axis=1)]
     repeats = np.zeros((periods, periods), np.intp)
     for n in range(periods):
@@ -114,16 +142,22 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
 
 
 def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
-    given, d = finite_array("q", q, "1/m"), network.dimension
+    given = finite_array("q", q, "1/m")
+    d = network.dimension
     if d == 1 and given.ndim == 0:
         given = given.reshape(1)
     if given.ndim not in (1, 2) or given.shape[-1] != d:
-        why, mend = f"A wave vector of this network has the shape ({d},)", f"Give ({d},) or (n, {d}), Cartesian, in 1/m"
+        why = f"A wave vector of this network has the shape ({d},)"
+        mend = f"Give ({d},) or (n, {d}), Cartesian, in 1/m"
         raise InputError(f"q has the shape {given.shape}", why, mend)
-    size = float(np.max(np.abs(network.cell), initial=0.0) + np.ptp(getattr(network, "positions", 0.0)))
+    size = float(
+        np.max(np.abs(network.cell), initial=0.0) + np.ptp(getattr(network, "positions", 0.0))
+    )
     if (phase := float(np.max(np.abs(given), initial=0.0)) * size) > _MOST_PHASE:
         what = f"the phase of such a wave differs by {phase:.1e} across the network"
-        raise PrecisionError(what, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q")
+        raise PrecisionError(
+            what, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q"
+        )
     return np.atleast_2d(given)
 
 
@@ -145,36 +179,47 @@ def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
 
 
 def _find_nearest(periods: Array, q: Array) -> Array:
-    """Return the wave vectors (n, d) that are nearest to ``q`` among those that repeat with ``periods`` (p, d)."""
+    """Return the wave vectors (n, d) that are nearest to ``q`` among those that repeat with
+    ``periods`` (p, d).
+    """
     back = np.asarray(np.linalg.pinv(periods).T, float)  # (p, d) rows b with b_i . L_j = delta_ij
-    # whole numbers (p, p) that make a basis that of the shortest vectors: only in this one are the lattice points nearest to
-    # a point among the corners of its cell and of the cells next to it
+    # whole numbers (p, p) that make a basis that of the shortest vectors: only in this one are the
+    # lattice points nearest to a point among the corners of its cell and of the cells next to it
     shorter = np.rint(shortest_vectors(back) @ periods.T)
     waves = q @ periods.T @ np.linalg.inv(shorter) / (2.0 * np.pi)
-    around = np.floor(waves)[:, None] + np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
+    around = np.floor(waves)[:, None] + np.array(
+        list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods)))
+    )
     squares = np.sum(((around - waves[:, None]) @ (shorter @ back)) ** 2, axis=-1)
     # of those that are equally near the first, whatever rounding says: at all loads the same
     least = np.argmin(np.round(squares / np.sum(back**2), 9), axis=1)
-    # from whole numbers, not as a step from q: then the same wave vector has the same digits, and Gamma is zero
+    # from whole numbers, not as a step from q: then the same wave vector has the same digits, and
+    # Gamma is zero
     return np.asarray(2.0 * np.pi * (around[np.arange(len(q)), least] @ shorter) @ back + 0.0)
 
 
-# -- polarisations ------------------------------------------------------------------------------------------------------
+# -- polarisations ---------------------------------------------------------------------------------
 
 
 def find_polarisations(
     operator: WaveOperator, q: Array, polarisation: str | ArrayLike, direction: ArrayLike | None
 ) -> Array:
-    """Return the polarisations of a wave, (b, motions): orthonormal rows, over which a spectral function is averaged.
+    """Return the polarisations of a wave, (b, motions): orthonormal rows, over which a spectral
+    function is averaged.
 
-    Raises :class:`~granphon.base.errors.InputError` if the balls do not move that way, or if it is not said which way.
+    Raises :class:`~granphon.base.errors.InputError` if the balls do not move that way, or if it is
+    not said which way.
     """
     motions = operator.motions
     letters = ", ".join(motions.letters)
-    if not isinstance(polarisation, str):  # numbers, one for each displacement or one for each motion
-        numbers, sizes = finite_array("polarisation", polarisation), (len(motions.translations), motions.count)
+    if not isinstance(polarisation, str):
+        # numbers, one for each displacement or one for each motion
+        numbers = finite_array("polarisation", polarisation)
+        sizes = (len(motions.translations), motions.count)
         if direction is not None:
-            raise InputError("a direction is given besides the polarisation by numbers", "They say the same")
+            raise InputError(
+                "a direction is given besides the polarisation by numbers", "They say the same"
+            )
         if numbers.ndim != 1 or numbers.size not in sizes or not np.any(numbers):
             why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {letters}"
             mend = f"Give these, not all zero, or one of {', '.join(POLARISATIONS)}"
@@ -187,7 +232,11 @@ def find_polarisations(
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
-    wanted = None if direction is None else read_vector("direction", direction, operator.network.dimension)
+    wanted = (
+        None
+        if direction is None
+        else read_vector("direction", direction, operator.network.dimension)
+    )
     along = np.zeros(3)
     along[: q.size] = q
     if turns:
@@ -207,7 +256,9 @@ def find_polarisations(
         elif wanted is not None:
             found = wanted - (wanted @ along) * along
             if np.linalg.norm(found) < _ACROSS:
-                raise InputError(f"the direction {brief(direction)} of a transverse wave is along q")
+                raise InputError(
+                    f"the direction {brief(direction)} of a transverse wave is along q"
+                )
         else:  # orthonormal directions across q: within the plane of the balls, if they move there
             for among in (free[np.argmax(free, axis=1) < operator.network.dimension], free):
                 left = among - (among @ along)[:, None] * along
@@ -217,8 +268,14 @@ def find_polarisations(
                     break
     # directions (b, 3) as rows (b, motions) of unit length
     found = np.atleast_2d(found)
-    if not len(found) or not axes or np.max(np.abs(np.delete(found, axes, axis=1)), initial=0.0) > _ACROSS:
-        raise InputError(f"no {name} wave of this direction runs here", f"Balls move in {letters} alone")
+    if (
+        not len(found)
+        or not axes
+        or np.max(np.abs(np.delete(found, axes, axis=1)), initial=0.0) > _ACROSS
+    ):
+        raise InputError(
+            f"no {name} wave of this direction runs here", f"Balls move in {letters} alone"
+        )
     size = np.linalg.norm(found, axis=1, keepdims=True)
     if np.any(size < _ACROSS):
         raise InputError(f"the direction of a {name} wave is across all motions {letters}")
@@ -227,17 +284,20 @@ def find_polarisations(
     return rows
 
 
-# -- vectors ------------------------------------------------------------------------------------------------------------
+# -- vectors ---------------------------------------------------------------------------------------
 
 
 def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, sine: bool) -> Array:
-    """Return the vector (size,) of balls that all move with the velocity cos(q . r), or sin(q . r), times ``polarisation``.
+    """Return the vector (size,) of balls that all move with the velocity cos(q . r), or sin(q . r),
+    times ``polarisation``.
 
-    Vectors are weighted with masses: displacements, and rotations given with them, by the root of the mass, so that q = 0
-    is the motion of all balls together. In a wave of rotations alone balls turn at that rate, weighted by the root of the
-    moment of inertia. Balls that touch none take no part, as no wave reaches them.
+    Vectors are weighted with masses: displacements, and rotations given with them, by the root of
+    the mass, so that q = 0 is the motion of all balls together. In a wave of rotations alone balls
+    turn at that rate, weighted by the root of the moment of inertia. Balls that touch none take no
+    part, as no wave reaches them.
     """
-    network, balls = operator.network, operator.balls
+    network = operator.network
+    balls = operator.balls
     touching = np.zeros(network.n_balls, bool)
     touching[network.i] = touching[network.j] = True
     turns = not np.any(polarisation[operator.motions.translating])
@@ -248,39 +308,55 @@ def make_plane_wave(operator: WaveOperator, q: Array, polarisation: Array, sine:
 
 
 def find_mean_free_path(velocity: Array, width: Array) -> Array:
-    """Return the mean free path of the energy of a wave, m: phase velocity over 2 pi width; infinite where that is zero."""
+    """Return the mean free path of the energy of a wave, m: phase velocity over 2 pi width;
+    infinite where that is zero.
+    """
     found = np.full(np.shape(width), math.inf)
     np.divide(velocity, 2.0 * math.pi * width, out=found, where=width > 0.0)
     return found
 
 
 def find_attenuation(velocity: Array, width: Array) -> Array:
-    """Return the attenuation of the amplitude, 1/m: half the inverse mean free path; infinite where the velocity is zero."""
+    """Return the attenuation of the amplitude, 1/m: half the inverse mean free path; infinite where
+    the velocity is zero.
+    """
     found = np.full(np.shape(width), math.inf)
     np.divide(math.pi * width, velocity, out=found, where=velocity > 0.0)
     return found
 
 
 def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
-    """Return the highest line of each of the spectra ``values`` (n, n_f), 1/Hz, at the points of ``kernel``.
+    """Return the highest line of each of the spectra ``values`` (n, n_f), 1/Hz, at the points of
+    ``kernel``.
 
-    It is the ``peak`` (n,), Hz, and the full ``width`` (n,) at half its height, Hz. Between points, which are even in theta,
-    the logarithm is a parabola at the peak and a straight line on the flanks: both are right for a Gaussian, as the kernel
-    is one. The spectrum goes on evenly below zero.
+    It is the ``peak`` (n,), Hz, and the full ``width`` (n,) at half its height, Hz. Between points,
+    which are even in theta, the logarithm is a parabola at the peak and a straight line on the
+    flanks: both are right for a Gaussian, as the kernel is one. The spectrum goes on evenly below
+    zero.
     """
-    step, peaks, widths = math.pi / (2 * kernel.count - 1), np.zeros(len(values)), np.zeros(len(values))
+    step = math.pi / (2 * kernel.count - 1)
+    peaks = np.zeros(len(values))
+    widths = np.zeros(len(values))
     for number, row in enumerate(values):
-        n, log = int(np.argmax(row)), np.log(np.maximum(row, np.finfo(float).tiny))
-        place, height = float(n), float(log[n])
+        n = int(np.argmax(row))
+        log = np.log(np.maximum(row, np.finfo(float).tiny))
+        place = float(n)
+        height = float(log[n])
         if n < kernel.count - 1:
-            left, right = float(log[abs(n - 1)]), float(log[n + 1])
+            left = float(log[abs(n - 1)])
+            right = float(log[n + 1])
             curved = left - 2.0 * height + right
             shift = 0.0 if curved >= 0.0 else 0.5 * (left - right) / curved
             place += shift
             height -= 0.25 * (left - right) * shift
         peaks[number] = peak = kernel.top * math.sin(step * place)
-        low, sides = height - math.log(2.0), list[float]()
-        for way, flank in ((-1, log[n::-1]), (1, log[n:])):  # where each flank falls to half the height, if it does
+        low = height - math.log(2.0)
+        sides = list[float]()
+        for way, flank in (
+            (-1, log[n::-1]),
+            (1, log[n:]),
+        ):
+            # where each flank falls to half the height, if it does
             under = np.flatnonzero(flank < low)
             if under.size:
                 k = int(under[0])
@@ -291,54 +367,70 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
 
 
 def true_width(seen: Array, kernel: Array) -> Array:
-    """Return the widths of Lorentz curves which a kernel of the width ``kernel`` has broadened to the widths ``seen``."""
-    seen, square = np.maximum(seen, kernel), (1.0 - _LINEAR) ** 2
+    """Return the widths of Lorentz curves which a kernel of the width ``kernel`` has broadened to
+    the widths ``seen``.
+    """
+    seen = np.maximum(seen, kernel)
+    square = (1.0 - _LINEAR) ** 2
     a = square - _LINEAR**2
     found = (np.sqrt(square * seen**2 - a * kernel**2) - _LINEAR * seen) / a
     return np.asarray(np.maximum(found, 0.0))
 
 
-def find_ioffe_regel(wavenumber: Array, peak: Array, width: Array, product: float = 1.0) -> float | None:
-    """Return the frequency, Hz, from which ``wavenumber`` times the mean free path is below ``product``; None if never.
+def find_ioffe_regel(
+    wavenumber: Array, peak: Array, width: Array, product: float = 1.0
+) -> float | None:
+    """Return the frequency, Hz, from which ``wavenumber`` times the mean free path is below
+    ``product``; None if never.
 
     See :meth:`granphon.waves.spectral_functions.SpectralFunction.ioffe_regel`.
     """
     level = math.log(positive("product", product))
     order = np.argsort(wavenumber, kind="stable")
-    peak, width = peak[order], width[order]
+    peak = peak[order]
+    width = width[order]
     with np.errstate(divide="ignore"):
         above = np.log(peak) - np.log(width) - level
     if above[0] < 0.0:
-        what = f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel frequency"
+        what = (
+            f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel"
+            f" frequency"
+        )
         raise InputError(what, mend="Give lesser wave vectors, which a larger network has")
     below = np.flatnonzero(above < 0.0)
     if not below.size:
         return None
     n = int(below[0])
     share = 0.0 if math.isinf(above[n - 1]) else above[n - 1] / (above[n - 1] - above[n])
-    return float(peak[n] if math.isinf(above[n - 1]) else peak[n - 1] + share * (peak[n] - peak[n - 1]))
+    return float(
+        peak[n] if math.isinf(above[n - 1]) else peak[n - 1] + share * (peak[n] - peak[n - 1])
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpectralFunction(Refinable):
-    """A(q, f) of plane waves on a network: the spectrum of ``<s| delta(f - D^1/2 / 2 pi) |s>``, s the wave of norm one.
+    """A(q, f) of plane waves on a network: the spectrum of ``<s| delta(f - D^1/2 / 2 pi) |s>``, s
+    the wave of norm one.
 
-    It is exact for the network but for the kernel, which broadens each line. A plane wave that is no mode of the network
-    scatters into other modes, and its line has a width.
+    It is exact for the network but for the kernel, which broadens each line. A plane wave that is
+    no mode of the network scatters into other modes, and its line has a width.
 
     Attributes
     ----------
     q : (n, d) wave vectors, Cartesian, 1/m.
     polarisation : "longitudinal", "transverse", "rotational", or "given" by numbers.
-    direction : the direction that was given, or the numbers of the polarisation; empty if none was given.
-    frequencies : (n_f,) Hz, from zero; Chebyshev nodes, four within the standard deviation of the kernel.
+    direction : the direction that was given, or the numbers of the polarisation; empty if none was
+        given.
+    frequencies : (n_f,) Hz, from zero; Chebyshev nodes, four within the standard deviation of the
+        kernel.
     values : (n, n_f) 1/Hz; the integral over frequencies is 1.
     top : bound of all frequencies, Hz, on which the polynomials are made.
     moments : number of Chebyshev moments.
-    shortest : (n, d) the shortest wave vectors, 1/m, for which all balls of the lattice move as for q. They differ from q by
-        reciprocal vectors G with exp(i G . t) = 1 for the steps t between all balls of a cell. With one ball in a cell these
-        are all G, and the shortest lie in the first zone. None where the network has no lattice, and where the sites of the
-        lattice are no multiples of a 24th, or of a larger part, of its vectors.
+    shortest : (n, d) the shortest wave vectors, 1/m, for which all balls of the lattice move as for
+        q. They differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t between
+        all balls of a cell. With one ball in a cell these are all G, and the shortest lie in the
+        first zone. None where the network has no lattice, and where the sites of the lattice are no
+        multiples of a 24th, or of a larger part, of its vectors.
     warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
@@ -357,7 +449,7 @@ class SpectralFunction(Refinable):
         """(n,) integrals over all frequencies: 1."""
         return self._kernel.integral(self.values)
 
-    # -- lines ----------------------------------------------------------------------------------------------------------
+    # -- lines -------------------------------------------------------------------------------------
 
     @cached_property
     def _lines(self) -> tuple[Array, Array]:
@@ -365,7 +457,9 @@ class SpectralFunction(Refinable):
 
     @cached_property
     def _kernel_width(self) -> Array:
-        """(n,) the full width at half maximum that the kernel alone gives to a line at each peak, Hz."""
+        """(n,) the full width at half maximum that the kernel alone gives to a line at each peak,
+        Hz.
+        """
         return find_lines(self._kernel, self._kernel.line(self.peak))[1]
 
     @property
@@ -377,67 +471,84 @@ class SpectralFunction(Refinable):
     def width(self) -> Array:
         """(n,) full width at half maximum of the highest line, Hz, without the width of the kernel.
 
-        The kernel's part is taken off as from a Lorentz curve that the kernel has broadened; a line that is not wider than
-        the kernel has the width zero. See :attr:`resolved`. If the line falls to half its height on one side only, the width
-        is twice the half width of this side.
+        The kernel's part is taken off as from a Lorentz curve that the kernel has broadened; a line
+        that is not wider than the kernel has the width zero. See :attr:`resolved`. If the line
+        falls to half its height on one side only, the width is twice the half width of this side.
         """
         return true_width(self._lines[1], self._kernel_width)
 
     @property
     def resolved(self) -> NDArray[np.bool_]:
-        """(n,) whether each line has a width of its own of a fifth of the kernel's or more; less is not to be relied on."""
+        """(n,) whether each line has a width of its own of a fifth of the kernel's or more; less is
+        not to be relied on.
+        """
         return np.asarray(self.width >= _RESOLVED * self._kernel_width)
 
     @property
     def wavenumber(self) -> Array:
-        """(n,) length of the wave vector, 1/m: of :attr:`shortest` where it exists, else of ``q``."""
-        return np.asarray(np.linalg.norm(self.q if self.shortest is None else self.shortest, axis=1))
+        """(n,) length of the wave vector, 1/m: of :attr:`shortest` where it exists, else of
+        ``q``.
+        """
+        return np.asarray(
+            np.linalg.norm(self.q if self.shortest is None else self.shortest, axis=1)
+        )
 
     @property
     def phase_velocity(self) -> Array:
         """(n,) 2 pi peak over the :attr:`wavenumber`, m/s.
 
-        Raises :class:`~granphon.base.errors.InputError` for q = 0, and for a q at which all balls move as at q = 0.
+        Raises :class:`~granphon.base.errors.InputError` for q = 0, and for a q at which all balls
+        move as at q = 0.
         """
         if np.any(self.wavenumber <= _SAME * np.linalg.norm(self.q, axis=1)):
-            why = "Where exp(i q . r) is the same at all sites of a lattice, all balls move together, as at q = 0"
+            why = (
+                "Where exp(i q . r) is the same at all sites of a lattice, all balls move"
+                " together, as at q = 0"
+            )
             raise InputError("a wave with q = 0 has no velocity", why, "Give other wave vectors")
         return np.asarray(2.0 * math.pi * self.peak / self.wavenumber)
 
     @property
     def mean_free_path(self) -> Array:
-        """(n,) mean free path of the energy of a wave, m: phase velocity over 2 pi width; infinite where the width is zero.
+        """(n,) mean free path of the energy of a wave, m: phase velocity over 2 pi width; infinite
+        where the width is zero.
 
-        The energy of a coherent wave falls as exp(-2 pi width t). Where bands bend, its group velocity is not the phase
-        velocity, and the path is so much longer or shorter.
+        The energy of a coherent wave falls as exp(-2 pi width t). Where bands bend, its group
+        velocity is not the phase velocity, and the path is so much longer or shorter.
         """
         return find_mean_free_path(self.phase_velocity, self.width)
 
     @property
     def attenuation(self) -> Array:
-        """(n,) attenuation of the amplitude, 1/m (neper per metre): half the inverse mean free path."""
+        """(n,) attenuation of the amplitude, 1/m (neper per metre): half the inverse mean free
+        path.
+        """
         return find_attenuation(self.phase_velocity, self.width)
 
     def ioffe_regel(self, product: float = 1.0) -> float | None:
-        """Return the frequency, Hz, from which wavenumber times mean free path is below ``product``; None if never.
+        """Return the frequency, Hz, from which wavenumber times mean free path is below
+        ``product``; None if never.
 
-        With 1 the mean free path is the wavelength over 2 pi, and the width the frequency; with pi it is half the
-        wavelength. It lies between two wave vectors, in the order of their lengths: the first that is above and the next
-        below; the logarithm of peak/width is interpolated. If already the shortest wave vector is below, there is no such
-        frequency, and that is an :class:`~granphon.base.errors.InputError`.
+        With 1 the mean free path is the wavelength over 2 pi, and the width the frequency; with pi
+        it is half the wavelength. It lies between two wave vectors, in the order of their lengths:
+        the first that is above and the next below; the logarithm of peak/width is interpolated. If
+        already the shortest wave vector is below, there is no such frequency, and that is an
+        :class:`~granphon.base.errors.InputError`.
         """
         return find_ioffe_regel(self.wavenumber, self.peak, self.width, product)
 
-    # -- more of it -----------------------------------------------------------------------------------------------------
+    # -- more of it --------------------------------------------------------------------------------
 
     @classmethod
     def average(cls, found: Sequence[SpectralFunction]) -> SpectralFunction:
-        """Return the mean over arrays of one shape, at the points of the array with the highest ``top``.
+        """Return the mean over arrays of one shape, at the points of the array with the highest
+        ``top``.
 
-        The others are interpolated (cubic splines), to about 1e-3 of their peaks. The mean does not refine.
+        The others are interpolated (cubic splines), to about 1e-3 of their peaks. The mean does not
+        refine.
 
-        Raises :class:`~granphon.base.errors.InputError` if wave vectors or polarisations differ, or resolutions by more
-        than 2 %: give all of them the same ``resolution``.
+        Raises :class:`~granphon.base.errors.InputError` if wave vectors or polarisations differ, or
+        resolutions by more than 2 %: give all of them the same ``resolution``.
         """
         from scipy.interpolate import CubicSpline
 
@@ -448,12 +559,21 @@ class SpectralFunction(Refinable):
             same = one.q.shape == first.q.shape and np.allclose(
                 one.q, first.q, rtol=_SAME, atol=_SAME * np.max(np.abs(first.q))
             )
-            if not same or (one.polarisation, one.direction) != (first.polarisation, first.direction):
-                raise InputError("spectral functions of other wave vectors or polarisations have no mean")
+            if not same or (one.polarisation, one.direction) != (
+                first.polarisation,
+                first.direction,
+            ):
+                raise InputError(
+                    "spectral functions of other wave vectors or polarisations have no mean"
+                )
             if abs(one.resolution - first.resolution) > _ALIKE * first.resolution:
-                what = f"the spectral functions have resolutions of {one.resolution:.6g} and {first.resolution:.6g} Hz"
+                what = (
+                    f"the spectral functions have resolutions of {one.resolution:.6g} and"
+                    f" {first.resolution:.6g} Hz"
+                )
                 raise InputError(what, mend="Give all of them the same resolution")
-        points, every = first.frequencies, list[Array]()
+        points = first.frequencies
+        every = list[Array]()
         for one in found:  # zero from its ``top`` on
             if np.array_equal(points, one.frequencies):
                 every.append(one.values)
@@ -471,11 +591,20 @@ class PlaneWaves:
     """
 
     def __init__(
-        self, operator: WaveOperator, q: ArrayLike, polarisation: str | ArrayLike, direction: ArrayLike | None
+        self,
+        operator: WaveOperator,
+        q: ArrayLike,
+        polarisation: str | ArrayLike,
+        direction: ArrayLike | None,
     ) -> None:
         self._operator, self._q = operator, (q := read_wavevectors(operator.network, q))
         word = isinstance(polarisation, str)
-        if word and polarisation == "longitudinal" and direction is not None and np.all(np.any(q, axis=1)):
+        if (
+            word
+            and polarisation == "longitudinal"
+            and direction is not None
+            and np.all(np.any(q, axis=1))
+        ):
             what = "a direction is given for a longitudinal wave, which moves along q"
             raise InputError(what, mend="Leave it out")
         self._polarisation = str(polarisation) if word else "given"
@@ -490,14 +619,19 @@ class PlaneWaves:
         ]
         keep = keeps_vectors(operator, len(waves))
         self._waves = [
-            (n, Moments(operator, partial(make_plane_wave, operator, q[n], row, sine), keep=keep)) for n, row, sine in waves
+            (n, Moments(operator, partial(make_plane_wave, operator, q[n], row, sine), keep=keep))
+            for n, row, sine in waves
         ]
 
     def find(self, moments: int) -> SpectralFunction:
         """Return the spectral function of this number of moments."""
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
         what = f"spectra of {moments:,} moments at {len(self._q):,} wave vectors"
-        require_memory(what, 40.0 * len(self._q) * float(moments), "Take fewer wave vectors, or a coarser resolution")
+        require_memory(
+            what,
+            40.0 * len(self._q) * float(moments),
+            "Take fewer wave vectors, or a coarser resolution",
+        )
         found = np.zeros((len(self._q), moments))
         for n, wave in self._waves:
             found[n] += wave.first(moments)
@@ -505,7 +639,13 @@ class PlaneWaves:
             why = "The wave vector or the polarisation is wrong"
             raise InputError("no ball that touches others moves in this wave", why)
         return SpectralFunction(
-            self._q, self._polarisation, self._direction, kernel.frequencies, kernel.densities(found / found[:, :1]),
-            kernel.top, moments, fold_wavevectors(self._operator.network, self._q),
+            self._q,
+            self._polarisation,
+            self._direction,
+            kernel.frequencies,
+            kernel.densities(found / found[:, :1]),
+            kernel.top,
+            moments,
+            fold_wavevectors(self._operator.network, self._q),
             network_warnings(self._operator.network),
-        )._with_work(self.find)  # fmt: skip
+        )._with_work(self.find)

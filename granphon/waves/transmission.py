@@ -1,8 +1,9 @@
 """Transmission through a strip of balls between half-infinite crystals, its leads.
 
-Of each lead all waves at a frequency are known (:mod:`granphon.dynamics.bloch_waves`). One that runs in from the left drives
-the strip, whose own equations are sparse; the waves that leave it run out, or decay, in the leads. So amplitudes of waves
-follow without a small damping, and what is sent back and through adds up to what came to rounding.
+Of each lead all waves at a frequency are known (:mod:`granphon.dynamics.bloch_waves`). One that
+runs in from the left drives the strip, whose own equations are sparse; the waves that leave it run
+out, or decay, in the leads. So amplitudes of waves follow without a small damping, and what is sent
+back and through adds up to what came to rounding.
 """
 
 from __future__ import annotations
@@ -21,7 +22,12 @@ from granphon.base.errors import InputError, PrecisionError
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.validation import frequency_array
-from granphon.dynamics.bloch_waves import BlochWaves, Couplings, find_bloch_waves, require_bloch_memory
+from granphon.dynamics.bloch_waves import (
+    BlochWaves,
+    Couplings,
+    find_bloch_waves,
+    require_bloch_memory,
+)
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import given_network
@@ -30,13 +36,15 @@ from granphon.waves.operator import WaveOperator
 
 #: distance, over the diameter, up to which a ball of the strip stands where one of a lead would
 _THERE = 0.1
-#: difference of transmitted and reflected energy from what comes, over that, up to which it is rounding
+#: difference of transmitted and reflected energy from what comes, over that, up to which it is
+#: rounding
 _BALANCED = 1e-6
 #: most steps of the fit of a fall; each changes logarithms by one at most
 _ROUNDS = 60
 #: last change of its logarithms
 _SETTLED = 1e-9
-#: part of the product of its curvatures along level and rate, below which the two are not told apart
+#: part of the product of its curvatures along level and rate, below which the two are not told
+#: apart
 _SINGULAR = 1e-12
 #: largest logarithm of an energy, up or down
 _FAR = 300.0
@@ -48,20 +56,22 @@ _SAME_PERIOD = 0.01
 class Transmission(Result, array="transmitted"):
     """Energy that waves of a lead bring through a strip. ``np.asarray`` of it is ``transmitted``.
 
-    Waves are those that run at each frequency, in ascending order of their wave number; where they are fewer than m, the
-    rest of a row is zero.
+    Waves are those that run at each frequency, in ascending order of their wave number; where they
+    are fewer than m, the rest of a row is zero.
 
     Attributes
     ----------
     frequencies : (n_f,) Hz.
     modes : (n_f, 2) numbers of waves that run in from the first lead, and out in the other one.
-    transmitted, reflected : (n_f,) the mean over the waves that run in; their sum is 1 if nothing is lost. Both are zero
-        where no wave runs in.
+    transmitted, reflected : (n_f,) the mean over the waves that run in; their sum is 1 if nothing
+        is lost. Both are zero where no wave runs in.
     transmitted_by_mode, reflected_by_mode : (n_f, m) of each wave that runs in.
-    amplitudes : (n_f, m, m) from each wave that runs in (last axis) to each that runs out; their squared sizes are energies.
+    amplitudes : (n_f, m, m) from each wave that runs in (last axis) to each that runs out; their
+        squared sizes are energies.
     wavenumbers : (n_f, m) of the waves that run in, across the layers, 1/m.
     length : of the strip, m: its layers times their height in the first lead.
-    warnings : one sentence where contacts of the strip are more viscous than stiff, as a damping is a time.
+    warnings : one sentence where contacts of the strip are more viscous than stiff, as a damping is
+        a time.
     """
 
     frequencies: Annotated[Array, "f", "Hz"]
@@ -82,49 +92,81 @@ class Transmission(Result, array="transmitted"):
 
 
 def transmission(
-    left: Any, middle: Any, right: Any, frequencies: ArrayLike, *, axis: Any = 0, q: ArrayLike = (), damping: Any = 0.0,
+    left: Any,
+    middle: Any,
+    right: Any,
+    frequencies: ArrayLike,
+    *,
+    axis: Any = 0,
+    q: ArrayLike = (),
+    damping: Any = 0.0,
     loss_factor: Any = 0.0,
-) -> Transmission:  # fmt: skip
+) -> Transmission:
     """Find what part of the energy of waves passes a strip between two half-infinite crystals.
 
     Parameters
     ----------
-    left, right : the leads: states, or networks with periods. The left one goes on towards lower layers.
-    middle : the strip: a network that repeats as the leads do but for the ``axis``, such as ``network.cut(axis, layers)``;
-        or None if the leads touch. Its outer balls stand where the next layers of the leads would. They touch the leads as
-        a lead's own layers touch each other, with its stiffness; so an interface of another stiffness belongs to the strip.
-        Periods along the layers may differ by 1 %, places of balls by 0.1 of a diameter. Masses, diameters and loads may
-        differ: whether the whole is at rest under its static forces is not examined.
+    left, right : the leads: states, or networks with periods. The left one goes on towards lower
+        layers.
+    middle : the strip: a network that repeats as the leads do but for the ``axis``, such as
+        ``network.cut(axis, layers)``; or None if the leads touch. Its outer balls stand where the
+        next layers of the leads would. They touch the leads as a lead's own layers touch each
+        other, with its stiffness; so an interface of another stiffness belongs to the strip.
+        Periods along the layers may differ by 1 %, places of balls by 0.1 of a diameter. Masses,
+        diameters and loads may differ: whether the whole is at rest under its static forces is not
+        examined.
     frequencies : (n_f,) Hz, ascending, above zero.
     axis : across the layers of both leads, as for :meth:`ContactNetwork.cut`.
-    q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
-    damping, loss_factor : viscosity of the strip's contacts over their stiffness, s, and part of the stiffness that loses
-        energy at any frequency, as in :meth:`Waves.response`: numbers or (n_c,), or tuples of those of normal and of all
-        other motion.
+    q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by
+        default.
+    damping, loss_factor : viscosity of the strip's contacts over their stiffness, s, and part of
+        the stiffness that loses energy at any frequency, as in :meth:`Waves.response`: numbers or
+        (n_c,), or tuples of those of normal and of all other motion.
 
     Raises
     ------
-    InputError : a lead without the axis as a period; leads or a strip that do not fit; a floor or clamped balls between
-        them; wrong numbers.
-    PrecisionError : a frequency at the very edge of a band, or where without losses the two parts do not add up, to 1e-6, to
-        what comes.
+    InputError : a lead without the axis as a period; leads or a strip that do not fit; a floor or
+        clamped balls between them; wrong numbers.
+    PrecisionError : a frequency at the very edge of a band, or where without losses the two parts
+        do not add up, to 1e-6, to what comes.
     """
     at = frequency_array("frequencies", frequencies, "above zero")
     leads = [_Lead.of(one, axis, q) for one in (left, right)]
     first, last = leads
     require_bloch_memory(at.size, max(lead.space.size for lead in leads))
-    strip = given_network(last.space.network.cut(axis, last.space.reach + 1) if middle is None else middle)
-    operator, damped = WaveOperator(strip), ContactDamping.of(strip, damping, loss_factor)
-    if len({(one.name, one.letters) for one in (first.space.motions, last.space.motions, operator.motions)}) > 1:
+    strip = given_network(
+        last.space.network.cut(axis, last.space.reach + 1) if middle is None else middle
+    )
+    operator = WaveOperator(strip)
+    damped = ContactDamping.of(strip, damping, loss_factor)
+    if (
+        len(
+            {
+                (one.name, one.letters)
+                for one in (first.space.motions, last.space.motions, operator.motions)
+            }
+        )
+        > 1
+    ):
         what = "the motions of the balls differ between the leads and the strip"
-        raise InputError(what, "A wave would have no motion to go on with", "Use the same motions, and friction")
+        raise InputError(
+            what, "A wave would have no motion to go on with", "Use the same motions, and friction"
+        )
     if strip.prestress and strip.tangential_force is not None and np.any(strip.tangential_force):
-        raise InputError("the strip has static tangential forces", "With prestress, they have no potential")
+        raise InputError(
+            "the strip has static tangential forces", "With prestress, they have no potential"
+        )
     ends = [lead.fit(operator, lower=lead is first) for lead in leads]
     omega = 2.0 * np.pi * at
-    waves = [find_bloch_waves(lead.blocks, omega**2, lead.space.size // lead.space.reach) for lead in leads]
+    waves = [
+        find_bloch_waves(lead.blocks, omega**2, lead.space.size // lead.space.reach)
+        for lead in leads
+    ]
     phase = np.exp(2.0j * np.pi * (strip.shift[:, : len(first.q)] @ first.q))
-    parts = [operator.weigh(one, phase).tocsc() for one in (None, damped.losses, damped.times)[: 1 if damped.is_none else 3]]
+    parts = [
+        operator.weigh(one, phase).tocsc()
+        for one in (None, damped.losses, damped.times)[: 1 if damped.is_none else 3]
+    ]
     found = []
     for place, w in enumerate(omega):
         matrix = sum(((-1j, -1j * w)[n] * one for n, one in enumerate(parts[1:])), parts[0])
@@ -137,7 +179,9 @@ def transmission(
         back[place, : len(sent), : len(sent)] = sent
         through[place, : len(passed), : passed.shape[1]] = passed
         runs = waves[0][place][0]
-        numbers[place, : runs.running] = first.space.wavenumbers(runs.factors[: runs.running], first.q).real
+        numbers[place, : runs.running] = first.space.wavenumbers(
+            runs.factors[: runs.running], first.q
+        ).real
     reflected, transmitted = (np.sum(np.abs(one) ** 2, axis=1) for one in (back, through))
     count = np.maximum(modes[:, 0], 1)
     if damped.is_none:
@@ -146,29 +190,44 @@ def transmission(
         if np.any(lost > _BALANCED):
             worst = int(np.argmax(lost))
             what = (
-                f"at {write_quantity(float(at[worst]), 'Hz', 12)} what passes and what is sent back differ from what comes"
+                f"at {write_quantity(float(at[worst]), 'Hz', 12)} what passes and what is sent"
+                f" back differ from what comes"
             )
-            why = "Nothing is lost: rounding is magnified there, as at the edge of a band or a sharp resonance"
-            raise PrecisionError(f"{what} by {lost[worst]:.1e} of it", why, "Shift the frequency by a millionth")
+            why = (
+                "Nothing is lost: rounding is magnified there, as at the edge of a band or a"
+                " sharp resonance"
+            )
+            raise PrecisionError(
+                f"{what} by {lost[worst]:.1e} of it", why, "Shift the frequency by a millionth"
+            )
     layers = operator.balls.size / first.space.per_layer
     return Transmission(
-        at, modes, transmitted.sum(axis=1) / count, reflected.sum(axis=1) / count, transmitted, reflected, through, numbers,
-        layers * first.space.height, damped.find_warnings(float(at[-1])),
-    )  # fmt: skip
+        at,
+        modes,
+        transmitted.sum(axis=1) / count,
+        reflected.sum(axis=1) / count,
+        transmitted,
+        reflected,
+        through,
+        numbers,
+        layers * first.space.height,
+        damped.find_warnings(float(at[-1])),
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScatteringLengths(Result):
-    """How far waves go in disordered strips; arrays over frequencies (n_f,), and over the waves that run in (n_f, m).
+    """How far waves go in disordered strips; arrays over frequencies (n_f,), and over the waves
+    that run in (n_f, m).
 
     Attributes
     ----------
     frequencies : (n_f,) Hz.
-    mean_free_path, mean_free_path_error : (n_f, m) l, m, of the coherent wave: the squared size of the mean amplitude falls
-        as exp(-L/l). Infinite where it does not fall; zero beyond the waves that run. An error is infinite where only the
-        shortest strips let a wave be seen.
-    localisation_length, localisation_length_error : (n_f,) xi, m: the mean of ln(total) falls as -2 L/xi (P. W. Anderson et
-        al., Phys. Rev. B 22, 3519, 1980). Infinite where it does not fall.
+    mean_free_path, mean_free_path_error : (n_f, m) l, m, of the coherent wave: the squared size of
+        the mean amplitude falls as exp(-L/l). Infinite where it does not fall; zero beyond the
+        waves that run. An error is infinite where only the shortest strips let a wave be seen.
+    localisation_length, localisation_length_error : (n_f,) xi, m: the mean of ln(total) falls as -2
+        L/xi (P. W. Anderson et al., Phys. Rev. B 22, 3519, 1980). Infinite where it does not fall.
     """
 
     frequencies: Annotated[Array, "f", "Hz"]
@@ -179,36 +238,52 @@ class ScatteringLengths(Result):
 
 
 def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
-    """Fit mean free paths and localisation lengths to transmissions through strips of several lengths.
+    """Fit mean free paths and localisation lengths to transmissions through strips of several
+    lengths.
 
-    ``runs`` are of the same leads and frequencies, for each length at least two samples. E exp(-L/l) is fitted to the
-    squared sizes of mean amplitudes, without what their noise adds, with the weights that this fall itself and the noise of
-    all lengths together give. A line is fitted to the means of ln(total), with the weights of variances that grow as the
-    length, too. Weights from the scatter at each length would favour the lengths at which it is small by chance, and make
-    errors too small. Errors are standard errors, from the scatter over the samples of each length.
+    ``runs`` are of the same leads and frequencies, for each length at least two samples. E
+    exp(-L/l) is fitted to the squared sizes of mean amplitudes, without what their noise adds, with
+    the weights that this fall itself and the noise of all lengths together give. A line is fitted
+    to the means of ln(total), with the weights of variances that grow as the length, too. Weights
+    from the scatter at each length would favour the lengths at which it is small by chance, and
+    make errors too small. Errors are standard errors, from the scatter over the samples of each
+    length.
 
-    Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a length; for other
-    frequencies or numbers of waves; and where nothing is transmitted.
+    Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a
+    length; for other frequencies or numbers of waves; and where nothing is transmitted.
     """
     given: Any = runs
     known = isinstance(given, Sequence) and all(isinstance(one, Transmission) for one in given)
     if not known or len({one.amplitudes.shape for one in runs}) != 1:
-        raise InputError("runs are not transmissions with the same leads", mend="Give results of gp.transmission")
+        raise InputError(
+            "runs are not transmissions with the same leads", mend="Give results of gp.transmission"
+        )
     first = runs[0]
-    if any(np.any(one.frequencies != first.frequencies) or np.any(one.modes != first.modes) for one in runs):
-        raise InputError("runs have other frequencies or waves", mend="Give results of the same leads")
+    if any(
+        np.any(one.frequencies != first.frequencies) or np.any(one.modes != first.modes)
+        for one in runs
+    ):
+        raise InputError(
+            "runs have other frequencies or waves", mend="Give results of the same leads"
+        )
     lengths, of_run = np.unique([one.length for one in runs], return_inverse=True)
     samples = np.bincount(of_run)
     if len(lengths) < 2 or samples.min() < 2:
         what = f"there are {len(lengths)} lengths, with {samples.min()} samples or more"
         raise InputError(what, "A fall and its error need two of each", "Give more runs")
-    through = np.array([np.diagonal(one.amplitudes, axis1=1, axis2=2) for one in runs])  # (runs, n_f, m)
+    # (runs, n_f, m)
+    through = np.array([np.diagonal(one.amplitudes, axis1=1, axis2=2) for one in runs])
     total = np.array([one.total for one in runs])
     open_ways = np.arange(through.shape[2]) < first.modes.min(axis=1)[:, None]
     if np.any(total[:, np.any(open_ways, axis=1)] <= 0.0) or not np.all(np.any(open_ways, axis=1)):
-        raise InputError("nothing is transmitted at some frequency", mend="Leave out frequencies of gaps")
+        raise InputError(
+            "nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"
+        )
     groups = [of_run == place for place in range(len(lengths))]
-    falls = [_fit_energy(lengths, [through[group][:, f, m] for group in groups]) for f, m in np.argwhere(open_ways)]
+    falls = [
+        _fit_energy(lengths, [through[group][:, f, m] for group in groups])
+        for f, m in np.argwhere(open_ways)
+    ]
     rate, its_error = (np.ones(open_ways.shape) for _ in range(2))
     rate[open_ways], its_error[open_ways] = np.array(falls).T
     logs = [np.log(total[group]) for group in groups]
@@ -220,7 +295,10 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
 
     def invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
         seen = rate > 0.0
-        inverse, share = (np.divide(one, rate, out=np.full(rate.shape, np.inf), where=seen) for one in (factor, error))
+        inverse, share = (
+            np.divide(one, rate, out=np.full(rate.shape, np.inf), where=seen)
+            for one in (factor, error)
+        )
         return inverse, inverse * share
 
     path, path_error = (np.where(open_ways, each, 0.0) for each in invert(rate, its_error, 1.0))
@@ -228,34 +306,48 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
 
 
 def _fit_slope(x: Array, weights: Array) -> Array:
-    """Return (n,) what each value at ``x`` (n,) counts in the slope of the line that is fitted with these weights."""
+    """Return (n,) what each value at ``x`` (n,) counts in the slope of the line that is fitted with
+    these weights.
+    """
     away = x - np.average(x, weights=weights)
     return np.asarray(weights * away / np.sum(weights * away**2))
 
 
 def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float]:
-    """Return the rate at which the squared size of the mean of ``amplitudes`` falls over the lengths, 1/m, and its error.
+    """Return the rate at which the squared size of the mean of ``amplitudes`` falls over the
+    lengths, 1/m, and its error.
 
-    The squared size less the variance of the mean has the mean E exp(-rate L), whatever the number n of samples. It is a U
-    statistic (W. Hoeffding, Ann. Math. Stat. 19, 293 (1948)), with the variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are
-    the covariances of real and imaginary parts, and a is the variance along the mean. For weights C is that of all lengths
-    together, the same in all directions; for the error it is that at each length. Both take E from the fit, which is
-    repeated until it does not change (quasi-likelihood). The error is infinite where it goes on to change: then nothing is
-    seen but at the least length.
+    The squared size less the variance of the mean has the mean E exp(-rate L), whatever the number
+    n of samples. It is a U statistic (W. Hoeffding, Ann. Math. Stat. 19, 293 (1948)), with the
+    variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are the covariances of real and imaginary parts,
+    and a is the variance along the mean. For weights C is that of all lengths together, the same in
+    all directions; for the error it is that at each length. Both take E from the fit, which is
+    repeated until it does not change (quasi-likelihood). The error is infinite where it goes on to
+    change: then nothing is seen but at the least length.
     """
     count = np.array([len(one) for one in amplitudes], float)
     mean = np.array([one.mean() for one in amplitudes])
-    turned = [one * np.conj(middle) / (abs(middle) or 1.0) for one, middle in zip(amplitudes, mean, strict=True)]
+    turned = [
+        one * np.conj(middle) / (abs(middle) or 1.0)
+        for one, middle in zip(amplitudes, mean, strict=True)
+    ]
     spread = np.array([np.cov(one.real, one.imag) for one in turned])  # (lengths, 2, 2)
     noise = np.trace(spread, axis1=1, axis2=2)
-    common, square = 0.5 * float(np.average(noise, weights=count - 1.0)), np.abs(mean) ** 2
-    energy, pairs = square - noise / count, count * (count - 1.0)
+    common = 0.5 * float(np.average(noise, weights=count - 1.0))
+    square = np.abs(mean) ** 2
+    energy = square - noise / count
+    pairs = count * (count - 1.0)
     # the line through the logarithms of what was seen is where the fit begins
-    away, rate = lengths - np.average(lengths, weights=count), 0.0
+    away = lengths - np.average(lengths, weights=count)
+    rate = 0.0
     seen = square > 0.0
     if np.count_nonzero(seen) > 1:
         rate = -float(_fit_slope(lengths[seen], (count * square)[seen]) @ np.log(square[seen]))
-    level = math.log(np.average(square, weights=count * np.exp(-np.clip(rate * away, -_FAR, _FAR)))) if seen.any() else -_FAR
+    level = (
+        math.log(np.average(square, weights=count * np.exp(-np.clip(rate * away, -_FAR, _FAR))))
+        if seen.any()
+        else -_FAR
+    )
     size = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
         fitted = np.exp(np.clip(level - rate * away, -_FAR, _FAR))
@@ -267,9 +359,13 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
         shares = np.linalg.solve(matrix, slopes * weight)
         change = shares @ (energy - fitted)
         change /= max(1.0, float(np.max(np.abs(change))))
-        level, rate = level + float(change[0]), rate + float(change[1]) / size
+        level = level + float(change[0])
+        rate = rate + float(change[1]) / size
         if np.max(np.abs(change)) < _SETTLED:
-            variance = 4.0 * spread[:, 0, 0] * fitted / count + 2.0 * np.sum(spread**2, axis=(1, 2)) / pairs
+            variance = (
+                4.0 * spread[:, 0, 0] * fitted / count
+                + 2.0 * np.sum(spread**2, axis=(1, 2)) / pairs
+            )
             return rate, math.sqrt(float(shares[1] ** 2 @ variance)) / size
     return rate, math.inf
 
@@ -289,40 +385,56 @@ class _Lead(NamedTuple):
         return cls(space, along, Couplings(*(square * one for one in space.couplings(along))))
 
     def fit(self, operator: WaveOperator, lower: bool) -> Any:
-        """Return S (size, size of the strip), sparse: the motions that a block of the lead has at an end of the strip.
+        """Return S (size, size of the strip), sparse: the motions that a block of the lead has at
+        an end of the strip.
 
-        Balls of the strip are sought where those of a block would stand. They have masses and inertias of their own.
+        Balls of the strip are sought where those of a block would stand. They have masses and
+        inertias of their own.
         """
         from scipy.sparse import csr_array
 
-        space, strip = self.space, operator.network
-        p, count = len(space.layers.cell), operator.motions.count
-        size, cut = space.size // count, space.cut
+        space = self.space
+        strip = operator.network
+        p = len(space.layers.cell)
+        count = operator.motions.count
+        size = space.size // count
+        cut = space.cut
         theirs = np.flatnonzero(cut.moving)[:size]
         what = f"the strip does not fit to the {'first' if lower else 'other'} lead"
         periods = strip.cell[np.flatnonzero(strip.pbc)][:, : strip.dimension]
         d = float(2.0 * np.mean(cut.radii[theirs]))
         same = _SAME_PERIOD * np.max(np.abs(space.layers.cell), initial=0.0)
-        if periods.shape != space.layers.cell.shape or np.any(np.abs(periods - space.layers.cell) > same):
+        if periods.shape != space.layers.cell.shape or np.any(
+            np.abs(periods - space.layers.cell) > same
+        ):
             why = "It must repeat along the layers as the lead does, and not across them"
             raise InputError(what, why, "Give lead.cut(axis, layers), or a strip of the same width")
         if len(operator.balls) >= size:
             height = strip.positions[operator.balls, p]
-            beyond = strip.positions[:, p] - height.max() if not lower else height.min() - strip.positions[:, p]
+            beyond = (
+                strip.positions[:, p] - height.max()
+                if not lower
+                else height.min() - strip.positions[:, p]
+            )
             between = ~strip.moving & (beyond > np.where(np.isinf(strip.radii), 0.0, 0.6 * d))
             if np.all(space.network.moving) and np.any(between):
-                raise InputError(what, "A floor or clamped balls stand between them", "Cut it with free edges")
+                raise InputError(
+                    what, "A floor or clamped balls stand between them", "Cut it with free edges"
+                )
             near = operator.balls[np.argsort(height if lower else -height, kind="stable")[:size]]
-            places, wanted = strip.positions[near], cut.positions[theirs]
+            places = strip.positions[near]
+            wanted = cut.positions[theirs]
             # one of the balls stands for the first of the block
-            apart = places[None, None] - (wanted - wanted[0])[None, :, None] - places[:, None, None]  # (first, block, strip)
+            # (first, block, strip)
+            apart = places[None, None] - (wanted - wanted[0])[None, :, None] - places[:, None, None]
             cells = np.rint(apart[..., :p] @ np.linalg.inv(periods[:, :p]))
             apart[..., :p] -= cells @ periods[:, :p]
             far = np.linalg.norm(apart, axis=-1)
             best = np.argmin(far, axis=2)  # (first, block)
             worst = np.take_along_axis(far, best[..., None], axis=2)[..., 0].max(axis=1)
             worst[[np.unique(one).size < size for one in best]] = np.inf
-            # of several ways to fit, as where two kinds stand in turn, the one that leaves the frame of the lead as it is
+            # of several ways to fit, as where two kinds stand in turn, the one that leaves the
+            # frame of the lead as it is
             vectors = np.concatenate([periods, space.layers.stack[None]])[:, : p + 1]
             steps = (places - wanted[0])[:, : p + 1] @ np.linalg.inv(vectors)
             moved = np.linalg.norm((steps - np.rint(steps)) @ vectors, axis=1)
@@ -334,32 +446,51 @@ class _Lead(NamedTuple):
                 turn = np.sqrt(cut.inertias[theirs] / strip.inertias[of_strip])
                 scale = np.where(operator.motions.is_rotation, turn[:, None], ratio[:, None])
                 entries = scale * np.exp(-2.0j * np.pi * (cell @ self.q))[:, None]
-                columns = np.searchsorted(operator.balls, of_strip)[:, None] * count + np.arange(count)
+                columns = np.searchsorted(operator.balls, of_strip)[:, None] * count + np.arange(
+                    count
+                )
                 rows = np.arange(size * count)
-                return csr_array((entries.ravel(), (rows, columns.ravel())), shape=(space.size, operator.size))
+                return csr_array(
+                    (entries.ravel(), (rows, columns.ravel())), shape=(space.size, operator.size)
+                )
         why = f"Its outer balls do not stand where {size} balls of the lead's layers would"
         raise InputError(what, why, "Begin and end it with layers like the lead's")
 
 
 def _scatter(
-    w: float, matrix: Any, leads: list[_Lead], ends: list[Any], waves: list[tuple[BlochWaves, BlochWaves]]
+    w: float,
+    matrix: Any,
+    leads: list[_Lead],
+    ends: list[Any],
+    waves: list[tuple[BlochWaves, BlochWaves]],
 ) -> tuple[Complex, Complex]:
-    """Return the amplitudes of waves that are sent back (m, m), and that pass (n, m), at w = omega^2."""
+    """Return the amplitudes of waves that are sent back (m, m), and that pass (n, m), at w =
+    omega^2.
+    """
     from scipy.sparse import csc_array, eye_array
 
     (first, last), (lower, upper) = leads, ends
     (come, leave), (go, _) = waves
-    one, other = first.blocks, last.blocks
-    reach, further = first.space.reach, last.space.reach
+    one = first.blocks
+    other = last.blocks
+    reach = first.space.reach
+    further = last.space.reach
     # Green's functions of the outer blocks of the leads, whose contacts to the strip are there
-    back = np.linalg.inv(w * np.eye(first.space.size) - one.inner - one.down @ leave.continue_by(-reach))
-    ahead = np.linalg.inv(w * np.eye(last.space.size) - other.inner - other.up @ go.continue_by(further))
+    back = np.linalg.inv(
+        w * np.eye(first.space.size) - one.inner - one.down @ leave.continue_by(-reach)
+    )
+    ahead = np.linalg.inv(
+        w * np.eye(last.space.size) - other.inner - other.up @ go.continue_by(further)
+    )
     held = [one.head + one.down @ back @ one.up, other.tail + other.up @ ahead @ other.down]
     for end, block in zip(ends, held, strict=True):
         matrix = matrix + end.conj().T @ csc_array(block) @ end
-    shape, factor = come.vectors[:, : come.running], come.factors[: come.running] ** reach
+    shape = come.vectors[:, : come.running]
+    factor = come.factors[: come.running] ** reach
     pushed = one.up @ shape * factor
     drive = lower.conj().T @ (one.down @ (shape - back @ pushed))
-    moved = factorise(w * eye_array(matrix.shape[0]) - matrix, pivot=PIVOT).solve(np.asarray(drive, complex))
+    moved = factorise(w * eye_array(matrix.shape[0]) - matrix, pivot=PIVOT).solve(
+        np.asarray(drive, complex)
+    )
     sent = leave.find_parts(back @ (one.up @ (lower @ moved) - pushed))
     return sent, go.find_parts(ahead @ (other.down @ (upper @ moved)))

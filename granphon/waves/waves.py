@@ -1,4 +1,6 @@
-"""Waves in a finite network of contacts: the entry to densities of states, spectral functions, modes and pulses."""
+"""Waves in a finite network of contacts: the entry to densities of states, spectral functions,
+modes and pulses.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,14 @@ from granphon.dynamics.damping import DampedModes
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel
-from granphon.waves.dos import MOST_MOMENTS, AllModes, LocalDensity, RandomVectors, SpectralDensity, find_local_density
+from granphon.waves.dos import (
+    MOST_MOMENTS,
+    AllModes,
+    LocalDensity,
+    RandomVectors,
+    SpectralDensity,
+    find_local_density,
+)
 from granphon.waves.modes import DENSE, NetworkModes, find_damped, find_modes, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.pulses import Pulse, PulseSource, transmit
@@ -30,8 +39,9 @@ class Waves:
 
     Parameters
     ----------
-    source : a :class:`~granphon.networks.network.ContactNetwork`; a simulated sample; a state, whose network is one cell, so
-        that these are waves at Gamma; or ``ase.Atoms`` with a :class:`~granphon.phonons.calculator.HertzMindlin`.
+    source : a :class:`~granphon.networks.network.ContactNetwork`; a simulated sample; a state,
+        whose network is one cell, so that these are waves at Gamma; or ``ase.Atoms`` with a
+        :class:`~granphon.phonons.calculator.HertzMindlin`.
 
     Raises :class:`~granphon.base.errors.InputError` for something else.
     """
@@ -40,7 +50,8 @@ class Waves:
         self.network: ContactNetwork = given_network(source)
 
     def __repr__(self) -> str:
-        network, motions = self.network, self.network.ball_motions
+        network = self.network
+        motions = self.network.ball_motions
         return (
             f"Waves({counted(network.n_balls, 'ball')}, {counted(network.n_contacts, 'contact')},"
             f" {', '.join(motions.letters)} of each ball; frequencies in Hz)"
@@ -48,8 +59,9 @@ class Waves:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each limit of the contact law that the network exceeds, in the words of :func:`gp.validity`; and
-        one if static forces act and leave more than 1e-3 of their mean on a ball.
+        """One sentence for each limit of the contact law that the network exceeds, in the words of
+        :func:`gp.validity`; and one if static forces act and leave more than 1e-3 of their mean on
+        a ball.
 
         Every result has them too.
         """
@@ -67,37 +79,55 @@ class Waves:
         return self.operator
 
     def dos(
-        self, resolution: float | None = None, vectors: int = 10, seed: int = 0, *, moments: int | None = None
+        self,
+        resolution: float | None = None,
+        vectors: int = 10,
+        seed: int = 0,
+        *,
+        moments: int | None = None,
     ) -> SpectralDensity:
         """Return the density of states, 1/Hz per ball that moves, by the kernel polynomial method.
 
-        Up to 600 motions of all balls all modes are found, and the density has no error. Of larger networks it is estimated
-        by random vectors.
+        Up to 600 motions of all balls all modes are found, and the density has no error. Of larger
+        networks it is estimated by random vectors.
 
         Parameters
         ----------
         resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
-        vectors : number of random vectors; the error falls as its root, and as that of the number of balls.
+        vectors : number of random vectors; the error falls as its root, and as that of the number
+            of balls.
         seed : from which the random vectors are drawn.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers out of range, and for more than 2^26 moments of all
-        random vectors;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero. With one vector the error is
-        nan. Memory is that of D and of about six vectors, whatever the numbers.
+        Raises :class:`~granphon.base.errors.InputError` for numbers out of range, and for more than
+        2^26 moments of all random vectors; :class:`~granphon.base.errors.InstabilityError` if a
+        squared frequency is below zero. With one vector the error is nan. Memory is that of D and
+        of about six vectors, whatever the numbers.
         """
         operator = self._stable_operator
-        vectors, seed = whole_number("vectors", vectors, 1, MOST_MOMENTS), whole_number("seed", seed, 0)
+        vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS)
+        seed = whole_number("seed", seed, 0)
         kernel = Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
-        work = AllModes(operator, seed) if operator.size <= DENSE else RandomVectors(operator, seed, vectors)
+        work = (
+            AllModes(operator, seed)
+            if operator.size <= DENSE
+            else RandomVectors(operator, seed, vectors)
+        )
         return work.find(kernel.moments, vectors)
 
     def local_dos(
-        self, ball: int, frequencies: ArrayLike, resolution: float | None = None, *, moments: int | None = None
+        self,
+        ball: int,
+        frequencies: ArrayLike,
+        resolution: float | None = None,
+        *,
+        moments: int | None = None,
     ) -> LocalDensity:
-        """Return the local density of states of a ball at given frequencies, 1/Hz, for each of its motions.
+        """Return the local density of states of a ball at given frequencies, 1/Hz, for each of its
+        motions.
 
-        It is found from moments of the motions themselves, without random vectors, and has no error but that of the kernel.
+        It is found from moments of the motions themselves, without random vectors, and has no error
+        but that of the kernel.
 
         Parameters
         ----------
@@ -106,31 +136,40 @@ class Waves:
         resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
-        Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not move, and for numbers out
-        of range; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not
+        move, and for numbers out of range; :class:`~granphon.base.errors.InstabilityError` if a
+        squared frequency is below zero.
         """
         return find_local_density(self._stable_operator, ball, frequencies, resolution, moments)
 
     def spectral_function(
-        self, q: ArrayLike, polarisation: str | ArrayLike = "longitudinal", resolution: float | None = None, *,
-        direction: ArrayLike | None = None, moments: int | None = None,
-    ) -> SpectralFunction:  # fmt: skip
-        """Return A(q, f), the spectrum of plane waves, by the kernel polynomial method: the positions of balls give phases.
+        self,
+        q: ArrayLike,
+        polarisation: str | ArrayLike = "longitudinal",
+        resolution: float | None = None,
+        *,
+        direction: ArrayLike | None = None,
+        moments: int | None = None,
+    ) -> SpectralFunction:
+        """Return A(q, f), the spectrum of plane waves, by the kernel polynomial method: the
+        positions of balls give phases.
 
         Parameters
         ----------
-        q : (d,) or (n, d) wave vectors, Cartesian, 1/m. Along periods of the cell they must be those that it has;
+        q : (d,) or (n, d) wave vectors, Cartesian, 1/m. Along periods of the cell they must be
+            those that it has;
             :meth:`nearest_wavevectors` finds these.
-        polarisation : "longitudinal", along q; "transverse", across q; "rotational"; or numbers, one for each displacement,
-            or one for each motion of a ball. Where several directions are across q, or several axes of rotation are free,
-            the result is the mean over them; in the plane, waves across q move in the plane if balls can.
+        polarisation : "longitudinal", along q; "transverse", across q; "rotational"; or numbers,
+            one for each displacement, or one for each motion of a ball. Where several directions
+            are across q, or several axes of rotation are free, the result is the mean over them; in
+            the plane, waves across q move in the plane if balls can.
         resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
-        direction : (2,) or (3,): of a transverse wave, its part across q; of a rotational one, the axis; of a wave with
-            q = 0, which has none of its own, that of the displacements.
+        direction : (2,) or (3,): of a transverse wave, its part across q; of a rotational one, the
+            axis; of a wave with q = 0, which has none of its own, that of the displacements.
         moments : number of Chebyshev moments, in place of the resolution; 256 without either.
 
-        Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have, whose message names the nearest
-        one, and for a polarisation in which balls do not move;
+        Raises :class:`~granphon.base.errors.InputError` for a q that the cell does not have, whose
+        message names the nearest one, and for a polarisation in which balls do not move;
         :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
         """
         operator = self._stable_operator
@@ -138,154 +177,227 @@ class Waves:
         return PlaneWaves(operator, q, polarisation, direction).find(kernel.moments)
 
     def modes(self, count: int = 10, nearest: float | None = None) -> NetworkModes:
-        """Return the lowest modes, or those nearest to a frequency, without those that cost no energy, which are counted.
+        """Return the lowest modes, or those nearest to a frequency, without those that cost no
+        energy, which are counted.
 
         Parameters
         ----------
         count : number of modes.
         nearest : frequency, Hz; None for the lowest modes.
 
-        Up to 600 motions of all balls all modes are found (dense). Larger networks are factorised, and counted by the signs
-        of the pivots so that no mode is missed, up to 300,000 motions in the plane and 12,000 in space. Beyond, modes of a
-        window of frequencies are filtered out of random vectors by Chebyshev polynomials, and fresh random vectors, freed of
-        the modes that were found, show whether one is missed; that goes wrong less than once in a thousand times. The work
-        grows as the square of the number of motions, and is the same for one mode as for tens of them.
+        Up to 600 motions of all balls all modes are found (dense). Larger networks are factorised,
+        and counted by the signs of the pivots so that no mode is missed, up to 300,000 motions in
+        the plane and 12,000 in space. Beyond, modes of a window of frequencies are filtered out of
+        random vectors by Chebyshev polynomials, and fresh random vectors, freed of the modes that
+        were found, show whether one is missed; that goes wrong less than once in a thousand times.
+        The work grows as the square of the number of motions, and is the same for one mode as for
+        tens of them.
 
-        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, more modes than there are, or, before
-        anything else is done, for modes that take more than 4 GiB or two million products of D with a vector;
-        :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero;
-        :class:`~granphon.base.errors.ConvergenceError` if they turn out to take more, as where hundreds of modes have one
-        frequency, or where a gap around ``nearest`` is wide.
+        Raises :class:`~granphon.base.errors.InputError` for a frequency above the top, more modes
+        than there are, or, before anything else is done, for modes that take more than 4 GiB or two
+        million products of D with a vector; :class:`~granphon.base.errors.InstabilityError` if a
+        squared frequency is below zero; :class:`~granphon.base.errors.ConvergenceError` if they
+        turn out to take more, as where hundreds of modes have one frequency, or where a gap around
+        ``nearest`` is wide.
         """
         return find_modes(self._stable_operator, count, nearest)
 
     def response(
-        self, frequencies: ArrayLike, source: Any, receiver: Any, damping: Any = 0.0, loss_factor: Any = 0.0, *,
-        quantity: str = "displacement", direction: ArrayLike | None = None,
-        polarisation: str | ArrayLike = "longitudinal", distance: float | None = None, method: str | None = None,
+        self,
+        frequencies: ArrayLike,
+        source: Any,
+        receiver: Any,
+        damping: Any = 0.0,
+        loss_factor: Any = 0.0,
+        *,
+        quantity: str = "displacement",
+        direction: ArrayLike | None = None,
+        polarisation: str | ArrayLike = "longitudinal",
+        distance: float | None = None,
+        method: str | None = None,
         tolerance: float = TOLERANCE,
-    ) -> Response:  # fmt: skip
-        """Return complex amplitudes of balls while others, or a wall, are driven at given frequencies.
+    ) -> Response:
+        """Return complex amplitudes of balls while others, or a wall, are driven at given
+        frequencies.
 
-        Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut. Frequencies of small networks
-        are solved one by one, those of large ones by a Krylov space for all of them where that is less work;
-        :attr:`Response.method` says which, and :attr:`Response.error` how well.
+        Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut.
+        Frequencies of small networks are solved one by one, those of large ones by a Krylov space
+        for all of them where that is less work; :attr:`Response.method` says which, and
+        :attr:`Response.error` how well.
 
         Parameters
         ----------
         frequencies : (n_f,) Hz, ascending.
-        source : (ball, direction), where ball is an index or several, and direction "x", "y", "z" or a vector (1,) to (3,);
-            "plane", the first plane of balls; or a list of these, which are driven together. A force of 1 N pushes each
-            ball. With ``quantity="transmissibility"`` the source is a body that does not move by itself, such as a wall, a
-            floor or a clamped ball, and is moved; "plane" is then the first of these.
-        receiver : likewise, one for each ball; "plane" is the last plane of balls, or that at the ``distance``.
-        damping : s, the viscosity c of each contact over its stiffness k, as in :meth:`transmit`: a number or (n_c,), or a
-            tuple of that in normal motion and in all other.
-        loss_factor : eta of the complex stiffness k (1 + i eta), a number or (n_c,), or a tuple of two, as the damping.
-        quantity : "displacement", of the balls over the force, m/N; "velocity", m/(N s); or "transmissibility", the
-            displacement of the balls over that of the source.
-        direction : (1,) to (3,) across the planes; by default the first axis along which the network does not repeat, or x.
+        source : (ball, direction), where ball is an index or several, and direction "x", "y", "z"
+            or a vector (1,) to (3,); "plane", the first plane of balls; or a list of these, which
+            are driven together. A force of 1 N pushes each ball. With
+            ``quantity="transmissibility"`` the source is a body that does not move by itself, such
+            as a wall, a floor or a clamped ball, and is moved; "plane" is then the first of these.
+        receiver : likewise, one for each ball; "plane" is the last plane of balls, or that at the
+            ``distance``.
+        damping : s, the viscosity c of each contact over its stiffness k, as in :meth:`transmit`: a
+            number or (n_c,), or a tuple of that in normal motion and in all other.
+        loss_factor : eta of the complex stiffness k (1 + i eta), a number or (n_c,), or a tuple of
+            two, as the damping.
+        quantity : "displacement", of the balls over the force, m/N; "velocity", m/(N s); or
+            "transmissibility", the displacement of the balls over that of the source.
+        direction : (1,) to (3,) across the planes; by default the first axis along which the
+            network does not repeat, or x.
         polarisation : of "plane", along which it is driven and heard, as in :meth:`transmit`.
         distance : m, of the receiving plane from the first.
-        method : "direct", factors at each frequency; "krylov", a space for all of them; None for the faster.
-        tolerance : bound of the error, over the largest response at a frequency, with which a Krylov space is content.
+        method : "direct", factors at each frequency; "krylov", a space for all of them; None for
+            the faster.
+        tolerance : bound of the error, over the largest response at a frequency, with which a
+            Krylov space is content.
 
         Raises
         ------
-        InputError : frequencies below zero, not real or not sorted; a ball that is not there or, but for a transmissibility,
-            one of the source that is held; no receiver; a damping below zero; a mode without damping at a frequency.
-        ConvergenceError : a network too large to be factorised, and damped too little, or unevenly; or what would take more
-            than an hour, unless a ``method`` is given.
+        InputError : frequencies below zero, not real or not sorted; a ball that is not there or,
+            but for a transmissibility, one of the source that is held; no receiver; a damping below
+            zero; a mode without damping at a frequency.
+        ConvergenceError : a network too large to be factorised, and damped too little, or unevenly;
+            or what would take more than an hour, unless a ``method`` is given.
         InstabilityError : a squared frequency is below zero.
         """
         return find_response(
-            self._stable_operator, frequencies, source, receiver, damping, loss_factor, quantity=quantity,
-            direction=direction, polarisation=polarisation, distance=distance, method=method, tolerance=tolerance,
-        )  # fmt: skip
+            self._stable_operator,
+            frequencies,
+            source,
+            receiver,
+            damping,
+            loss_factor,
+            quantity=quantity,
+            direction=direction,
+            polarisation=polarisation,
+            distance=distance,
+            method=method,
+            tolerance=tolerance,
+        )
 
     def damped_modes(
-        self, count: int = 10, nearest: float | None = None, damping: Any = 0.0, loss_factor: Any = 0.0
+        self,
+        count: int = 10,
+        nearest: float | None = None,
+        damping: Any = 0.0,
+        loss_factor: Any = 0.0,
     ) -> DampedModes:
-        """Return damped modes that cost energy, the lowest or those nearest to a frequency: complex frequencies, Q factors.
+        """Return damped modes that cost energy, the lowest or those nearest to a frequency: complex
+        frequencies, Q factors.
 
         Parameters
         ----------
-        count, nearest : number of modes, and the frequency, Hz, to which their real parts are nearest; None for the lowest.
+        count, nearest : number of modes, and the frequency, Hz, to which their real parts are
+            nearest; None for the lowest.
         damping, loss_factor : of the contacts, s and a number, as for :meth:`response`.
 
-        Modes that creep have a real part of zero: they are the lowest, and the slowest of them is the first.
+        Modes that creep have a real part of zero: they are the lowest, and the slowest of them is
+        the first.
 
-        Where all contacts are damped alike they are those of :meth:`modes`, the nearest without losses. Else all are found
-        up to 300 motions that contacts resist; larger networks are factorised, up to 300,000 motions in the plane and 12,000
-        in space, and their modes are those of the nearest complex frequencies: modes that creep faster than others swing are
-        not among the lowest then.
+        Where all contacts are damped alike they are those of :meth:`modes`, the nearest without
+        losses. Else all are found up to 300 motions that contacts resist; larger networks are
+        factorised, up to 300,000 motions in the plane and 12,000 in space, and their modes are
+        those of the nearest complex frequencies: modes that creep faster than others swing are not
+        among the lowest then.
 
-        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes than there are, or than are
-        found in a large network, and for a larger network that is damped unevenly;
-        :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer than springs;
-        :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what :meth:`modes` raises.
+        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes
+        than there are, or than are found in a large network, and for a larger network that is
+        damped unevenly; :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and
+        are far stiffer than springs; :class:`~granphon.base.errors.ConvergenceError` if the
+        iteration does not end; and what :meth:`modes` raises.
         """
         return find_damped(self._stable_operator, count, nearest, damping, loss_factor)
 
     def nearest_wavevectors(self, q: ArrayLike) -> Array:
-        """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in the same shape.
+        """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has,
+        in the same shape.
 
         Along axes without a period every q is one.
         """
         return nearest_wavevectors(self.network, q)
 
     def transmit(
-        self, frequency: float, direction: ArrayLike, distance: float, cycles: float = 5.0,
-        polarisation: str | ArrayLike = "longitudinal", *, source: str | int | Sequence[int] = "plane", ends: str = "free",
-        damping: float = 0.0, tangential_damping: float | None = None, duration: float | None = None,
-        planes: ArrayLike = (), frames: ArrayLike = (),
-    ) -> Pulse:  # fmt: skip
+        self,
+        frequency: float,
+        direction: ArrayLike,
+        distance: float,
+        cycles: float = 5.0,
+        polarisation: str | ArrayLike = "longitudinal",
+        *,
+        source: str | int | Sequence[int] = "plane",
+        ends: str = "free",
+        damping: float = 0.0,
+        tangential_damping: float | None = None,
+        duration: float | None = None,
+        planes: ArrayLike = (),
+        frames: ArrayLike = (),
+    ) -> Pulse:
         """Send a pulse through the network, and hear it on a plane of balls.
 
-        A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, 1 N at its greatest, pushes each ball of the source from t = 0 to
-        P = cycles/frequency. The dynamics are linear, and propagated to rounding: by an expansion in Chebyshev polynomials
-        whose coefficients that are left out add up to 1e-13.
+        A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, 1 N at its greatest, pushes each ball of
+        the source from t = 0 to P = cycles/frequency. The dynamics are linear, and propagated to
+        rounding: by an expansion in Chebyshev polynomials whose coefficients that are left out add
+        up to 1e-13.
 
         Parameters
         ----------
         frequency : Hz, up to the top of the network's modes.
         direction : (1,) to (3,) the direction in which the pulse travels, Cartesian.
-        distance : m, of the receiving plane: that of the balls nearest to it, which the result says. It counts from the
-            source; if that is a plane at an end, from the end: the plane halfway between the first balls and those that were
-            before them, or the balls of the wall.
+        distance : m, of the receiving plane: that of the balls nearest to it, which the result
+            says. It counts from the source; if that is a plane at an end, from the end: the plane
+            halfway between the first balls and those that were before them, or the balls of the
+            wall.
         cycles : periods of the burst, 1 or more.
-        polarisation : "longitudinal"; "transverse", which in the plane of balls is across the direction, and in space along
-            the axis farthest from it; "out_of_plane"; or a vector (1,) to (3,) along which the source pushes. Signals are
-            velocities along it.
-        source : "plane": the first plane of balls; "ball": one of them; or the index of a ball, or several.
-        ends : "free": contacts across the plane before the first balls are cut, and balls that static forces then push over
-            are left out (``left_out`` of the result); "walls": the balls before it are held;
-            "periodic": the network stays as it is, and the pulse runs both ways. A network without a period along the
-            direction, such as one between walls of its own, is left as it is.
-        damping : s, the viscosity of each contact over its stiffness: a mode of the angular frequency omega decays as
-            exp(-damping omega^2 t/2).
-        tangential_damping : s, the same of slip, twist and rolling, if it is another than that of normal motion. Then, as
-            with static forces, modes exchange energy, and the propagation takes several times as long.
-        duration : s, of the record. By default that of the burst and three times that of a wave in which balls move in
-            proportion, which is the fastest; in a periodic network it ends before that wave comes round the other way, and
-            must hold the burst and its flight. With another duration the signals are right too, but may not be of one pulse.
+        polarisation : "longitudinal"; "transverse", which in the plane of balls is across the
+            direction, and in space along the axis farthest from it; "out_of_plane"; or a vector
+            (1,) to (3,) along which the source pushes. Signals are velocities along it.
+        source : "plane": the first plane of balls; "ball": one of them; or the index of a ball, or
+            several.
+        ends : "free": contacts across the plane before the first balls are cut, and balls that
+            static forces then push over are left out (``left_out`` of the result); "walls": the
+            balls before it are held; "periodic": the network stays as it is, and the pulse runs
+            both ways. A network without a period along the direction, such as one between walls of
+            its own, is left as it is.
+        damping : s, the viscosity of each contact over its stiffness: a mode of the angular
+            frequency omega decays as exp(-damping omega^2 t/2).
+        tangential_damping : s, the same of slip, twist and rolling, if it is another than that of
+            normal motion. Then, as with static forces, modes exchange energy, and the propagation
+            takes several times as long.
+        duration : s, of the record. By default that of the burst and three times that of a wave in
+            which balls move in proportion, which is the fastest; in a periodic network it ends
+            before that wave comes round the other way, and must hold the burst and its flight. With
+            another duration the signals are right too, but may not be of one pulse.
         planes : (n_p,) distances of further planes on which the mean velocity is recorded, m.
         frames : (n_f,) times at which the velocities of all balls are kept, s.
 
         Raises
         ------
-        InputError : planes across the direction meet themselves in the periodic network before twice the distance (with
-            ends, before the distance); there are no balls there, or they are those of the source, or no contacts join them
-            with it; nothing resists the polarisation; a number out of range; a record that takes more than 2^20 products
-            with D, or that the other way round a periodic network ends before the burst and its flight are over.
+        InputError : planes across the direction meet themselves in the periodic network before
+            twice the distance (with ends, before the distance); there are no balls there, or they
+            are those of the source, or no contacts join them with it; nothing resists the
+            polarisation; a number out of range; a record that takes more than 2^20 products with D,
+            or that the other way round a periodic network ends before the burst and its flight are
+            over.
         UnreachableFrequencyError : the frequency is above all modes of the network.
-        InstabilityError : the prestress makes a squared frequency negative, or leaves no array between free ends.
+        InstabilityError : the prestress makes a squared frequency negative, or leaves no array
+            between free ends.
 
         Where the pulse has no time of flight, it is nan, and the warnings of the result say why.
         """
         wanted = PulseSource(
-            frequency, direction, distance, cycles, polarisation, source=source, ends=ends, damping=damping,
-            tangential_damping=tangential_damping, duration=duration, planes=planes, frames=frames,
-        )  # fmt: skip
-        found = transmit(self.network, wanted, self._stable_operator if is_one_of(ends, ("periodic",)) else None)
+            frequency,
+            direction,
+            distance,
+            cycles,
+            polarisation,
+            source=source,
+            ends=ends,
+            damping=damping,
+            tangential_damping=tangential_damping,
+            duration=duration,
+            planes=planes,
+            frames=frames,
+        )
+        found = transmit(
+            self.network, wanted, self._stable_operator if is_one_of(ends, ("periodic",)) else None
+        )
         return replace(found, warnings=(*self.warnings, *found.warnings))

@@ -1,4 +1,6 @@
-"""Disordered arrays on lattices in one, two and three dimensions, against arrays written out ball by ball."""
+"""Disordered arrays on lattices in one, two and three dimensions, against arrays written out ball
+by ball.
+"""
 
 from __future__ import annotations
 
@@ -22,33 +24,47 @@ from granphon.dynamics.elasticity import bulk_and_shear, point_group, symmetrise
 ETA = 0.84
 #: fcc in its cube of four balls
 CUBE = Lattice(
-    "cube of fcc", tuple(map(tuple, math.sqrt(2.0) * np.eye(3))), ((0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5))
+    "cube of fcc",
+    tuple(map(tuple, math.sqrt(2.0) * np.eye(3))),
+    ((0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5)),
 )
-SMALL = {CHAIN: (5,), TRIANGULAR: (3, 4), KAGOME: (3, 3), SC: (3, 3, 4), FCC: (3, 4, 3), HCP: (3, 2, 2), CUBE: (2, 1, 2)}
+SMALL = {
+    CHAIN: (5,),
+    TRIANGULAR: (3, 4),
+    KAGOME: (3, 3),
+    SC: (3, 3, 4),
+    FCC: (3, 4, 3),
+    HCP: (3, 2, 2),
+    CUBE: (2, 1, 2),
+}
 every_lattice = pytest.mark.parametrize("lattice", SMALL, ids=lambda lattice: lattice.name)
 STANDING = [CHAIN, TRIANGULAR, FCC, HCP, CUBE]
 every_standing = pytest.mark.parametrize("lattice", STANDING, ids=lambda lattice: lattice.name)
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
-WIDTH, D = 2.04e-6, 8e-3
+WIDTH = 2.04e-6
+D = 8e-3
 
 
 class Explicit:
     """A periodic array of balls in space, one contact after the other, from the positions alone.
 
-    Six motions a ball: u, then phi. Balls are in the order (cell, ball of the cell). Rows: elongation, two slips, twist and
-    two rolls, for contact after contact.
+    Six motions a ball: u, then phi. Balls are in the order (cell, ball of the cell). Rows:
+    elongation, two slips, twist and two rolls, for contact after contact.
     """
 
     def __init__(self, lattice, shape):
         p = lattice.periods
-        self.p, self.n = p, lattice.n_balls
+        self.p = p
+        self.n = lattice.n_balls
         cells = list(itertools.product(*map(range, shape)))
         base = np.zeros((self.n, 3))
         base[:, : lattice.dimension] = lattice.positions
         vectors = np.zeros((p, 3))
         vectors[:, : lattice.dimension] = lattice.vectors
         self.sites = np.array([np.array(cell) @ vectors + ball for cell in cells for ball in base])
-        images = [np.array(step) * shape @ vectors for step in itertools.product((-1, 0, 1), repeat=p)]
+        images = [
+            np.array(step) * shape @ vectors for step in itertools.product((-1, 0, 1), repeat=p)
+        ]
         self.contacts = []
         for i, j in itertools.product(range(len(self.sites)), repeat=2):
             for image in images:
@@ -58,7 +74,9 @@ class Explicit:
                     self.contacts.append((i, j, apart))
 
     def rows(self, kinds):
-        """Dense C, (contacts, 6, 6 balls): e, s, s, twist, roll, roll of each contact; ``kinds`` of them kept."""
+        """Dense C, (contacts, 6, 6 balls): e, s, s, twist, roll, roll of each contact; ``kinds`` of
+        them kept.
+        """
         out = np.zeros((len(self.contacts), 6, len(self.sites), 6))
         for row, (i, j, n) in enumerate(self.contacts):
             t = np.cross(n, [0.3, -0.5, 0.8])
@@ -67,7 +85,11 @@ class Explicit:
             for kind, axis in ((0, n), (1, t), (2, b)):
                 out[row, kind, j, :3] += axis
                 out[row, kind, i, :3] -= axis
-            for kind, axis in ((1, t), (2, b)):  # -(d/2)(phi_i + phi_j) x n . axis = -(d/2) phi . (n x axis)
+            for kind, axis in (
+                (1, t),
+                (2, b),
+            ):
+                # -(d/2)(phi_i + phi_j) x n . axis = -(d/2) phi . (n x axis)
                 for ball in (i, j):
                     out[row, kind, ball, 3:] -= 0.5 * np.cross(n, axis)
             for kind, axis in ((3, n), (4, t), (5, b)):
@@ -90,12 +112,15 @@ def in_order(lattice, values):
 
 def six_motions(lattice, stencils, balls):
     """A motion of the stencils as a flat one of six motions a ball."""
-    p, m = lattice.periods, stencils.motions
+    p = lattice.periods
+    m = stencils.motions
     out = np.zeros((6, math.prod(stencils.shape) * lattice.n_balls))
     out[:p] = in_order(lattice, stencils.displacements(balls))
     fields = balls.reshape(lattice.n_balls, m.count, *stencils.shape)
     for at, axis in enumerate(m.rotations):
-        out[3 + axis] = in_order(lattice, fields[:, len(m.translations) + at].reshape(stencils.ball_shape))
+        out[3 + axis] = in_order(
+            lattice, fields[:, len(m.translations) + at].reshape(stencils.ball_shape)
+        )
     return out.T.ravel()
 
 
@@ -115,7 +140,8 @@ def test_energy_and_forces_are_those_of_the_array_ball_by_ball(lattice, eta, tor
     weights = np.array([1.0, eta, eta, torsion, bending, bending])[kept]
     matrix = np.einsum("crx,r,cry->xy", dense, weights, dense)
     one, other = rng.normal(size=(2, stencils.n_fields, *shape))
-    flat, second = six_motions(lattice, stencils, one), six_motions(lattice, stencils, other)
+    flat = six_motions(lattice, stencils, one)
+    second = six_motions(lattice, stencils, other)
     level = stencils.weights(np.ones((stencils.n_contacts, *shape)))
     forces = stencils.forces(level * stencils.deformations(Motion(one, 0.0)))
     scale = float(flat @ matrix @ flat)
@@ -126,9 +152,13 @@ def test_energy_and_forces_are_those_of_the_array_ball_by_ball(lattice, eta, tor
     found, push = stencils.hessian(rough)(one, 0.3)
     strain = stencils.deformations(Motion(one, 0.3))
     np.testing.assert_allclose(found, stencils.forces(rough * strain), rtol=0.0, atol=1e-12)
-    assert push == pytest.approx(-float(np.sum((rough * strain)[: stencils.n_contacts])), rel=1e-11, abs=1e-11)
+    assert push == pytest.approx(
+        -float(np.sum((rough * strain)[: stencils.n_contacts])), rel=1e-11, abs=1e-11
+    )
     assert dot(strain, rough) == pytest.approx(
-        dot(one, stencils.forces(rough)) - 0.3 * float(np.sum(rough[: stencils.n_contacts])), rel=1e-11, abs=1e-11
+        dot(one, stencils.forces(rough)) - 0.3 * float(np.sum(rough[: stencils.n_contacts])),
+        rel=1e-11,
+        abs=1e-11,
     )
 
 
@@ -154,12 +184,15 @@ def test_preconditioner_holds_the_inverse_of_equal_contacts(lattice, eta, levels
     both = []
     for precision in (float, np.float32):
         precondition = stencils.preconditioner(stencils.weights(contacts).astype(precision))
-        both.append(np.stack([precondition(unit.astype(precision)).ravel() for unit in units], axis=1))
+        both.append(
+            np.stack([precondition(unit.astype(precision)).ravel() for unit in units], axis=1)
+        )
         assert both[-1].dtype == precision
     found = both[0]
     np.testing.assert_allclose(both[1], found, rtol=0.0, atol=1e-5 * np.max(np.abs(found)))
     np.testing.assert_allclose(found, found.T, rtol=0.0, atol=1e-13 * np.max(np.abs(found)))
-    # on what costs energy it is the inverse, and that of each ball alone: the sum, or one before and after the other
+    # on what costs energy it is the inverse, and that of each ball alone: the sum, or one before
+    # and after the other
     values, vectors = np.linalg.eigh(matrix)
     keep = values > 1e-9
     assert np.count_nonzero(~keep) == lattice.periods
@@ -172,7 +205,9 @@ def test_preconditioner_holds_the_inverse_of_equal_contacts(lattice, eta, levels
     ball = np.arange(stencils.n_fields) // stencils.motions.count
     group = 2 * ball + np.tile(stencils.motions.is_rotation, lattice.n_balls)
     cell = np.tile(np.arange(math.prod(shape)), stencils.n_fields)
-    same = (cell[:, None] == cell) & (np.repeat(group, math.prod(shape))[:, None] == np.repeat(group, math.prod(shape)))
+    same = (cell[:, None] == cell) & (
+        np.repeat(group, math.prod(shape))[:, None] == np.repeat(group, math.prod(shape))
+    )
     uneven = matrix_of(contacts)
     alone[same] = np.linalg.inv(np.where(same, uneven, 0.0))[same]
     if any(stencils.motions.is_rotation):
@@ -205,10 +240,18 @@ def test_equilibrium_is_the_minimum_of_the_energy_written_out(lattice, overlap):
         h = np.maximum(overlap + means - rows @ u, 0.0)
         return 0.4 * np.sum(h**2.5), -rows.T @ h**1.5
 
-    found = minimize(energy, np.zeros(rows.shape[1]), jac=True, method="BFGS", options={"gtol": 1e-9, "maxiter": 5000})
+    found = minimize(
+        energy,
+        np.zeros(rows.shape[1]),
+        jac=True,
+        method="BFGS",
+        options={"gtol": 1e-9, "maxiter": 5000},
+    )
     h = np.maximum(overlap + means - rows @ found.x, 0.0)
     assert state.energy == pytest.approx(np.mean(0.4 * h**2.5), rel=1e-9)
-    np.testing.assert_allclose(np.sort(state.forces.ravel()), np.sort(h**1.5), rtol=0.0, atol=1e-5 * state.force)
+    np.testing.assert_allclose(
+        np.sort(state.forces.ravel()), np.sort(h**1.5), rtol=0.0, atol=1e-5 * state.force
+    )
     at_force = equilibrate(x, ReducedLoad(force=state.force), Stencils(shape, lattice=lattice))
     assert at_force.overlap == pytest.approx(overlap, rel=1e-9)
 
@@ -218,20 +261,32 @@ def test_equilibrium_is_the_minimum_of_the_energy_written_out(lattice, overlap):
     ("eta", "torsion", "bending", "own"),
     [(0.0, 0.0, 0.0, False), (ETA, 0.1, 0.02, False), (ETA, 0.5, 0.02, True)],
 )
-def test_elastic_tensor_is_the_linear_response_of_the_array_ball_by_ball(lattice, eta, torsion, bending, own):
-    shape, p = SMALL[lattice], lattice.periods
+def test_elastic_tensor_is_the_linear_response_of_the_array_ball_by_ball(
+    lattice, eta, torsion, bending, own
+):
+    shape = SMALL[lattice]
+    p = lattice.periods
     x = draw(lattice, shape, 1)
     state = equilibrate(x, ReducedLoad(overlap=0.15), Stencils(shape, lattice=lattice))
     # each contact may have a torsion of its own, in proportion to its overlap
-    found = state.find_elasticity(eta, torsion * np.maximum(state.overlaps, 0.0) if own else torsion, bending)
-    explicit, kept = Explicit(lattice, shape), kinds_of(eta, torsion, bending)
+    found = state.find_elasticity(
+        eta, torsion * np.maximum(state.overlaps, 0.0) if own else torsion, bending
+    )
+    explicit = Explicit(lattice, shape)
+    kept = kinds_of(eta, torsion, bending)
     dense = explicit.rows(kept)
-    overlaps = np.maximum(0.15 + explicit.means(in_order(lattice, x)) - _elongations(lattice, explicit, state), 0.0)
+    overlaps = np.maximum(
+        0.15 + explicit.means(in_order(lattice, x)) - _elongations(lattice, explicit, state), 0.0
+    )
     stiffness = 1.5 * np.sqrt(np.where(overlaps > 1e-8, overlaps, 0.0))
     ratios = np.tile([1.0, eta, eta, torsion, bending, bending], (len(stiffness), 1))
     ratios[:, 3] *= overlaps if own else 1.0
     weights = np.sqrt(stiffness[:, None] * ratios[:, kept])
-    pairs = {1: [(0, 0)], 2: [(0, 0), (1, 1), (0, 1)], 3: [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]}[p]
+    pairs = {
+        1: [(0, 0)],
+        2: [(0, 0), (1, 1), (0, 1)],
+        3: [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)],
+    }[p]
     affine = []
     for a, b in pairs:
         strain = np.zeros((3, 3))
@@ -261,9 +316,15 @@ def _elongations(lattice, explicit, state):
 @every_standing
 def test_equal_balls_have_the_elastic_tensor_of_the_lattice(lattice):
     shape = SMALL[lattice]
-    state = equilibrate(np.zeros_like(draw(lattice, shape)), ReducedLoad(overlap=0.3), Stencils(shape, lattice=lattice))
+    state = equilibrate(
+        np.zeros_like(draw(lattice, shape)),
+        ReducedLoad(overlap=0.3),
+        Stencils(shape, lattice=lattice),
+    )
     for eta, torsion, bending in ((0.0, 0.0, 0.0), (ETA, 0.0, 0.0), (ETA, 0.2, 0.1)):
-        wanted = gp.ContactLattice.of(lattice, eta, torsion=torsion, bending=bending).elastic_tensor()
+        wanted = gp.ContactLattice.of(
+            lattice, eta, torsion=torsion, bending=bending
+        ).elastic_tensor()
         found = state.find_elasticity(eta, torsion, bending) / state.stiffness
         np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-12 * np.max(wanted))
 
@@ -281,18 +342,29 @@ def test_moving_all_balls_by_a_lattice_vector_moves_the_forces(lattice, seed, da
     np.testing.assert_allclose(np.roll(one.forces, shift, axes), other.forces, rtol=0.0, atol=1e-9)
 
 
-# -- symmetry -----------------------------------------------------------------------------------------------------------
+# -- symmetry --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("name", "order"),
-    [("chain", 2), ("square", 8), ("triangular", 12), ("sc", 48), ("bcc", 48), ("fcc", 48), ("diamond", 48), ("hcp", 24)],
+    [
+        ("chain", 2),
+        ("square", 8),
+        ("triangular", 12),
+        ("sc", 48),
+        ("bcc", 48),
+        ("fcc", 48),
+        ("diamond", 48),
+        ("hcp", 24),
+    ],
 )
 def test_point_groups_have_their_orders_and_keep_the_elastic_tensor(name, order):
     lattice = find_lattice(name)
     assert len(point_group(lattice)) == order
     tensor = gp.ContactLattice.of(lattice, ETA, bending=0.1).elastic_tensor()
-    np.testing.assert_allclose(symmetrise(tensor, lattice), tensor, rtol=0.0, atol=1e-13 * np.max(tensor))
+    np.testing.assert_allclose(
+        symmetrise(tensor, lattice), tensor, rtol=0.0, atol=1e-13 * np.max(tensor)
+    )
 
 
 def test_the_symmetric_part_on_the_triangular_lattice_is_isotropic():
@@ -306,11 +378,13 @@ def test_the_symmetric_part_on_the_triangular_lattice_is_isotropic():
     assert np.max(np.abs(found[:, :2, 2])) < 1e-14
 
 
-# -- the medium ---------------------------------------------------------------------------------------------------------
+# -- the medium ------------------------------------------------------------------------------------
 
 
 def packing(lattice, friction=True, **more):
-    return gp.Packing(STEEL, D, spread=gp.Uniform(WIDTH), lattice=lattice, friction=friction, **more)
+    return gp.Packing(
+        STEEL, D, spread=gp.Uniform(WIDTH), lattice=lattice, friction=friction, **more
+    )
 
 
 def test_diameters_are_given_for_each_ball_of_each_cell():
@@ -324,7 +398,8 @@ def test_each_contact_of_a_sample_has_the_torsion_of_its_own_overlap(lattice, sh
     balls = packing(lattice, friction, torsion="mindlin")
     sample = gp.DirectSimulation(balls, shape).at_force(2.0).sample
     rest = sample.equilibrium
-    # (1 - nu)/3 of the overlap of the contact over the diameter; without friction nothing but torsion resists rotations
+    # (1 - nu)/3 of the overlap of the contact over the diameter; without friction nothing but
+    # torsion resists rotations
     torsion = (1.0 - 0.276) / 3.0 * WIDTH / D * np.maximum(rest.overlaps, 0.0)
     wanted = rest.find_elasticity(balls.mindlin_ratio, torsion) * balls.width_units.stiffness / D
     np.testing.assert_allclose(sample.elastic_tensor, wanted, rtol=0.0, atol=1e-11 * np.max(wanted))
@@ -334,11 +409,17 @@ def test_each_contact_of_a_sample_has_the_torsion_of_its_own_overlap(lattice, sh
 
 @pytest.mark.parametrize("lattice", ["fcc", "hcp"])
 def test_without_shear_no_torsion_or_bending_changes_the_elastic_tensor(lattice):
-    x, shape = draw(find_lattice(lattice), SMALL[find_lattice(lattice)]), SMALL[find_lattice(lattice)]
+    x = draw(find_lattice(lattice), SMALL[find_lattice(lattice)])
+    shape = SMALL[find_lattice(lattice)]
     state = equilibrate(x, ReducedLoad(force=0.1), Stencils(shape, lattice=find_lattice(lattice)))
     plain = state.find_elasticity(0.0)
     for torsion, bending in ((0.1, 0.0), (0.0, 0.1), (0.1, 0.02)):
-        np.testing.assert_allclose(state.find_elasticity(0.0, torsion, bending), plain, rtol=0.0, atol=1e-12 * np.max(plain))
+        np.testing.assert_allclose(
+            state.find_elasticity(0.0, torsion, bending),
+            plain,
+            rtol=0.0,
+            atol=1e-12 * np.max(plain),
+        )
 
 
 @pytest.mark.parametrize("lattice", ["fcc", "hcp"])
@@ -349,10 +430,15 @@ def test_equal_balls_with_the_torsion_of_a_hertz_contact_are_the_lattice(lattice
     np.testing.assert_allclose(found.torsion, (1.0 - 0.276) / 3.0 * exact.overlap / D, rtol=1e-12)
     for one, other in zip(found.elastic_tensor, exact.elastic_tensor, strict=True):
         np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-11 * np.max(other))
-    wanted = gp.ContactLattice.of(lattice, balls.mindlin_ratio, torsion=float(found.torsion[1])).elastic_tensor()
+    wanted = gp.ContactLattice.of(
+        lattice, balls.mindlin_ratio, torsion=float(found.torsion[1])
+    ).elastic_tensor()
     scale = exact.normal_stiffness[1] / D
-    np.testing.assert_allclose(found.elastic_tensor[1], scale * wanted, rtol=0.0, atol=1e-11 * scale * np.max(wanted))
-    # the bands are those of the mean state, scaled to its long waves; those of rotations are stiffer under more load
+    np.testing.assert_allclose(
+        found.elastic_tensor[1], scale * wanted, rtol=0.0, atol=1e-11 * scale * np.max(wanted)
+    )
+    # the bands are those of the mean state, scaled to its long waves; those of rotations are
+    # stiffer under more load
     one, other = (gp.Phonons(state[1]).frequencies([[0.3, 0.1, 0.2]]) for state in (found, exact))
     np.testing.assert_allclose(one, other, rtol=1e-9)
 
@@ -363,12 +449,16 @@ def test_arrays_of_a_sample_are_indexed_by_cell_then_ball():
     assert sample.diameters.shape == (3, 4, 5, 2)
     assert sample.displacements.shape == sample.sites.shape == (3, 4, 5, 2, 3)
     assert sample.contact_forces.shape == (3, 4, 5, 12)
-    np.testing.assert_allclose(sample.sites[1, 2, 3, 1], np.array([1, 2, 3]) @ HCP.vectors + HCP.positions[1], atol=1e-14)
+    np.testing.assert_allclose(
+        sample.sites[1, 2, 3, 1], np.array([1, 2, 3]) @ HCP.vectors + HCP.positions[1], atol=1e-14
+    )
     again = gp.DirectSimulation(packing("hcp"), diameters=sample.diameters).at_force(10.0)
     np.testing.assert_allclose(again.sample.contact_forces, sample.contact_forces, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("name", "shape"), [("fcc", (4, 4, 4)), ("hcp", (3, 4, 3)), ("chain", (30,))])
+@pytest.mark.parametrize(
+    ("name", "shape"), [("fcc", (4, 4, 4)), ("hcp", (3, 4, 3)), ("chain", (30,))]
+)
 @pytest.mark.parametrize("friction", [False, True])
 def test_the_calculator_finds_the_balls_of_a_sample_at_rest(name, shape, friction):
     state = gp.DirectSimulation(packing(name, friction), shape).at_force(10.0)
@@ -382,7 +472,9 @@ def test_velocities_in_fcc_have_its_symmetry_and_errors():
     state = gp.DirectSimulation(packing("fcc"), (4, 4, 4), samples=3).at_force([8.0, 30.0])
     v = gp.sound_velocities(state, [[1, 0, 0], [0, 0, 1], [1, 1, 1]])
     np.testing.assert_allclose(v.velocities[:, 0], v.velocities[:, 1], rtol=1e-13)
-    np.testing.assert_allclose(v.transverse[..., [0, 2], 0], v.transverse[..., [0, 2], 1], rtol=1e-12)
+    np.testing.assert_allclose(
+        v.transverse[..., [0, 2], 0], v.transverse[..., [0, 2], 1], rtol=1e-12
+    )
     assert v.longitudinal_error.shape == (2, 3)
     assert v.transverse_error.shape == (2, 3, 2)
     assert np.all(v.longitudinal_error > 0.0)

@@ -1,4 +1,6 @@
-"""The array by sparse matrices against the simulation's own method, dense matrices, and closed forms."""
+"""The array by sparse matrices against the simulation's own method, dense matrices, and closed
+forms.
+"""
 
 from __future__ import annotations
 
@@ -46,20 +48,28 @@ def test_balls_that_nothing_holds_are_no_obstacle(spacing, eta):
     array = SparseArray(x)
     forces = array.forces(spacing - 0.5)
     held = np.zeros(x.shape, bool)
-    for one, (a, b) in zip(forces > 1e-6 * np.mean(forces), TRIANGULAR.contacts.shift.tolist(), strict=True):
+    for one, (a, b) in zip(
+        forces > 1e-6 * np.mean(forces), TRIANGULAR.contacts.shift.tolist(), strict=True
+    ):
         held |= one | np.roll(one, (a, b), (0, 1))
     assert spacing > 0.5 or not np.all(held)
     expected = dense_tensor(x, equilibrate(x, ReducedLoad(overlap=spacing - 0.5)).stiffnesses, eta)
-    np.testing.assert_allclose(array.elastic_tensor(forces, eta), expected, rtol=0.0, atol=1e-9 * expected.max())
+    np.testing.assert_allclose(
+        array.elastic_tensor(forces, eta), expected, rtol=0.0, atol=1e-9 * expected.max()
+    )
 
 
 def test_the_net_force_on_every_ball_is_below_the_tolerance():
     x = balls((20, 20), 5)
     for tolerance in (1e-4, 1e-8, 1e-11):
         forces, net = SparseArray(x).forces(0.2, tolerance), np.zeros((2, *x.shape))
-        for force, normal, shift in zip(forces, TRIANGULAR.contacts.normal, TRIANGULAR.contacts.shift, strict=True):
+        for force, normal, shift in zip(
+            forces, TRIANGULAR.contacts.normal, TRIANGULAR.contacts.shift, strict=True
+        ):
             net += normal[:, None, None] * (np.roll(force, shift, (0, 1)) - force)
-        left = math.sqrt(float(np.max(np.sum(net**2, axis=0)))) / min(np.mean(forces), np.std(forces))
+        left = math.sqrt(float(np.max(np.sum(net**2, axis=0)))) / min(
+            np.mean(forces), np.std(forces)
+        )
         assert left < 1.1 * tolerance
 
 

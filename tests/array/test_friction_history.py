@@ -1,4 +1,6 @@
-"""Loading with friction: the law of a contact, and paths of arrays against dense equations, energy, orders in the step."""
+"""Loading with friction: the law of a contact, and paths of arrays against dense equations, energy,
+orders in the step.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,17 @@ from granphon.array.history import LoadingHistory
 from granphon.array.krylov import solve_by_minimal_residuals
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Motion, Stencils
-from granphon.balls.lattices import BCC, DIAMOND, FCC, HONEYCOMB, KAGOME, SC, SQUARE, TRIANGULAR, Lattice
+from granphon.balls.lattices import (
+    BCC,
+    DIAMOND,
+    FCC,
+    HONEYCOMB,
+    KAGOME,
+    SC,
+    SQUARE,
+    TRIANGULAR,
+    Lattice,
+)
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.elasticity import bulk_and_shear
 from tests.array.test_equilibrium import balls
@@ -34,8 +46,11 @@ ETA = 0.82
 
 
 def history(shape, mu=math.inf, tolerance=math.inf, seed=0, lattice=TRIANGULAR, ratio=0.0, **more):
-    """A history in the exact geometry of balls with this W/d; in the directions of the lattice if it is zero."""
-    stencils, x = Stencils(shape, ETA, lattice=lattice), balls(shape, seed, lattice)
+    """A history in the exact geometry of balls with this W/d; in the directions of the lattice if
+    it is zero.
+    """
+    stencils = Stencils(shape, ETA, lattice=lattice)
+    x = balls(shape, seed, lattice)
     geometry = ExactGeometry(stencils, x, ratio) if ratio else None
     return LoadingHistory(x, stencils, mu, tolerance, geometry=geometry, **more)
 
@@ -54,7 +69,7 @@ def run(paths, loads):
     return list(paths.path(loads))
 
 
-# -- the law of one contact ---------------------------------------------------------------------------------------------
+# -- the law of one contact ------------------------------------------------------------------------
 
 
 def contact(h, s=(0.0,), t=(0.0,)):
@@ -67,26 +82,40 @@ frictions = st.sampled_from([0.0, 0.1, 0.7, math.inf])
 
 
 @settings(max_examples=100)
-@given(vectors, st.floats(-0.5, 1.0), st.floats(-0.5, 1.0), frictions, st.sampled_from([None, -0.3, 0.4]))
+@given(
+    vectors,
+    st.floats(-0.5, 1.0),
+    st.floats(-0.5, 1.0),
+    frictions,
+    st.sampled_from([None, -0.3, 0.4]),
+)
 def test_tangent_is_the_derivative(numbers, h0, h1, mu, given_overlap):
     law, n, e = FrictionLaw(ETA, mu), len(numbers) // 3, 1e-6
     s, t, way = np.reshape(numbers, (3, n)) * [[1.0], [1.0 if h0 > 0.0 else 0.0], [1.0]]
     before = contact(h0, t=t)
     guess = None if given_overlap is None else np.array([given_overlap])
-    trial = np.linalg.norm(FrictionLaw(ETA).advance(before, np.array([h1]), s[:, None], guess)[0].shears)
-    limit = mu * max(h1 if guess is None else given_overlap, 0.0) ** 1.5 if mu < math.inf else math.inf
+    trial = np.linalg.norm(
+        FrictionLaw(ETA).advance(before, np.array([h1]), s[:, None], guess)[0].shears
+    )
+    limit = (
+        mu * max(h1 if guess is None else given_overlap, 0.0) ** 1.5 if mu < math.inf else math.inf
+    )
     corners = [abs(h0), abs(h1), abs(h1 - h0), abs(trial - limit)]
     if min(corners) < 1e-2:  # the law has corners there
         return
 
     def forces(step):
-        after, _ = law.advance(before, np.array([h1 + 0.7 * step]), (s + step * way)[:, None], guess)
+        after, _ = law.advance(
+            before, np.array([h1 + 0.7 * step]), (s + step * way)[:, None], guess
+        )
         return np.append(after.forces, after.shears)
 
     tangent = law.advance(before, np.array([h1]), s[:, None], guess)[1]()
     normal, shear = tangent.apply(np.array([-0.7]), way[:, None])
     expected = (forces(e) - forces(-e)) / (2.0 * e)
-    np.testing.assert_allclose(np.append(-normal, shear), expected, rtol=0.0, atol=1e-5 * (1.0 + np.max(np.abs(expected))))
+    np.testing.assert_allclose(
+        np.append(-normal, shear), expected, rtol=0.0, atol=1e-5 * (1.0 + np.max(np.abs(expected)))
+    )
 
 
 def walk(law, times, h, s):
@@ -118,7 +147,8 @@ def exact_shear(end):
 
 @pytest.mark.claim("friction-law")
 def test_steps_are_of_second_order_and_tend_to_mindlins_law():
-    expected, errors = exact_shear(2.0), []
+    expected = exact_shear(2.0)
+    errors = []
     for steps in (40, 80, 160):
         last = walk(FrictionLaw(ETA), np.linspace(0.0, 2.0, steps + 1), h_of, s_of)[-1]
         errors.append(np.linalg.norm(last.shears[:, 0] - expected))
@@ -131,13 +161,17 @@ def test_steps_are_of_second_order_and_tend_to_mindlins_law():
 @pytest.mark.parametrize("mu", [0.3, math.inf])
 def test_work_on_a_contact_is_stored_or_lost(mu):
     """Order two: what the two sums of a path leave falls by four when steps are halved."""
-    law, left = FrictionLaw(ETA, mu), []
+    law = FrictionLaw(ETA, mu)
+    left = []
     for steps in (200, 400, 800):
         states = walk(law, np.linspace(0.0, 3.0, steps + 1), h_of, s_of)
         work = lost = 0.0
         for a, b in itertools.pairwise(states):
             mean = 0.5 * (a.shears + b.shears)
-            work += float(np.sum(mean * (b.slips - a.slips)) + 0.4 * (b.forces * b.closed - a.forces * a.closed)[0])
+            work += float(
+                np.sum(mean * (b.slips - a.slips))
+                + 0.4 * (b.forces * b.closed - a.forces * a.closed)[0]
+            )
             slid, loosened = law.lost(a, b)
             assert slid >= 0.0
             assert loosened >= 0.0
@@ -153,12 +187,19 @@ def test_work_on_a_contact_is_stored_or_lost(mu):
 @settings(max_examples=50, deadline=None)
 @given(st.floats(-0.3, 1.0), st.floats(-0.3, 1.0), unit, unit, frictions)
 def test_losses_of_a_step_are_the_integral_along_its_line(h0, h1, bent, slip, mu):
-    """Along the line T is found anew from the step so far, which is exact where slips have one component."""
+    """Along the line T is found anew from the step so far, which is exact where slips have one
+    component.
+    """
     law, parts = FrictionLaw(ETA, mu), np.linspace(0.0, 1.0, 4001)
     t0 = bent * min(mu, 1.0) * max(h0, 0.0) ** 1.5
     before, line = (
         contact(h0, t=(t0,)),
-        Contacts(*(np.full((*ones, parts.size), value) for ones, value in (((1,), h0), ((1, 1), 0.0), ((1, 1), t0)))),
+        Contacts(
+            *(
+                np.full((*ones, parts.size), value)
+                for ones, value in (((1,), h0), ((1, 1), 0.0), ((1, 1), t0))
+            )
+        ),
     )
     on_the_way, _ = law.advance(line, (h0 + parts * (h1 - h0))[None], (parts * slip)[None, None])
     work = slip * np.trapezoid(on_the_way.shears[0, 0], parts)
@@ -167,13 +208,17 @@ def test_losses_of_a_step_are_the_integral_along_its_line(h0, h1, bent, slip, mu
     losses = law.lost(before, after)
     assert min(losses) >= -1e-15
     assert (losses[0] > 0.0) <= (0.0 < mu < math.inf)
-    assert sum(losses) == pytest.approx(work - (law.stored(after) - law.stored(before) - normal), abs=1e-6)
+    assert sum(losses) == pytest.approx(
+        work - (law.stored(after) - law.stored(before) - normal), abs=1e-6
+    )
 
 
 @pytest.mark.claim("friction-law")
 @settings(max_examples=50)
 @given(
-    st.lists(st.tuples(st.floats(-0.3, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), min_size=2),
+    st.lists(
+        st.tuples(st.floats(-0.3, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), min_size=2
+    ),
     st.sampled_from([0.0, 0.4]),
 )
 def test_forces_stay_within_coulombs_limit_and_open_contacts_forget(steps, mu):
@@ -191,7 +236,8 @@ def test_closed_forms_of_one_step():
     assert after.shears[0, 0] == pytest.approx(ETA * 0.75 * 0.01)
     after, _ = law.advance(contact(0.25), np.array([0.25]), np.array([[-9.0]]))
     assert after.shears[0, 0] == pytest.approx(-0.5 * 0.125)
-    # pressed from nothing along a line, T is eta ds/dh times f; where it closes on the way the same holds
+    # pressed from nothing along a line, T is eta ds/dh times f; where it closes on the way the same
+    # holds
     for start in (0.0, -0.2):
         after, _ = law.advance(contact(start), np.array([0.16]), np.array([[0.02]]))
         assert after.shears[0, 0] == pytest.approx(ETA * 0.16**1.5 * 0.02 / (0.16 - start))
@@ -200,17 +246,19 @@ def test_closed_forms_of_one_step():
     assert after.shears[0, 0] == pytest.approx(0.01 * 0.4 / 0.5)
 
 
-# -- arrays against dense equations -------------------------------------------------------------------------------------
+# -- arrays against dense equations ----------------------------------------------------------------
 
 
 class Dense:
-    """The equations of each step with matrices and loops written anew, solved by MINPACK from its own differences.
+    """The equations of each step with matrices and loops written anew, solved by MINPACK from its
+    own differences.
 
     Where contacts slide, MINPACK needs a beginning near the solution.
     """
 
     def __init__(self, x, mu):
-        self.explicit, self.mu = Explicit(x.shape, ETA), mu
+        self.explicit = Explicit(x.shape, ETA)
+        self.mu = mu
         self.c, self.means = self.explicit.dense(), self.explicit.means(x)
 
     def law(self, before, h, s):
@@ -219,8 +267,10 @@ class Dense:
             return 0.0, 0.0
         f = h**1.5
         if h >= h0 > 0.0:
-            # the mean of k along the line, by Gauss's rule in a = h^(1/2), of which it is a polynomial
-            a0, a1 = math.sqrt(h0), math.sqrt(h)
+            # the mean of k along the line, by Gauss's rule in a = h^(1/2), of which it is a
+            # polynomial
+            a0 = math.sqrt(h0)
+            a1 = math.sqrt(h)
             mean = 3.0 * np.dot(WEIGHTS, (a0 + (a1 - a0) * NODES) ** 2) / (a0 + a1)
             t = t0 + ETA * mean * (s - s0)
         elif h0 <= 0.0:
@@ -243,15 +293,19 @@ class Dense:
         motion = root(balance, guess, method="lm", options={"xtol": 1e-13, "ftol": 1e-14}).x
         for _ in range(3):  # what MINPACK leaves of soft motions
             each = 1e-7 * np.eye(motion.size)
-            slope = np.array([(balance(motion + one) - balance(motion - one)) / 2e-7 for one in each]).T
+            slope = np.array(
+                [(balance(motion + one) - balance(motion - one)) / 2e-7 for one in each]
+            ).T
             motion = motion - np.linalg.lstsq(slope, balance(motion), rcond=1e-9)[0]
-        n, rows = len(self.means), self.c @ motion
+        n = len(self.means)
+        rows = self.c @ motion
         f, t = self.forces(before, motion, y)
         assert np.max(np.abs(balance(motion))) < 1e-12 * np.mean(f)
         return list(zip(y + self.means - rows[:n], rows[n:], t, strict=True)), motion, f, t
 
 
-NODES, WEIGHTS = (np.polynomial.legendre.leggauss(4)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(4)[1] / 2.0
+NODES = (np.polynomial.legendre.leggauss(4)[0] + 1.0) / 2.0
+WEIGHTS = np.polynomial.legendre.leggauss(4)[1] / 2.0
 
 
 @pytest.mark.claim("friction-dense")
@@ -259,39 +313,57 @@ NODES, WEIGHTS = (np.polynomial.legendre.leggauss(4)[0] + 1.0) / 2.0, np.polynom
     ("shape", "mu", "steps"),
     [
         ((4, 4), 0.2, 1),
-        *(pytest.param(*one, 3, marks=pytest.mark.exhaustive) for one in (((6, 6), math.inf), ((6, 7), 0.2), ((8, 8), 0.1))),
+        *(
+            pytest.param(*one, 3, marks=pytest.mark.exhaustive)
+            for one in (((6, 6), math.inf), ((6, 7), 0.2), ((8, 8), 0.1))
+        ),
     ],
 )
 def test_paths_are_those_of_dense_equations(monkeypatch, shape, mu, steps):
-    monkeypatch.setattr(load_step, "BALANCE_TOLERANCE", 1e-12)  # balls that little holds move by much more than the residual
+    # balls that little holds move by much more than the residual
+    monkeypatch.setattr(load_step, "BALANCE_TOLERANCE", 1e-12)
     loads = ramp(0.5, 0.9, 0.6, steps=steps)
     x = balls(shape, 3)
-    dense, paths = Dense(x, mu), history(shape, mu, seed=3)
+    dense = Dense(x, mu)
+    paths = history(shape, mu, seed=3)
     begun = paths.begin()
     motion, rng = cartesian(paths.stencils, begun.balls), np.random.default_rng(1)
-    before = [(h, s, 0.0) for h, s in zip(begun.contacts.overlaps.ravel(), begun.contacts.slips.ravel(), strict=True)]
+    before = [
+        (h, s, 0.0)
+        for h, s in zip(begun.contacts.overlaps.ravel(), begun.contacts.slips.ravel(), strict=True)
+    ]
     slid = 0.0
     for load, state in zip(loads, paths.path(loads), strict=True):
         if mu < math.inf:
             motion = cartesian(paths.stencils, state.balls) + rng.normal(0.0, 3e-4, motion.size)
         before, motion, f, t = dense.step(before, motion, load.overlap)
-        np.testing.assert_allclose(state.contacts.forces.ravel(), f, rtol=0.0, atol=2e-8 * np.mean(f))
-        np.testing.assert_allclose(state.contacts.shears.ravel(), t, rtol=0.0, atol=2e-8 * np.mean(f))
+        np.testing.assert_allclose(
+            state.contacts.forces.ravel(), f, rtol=0.0, atol=2e-8 * np.mean(f)
+        )
+        np.testing.assert_allclose(
+            state.contacts.shears.ravel(), t, rtol=0.0, atol=2e-8 * np.mean(f)
+        )
         slid = max(slid, state.sliding_fraction)
     assert (slid > 0.02) == (mu < math.inf)
     assert np.max(np.abs(t)) > 0.02 * np.mean(f)
 
 
 def residual(paths, state):
-    """Largest force or torque on a ball, over the mean force, from the rows of the stencils as a matrix."""
-    stencils, contacts = paths.stencils, state.contacts
+    """Largest force or torque on a ball, over the mean force, from the rows of the stencils as a
+    matrix.
+    """
+    stencils = paths.stencils
+    contacts = state.contacts
     size = state.balls.size
-    rows = [stencils.deformations(Motion(one.reshape(state.balls.shape), 0.0)).ravel() for one in np.eye(size)]
+    rows = [
+        stencils.deformations(Motion(one.reshape(state.balls.shape), 0.0)).ravel()
+        for one in np.eye(size)
+    ]
     tension = np.concatenate([contacts.forces.ravel(), -contacts.shears.ravel()])
     return np.max(np.abs(np.array(rows) @ tension)) / state.force
 
 
-# -- arrays: energy, orders, limits ---------------------------------------------------------------------------------------
+# -- arrays: energy, orders, limits ----------------------------------------------------------------
 
 
 def press_at(paths, state):
@@ -300,16 +372,21 @@ def press_at(paths, state):
 
 
 def follow_boundary(paths, turns, steps):
-    """The states of a path, and at each the integral of the boundary's force over the overlap, by Simpson's rule."""
+    """The states of a path, and at each the integral of the boundary's force over the overlap, by
+    Simpson's rule.
+    """
     states = [paths.begin()]
-    forces, work = [press_at(paths, states[0])], [0.0]
+    forces = [press_at(paths, states[0])]
+    work = [0.0]
     for state in paths.path(ramp(*turns, steps=steps)):
         states.append(state)
         forces.append(press_at(paths, state))
     for leg in range(0, len(states) - 1, steps):
         part = slice(leg, leg + steps + 1)
         way = states[leg + 1].overlap - states[leg].overlap  # below zero on the way down
-        work += (work[leg] + math.copysign(1.0, way) * cumulative_simpson(forces[part], dx=abs(way))).tolist()
+        work += (
+            work[leg] + math.copysign(1.0, way) * cumulative_simpson(forces[part], dx=abs(way))
+        ).tolist()
     return states, np.array(work)
 
 
@@ -319,11 +396,12 @@ def follow_boundary(paths, turns, steps):
     only([(0.2, 0.02), (math.inf, 0.0)], itertools.product([0.05, 0.2, math.inf], [0.0, 0.02])),
 )
 def test_work_is_the_integral_of_the_boundarys_force_on_ways_up_down_and_around(mu, ratio):
-    """Nothing is stored or lost but what the boundary gives: at every load, and to second order in the steps.
+    """Nothing is stored or lost but what the boundary gives: at every load, and to second order in
+    the steps.
 
-    With eight times as many steps the error falls by 64, but in one small array a contact that begins to slide or opens
-    between two loads may outweigh all others: in the arrays of the seeds 1 to 6 it falls by 4 to 600. The array is one
-    without such a contact near the ends of the ways.
+    With eight times as many steps the error falls by 64, but in one small array a contact that
+    begins to slide or opens between two loads may outweigh all others: in the arrays of the seeds 1
+    to 6 it falls by 4 to 600. The array is one without such a contact near the ends of the ways.
     """
     off = []
     for steps in (4, 32):
@@ -339,9 +417,13 @@ def test_work_is_the_integral_of_the_boundarys_force_on_ways_up_down_and_around(
 
 
 @pytest.mark.claim("friction-energy")
-@pytest.mark.parametrize(("mu", "ratio"), only([(0.2, 0.02)], [(0.1, 0.0), (0.2, 0.0), (math.inf, 0.0), (0.2, 0.02)]))
+@pytest.mark.parametrize(
+    ("mu", "ratio"), only([(0.2, 0.02)], [(0.1, 0.0), (0.2, 0.0), (math.inf, 0.0), (0.2, 0.02)])
+)
 def test_energies_do_not_depend_on_how_many_loads_a_way_has(mu, ratio):
-    """In one go, and over many stops, there and back: the work that is left, and what is lost on the way."""
+    """In one go, and over many stops, there and back: the work that is left, and what is lost on
+    the way.
+    """
     up = [ReducedLoad(overlap=float(y)) for y in np.linspace(0.0, 0.6, 25)[1:]]
     ways = [[up[-1], ReducedLoad(overlap=0.1)], [*up, *up[-2:2:-1]]]
     (one, many) = (run(history((8, 8), mu, 1e-4, ratio=ratio), way) for way in ways)
@@ -359,7 +441,8 @@ def test_energies_do_not_depend_on_how_many_loads_a_way_has(mu, ratio):
 def test_small_reversals_lose_energy_in_first_order(ratio):
     """Where T is borne, each way down rescales it, and the way up does not give that back."""
     paths = history((12, 12), 0.2, ratio=ratio)
-    high, lost = run(paths, ramp(0.5, 0.7, steps=4))[-1], []
+    high = run(paths, ramp(0.5, 0.7, steps=4))[-1]
+    lost = []
     for change in (1e-3, 5e-4, 2.5e-4):
         state = high
         for sign in (-1.0, 1.0):
@@ -372,7 +455,10 @@ def test_small_reversals_lose_energy_in_first_order(ratio):
 
 def test_friction_raises_the_force_as_an_independent_trial_has_it():
     """No sliding, 32 x 32 balls from a* = 1/2: some 5 % at a* = 0.7, 1.5 % at a* = 1."""
-    at = {round(state.overlap + 0.5, 6): state for state in history((32, 32)).path(ramp(0.5, 1.0, steps=10))}
+    at = {
+        round(state.overlap + 0.5, 6): state
+        for state in history((32, 32)).path(ramp(0.5, 1.0, steps=10))
+    }
     for spacing, rise in ((0.7, 0.05), (1.0, 0.015)):
         smooth = equilibrate(balls((32, 32)), ReducedLoad(overlap=spacing - 0.5)).force
         assert at[spacing].force / smooth - 1.0 == pytest.approx(rise, rel=0.15)
@@ -382,13 +468,17 @@ def test_friction_raises_the_force_as_an_independent_trial_has_it():
 def test_without_friction_forces_are_those_of_the_equilibrium():
     for state in history((8, 8), 0.0).path(ramp(0.5, 0.9, 0.6, steps=2)):
         expected = equilibrate(balls((8, 8)), ReducedLoad(overlap=state.overlap)).forces
-        np.testing.assert_allclose(state.contacts.forces, expected, rtol=0.0, atol=1e-7 * np.mean(expected))
+        np.testing.assert_allclose(
+            state.contacts.forces, expected, rtol=0.0, atol=1e-7 * np.mean(expected)
+        )
         assert not np.any(state.contacts.shears)
 
 
 @pytest.mark.claim("friction-small")
 def test_small_friction_changes_forces_in_proportion_to_it():
-    start, smooth = (equilibrate(balls((3, 4)), ReducedLoad(overlap=overlap)) for overlap in (0.0, 0.4))
+    start, smooth = (
+        equilibrate(balls((3, 4)), ReducedLoad(overlap=overlap)) for overlap in (0.0, 0.4)
+    )
     changes = []
     for mu in (0.02, 0.01, 0.005):
         (state,) = run(history((3, 4), mu, start=start), ramp(0.5, 0.9, steps=1))
@@ -399,13 +489,16 @@ def test_small_friction_changes_forces_in_proportion_to_it():
 
 @pytest.mark.claim("friction-small")
 def test_next_to_no_friction_finds_which_contacts_hold_the_balls():
-    start, smooth = (equilibrate(balls((8, 8), 1), ReducedLoad(overlap=overlap)) for overlap in (0.0, 0.3))
+    start, smooth = (
+        equilibrate(balls((8, 8), 1), ReducedLoad(overlap=overlap)) for overlap in (0.0, 0.3)
+    )
     changes = []
     for mu in (1e-4, 1e-6):
         (state,) = run(history((8, 8), mu, seed=1, start=start), ramp(0.5, 0.8, steps=1))
         changes.append(np.linalg.norm(state.contacts.forces - smooth.forces))
         closed = state.contacts.forces > 0.0
-        assert np.sum(state.law.mobilise(state.contacts)[closed] < friction.SLIDES) == 64  # as many as there are rotations
+        # as many as there are rotations
+        assert np.sum(state.law.mobilise(state.contacts)[closed] < friction.SLIDES) == 64
     assert changes[0] / changes[1] == pytest.approx(100.0, rel=0.02)
 
 
@@ -423,11 +516,14 @@ def test_balls_that_touch_are_not_turned_at_once():
 
 
 def test_forces_converge_with_the_order_of_the_step():
-    """Of all contact forces, by what halving the steps changes: all contacts are closed, and none slides."""
+    """Of all contact forces, by what halving the steps changes: all contacts are closed, and none
+    slides.
+    """
     x = balls((6, 6), 2)
     start = equilibrate(x, ReducedLoad(overlap=0.6))
     found = [
-        run(history((6, 6), seed=2, start=start), ramp(1.1, 1.6, steps=steps))[-1].contacts.forces for steps in (2, 4, 8, 16)
+        run(history((6, 6), seed=2, start=start), ramp(1.1, 1.6, steps=steps))[-1].contacts.forces
+        for steps in (2, 4, 8, 16)
     ]
     errors = [np.linalg.norm(one - other) for one, other in itertools.pairwise(found)]
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)
@@ -435,8 +531,12 @@ def test_forces_converge_with_the_order_of_the_step():
 
 
 def test_a_cycle_leaves_tangential_forces_as_the_square_of_its_amplitude():
-    """Loading bends contacts at a smaller k than unloading, so that no cycle closes, even where nothing slides."""
-    x, left, lost = balls((6, 6), 2), [], []
+    """Loading bends contacts at a smaller k than unloading, so that no cycle closes, even where
+    nothing slides.
+    """
+    x = balls((6, 6), 2)
+    left = []
+    lost = []
     start = equilibrate(x, ReducedLoad(overlap=0.6))
     for rise in (0.04, 0.02, 0.01):
         last = run(history((6, 6), seed=2, start=start), ramp(1.1, 1.1 + rise, 1.1, steps=4))[-1]
@@ -451,12 +551,19 @@ def test_a_cycle_leaves_tangential_forces_as_the_square_of_its_amplitude():
 @pytest.mark.claim("friction-stick")
 @RATIOS
 def test_in_small_cycles_contacts_stick(ratio):
-    """Further loading meets less than the stiffness of contacts that stick; loads that go to and fro meet it."""
-    paths, smooth = history((12, 12), 0.1, ratio=ratio), Stencils((12, 12))
+    """Further loading meets less than the stiffness of contacts that stick; loads that go to and
+    fro meet it.
+    """
+    paths = history((12, 12), 0.1, ratio=ratio)
+    smooth = Stencils((12, 12))
     state = run(paths, ramp(0.5, 0.7, steps=4))[-1]
-    still = PressedEquilibrium.of(state, paths.deviations, paths.stencils, ratio).share(paths.deviations, smooth)
+    still = PressedEquilibrium.of(state, paths.deviations, paths.stencils, ratio).share(
+        paths.deviations, smooth
+    )
     stick, slide = (
-        2.0 / math.sqrt(3.0) * bulk_and_shear(still.find_elasticity(still.shear_ratios(response)))[0]
+        2.0
+        / math.sqrt(3.0)
+        * bulk_and_shear(still.find_elasticity(still.shear_ratios(response)))[0]
         for response in ("stick", "slide")
     )
     assert state.sliding_fraction > 0.2
@@ -467,14 +574,17 @@ def test_in_small_cycles_contacts_stick(ratio):
         met.append((after.force - state.force) / change)
         state = after
     assert 1.001 * slide < met[0] < 0.99 * stick
-    assert met[1:] == pytest.approx(4 * [stick], rel=4e-3)  # T dk/k where a contact is unloaded makes the difference
+    # T dk/k where a contact is unloaded makes the difference
+    assert met[1:] == pytest.approx(4 * [stick], rel=4e-3)
     assert state.sliding_fraction < 0.01
 
 
 @pytest.mark.claim("friction-steps")
 def test_steps_are_refined_until_the_force_does_not_change():
     loads = ramp(0.5, 0.8, steps=1)
-    coarse, fine = (run(history((6, 6), math.inf, tolerance, seed=1), loads)[0] for tolerance in (1e-3, 1e-4))
+    coarse, fine = (
+        run(history((6, 6), math.inf, tolerance, seed=1), loads)[0] for tolerance in (1e-3, 1e-4)
+    )
     exact = run(history((6, 6), seed=1), ramp(0.5, 0.8, steps=24))[-1].force
     assert coarse.steps < fine.steps < 24
     assert coarse.force == pytest.approx(exact, rel=1e-3)
@@ -482,24 +592,34 @@ def test_steps_are_refined_until_the_force_does_not_change():
 
 
 @pytest.mark.claim("friction-steps")
-@pytest.mark.parametrize(("mu", "ratio"), only([(0.2, 2.55e-4)], itertools.product([0.2, math.inf], [0.0, 2.55e-4])))
+@pytest.mark.parametrize(
+    ("mu", "ratio"), only([(0.2, 2.55e-4)], itertools.product([0.2, math.inf], [0.0, 2.55e-4]))
+)
 def test_halving_the_steps_of_a_cycle_changes_the_force_by_little(mu, ratio):
-    """The tolerance holds on the way to each load, and for an estimate: over four ways it is kept to a factor of three."""
-    paths, seen = history((12, 12), mu, 1e-4, ratio=ratio), []
+    """The tolerance holds on the way to each load, and for an estimate: over four ways it is kept
+    to a factor of three.
+    """
+    paths = history((12, 12), mu, 1e-4, ratio=ratio)
+    seen = []
     original = paths._refine
-    paths._refine = lambda trail, load: (seen.append(state) or state for state in original(trail, load))
+    paths._refine = lambda trail, load: (
+        seen.append(state) or state for state in original(trail, load)
+    )
     run(paths, [ReducedLoad(overlap=y) for y in (0.2, 0.4, 0.2, 0.0)])
     ends = [0.0, *(state.overlap for state in seen)]
-    halves = [ReducedLoad(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)]
+    halves = [
+        ReducedLoad(overlap=y) for a, b in itertools.pairwise(ends) for y in (0.5 * (a + b), b)
+    ]
     twice = run(history((12, 12), mu, ratio=ratio), halves)[1::2]
     changes = [abs(one.force / other.force - 1.0) for one, other in zip(seen, twice, strict=True)]
     assert 1e-6 < max(changes) < 3e-4
 
 
-# -- one step -------------------------------------------------------------------------------------------------------------
+# -- one step --------------------------------------------------------------------------------------
 
 
-# a kagome lattice whose balls are taken from different cells: contacts lead far along both axes, either way
+# a kagome lattice whose balls are taken from different cells: contacts lead far along both axes,
+# either way
 APART = Lattice("apart", KAGOME.cell, ((0.5, 0.0), (1.0, 1.5), (0.5, 0.5)))
 
 
@@ -507,28 +627,39 @@ APART = Lattice("apart", KAGOME.cell, ((0.5, 0.0), (1.0, 1.5), (0.5, 0.5)))
 @pytest.mark.parametrize("shape", [(4, 5, 6), (2, 1, 3)])
 @pytest.mark.parametrize("lattice", [TRIANGULAR, HONEYCOMB, KAGOME, APART, SC, BCC, FCC, DIAMOND])
 def test_product_is_that_of_the_law_with_deformations(monkeypatch, lattice, shape, part):
-    """In whole and in parts, where steps lead one way or both, and where margins are wider than the array."""
+    """In whole and in parts, where steps lead one way or both, and where margins are wider than the
+    array.
+    """
     monkeypatch.setattr(contact_operator, "_CACHED", part)
     shape = shape[: lattice.periods]
-    stencils, draw = Stencils(shape, ETA, lattice=lattice), np.random.default_rng(3)
-    n, slips = stencils.n_contacts, stencils.n_rows // stencils.n_contacts - 1
+    stencils = Stencils(shape, ETA, lattice=lattice)
+    draw = np.random.default_rng(3)
+    n = stencils.n_contacts
+    slips = stencils.n_rows // stencils.n_contacts - 1
     balls = draw.normal(size=(stencils.n_fields, *shape)).astype(np.float32)
     sliding = draw.normal(size=(slips, n, *shape))
     tangent = Tangent(
-        draw.uniform(0.0, 2.0, (n, *shape)), draw.uniform(0.0, 2.0, (n, *shape)), draw.normal(size=(slips, n, *shape)),
-        sliding / np.sqrt(np.sum(sliding**2, axis=0)), 0.1,
-    )  # fmt: skip
+        draw.uniform(0.0, 2.0, (n, *shape)),
+        draw.uniform(0.0, 2.0, (n, *shape)),
+        draw.normal(size=(slips, n, *shape)),
+        sliding / np.sqrt(np.sum(sliding**2, axis=0)),
+        0.1,
+    )
     rows = stencils.deformations(Motion(balls.astype(float), 0.3))
     normal, shear = tangent.apply(rows[:n], rows[n:].reshape(slips, n, *shape))
     forces = stencils.forces(normal, *shear)
     found, push = multiply(stencils, tangent)(balls, 0.3)
     rounding = float(np.finfo(np.float32).eps)
     # three sums, one after the other, of no more terms than rows
-    assert_allclose(found, forces, atol=3 * stencils.n_rows * rounding * float(np.max(np.abs(forces))))
-    assert push == pytest.approx(-float(np.sum(normal)), abs=stencils.n_rows * rounding * float(np.sum(np.abs(normal))))
+    assert_allclose(
+        found, forces, atol=3 * stencils.n_rows * rounding * float(np.max(np.abs(forces)))
+    )
+    assert push == pytest.approx(
+        -float(np.sum(normal)), abs=stencils.n_rows * rounding * float(np.sum(np.abs(normal)))
+    )
 
 
-# -- starts ---------------------------------------------------------------------------------------------------------------
+# -- starts ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("lattice", [TRIANGULAR, SQUARE])
@@ -544,17 +675,28 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
 
 
 @pytest.mark.claim("friction-gas-energy")
-@pytest.mark.parametrize(("lattice", "shape"), only([(SQUARE, (4, 4))], [(TRIANGULAR, (6, 6)), (SQUARE, (4, 4))]))
+@pytest.mark.parametrize(
+    ("lattice", "shape"), only([(SQUARE, (4, 4))], [(TRIANGULAR, (6, 6)), (SQUARE, (4, 4))])
+)
 def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape):
-    """Their own work, stiffness times the square of the motion in a step, is not what the energy is found from."""
+    """Their own work, stiffness times the square of the motion in a step, is not what the energy is
+    found from.
+    """
     off = []
-    for finer in (1, 2) if lattice is SQUARE else (1, 2, 4):  # equally viscous dashpots resist a shorter step more
+    for finer in (1, 2) if lattice is SQUARE else (1, 2, 4):
+        # equally viscous dashpots resist a shorter step more
         paths = history(shape, 0.3, lattice=lattice, start="gas")
         drag = finer * stepper.DRAG
-        first = -float(np.max(paths.stencils.average_pairs(paths.deviations)))  # where the first two balls touch
+        # where the first two balls touch
+        first = -float(np.max(paths.stencils.average_pairs(paths.deviations)))
         here, taken = paths.stepper.place(np.zeros((2, *shape)), first), 0.0
         for _ in range(36 * finer):
-            before, here = here, paths.stepper.step([here], ReducedLoad(overlap=here.overlap + stepper.STEP / finer), drag)
+            before, here = (
+                here,
+                paths.stepper.step(
+                    [here], ReducedLoad(overlap=here.overlap + stepper.STEP / finer), drag
+                ),
+            )
             loss = before.contacts.overlaps - here.contacts.overlaps + here.overlap - before.overlap
             slip = here.contacts.slips - before.contacts.slips
             taken += drag * (np.mean(loss**2) + ETA * np.mean(slip**2))
@@ -579,9 +721,12 @@ def test_the_energy_of_an_array_from_the_gas_is_kept():
 
 @pytest.mark.claim("friction-gas")
 def test_the_honeycomb_stands_with_friction_alone():
-    """Two balls of three motions, and three contacts of two forces: 3 L motions cost nothing, but no load moves them."""
+    """Two balls of three motions, and three contacts of two forces: 3 L motions cost nothing, but
+    no load moves them.
+    """
     paths = history((3, 3), 0.5, lattice=HONEYCOMB, start="gas")
-    begun, stencils = paths.begin(), paths.stencils
+    begun = paths.begin()
+    stencils = paths.stencils
     assert begun.residual <= 1e-9
     units = np.eye(begun.balls.size).reshape(-1, *begun.balls.shape)
     rows = np.array([np.ravel(stencils.deformations(Motion(one, 0.0))) for one in units])
@@ -594,8 +739,12 @@ def test_the_honeycomb_stands_with_friction_alone():
 
 @pytest.mark.exhaustive
 def test_balls_that_are_squeezed_out_do_not_end_a_path():
-    packing = gp.Packing(gp.Material(70e9, 0.0, 2500.0), 8e-3, spread=gp.Uniform(2e-6), lattice="hcp")
-    simulation = gp.DirectSimulation(packing, (10, 10, 6), 10_003, friction_history=True, friction_coefficient=0.1)
+    packing = gp.Packing(
+        gp.Material(70e9, 0.0, 2500.0), 8e-3, spread=gp.Uniform(2e-6), lattice="hcp"
+    )
+    simulation = gp.DirectSimulation(
+        packing, (10, 10, 6), 10_003, friction_history=True, friction_coefficient=0.1
+    )
     (pressed,) = simulation.at_force(0.05 * packing.law.coefficient * packing.width**1.5).samples
     assert pressed.equilibrium.steps == 2
     assert pressed.residual <= 1e-9
@@ -605,13 +754,19 @@ def test_balls_that_are_squeezed_out_do_not_end_a_path():
 @pytest.mark.claim("friction-gas")
 @pytest.mark.parametrize(
     ("lattice", "shape"),
-    [*((one, (12, 12)) for one in (SQUARE, KAGOME, HONEYCOMB)), (SC, (4, 4, 4)), (BCC, (4, 4, 4)), (DIAMOND, (3, 3, 3))],
+    [
+        *((one, (12, 12)) for one in (SQUARE, KAGOME, HONEYCOMB)),
+        (SC, (4, 4, 4)),
+        (BCC, (4, 4, 4)),
+        (DIAMOND, (3, 3, 3)),
+    ],
 )
 def test_larger_arrays_from_the_gas_stand_after_few_iterations(lattice, shape):
     begun = history(shape, 0.5, lattice=lattice, start="gas").begin()
     assert begun.residual <= 1e-9
     assert begun.force > 0.5 * stepper.STANDING_FORCE
-    assert begun.krylov < 20_000  # each takes some tenths of a millisecond; it was more than 200 000
+    # each takes some tenths of a millisecond; it was more than 200 000
+    assert begun.krylov < 20_000
 
 
 @pytest.mark.exhaustive
@@ -621,35 +776,52 @@ def test_the_drag_of_the_gas_matters_little_at_high_loads(monkeypatch):
         monkeypatch.setattr(stepper, "DRAG", drag)
         forces.append(run(history((8, 8), 0.3, start="gas"), ramp(0.5, 1.0, steps=5))[-1].force)
     assert forces[0] == pytest.approx(forces[1], rel=1e-2)
-    assert forces[0] == pytest.approx(run(history((8, 8), 0.3), ramp(0.5, 1.0, steps=5))[-1].force, rel=3e-2)
+    assert forces[0] == pytest.approx(
+        run(history((8, 8), 0.3), ramp(0.5, 1.0, steps=5))[-1].force, rel=3e-2
+    )
 
 
-# -- dashpots -----------------------------------------------------------------------------------------------------------
+# -- dashpots --------------------------------------------------------------------------------------
 
 
 def kick(paths, state, far):
-    """A state of the same overlap whose balls are away from rest, by ``far`` W in some directions, and do not turn."""
-    moved = state.balls.reshape(paths.stencils.n_balls, -1, *paths.stencils.shape)[:, paths.stencils.motions.translating]
+    """A state of the same overlap whose balls are away from rest, by ``far`` W in some directions,
+    and do not turn.
+    """
+    moved = state.balls.reshape(paths.stencils.n_balls, -1, *paths.stencils.shape)[
+        :, paths.stencils.motions.translating
+    ]
     rng = np.random.default_rng(0)
     return paths.stepper.place(moved + far * rng.uniform(-1.0, 1.0, moved.shape), state.overlap)
 
 
 @pytest.mark.parametrize(
-    ("lattice", "shape", "mu"), [(TRIANGULAR, (6, 6), math.inf), (TRIANGULAR, (6, 6), 0.2), (FCC, (3, 3, 2), 0.2)]
+    ("lattice", "shape", "mu"),
+    [(TRIANGULAR, (6, 6), math.inf), (TRIANGULAR, (6, 6), 0.2), (FCC, (3, 3, 2), 0.2)],
 )
 @pytest.mark.parametrize("by_force", [False, True])
 def test_dashpots_lead_to_the_forces_of_newtons_method_in_short_steps(lattice, shape, mu, by_force):
-    # an array in which no contact begins to slide within the steps from here on: it would change forces to first order. In
-    # the arrays of the seeds 1 to 4 the distance falls by 2.5 to 30 with a quarter of the step, in most by more than 8
+    # an array in which no contact begins to slide within the steps from here on: it would change
+    # forces to first order. In the arrays of the seeds 1 to 4 the distance falls by 2.5 to 30 with
+    # a quarter of the step, in most by more than 8
     paths = history(shape, mu, lattice=lattice, seed=3)
-    trail, off, taken = run(paths, ramp(0.5, 0.7, steps=6))[-2:], [], []
+    trail = run(paths, ramp(0.5, 0.7, steps=6))[-2:]
+    off = []
+    taken = []
     for step in (0.1, 0.05, 0.025):
         here = trail[-1]
-        load = ReducedLoad(force=here.force * (1.0 + 2.0 * step)) if by_force else ReducedLoad(overlap=here.overlap + step)
-        direct, slow = paths.stepper.step(trail, load), paths.stepper.relax_overdamped(trail, load)
+        load = (
+            ReducedLoad(force=here.force * (1.0 + 2.0 * step))
+            if by_force
+            else ReducedLoad(overlap=here.overlap + step)
+        )
+        direct = paths.stepper.step(trail, load)
+        slow = paths.stepper.relax_overdamped(trail, load)
         assert slow is not None
         assert slow.residual <= 1e-9
-        assert paths.stepper.measure(slow, load) == pytest.approx(paths.stepper.measure(direct, load), rel=1e-12)
+        assert paths.stepper.measure(slow, load) == pytest.approx(
+            paths.stepper.measure(direct, load), rel=1e-12
+        )
         off.append(np.max(np.abs(slow.contacts.forces - direct.contacts.forces)) / here.force)
         taken.append((slow.damped - here.damped) / (slow.work - here.work))
         assert taken[-1] > 0.0
@@ -679,7 +851,8 @@ def test_a_fall_ends_where_strong_dashpots_would_end_it_after_a_long_time():
     paths = history((4, 4), 0.2, seed=1)
     here = kick(paths, run(paths, ramp(0.5, 0.7, steps=3))[-1], 0.1)
     load = ReducedLoad(overlap=here.overlap)
-    after, slow = paths.stepper.relax_overdamped([here], load), here
+    after = paths.stepper.relax_overdamped([here], load)
+    slow = here
     for drag in (*[1.0] * 40, *[0.3] * 40, *[0.1] * 200):
         slow = paths.stepper.settle([slow], load, drag)
     slow = paths.stepper.settle([slow], load, 0.0)
@@ -688,7 +861,7 @@ def test_a_fall_ends_where_strong_dashpots_would_end_it_after_a_long_time():
     assert after.damped == pytest.approx(slow.damped, rel=3e-2)
 
 
-# -- what cannot be done ------------------------------------------------------------------------------------------------
+# -- what cannot be done ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -710,9 +883,12 @@ def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, 
     paths = history((6, 6), 0.2, 1e-6)
 
     def fall(trail, steps, load):
-        start, end = trail[-1 - steps].overlap, trail[-1].overlap
+        start = trail[-1 - steps].overlap
+        end = trail[-1].overlap
         falls = sum(start < place <= end for place in places)
-        return falls * trail[-1].force * (0.9e-6 if end - start < 0.02 else 2e-6), [(0.0, 0.0)] * steps
+        return falls * trail[-1].force * (0.9e-6 if end - start < 0.02 else 2e-6), [
+            (0.0, 0.0)
+        ] * steps
 
     paths._compare = fall
     monkeypatch.setattr(module, "MOST_HALVINGS", 4)
@@ -726,7 +902,10 @@ def test_the_fall_of_a_ball_does_not_end_a_path_of_small_tolerance(monkeypatch, 
 
 @pytest.mark.parametrize(
     ("limit", "most", "said"),
-    [("MOST_HALVINGS", 1, "Halving the step still changes"), ("_MOST_STEPS", 2, "more than 2 steps")],
+    [
+        ("MOST_HALVINGS", 1, "Halving the step still changes"),
+        ("_MOST_STEPS", 2, "more than 2 steps"),
+    ],
 )
 def test_a_refinement_without_end_names_the_load(monkeypatch, limit, most, said):
     monkeypatch.setattr(module, limit, most)
@@ -736,21 +915,30 @@ def test_a_refinement_without_end_names_the_load(monkeypatch, limit, most, said)
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1)])
 def test_arrays_of_one_or_two_balls_come_to_rest(shape):
-    state = run(history(shape, 0.2, start=ReducedLoad(force=0.05)), [ReducedLoad(force=0.3), ReducedLoad(force=0.5)])[-1]
+    state = run(
+        history(shape, 0.2, start=ReducedLoad(force=0.05)),
+        [ReducedLoad(force=0.3), ReducedLoad(force=0.5)],
+    )[-1]
     assert state.residual <= 1e-9
 
 
 def test_a_solution_that_repeats_itself_or_cannot_be_reached_ends():
     matrix = np.diag([2.0, 1.0, 0.0]).astype(np.float32)
-    found, taken = solve_by_minimal_residuals(lambda v: matrix @ v, lambda v: v, np.array([2.0, 1.0, 0.0]), 1e-12, 50)
+    found, taken = solve_by_minimal_residuals(
+        lambda v: matrix @ v, lambda v: v, np.array([2.0, 1.0, 0.0]), 1e-12, 50
+    )
     assert np.allclose(found, [1.0, 1.0, 0.0], rtol=1e-6)
     assert taken < 50
-    lost, taken = solve_by_minimal_residuals(lambda v: matrix @ v, lambda v: v, np.array([0.0, 0.0, 1.0]), 1e-3, 50)
+    lost, taken = solve_by_minimal_residuals(
+        lambda v: matrix @ v, lambda v: v, np.array([0.0, 0.0, 1.0]), 1e-3, 50
+    )
     assert not np.any(lost)
     assert taken == 0
 
 
 def test_where_the_array_stands_no_step_is_taken():
-    first, again, last = run(history((6, 6), 0.2), [ReducedLoad(overlap=y) for y in (0.1, 0.1, 0.2)])
+    first, again, last = run(
+        history((6, 6), 0.2), [ReducedLoad(overlap=y) for y in (0.1, 0.1, 0.2)]
+    )
     assert again is first
     assert last.steps > first.steps

@@ -1,4 +1,5 @@
-"""Arrays near the rigidity threshold: the interior-point method, and preconditioners that know which contacts are open.
+"""Arrays near the rigidity threshold: the interior-point method, and preconditioners that know
+which contacts are open.
 
 With friction, patches of balls that little holds.
 """
@@ -32,13 +33,15 @@ def by_newton(x, load, **more):
         return equilibrate(x, load, **more)
 
 
-# -- the equilibrium ----------------------------------------------------------------------------------------------------
+# -- the equilibrium -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("spacing", [0.45, 0.4, 0.37])
 def test_equilibrium_is_that_of_newtons_method(spacing):
-    x, load = balls((24, 22), 5), ReducedLoad(overlap=spacing - 0.5)
-    found, expected = equilibrate(x, load), by_newton(x, load)
+    x = balls((24, 22), 5)
+    load = ReducedLoad(overlap=spacing - 0.5)
+    found = equilibrate(x, load)
+    expected = by_newton(x, load)
     close_forces(found.forces, expected.forces, 1e-9)
     assert residual(found) <= 1.1e-10
     assert found.stiffness == pytest.approx(expected.stiffness, rel=1e-6)
@@ -58,7 +61,11 @@ def test_force_and_overlap_given_are_one(force):
 
 
 @settings(max_examples=12)
-@given(st.tuples(st.integers(2, 9), st.integers(2, 9)), st.integers(0, 2**32 - 1), st.floats(-4.0, -2.0))
+@given(
+    st.tuples(st.integers(2, 9), st.integers(2, 9)),
+    st.integers(0, 2**32 - 1),
+    st.floats(-4.0, -2.0),
+)
 def test_small_arrays_of_any_balls(shape, seed, decade):
     x = np.random.default_rng(seed).uniform(-0.5, 0.5, shape)
     x -= np.mean(x)
@@ -84,8 +91,10 @@ def test_balls_that_nothing_holds_touch_no_other():
 
 
 def test_it_takes_far_fewer_iterations():
-    x, load = balls((64, 64)), ReducedLoad(overlap=-0.137)
-    found, expected = equilibrate(x, load), by_newton(x, load)
+    x = balls((64, 64))
+    load = ReducedLoad(overlap=-0.137)
+    found = equilibrate(x, load)
+    expected = by_newton(x, load)
     assert 3 * found.conjugate < expected.conjugate
     assert found.newton < expected.newton
     close_forces(found.forces, expected.forces)
@@ -110,7 +119,9 @@ def test_least_loads_of_few_balls(seed):
 
 
 def test_steps_at_low_loads_in_space():
-    """The count of one array depends on how the libraries of linear algebra round, from 30 to 54; the median hardly does."""
+    """The count of one array depends on how the libraries of linear algebra round, from 30 to 54;
+    the median hardly does.
+    """
     steps = []
     for seed in (2, 3, 4):
         x = np.random.default_rng(seed).uniform(-0.5, 0.5, (12, 12, 12))
@@ -121,24 +132,29 @@ def test_steps_at_low_loads_in_space():
     assert np.median(steps) < 45  # without centring arrays take 51 and 58 steps
 
 
-# -- factors of the contacts that are closed ----------------------------------------------------------------------------
+# -- factors of the contacts that are closed -------------------------------------------------------
 
 
 @pytest.mark.parametrize("eta", [0.0, ETA])
 def test_linear_response_where_half_of_the_contacts_are_open(eta):
     state = equilibrate(balls((12, 11), 4), ReducedLoad(overlap=-0.12))
-    stencils, normal = Stencils((12, 11), eta), state.stiffnesses
+    stencils = Stencils((12, 11), eta)
+    normal = state.stiffnesses
     assert np.mean(normal > 0.0) < 0.6
     stiffness = stencils.weights(normal)
     tensions = [stiffness * a for a in np.random.default_rng(0).normal(size=(2, *stiffness.shape))]
     found = find_linear_response(stencils, stiffness, tensions, 1e-7)
     explicit = Explicit((12, 11), eta)
-    c, k = explicit.dense(), stiffness.ravel()
-    matrix, strain = c.T @ (k[:, None] * c), [stencils.deformations(Motion(one, 0.0)) for one in found]
+    c = explicit.dense()
+    k = stiffness.ravel()
+    matrix = c.T @ (k[:, None] * c)
+    strain = [stencils.deformations(Motion(one, 0.0)) for one in found]
     for tension, one in zip(tensions, strain, strict=True):
         expected = c @ np.linalg.lstsq(matrix, c.T @ tension.ravel(), rcond=1e-12)[0]
         # what contacts without stiffness do is not unique
-        np.testing.assert_allclose((stiffness * one).ravel(), k * expected, rtol=0.0, atol=1e-5 * abs(k * expected).max())
+        np.testing.assert_allclose(
+            (stiffness * one).ravel(), k * expected, rtol=0.0, atol=1e-5 * abs(k * expected).max()
+        )
 
 
 @pytest.mark.parametrize("overlap", [0.4, -0.12])
@@ -155,7 +171,7 @@ def test_linear_response_is_the_same_where_single_precision_does_not_serve(monke
     assert np.sum(stiffness * (one - other) ** 2) <= 1e-14 * np.sum(stiffness * one**2)
 
 
-# -- patches of balls that little holds, with friction ------------------------------------------------------------------
+# -- patches of balls that little holds, with friction ---------------------------------------------
 
 
 #: balls that hold the next one, while the rest of the array hardly holds the two
@@ -163,14 +179,22 @@ PAIRS = {(4, 4): 3e-2, (12, 20): 1e-2, (25, 9): 5e-3, (20, 28): 2e-3, (9, 14): 1
 
 
 def weaken(stencils):
-    """A tangent in which pairs of balls are held by a small part of what the two hold each other by."""
+    """A tangent in which pairs of balls are held by a small part of what the two hold each other
+    by.
+    """
     draw = np.random.default_rng(2)
     stiffness = draw.uniform(0.8, 1.2, (stencils.n_contacts, *stencils.shape))
     for (row, column), factor in PAIRS.items():
         pair = np.zeros(stencils.shape)
         pair[row : row + 2, column] = 1.0
-        stiffness *= np.where(stencils.average_pairs(pair) == 0.5, factor * draw.uniform(0.5, 2.0, stiffness.shape), 1.0)
-    return Tangent(stiffness, ETA * stiffness, 0.1 * stiffness[None], np.zeros((1, *stiffness.shape)))
+        stiffness *= np.where(
+            stencils.average_pairs(pair) == 0.5,
+            factor * draw.uniform(0.5, 2.0, stiffness.shape),
+            1.0,
+        )
+    return Tangent(
+        stiffness, ETA * stiffness, 0.1 * stiffness[None], np.zeros((1, *stiffness.shape))
+    )
 
 
 class NoPatches(Patches):
@@ -191,14 +215,19 @@ def test_weakly_held_balls_are_found_and_save_iterations(push):
     def solve(patches):
         steps = LinearSteps(patches, damped=False)
         way, taken = steps.solve(product, tangent, pull, push, 1e-3)
-        back, force = product(way.balls.astype(np.float32), None if push is None else way.compression)
+        back, force = product(
+            way.balls.astype(np.float32), None if push is None else way.compression
+        )
         left = np.hypot(np.linalg.norm(back - pull), 0.0 if push is None else force - push)
-        assert left <= 1.1e-3 * np.hypot(np.linalg.norm(pull), push or 0.0)  # vectors are in single precision
+        # vectors are in single precision
+        assert left <= 1.1e-3 * np.hypot(np.linalg.norm(pull), push or 0.0)
         return taken, steps._weak
 
     taken, weak = solve(Patches(stencils))
     weakest = [at for at, factor in PAIRS.items() if factor <= 5e-3]
-    assert {32 * (row + one) + column for row, column in weakest for one in (0, 1)} <= set(weak.tolist())
+    assert {32 * (row + one) + column for row, column in weakest for one in (0, 1)} <= set(
+        weak.tolist()
+    )
     assert weak.size < 150
     without, none = solve(NoPatches(stencils))
     assert none.size == 0

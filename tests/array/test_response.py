@@ -1,4 +1,6 @@
-"""The elastic constants of samples against dense matrices, nonlinear equilibria of strained cells, and the calculator."""
+"""The elastic constants of samples against dense matrices, nonlinear equilibria of strained cells,
+and the calculator.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +15,23 @@ from hypothesis import strategies as st
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.dynamics.elasticity import bulk_and_shear
-from tests.array.test_equilibrium import at_rest, balls, by_lstsq, differences, moved, newton, symmetries
+from tests.array.test_equilibrium import (
+    at_rest,
+    balls,
+    by_lstsq,
+    differences,
+    moved,
+    newton,
+    symmetries,
+)
 from tests.array.test_stencils import ETA, Explicit, every_eta
 
 AREA = math.sqrt(3.0) / 2.0  # of a ball
 #: strains xx, yy, xy of Voigt's order
-STRAINS = [np.array(s) for s in ([[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 0.5], [0.5, 0.0]])]
+STRAINS = [
+    np.array(s)
+    for s in ([[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 0.5], [0.5, 0.0]])
+]
 
 
 @functools.cache
@@ -27,21 +40,25 @@ def response(shape, seed, spacing, eta):
 
 
 def dense_tensor(x, stiffness, eta):
-    """The energy of each strain that no motion of balls and rotations takes away, by least squares."""
+    """The energy of each strain that no motion of balls and rotations takes away, by least
+    squares.
+    """
     explicit = Explicit(x.shape, eta)
     roots = np.sqrt(np.concatenate([stiffness.ravel(), eta * stiffness.ravel()][: 1 + (eta > 0.0)]))
     strained = np.zeros((len(roots), 3))
     for row, (_, _, normal) in enumerate(explicit.ends):
-        n, t = np.array(normal), np.array([-normal[1], normal[0]])
+        n = np.array(normal)
+        t = np.array([-normal[1], normal[0]])
         strained[row] = [n @ s @ n for s in STRAINS]
         if eta:
             strained[row + len(explicit.ends)] = [t @ s @ n for s in STRAINS]
-    c, strained = roots[:, None] * explicit.dense(), roots[:, None] * strained
+    c = roots[:, None] * explicit.dense()
+    strained = roots[:, None] * strained
     left = strained - c @ np.linalg.lstsq(c, strained, rcond=1e-12)[0]
     return left.T @ left / (AREA * x.size)
 
 
-# -- closed forms -------------------------------------------------------------------------------------------------------
+# -- closed forms ----------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("friction-bulk")
@@ -49,10 +66,12 @@ def dense_tensor(x, stiffness, eta):
 def test_bulk_modulus_without_friction_is_the_stiffness(spacing):
     # P = sqrt(3) f/d under a uniform compression of delta/d, for every sample
     state = at_rest((24, 24), 0, spacing)
-    assert bulk_and_shear(response((24, 24), 0, spacing, 0.0))[0] == pytest.approx(AREA * state.stiffness, rel=1e-10)
+    assert bulk_and_shear(response((24, 24), 0, spacing, 0.0))[0] == pytest.approx(
+        AREA * state.stiffness, rel=1e-10
+    )
 
 
-# -- dense matrices -----------------------------------------------------------------------------------------------------
+# -- dense matrices --------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("moduli-linear-response")
@@ -60,7 +79,8 @@ def test_bulk_modulus_without_friction_is_the_stiffness(spacing):
 @pytest.mark.parametrize("spacing", [3.0, 0.5, 0.42])
 @pytest.mark.parametrize("shape", [(1, 7), (2, 3), (5, 7)], ids=str)
 def test_against_a_dense_matrix(shape, spacing, eta):
-    state, found = at_rest(shape, 1, spacing), response(shape, 1, spacing, eta)
+    state = at_rest(shape, 1, spacing)
+    found = response(shape, 1, spacing, eta)
     expected = dense_tensor(state.deviations, state.stiffnesses, eta)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10 * expected.max())
     np.testing.assert_allclose(found, found.T, rtol=0.0, atol=1e-15 * found.max())
@@ -70,7 +90,8 @@ def test_against_a_dense_matrix(shape, spacing, eta):
 @pytest.mark.parametrize("spacing", [1.0, 0.6])
 def test_against_equilibria_of_strained_cells(spacing):
     # without friction the linear response is the derivative of the stress along true equilibria
-    shape, step = (5, 4), 1e-5
+    shape = (5, 4)
+    step = 1e-5
     x, found = balls(shape, 2), response(shape, 2, spacing, 0.0)
     normals = np.array(Explicit.normals)
     dyads = np.stack([normals[:, 0] ** 2, normals[:, 1] ** 2, normals[:, 0] * normals[:, 1]])
@@ -80,11 +101,14 @@ def test_against_equilibria_of_strained_cells(spacing):
             forces, _ = newton(x, ReducedLoad(overlap=spacing - 0.5), by_lstsq, amount * strain)
             return -dyads @ np.sum(forces, axis=(1, 2)) / (AREA * x.size)
 
-        np.testing.assert_allclose(found[:, column], differences(stress, 0.0, step), rtol=0.0, atol=1e-6 * found.max())
+        np.testing.assert_allclose(
+            found[:, column], differences(stress, 0.0, step), rtol=0.0, atol=1e-6 * found.max()
+        )
 
 
 def test_balls_that_nothing_holds_do_not_count():
-    # Newton's method leaves them where they touch by a trace of it: shear springs there would hold them
+    # Newton's method leaves them where they touch by a trace of it: shear springs there would hold
+    # them
     x, load = balls((14, 13), 3), ReducedLoad(overlap=0.1)
     states = [equilibrate(x, load, tolerance=tolerance) for tolerance in (1e-9, 1e-10, 1e-12)]
     assert all(np.any((state.forces > 0.0) & (state.stiffnesses == 0.0)) for state in states)
@@ -93,10 +117,10 @@ def test_balls_that_nothing_holds_do_not_count():
         np.testing.assert_allclose(other, first, rtol=0.0, atol=1e-7 * first.max())
 
 
-# -- the calculator's contacts, in real space ---------------------------------------------------------------------------
+# -- the calculator's contacts, in real space ------------------------------------------------------
 
 
-# -- properties ---------------------------------------------------------------------------------------------------------
+# -- properties ------------------------------------------------------------------------------------
 
 
 @settings(max_examples=20)
@@ -110,7 +134,8 @@ def test_friction_stiffens_and_freedom_softens(shape, seed, decade, eta):
     state = equilibrate(balls(shape, seed), ReducedLoad(force=10.0**decade))
     smooth, rough = (state.find_elasticity(ratio) for ratio in (0.0, eta))
     top = float(np.max(rough))
-    # rotations and slips cost energy; balls that may not move would be stiffer still (affine strain at the mean stiffness)
+    # rotations and slips cost energy; balls that may not move would be stiffer still (affine strain
+    # at the mean stiffness)
     normals = np.array(Explicit.normals)
     tangents = normals @ [[0.0, 1.0], [-1.0, 0.0]]
     affine = np.zeros((3, 3))

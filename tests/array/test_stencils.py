@@ -20,15 +20,20 @@ every_eta = pytest.mark.parametrize("eta", [0.0, ETA], ids=["smooth", "rough"])
 class Explicit:
     """A periodic triangular array, one contact after the other; owes nothing to the package.
 
-    The rows a1 = (1, 0) and a2 = (-1/2, sqrt(3)/2) of the 120-degree cell; motions are flat: x, y (and phi) of ball after
-    ball. Contacts lead to the balls at a2, a1 and a1 + a2, as in the lattice's table, each kind for ball after ball.
+    The rows a1 = (1, 0) and a2 = (-1/2, sqrt(3)/2) of the 120-degree cell; motions are flat: x, y
+    (and phi) of ball after ball. Contacts lead to the balls at a2, a1 and a1 + a2, as in the
+    lattice's table, each kind for ball after ball.
     """
 
     steps = ((0, 1), (1, 0), (1, 1))
-    normals = tuple((math.cos(math.radians(angle)), math.sin(math.radians(angle))) for angle in (120, 0, 60))
+    normals = tuple(
+        (math.cos(math.radians(angle)), math.sin(math.radians(angle))) for angle in (120, 0, 60)
+    )
 
     def __init__(self, shape, eta=0.0):
-        self.shape, self.eta, self.dofs = shape, eta, 3 if eta else 2
+        self.shape = shape
+        self.eta = eta
+        self.dofs = 3 if eta else 2
         self.balls = list(itertools.product(range(shape[0]), range(shape[1])))
         self.ends = [
             (shape[1] * p + q, shape[1] * ((p + a) % shape[0]) + (q + b) % shape[1], n)
@@ -63,27 +68,38 @@ class Explicit:
 
 def cartesian(stencils, balls):
     """The motion of stencils as a flat one."""
-    return np.concatenate([stencils.displacements(balls), balls[2:]]).reshape(stencils.n_fields, -1).T.ravel()
+    return (
+        np.concatenate([stencils.displacements(balls), balls[2:]])
+        .reshape(stencils.n_fields, -1)
+        .T.ravel()
+    )
 
 
 def rng_of(shape, *more):
     return np.random.default_rng([*shape, *more])
 
 
-# -- C ------------------------------------------------------------------------------------------------------------------
+# -- C ---------------------------------------------------------------------------------------------
 
 
 @every_eta
 @every_shape
 def test_against_the_array_ball_by_ball(shape, eta):
-    stencils, rng = Stencils(shape, eta), rng_of(shape)
+    stencils = Stencils(shape, eta)
+    rng = rng_of(shape)
     dense = Explicit(shape, eta).dense()
     balls = rng.normal(size=(stencils.n_fields, *shape))
     tension = rng.normal(size=(stencils.n_rows, *shape))
     strain = stencils.deformations(Motion(balls, 0.0))
-    np.testing.assert_allclose(strain.ravel(), dense @ cartesian(stencils, balls), rtol=0.0, atol=4e-15)
+    np.testing.assert_allclose(
+        strain.ravel(), dense @ cartesian(stencils, balls), rtol=0.0, atol=4e-15
+    )
     forces = stencils.forces(tension)
-    found = np.concatenate([stencils.cartesian(forces), forces[2:]]).reshape(stencils.n_fields, -1).T.ravel()
+    found = (
+        np.concatenate([stencils.cartesian(forces), forces[2:]])
+        .reshape(stencils.n_fields, -1)
+        .T.ravel()
+    )
     np.testing.assert_allclose(found, dense.T @ tension.ravel(), rtol=0.0, atol=8e-15)
     # compression takes from the elongation of every contact, and slips none
     pressed = stencils.deformations(Motion(balls, 0.25)) - strain
@@ -94,11 +110,17 @@ def test_against_the_array_ball_by_ball(shape, eta):
 
 @every_eta
 def test_parts_of_an_array_change_nothing(eta):
-    """Moved by cells, all that is found moves with the balls, wherever the parts end that are worked on at a time."""
-    shape, shift = (450, 100), (137, 61)
+    """Moved by cells, all that is found moves with the balls, wherever the parts end that are
+    worked on at a time.
+    """
+    shape = (450, 100)
+    shift = (137, 61)
     whole, rng = Stencils(shape, eta), rng_of(shape)
     assert len(whole.operator.parts(float)) > 1
-    balls, weights = rng.normal(size=(whole.n_fields, *shape)), whole.weights(rng.uniform(0.0, 1.0, size=(3, *shape)))
+    balls, weights = (
+        rng.normal(size=(whole.n_fields, *shape)),
+        whole.weights(rng.uniform(0.0, 1.0, size=(3, *shape))),
+    )
 
     def find(balls, weights):
         strain = whole.deformations(Motion(balls, 0.5))
@@ -110,4 +132,6 @@ def test_parts_of_an_array_change_nothing(eta):
     *moved, same = find(*(np.roll(one, shift, (1, 2)) for one in (balls, weights)))
     assert same == pytest.approx(push, rel=1e-11)
     for one, other in zip(fields, moved, strict=True):
-        np.testing.assert_allclose(other, np.roll(one, shift, (1, 2)), rtol=0.0, atol=1e-12 * np.max(np.abs(one)))
+        np.testing.assert_allclose(
+            other, np.roll(one, shift, (1, 2)), rtol=0.0, atol=1e-12 * np.max(np.abs(one))
+        )

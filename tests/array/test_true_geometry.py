@@ -1,4 +1,6 @@
-"""The true geometry of arrays: contacts from positions, rest and linear response, histories, against loops over balls."""
+"""The true geometry of arrays: contacts from positions, rest and linear response, histories,
+against loops over balls.
+"""
 
 from __future__ import annotations
 
@@ -49,38 +51,68 @@ def at_rest(shape, seed, overlap, ratio):
     return equilibrate_exactly(balls(shape, seed), ReducedLoad(overlap=overlap), ratio)
 
 
-class Positions:
-    """Contacts of an array in Cartesian coordinates: forces and torques by vectors in space, one by one.
+NO_SPRINGS = np.zeros(1)
+NO_SHEARS = np.zeros((1, 1))
 
-    Balls have positions F ((1 - eps y) X + eps u), in d, and turn by phi W/d; forces T act at the motion ``still``, (n, 6),
-    and springs resist further slip.
+
+class Positions:
+    """Contacts of an array in Cartesian coordinates: forces and torques by vectors in space, one by
+    one.
+
+    Balls have positions F ((1 - eps y) X + eps u), in d, and turn by phi W/d; forces T act at the
+    motion ``still``, (n, 6), and springs resist further slip.
     """
 
-    def __init__(self, stencils, x, ratio, overlap, still=None, springs=np.zeros(1), shears=np.zeros((1, 1))):  # noqa: B008
-        self.ratio, self.overlap, self.x = ratio, overlap, x.ravel()
+    def __init__(
+        self, stencils, x, ratio, overlap, still=None, springs=NO_SPRINGS, shears=NO_SHEARS
+    ):
+        self.ratio = ratio
+        self.overlap = overlap
+        self.x = x.ravel()
         self.still = np.zeros((x.size, 6)) if still is None else still
-        self.springs, self.shears = springs.ravel(), shears.reshape(len(shears), -1)
-        self.periods, self.volume = x.ndim, stencils.lattice.measure * x.size
+        self.springs = springs.ravel()
+        self.shears = shears.reshape(len(shears), -1)
+        self.periods = x.ndim
+        self.volume = stencils.lattice.measure * x.size
         cells = np.arange(x.size).reshape(x.shape)
         self.i = np.tile(cells.ravel(), stencils.n_contacts)
-        self.j = np.concatenate([np.roll(cells, [-n for n in shift], range(x.ndim)).ravel() for shift in stencils.shifts])
+        self.j = np.concatenate(
+            [
+                np.roll(cells, [-n for n in shift], range(x.ndim)).ravel()
+                for shift in stencils.shifts
+            ]
+        )
         frames = np.array(contact_frames(stencils.lattice.contacts.normal))
         self.e, self.t, self.b = (np.repeat(axis.T, x.size, axis=0) for axis in frames)
 
     def vectors(self, motion, f):
-        moved = (1.0 - self.ratio * self.overlap) * self.e + self.ratio * (motion[self.j, :3] - motion[self.i, :3])
+        moved = (1.0 - self.ratio * self.overlap) * self.e + self.ratio * (
+            motion[self.j, :3] - motion[self.i, :3]
+        )
         return moved @ np.array(f).T
 
     def contacts(self, motion, f):
-        """Overlaps, directions, tangents and arms: tangents turn with n along the shortest way, and about it
-        with the balls."""
+        """Overlaps, directions, tangents and arms: tangents turn with n along the shortest way, and
+        about it with the balls.
+        """
         w = self.vectors(motion, f)
         size = np.linalg.norm(w, axis=1)
-        n, turn = w / size[:, None], np.cross(self.e, w / size[:, None])
-        spin = 0.5 * self.ratio * np.sum((motion[self.i, 3:] + motion[self.j, 3:]) * self.e, axis=1)[:, None]
-        t, b = np.cos(spin) * self.t + np.sin(spin) * self.b, np.cos(spin) * self.b - np.sin(spin) * self.t
+        n = w / size[:, None]
+        turn = np.cross(self.e, w / size[:, None])
+        spin = (
+            0.5
+            * self.ratio
+            * np.sum((motion[self.i, 3:] + motion[self.j, 3:]) * self.e, axis=1)[:, None]
+        )
+        t = np.cos(spin) * self.t + np.sin(spin) * self.b
+        b = np.cos(spin) * self.b - np.sin(spin) * self.t
         cosine = np.sum(self.e * n, axis=1)[:, None]
-        t, b = (cosine * v + np.cross(turn, v) + turn * np.sum(turn * v, axis=1)[:, None] / (1.0 + cosine) for v in (t, b))
+        t, b = (
+            cosine * v
+            + np.cross(turn, v)
+            + turn * np.sum(turn * v, axis=1)[:, None] / (1.0 + cosine)
+            for v in (t, b)
+        )
         h = 0.5 * (self.x[self.i] + self.x[self.j]) - (size - 1.0) / self.ratio
         arms = [0.5 + 0.5 * self.ratio * (self.x[end] - h) for end in (self.i, self.j)]
         return h, n, (t, b), arms
@@ -91,11 +123,15 @@ class Positions:
         _, m, others, before = self.contacts(self.still, np.eye(3))
         gone = (self.vectors(motion, f) - self.vectors(self.still, np.eye(3))) / self.ratio
         change = motion[:, 3:] - self.still[:, 3:]
-        rolled = sum(0.5 * (a + b)[:, None] * change[end] for a, b, end in zip(arms, before, (self.i, self.j), strict=True))
+        rolled = sum(
+            0.5 * (a + b)[:, None] * change[end]
+            for a, b, end in zip(arms, before, (self.i, self.j), strict=True)
+        )
         slip = gone - np.cross(rolled, 0.5 * (n + m))
         shear = [
             first + self.springs * np.sum(slip * 0.5 * (one + other), axis=1)
-            for first, one, other in zip(self.shears, tangents, others, strict=False)  # one in a plane, two in space
+            # one in a plane, two in space
+            for first, one, other in zip(self.shears, tangents, others, strict=False)
         ]
         return (
             np.maximum(h, 0.0)[:, None] ** 1.5 * n,
@@ -119,7 +155,9 @@ class Positions:
         return self.ratio * (shear - normal).T @ self.vectors(motion, f) / volume
 
     def find_moduli(self):
-        """Changes of the Cauchy stress over strain, where balls come into balance again; of fourth order in the strain."""
+        """Changes of the Cauchy stress over strain, where balls come into balance again; of fourth
+        order in the strain.
+        """
         columns, still, pairs = [], self.still, voigt_pairs(self.periods)
         for way in 1e-6 * np.eye(still.size).reshape(-1, *still.shape):
             columns.append(np.ravel(self.balance(still + way) - self.balance(still - way)) / 2e-6)
@@ -142,14 +180,16 @@ class Positions:
                 changes[:, column] = [0.5 * (change[c, d] + change[d, c]) for c, d in pairs]
             return 0.5 * (changes + changes.T)
 
-        coarse, fine = strained(1e-5), strained(5e-6)  # a loose ball moves far: the error is of second order
+        coarse = strained(1e-5)
+        fine = strained(5e-6)  # a loose ball moves far: the error is of second order
         np.testing.assert_allclose(fine, coarse, rtol=0.0, atol=2e-6 * fine.max())
         return (4.0 * fine - coarse) / 3.0
 
 
 def in_space(stencils, motion):
     """(n, 6) displacements and rotations of balls."""
-    out, p = np.zeros((math.prod(stencils.shape), 6)), len(stencils.shape)
+    out = np.zeros((math.prod(stencils.shape), 6))
+    p = len(stencils.shape)
     out[:, :p] = stencils.displacements(motion).reshape(p, -1).T
     if len(motion) > p:
         out[:, 3 if p == 3 else 5 :] = motion[p:].reshape(len(motion) - p, -1).T
@@ -157,7 +197,8 @@ def in_space(stencils, motion):
 
 
 def some_place(lattice, shape, ratio, size=0.2):
-    stencils, rng = Stencils(shape, ETA, lattice=lattice), np.random.default_rng(len(shape))
+    stencils = Stencils(shape, ETA, lattice=lattice)
+    rng = np.random.default_rng(len(shape))
     motion = size * rng.normal(size=(stencils.n_fields, *shape))
     geometry = ExactGeometry(stencils, balls(shape, lattice=lattice), ratio)
     place = geometry.place(motion, 0.3)
@@ -165,25 +206,31 @@ def some_place(lattice, shape, ratio, size=0.2):
     return geometry, place, forces, rng.normal(size=(len(shape) - 1, *forces.shape)), rng
 
 
-# -- contacts from positions --------------------------------------------------------------------------------------------
+# -- contacts from positions -----------------------------------------------------------------------
 
 
 @LATTICES
 @pytest.mark.parametrize("ratio", [0.0, 1e-3, 1e-5])
 def test_in_the_limit_of_no_width_the_geometry_is_that_of_the_lattice(lattice, shape, ratio):
     geometry, place, forces, shears, _ = some_place(lattice, shape, ratio)
-    straight = LatticeGeometry(geometry.stencils, balls(shape, lattice=lattice)).place(place.balls, 0.3)
+    straight = LatticeGeometry(geometry.stencils, balls(shape, lattice=lattice)).place(
+        place.balls, 0.3
+    )
     begun = geometry.place(np.zeros_like(place.balls), 0.3), np.zeros_like(shears)
     allowed = 20.0 * ratio + 1e-14
     np.testing.assert_allclose(place.overlaps, straight.overlaps, rtol=0.0, atol=allowed)
     np.testing.assert_allclose(place.slips(*begun), straight.slips(*begun), rtol=0.0, atol=allowed)
-    np.testing.assert_allclose(place.pull(forces, shears), straight.pull(forces, shears), rtol=0.0, atol=allowed)
+    np.testing.assert_allclose(
+        place.pull(forces, shears), straight.pull(forces, shears), rtol=0.0, atol=allowed
+    )
     np.testing.assert_allclose(place.differences, place.overlaps - 0.3, rtol=0.0, atol=1e-15)
     if ratio:  # and no closer than that
         assert np.max(np.abs(place.overlaps - straight.overlaps)) > 0.1 * ratio
 
 
-@pytest.mark.parametrize(("lattice", "shape"), [(TRIANGULAR, (4, 5)), (FCC, (3, 4, 3))], ids=["plane", "space"])
+@pytest.mark.parametrize(
+    ("lattice", "shape"), [(TRIANGULAR, (4, 5)), (FCC, (3, 4, 3))], ids=["plane", "space"]
+)
 def test_overlaps_and_arms_are_those_of_positions(lattice, shape):
     geometry, place, _, _, _ = some_place(lattice, shape, 0.05)
     twin = Positions(geometry.stencils, balls(shape, lattice=lattice), 0.05, 0.3)
@@ -197,7 +244,9 @@ def test_overlaps_and_arms_are_those_of_positions(lattice, shape):
 @LATTICES
 def test_the_linear_operator_is_the_derivative(lattice, shape):
     geometry, place, forces, shears, rng = some_place(lattice, shape, 0.05)
-    way, step, seen = Motion(rng.normal(size=place.balls.shape), 0.7), 1e-5, []
+    way = Motion(rng.normal(size=place.balls.shape), 0.7)
+    step = 1e-5
+    seen = []
 
     def law(loss, slip):
         seen.append((loss, slip))
@@ -205,13 +254,18 @@ def test_the_linear_operator_is_the_derivative(lattice, shape):
 
     pull, push = place.respond(way, ActingForces(law, forces, shears))
     ahead, behind = (
-        geometry.place(place.balls + sign * step * way.balls, 0.3 + sign * step * way.compression) for sign in (1.0, -1.0)
+        geometry.place(place.balls + sign * step * way.balls, 0.3 + sign * step * way.compression)
+        for sign in (1.0, -1.0)
     )
     found = (ahead.pull(forces, shears) - behind.pull(forces, shears)) / (2.0 * step)
     np.testing.assert_allclose(-pull, found, rtol=0.0, atol=1e-9 * np.max(np.abs(found)))
     ((loss, slip),) = seen
-    np.testing.assert_allclose(-loss, (ahead.overlaps - behind.overlaps) / (2.0 * step), rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(slip, ahead.slips(behind, np.zeros_like(shears)) / (2.0 * step), rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        -loss, (ahead.overlaps - behind.overlaps) / (2.0 * step), rtol=0.0, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        slip, ahead.slips(behind, np.zeros_like(shears)) / (2.0 * step), rtol=0.0, atol=1e-9
+    )
     np.testing.assert_allclose(place.losses(way), loss, rtol=0.0, atol=1e-14)
     assert push == 0.0
 
@@ -219,24 +273,37 @@ def test_the_linear_operator_is_the_derivative(lattice, shape):
 @LATTICES
 def test_forces_do_the_work_of_overlaps_and_slips(lattice, shape):
     _, place, forces, shears, rng = some_place(lattice, shape, 0.05)
-    motion, kept = Motion(rng.normal(size=place.balls.shape), 0.7), []
-    place.respond(motion, ActingForces(lambda loss, slip: kept.append((loss, slip)) or (loss, slip), forces, shears))
+    motion = Motion(rng.normal(size=place.balls.shape), 0.7)
+    kept = []
+    place.respond(
+        motion,
+        ActingForces(lambda loss, slip: kept.append((loss, slip)) or (loss, slip), forces, shears),
+    )
     ((loss, slip),) = kept
-    work = np.sum(place.pull(forces, shears) * motion.balls) - 0.7 * forces.size * place.press(forces, shears)
+    work = np.sum(place.pull(forces, shears) * motion.balls) - 0.7 * forces.size * place.press(
+        forces, shears
+    )
     assert work == pytest.approx(np.sum(forces * loss) - np.sum(shears * slip), rel=1e-12)
 
 
-@pytest.mark.parametrize(("lattice", "order"), [(TRIANGULAR, None), (FCC, 3)], ids=["plane", "space"])
+@pytest.mark.parametrize(
+    ("lattice", "order"), [(TRIANGULAR, None), (FCC, 3)], ids=["plane", "space"]
+)
 def test_a_pair_that_turns_as_a_whole_does_not_slip(lattice, order):
     """Exactly in the plane; in space to third order in the angle of a step."""
-    ratio, p = 0.05, lattice.periods
+    ratio = 0.05
+    p = lattice.periods
     shape = (3,) * p
     stencils = Stencils(shape, ETA, lattice=lattice)
-    geometry, rng = ExactGeometry(stencils, np.zeros(shape), ratio), np.random.default_rng(1)
-    kind, first = 0, (1,) * p
+    geometry = ExactGeometry(stencils, np.zeros(shape), ratio)
+    rng = np.random.default_rng(1)
+    kind = 0
+    first = (1,) * p
     second = tuple(np.mod(np.add(first, stencils.shifts[kind]), shape))
     e = lattice.contacts.normal[kind, :p]
-    basis, turns, slips = stencils.basis, len(stencils.motions.rotations), []
+    basis = stencils.basis
+    turns = len(stencils.motions.rotations)
+    slips = []
     begin = 0.3 * rng.normal(size=(stencils.n_fields, *shape))
     start = geometry.place(begin, 0.1)
     apart = np.linalg.solve(basis, begin[(slice(0, p), *second)] - begin[(slice(0, p), *first)])
@@ -245,12 +312,16 @@ def test_a_pair_that_turns_as_a_whole_does_not_slip(lattice, order):
     for angle in (0.2, 0.1):
         turn = _rotation(axis * angle / np.linalg.norm(axis))[:p, :p]
         moved = begin.copy()
-        moved[(slice(0, p), *second)] = moved[(slice(0, p), *first)] + basis @ ((turn @ w - (1.0 - 0.1 * ratio) * e) / ratio)
+        moved[(slice(0, p), *second)] = moved[(slice(0, p), *first)] + basis @ (
+            (turn @ w - (1.0 - 0.1 * ratio) * e) / ratio
+        )
         for ball in (first, second):
             spin = (axis * angle / np.linalg.norm(axis) / ratio)[3 - turns :]
             moved[(slice(p, None), *ball)] = begin[(slice(p, None), *ball)] + spin
         place = geometry.place(moved, 0.1)
-        assert place.overlaps[(kind, *first)] == pytest.approx(start.overlaps[(kind, *first)], rel=1e-12)
+        assert place.overlaps[(kind, *first)] == pytest.approx(
+            start.overlaps[(kind, *first)], rel=1e-12
+        )
         none = np.zeros((p - 1, *place.overlaps.shape))
         slips.append(np.linalg.norm(place.slips(start, none)[(slice(None), kind, *first)]))
     if order:
@@ -267,20 +338,25 @@ def _rotation(vector):
     return np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * (k @ k)
 
 
-# -- rest without friction ----------------------------------------------------------------------------------------------
+# -- rest without friction -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("overlap", "ratio"), [(0.5, 1e-2), (0.0, 1e-2), (0.0, 2.55e-4), (0.0, 1e-6), (-0.05, 2.55e-4)])
+@pytest.mark.parametrize(
+    ("overlap", "ratio"), [(0.5, 1e-2), (0.0, 1e-2), (0.0, 2.55e-4), (0.0, 1e-6), (-0.05, 2.55e-4)]
+)
 def test_balls_are_at_rest(overlap, ratio):
     state = at_rest((6, 6), 1, overlap, ratio)
     assert state.residual <= 1e-10
     if ratio >= 1e-4:  # positions have digits enough
-        left = Positions(state.stencils, state.deviations, ratio, overlap).balance(in_space(state.stencils, state.balls))
+        left = Positions(state.stencils, state.deviations, ratio, overlap).balance(
+            in_space(state.stencils, state.balls)
+        )
         assert np.max(np.abs(left)) < 1e-9 * state.force + 1e-15 / ratio
 
 
 def test_an_array_in_space_is_at_rest():
-    x, stencils = balls((3, 3, 3), 2, FCC), Stencils((3, 3, 3), lattice=FCC)
+    x = balls((3, 3, 3), 2, FCC)
+    stencils = Stencils((3, 3, 3), lattice=FCC)
     for load in (ReducedLoad(overlap=0.1), ReducedLoad(force=0.05)):
         state = equilibrate_exactly(x, load, 1e-3, stencils)
         assert state.residual <= 1e-10
@@ -288,31 +364,47 @@ def test_an_array_in_space_is_at_rest():
 
 
 def test_at_rest_forces_and_stiffness_differ_from_the_limit_in_proportion_to_the_width():
-    x, load = balls((6, 6), 1), ReducedLoad(overlap=0.4)
+    x = balls((6, 6), 1)
+    load = ReducedLoad(overlap=0.4)
     limit = equilibrate(x, load)
     same = equilibrate_exactly(x, load, 0.0)
     np.testing.assert_allclose(same.forces, limit.forces, rtol=1e-14, atol=1e-15 * limit.force)
     assert same.stiffness == pytest.approx(limit.stiffness, rel=1e-13)
     assert same.stiffness_slope == pytest.approx(limit.stiffness_slope, rel=1e-7)
-    np.testing.assert_allclose(same.find_elasticity(ETA), limit.find_elasticity(ETA), rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(
+        same.find_elasticity(ETA), limit.find_elasticity(ETA), rtol=0.0, atol=1e-13
+    )
     changes = []
     for ratio in (1e-3, 5e-4, 2.5e-4):
         state = equilibrate_exactly(x, load, ratio)
         parts = [np.max(np.abs(state.forces - limit.forces)), state.stiffness - limit.stiffness]
-        changes.append([*parts, np.max(np.abs(state.find_elasticity(ETA) - limit.find_elasticity(ETA)))])
+        changes.append(
+            [*parts, np.max(np.abs(state.find_elasticity(ETA) - limit.find_elasticity(ETA)))]
+        )
     for a, b in itertools.pairwise(changes):
         np.testing.assert_allclose(np.divide(a, b), 2.0, rtol=0.02)
 
 
 @pytest.mark.parametrize(("overlap", "ratio"), [(0.3, 1e-2), (0.0, 1e-3)])
 def test_stiffness_and_its_slope_are_derivatives_of_the_force(overlap, ratio):
-    state, step = at_rest((6, 6), 1, overlap, ratio), 1e-5
+    state = at_rest((6, 6), 1, overlap, ratio)
+    step = 1e-5
     beside = [
-        equilibrate_exactly(state.deviations, ReducedLoad(overlap=overlap + one), ratio, start=state, tolerance=1e-13)
+        equilibrate_exactly(
+            state.deviations,
+            ReducedLoad(overlap=overlap + one),
+            ratio,
+            start=state,
+            tolerance=1e-13,
+        )
         for one in (-step, step)
     ]
-    assert (beside[1].force - beside[0].force) / (2.0 * step) == pytest.approx(state.stiffness, rel=1e-7)
-    assert (beside[1].stiffness - beside[0].stiffness) / (2.0 * step) == pytest.approx(state.stiffness_slope, rel=1e-5)
+    assert (beside[1].force - beside[0].force) / (2.0 * step) == pytest.approx(
+        state.stiffness, rel=1e-7
+    )
+    assert (beside[1].stiffness - beside[0].stiffness) / (2.0 * step) == pytest.approx(
+        state.stiffness_slope, rel=1e-5
+    )
     change = (beside[1].overlaps - beside[0].overlaps) / (2.0 * step)
     carried = state.stiffnesses > 0.0
     np.testing.assert_allclose(state.response()[carried], change[carried], rtol=0.0, atol=1e-6)
@@ -329,31 +421,50 @@ def test_work_of_the_load_is_the_energy():
 
 
 def test_a_ball_between_two_others_in_line_moves_out():
-    """The lattice holds it by two forces in line; in truth a third contact carries about W/d of them."""
+    """The lattice holds it by two forces in line; in truth a third contact carries about W/d of
+    them.
+    """
     limit = equilibrate(balls((6, 6), 1), ReducedLoad(overlap=0.0))
     state = at_rest((6, 6), 1, 0.0, 2.55e-4)
-    light = [np.sum((one.forces > 1e-7 * one.force) & (one.forces < 1e-2 * one.force)) for one in (limit, state)]
+    light = [
+        np.sum((one.forces > 1e-7 * one.force) & (one.forces < 1e-2 * one.force))
+        for one in (limit, state)
+    ]
     assert light[1] > light[0]
     np.testing.assert_allclose(state.forces, limit.forces, rtol=0.0, atol=2e-3 * limit.force)
 
 
 def hessian(state):
     """Second derivatives of the energy by the motions of balls, of the contacts that carry load."""
-    law, none = (lambda loss, slip: (state.stiffnesses * loss, slip)), np.zeros((0, *state.forces.shape))
+    law, none = (
+        (lambda loss, slip: (state.stiffnesses * loss, slip)),
+        np.zeros((0, *state.forces.shape)),
+    )
     carried = np.where(state.stiffnesses > 0.0, state.forces, 0.0)
-    units, acting = np.eye(state.balls.size).reshape(-1, *state.balls.shape), ActingForces(law, carried, none)
+    units, acting = (
+        np.eye(state.balls.size).reshape(-1, *state.balls.shape),
+        ActingForces(law, carried, none),
+    )
     return np.array([np.ravel(state.place.respond(Motion(one, 0.0), acting)[0]) for one in units])
 
 
 @pytest.mark.claim("friction-minimum")
 @pytest.mark.parametrize(("seed", "patience"), [(1, 200), (4, 200), (1, 0), (4, 0)])
 def test_a_way_down_is_found_where_a_curvature_is_below_zero(seed, patience):
-    """At the places of the lattice's equilibrium some balls between two others in line would fall aside; at rest none."""
+    """At the places of the lattice's equilibrium some balls between two others in line would fall
+    aside; at rest none.
+    """
     limit = equilibrate(balls((6, 6), seed), ReducedLoad(overlap=-0.05))
-    in_line = TrueEquilibrium(limit.deviations, limit.overlap, limit.balls, limit.residual, ratio=2.55e-4)
-    at_end, inverse = at_rest((6, 6), seed, -0.05, 2.55e-4), limit.stencils.preconditioner(limit.stiffnesses)
+    in_line = TrueEquilibrium(
+        limit.deviations, limit.overlap, limit.balls, limit.residual, ratio=2.55e-4
+    )
+    at_end = at_rest((6, 6), seed, -0.05, 2.55e-4)
+    inverse = limit.stencils.preconditioner(limit.stiffnesses)
     for state, stable in ((in_line, False), (at_end, True)):
-        matrix, (way, taken) = hessian(state), state.find_negative_curvature(lambda: inverse, patience)
+        matrix, (way, taken) = (
+            hessian(state),
+            state.find_negative_curvature(lambda: inverse, patience),
+        )
         least = np.linalg.eigvalsh(matrix)[0]
         assert (least > -1e-12, way is None) == (stable, stable)
         if stable:  # without iterations, factors alone find out
@@ -363,24 +474,31 @@ def test_a_way_down_is_found_where_a_curvature_is_below_zero(seed, patience):
 
 
 def test_a_state_whose_pivots_are_rounding_has_a_response(steel):
-    """A curvature there is below zero by less than factors count as rounding; conjugate gradients find the way down."""
+    """A curvature there is below zero by less than factors count as rounding; conjugate gradients
+    find the way down.
+    """
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
     state = gp.DirectSimulation(packing, (40, 40), 1).at_force(0.006 * packing.width_units.force)
     assert state.normal_stiffness > 0.0
 
 
 def test_a_ball_that_leans_on_less_than_rounding_is_held(steel):
-    """It lies between two others, 3e-5 W off their line; the force on the third is 3e-12 of the mean."""
+    """It lies between two others, 3e-5 W off their line; the force on the third is 3e-12 of the
+    mean.
+    """
     kinds = gp.Discrete((7.999213204207531e-3, 8.000423659272868e-3), (0.35, 0.65))
     packing = gp.Packing(steel, 8e-3, spread=kinds, friction=False)
     state = gp.DirectSimulation(packing, (48, 48), 20_001, geometry="exact").at_force(
         0.02504763752701731 * packing.width_units.force
     )
     (sample,) = state.samples
-    tensor, others = sample.elastic_tensor, sample.equilibrium.find_elasticity(1e-9)
+    tensor = sample.elastic_tensor
+    others = sample.equilibrium.find_elasticity(1e-9)
     assert np.all(np.linalg.eigvalsh(tensor) > 0.0)
     # springs against shear hold the ball too: with hardly any the tensor is the same
-    assert sample.equilibrium.find_elasticity(0.0) == pytest.approx(others, rel=1e-5, abs=1e-5 * np.max(others))
+    assert sample.equilibrium.find_elasticity(0.0) == pytest.approx(
+        others, rel=1e-5, abs=1e-5 * np.max(others)
+    )
 
 
 #: size, seed and f* at which balls came to rest at a saddle
@@ -389,10 +507,13 @@ SADDLES = [(32, 6, 0.025), (24, 2, 0.025), (24, 6, 0.005), (32, 0, 0.012), (32, 
 
 @pytest.mark.claim("friction-minimum")
 @pytest.mark.parametrize(
-    ("size", "seed", "force"), [SADDLES[0], *(pytest.param(*one, marks=pytest.mark.exhaustive) for one in SADDLES[1:])]
+    ("size", "seed", "force"),
+    [SADDLES[0], *(pytest.param(*one, marks=pytest.mark.exhaustive) for one in SADDLES[1:])],
 )
 def test_balls_do_not_rest_at_a_saddle(steel, size, seed, force):
-    x = gp.DirectSimulation(gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6)), (size, size), seed).deviations(0)
+    x = gp.DirectSimulation(
+        gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6)), (size, size), seed
+    ).deviations(0)
     state = equilibrate_exactly(x, ReducedLoad(force=force), STEEL_WIDTH)
     assert state.residual <= 1e-10
     assert state.stiffness > 0.0
@@ -401,42 +522,60 @@ def test_balls_do_not_rest_at_a_saddle(steel, size, seed, force):
 
 @pytest.mark.parametrize(("side", "seed"), only([(32, 100)], [(32, 100), (64, 100), (64, 103)]))
 def test_balls_near_the_threshold_come_to_rest(side, seed):
-    """Of arrays as large as users have some have steps without end on their way, and some long ways from saddles."""
+    """Of arrays as large as users have some have steps without end on their way, and some long ways
+    from saddles.
+    """
     state = equilibrate_exactly(balls((side, side), seed), ReducedLoad(overlap=-0.13), STEEL_WIDTH)
     assert state.residual <= 1e-10
     assert state.stiffness > 0.0
 
 
 @pytest.mark.claim("rest-places")
-@pytest.mark.parametrize(("force", "off", "part"), [(0.0045, (1.3e-3, 7e-3), 0.08), (0.1, (1e-9, 1e-9), 1e-7)])
+@pytest.mark.parametrize(
+    ("force", "off", "part"), [(0.0045, (1.3e-3, 7e-3), 0.08), (0.1, (1e-9, 1e-9), 1e-7)]
+)
 def test_moduli_hardly_depend_on_where_loose_balls_lean(force, off, part):
-    stencils, found = Stencils((16, 16)), []
+    stencils = Stencils((16, 16))
+    found = []
     for seed in range(6):
         x = gp.Uniform(1.0).sample((16, 16), seed)
-        x, load = x - np.mean(x), ReducedLoad(force=force)
+        x = x - np.mean(x)
+        load = ReducedLoad(force=force)
         pressed = equilibrate_exactly(x, ReducedLoad(force=3.0 * force), STEEL_WIDTH, stencils)
-        states = [equilibrate_exactly(x, load, STEEL_WIDTH, stencils, start) for start in (None, pressed)]
+        states = [
+            equilibrate_exactly(x, load, STEEL_WIDTH, stencils, start) for start in (None, pressed)
+        ]
         found.append([bulk_and_shear(state.find_elasticity(ETA)) for state in states])
         assert np.max(np.abs(states[1].forces - states[0].forces)) < 3e-3 * force
     moduli = np.array(found)
     change = np.sqrt(np.mean((moduli[:, 1] / moduli[:, 0] - 1.0) ** 2, axis=0))
     assert np.all(change < off)
-    assert np.all(change < part * np.std(moduli[:, 0], axis=0, ddof=1) / np.mean(moduli[:, 0], axis=0))
+    assert np.all(
+        change < part * np.std(moduli[:, 0], axis=0, ddof=1) / np.mean(moduli[:, 0], axis=0)
+    )
 
 
 def test_an_equilibrium_does_not_depend_on_the_other_loads():
-    """Loose balls come to rest where their way leads them: it begins on the lattice, under the same load."""
-    x, load = balls((12, 12), 3), ReducedLoad(overlap=-0.03)
+    """Loose balls come to rest where their way leads them: it begins on the lattice, under the same
+    load.
+    """
+    x = balls((12, 12), 3)
+    load = ReducedLoad(overlap=-0.03)
     alone = find_equilibria(x, TRIANGULAR, [load], 1, STEEL_WIDTH)[0]
-    among = find_equilibria(x, TRIANGULAR, [ReducedLoad(overlap=0.1), load, ReducedLoad(overlap=0.0)], 1, STEEL_WIDTH)[1]
+    among = find_equilibria(
+        x, TRIANGULAR, [ReducedLoad(overlap=0.1), load, ReducedLoad(overlap=0.0)], 1, STEEL_WIDTH
+    )[1]
     again = find_equilibrium(x, Stencils((12, 12)), load, (0.0, among.balls), STEEL_WIDTH)
     for other in (among, again):
         np.testing.assert_array_equal(other.balls, alone.balls)
 
 
 def test_loose_balls_come_to_rest_apart_from_the_others():
-    """Far fewer iterations than balls lead all to rest together: a chain of steps for each would take hundreds."""
-    x, load = balls((32, 32), 1), ReducedLoad(overlap=-0.05)
+    """Far fewer iterations than balls lead all to rest together: a chain of steps for each would
+    take hundreds.
+    """
+    x = balls((32, 32), 1)
+    load = ReducedLoad(overlap=-0.05)
     limit = equilibrate(x, load)
     state = equilibrate_exactly(x, load, STEEL_WIDTH, limit.stencils, limit)
     assert state.residual <= 1e-10
@@ -449,7 +588,9 @@ def test_where_loose_balls_do_not_come_to_rest_apart_all_are_led_there_together(
     assert state.newton > 60  # as many rounds apart have not brought them there
     assert state.residual <= 1e-10
     assert state.force == pytest.approx(1e-3, rel=1e-11)
-    left = Positions(state.stencils, x, 0.03, state.overlap).balance(in_space(state.stencils, state.balls))
+    left = Positions(state.stencils, x, 0.03, state.overlap).balance(
+        in_space(state.stencils, state.balls)
+    )
     assert np.max(np.abs(left)) < 1e-9 * state.force
     assert np.min(np.linalg.eigvalsh(hessian(state))) > -1e-12
 
@@ -466,8 +607,12 @@ def test_what_the_geometry_needs():
 @pytest.mark.claim("friction-small-widths")
 @pytest.mark.exhaustive
 def test_forces_near_the_threshold_tend_to_those_of_the_lattice():
-    """Loose balls have far to go there, and the farther the smaller W/d; the difference of the forces is of first order."""
-    x, load, off = balls((32, 32), 1), ReducedLoad(overlap=-0.1), []
+    """Loose balls have far to go there, and the farther the smaller W/d; the difference of the
+    forces is of first order.
+    """
+    x = balls((32, 32), 1)
+    load = ReducedLoad(overlap=-0.1)
+    off = []
     rest = equilibrate(x, load)
     for ratio in (2.55e-6, 2.55e-7, 2.55e-8):
         state = equilibrate_exactly(x, load, ratio)
@@ -477,31 +622,43 @@ def test_forces_near_the_threshold_tend_to_those_of_the_lattice():
     assert off == pytest.approx(3 * [22.293], rel=1e-3)
 
 
-# -- linear response ----------------------------------------------------------------------------------------------------
+# -- linear response -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("eta", [0.0, ETA], ids=["smooth", "rough"])
 def test_moduli_are_changes_of_stress_in_strained_cells(eta):
     """Cauchy stress over strain, of a cell whose balls come to rest anew."""
     state, own = at_rest((3, 4), 3, 0.4, 0.05), Stencils((3, 4))
-    twin = Positions(own, state.deviations, 0.05, 0.4, in_space(own, state.balls), eta * state.stiffnesses)
+    twin = Positions(
+        own, state.deviations, 0.05, 0.4, in_space(own, state.balls), eta * state.stiffnesses
+    )
     found = state.find_elasticity(eta)
     np.testing.assert_allclose(found, twin.find_moduli(), rtol=0.0, atol=1e-8 * found.max())
-    assert np.max(np.abs(found - equilibrate(state.deviations, ReducedLoad(0.4)).find_elasticity(eta))) > 1e-3
+    assert (
+        np.max(np.abs(found - equilibrate(state.deviations, ReducedLoad(0.4)).find_elasticity(eta)))
+        > 1e-3
+    )
 
 
 @pytest.mark.parametrize(
     ("lattice", "shape", "mu", "response"),
-    [(TRIANGULAR, (3, 4), math.inf, "stick"), *((FCC, (3, 3, 3), 0.05, one) for one in ("slide", "partial_slip", "stick"))],
+    [
+        (TRIANGULAR, (3, 4), math.inf, "stick"),
+        *((FCC, (3, 3, 3), 0.05, one) for one in ("slide", "partial_slip", "stick")),
+    ],
 )
 def test_moduli_under_tangential_forces_are_changes_of_stress(lattice, shape, mu, response):
-    """After a history; where contacts that slide have no springs, the forces that act hold some balls alone."""
-    ratio, overlap = 0.02, 0.4
-    x, stencils = balls(shape, 2, lattice), Stencils(shape, ETA, lattice=lattice)
+    """After a history; where contacts that slide have no springs, the forces that act hold some
+    balls alone.
+    """
+    ratio = 0.02
+    overlap = 0.4
+    x = balls(shape, 2, lattice)
+    stencils = Stencils(shape, ETA, lattice=lattice)
     geometry = ExactGeometry(stencils, x, ratio)
-    (pressed,) = LoadingHistory(x, stencils, mu, math.inf, ReducedLoad(overlap=0.2), geometry=geometry).path(
-        [ReducedLoad(overlap=overlap)]
-    )
+    (pressed,) = LoadingHistory(
+        x, stencils, mu, math.inf, ReducedLoad(overlap=0.2), geometry=geometry
+    ).path([ReducedLoad(overlap=overlap)])
     assert np.max(np.abs(pressed.contacts.shears)) > 0.02 * pressed.force
     state = PressedEquilibrium.of(pressed, x, stencils, ratio)
     ratios = state.shear_ratios(response)
@@ -517,7 +674,12 @@ def test_a_network_with_tangential_forces_has_the_moduli_of_its_sample():
     steel = gp.Material(211.65e9, 0.276, 7840.0)
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-4), friction=True)
     simulation = gp.DirectSimulation(
-        packing, shape=(6, 6), seed=1, friction_history=True, friction_coefficient=0.3, geometry="exact"
+        packing,
+        shape=(6, 6),
+        seed=1,
+        friction_history=True,
+        friction_coefficient=0.3,
+        geometry="exact",
     )
     state = simulation.at_overlap(4e-4)
     network = state.samples[0].network
@@ -530,14 +692,22 @@ def test_a_network_with_tangential_forces_has_the_moduli_of_its_sample():
     assert off[0] < 1e-6 < 1e-5 < off[1]
 
 
-# -- what the limit of small spread leaves out ----------------------------------------------------------------------------
+# -- what the limit of small spread leaves out -----------------------------------------------------
 
 
 def deficits(shape, seed, spacing, ratio, etas=(ETA,)):
-    """Parts by which the limit of small spread underestimates K and G, for each eta, and the fraction of its contacts."""
+    """Parts by which the limit of small spread underestimates K and G, for each eta, and the
+    fraction of its contacts.
+    """
     limit = equilibrate(balls(shape, seed), ReducedLoad(overlap=spacing - 0.5))
-    state = equilibrate_exactly(limit.deviations, ReducedLoad(overlap=limit.overlap), ratio, limit.stencils, limit)
-    less = [1.0 - bulk_and_shear(limit.find_elasticity(eta)) / bulk_and_shear(state.find_elasticity(eta)) for eta in etas]
+    state = equilibrate_exactly(
+        limit.deviations, ReducedLoad(overlap=limit.overlap), ratio, limit.stencils, limit
+    )
+    less = [
+        1.0
+        - bulk_and_shear(limit.find_elasticity(eta)) / bulk_and_shear(state.find_elasticity(eta))
+        for eta in etas
+    ]
     return less, float(np.mean(limit.forces > 1e-6 * limit.force))
 
 
@@ -576,12 +746,22 @@ def test_the_deficit_falls_slowly_with_the_width():
 @pytest.mark.exhaustive
 def test_the_deficit_in_space_is_less():
     shape = (6, 6, 6)
-    stencils, x = Stencils(shape, lattice=FCC), balls(shape, 0, FCC)
+    stencils = Stencils(shape, lattice=FCC)
+    x = balls(shape, 0, FCC)
     for spacing in (0.5, 0.45):
         limit = equilibrate(x, ReducedLoad(overlap=spacing - 0.5), stencils)
         state = equilibrate_exactly(x, ReducedLoad(overlap=spacing - 0.5), 1e-3, stencils, limit)
         low, true = (
-            (t[0, 0] + t[1, 1] + t[2, 2] - t[0, 1] - t[1, 2] - t[0, 2] + 3.0 * (t[3, 3] + t[4, 4] + t[5, 5])) / 15.0
+            (
+                t[0, 0]
+                + t[1, 1]
+                + t[2, 2]
+                - t[0, 1]
+                - t[1, 2]
+                - t[0, 2]
+                + 3.0 * (t[3, 3] + t[4, 4] + t[5, 5])
+            )
+            / 15.0
             for t in (limit.find_elasticity(ETA), state.find_elasticity(ETA))
         )
         carried = np.mean(limit.forces > 1e-6 * limit.force)
@@ -598,32 +778,40 @@ def test_the_expected_deficit_is_a_part():
 
 
 def test_the_contact_fraction_leaves_out_the_least_forces(steel):
-    """Of loose balls, which only the exact geometry has; the documentation says so wherever the number is explained."""
+    """Of loose balls, which only the exact geometry has; the documentation says so wherever the
+    number is explained.
+    """
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
     found = {}
     for geometry in ("lattice", "exact"):
-        (sample,) = gp.DirectSimulation(packing, (16, 16), geometry=geometry).at_overlap(-0.1 * 2.04e-6).samples
+        (sample,) = (
+            gp.DirectSimulation(packing, (16, 16), geometry=geometry)
+            .at_overlap(-0.1 * 2.04e-6)
+            .samples
+        )
         assert sample.contact_fraction() == sample.contact_fraction(1e-6)
         found[geometry] = [sample.contact_fraction(threshold) for threshold in (0.0, 1e-6, 1e-3)]
     assert found["lattice"][0] - found["lattice"][2] < 0.01
     assert found["exact"][0] - found["exact"][2] > 0.05
     assert found["exact"][0] > found["exact"][1] > found["lattice"][1]
     assert "1e-6 of the mean force" in CATALOGUE["contact_fraction"].meaning
-    for said in (gp.ContactState.contact_fraction, SimulatedState.contact_fraction, SampleLaw.contact_fraction):
+    for said in (
+        gp.ContactState.contact_fraction,
+        SimulatedState.contact_fraction,
+        SampleLaw.contact_fraction,
+    ):
         assert "1e-6 of the mean force" in " ".join(said.__doc__.split())
 
 
 @pytest.mark.claim("friction-truth")
 @pytest.mark.exhaustive
 def test_after_a_history_more_is_left_out(steel):
-    packing, given = (
-        gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6)),
-        {"friction_history": True, "shear_response": "stick"},
-    )
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
+    given = {"friction_history": True, "shear_response": "stick"}
     low, true = (
-        gp.DirectSimulation(packing, (32, 32), geometry=one, friction_coefficient=0.2, samples=2, **given).at_force(
-            np.array([0.05, 0.08]) * packing.width_units.force
-        )
+        gp.DirectSimulation(
+            packing, (32, 32), geometry=one, friction_coefficient=0.2, samples=2, **given
+        ).at_force(np.array([0.05, 0.08]) * packing.width_units.force)
         for one in ("lattice", "exact")
     )
     expected = gp.validity(low)["shear"].value
@@ -635,14 +823,18 @@ def test_after_a_history_more_is_left_out(steel):
 @pytest.mark.claim("friction-directions")
 @pytest.mark.exhaustive
 def test_a_history_on_the_lattice_lacks_a_part_of_what_friction_adds(steel):
-    """At a* = 0.6 and 0.65: loose balls lean on others at the start, and bear tangential forces later."""
+    """At a* = 0.6 and 0.65: loose balls lean on others at the start, and bear tangential forces
+    later.
+    """
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
     overlap = np.array([0.1, 0.15]) * packing.width
     given = {"friction_history": True, "friction_coefficient": 0.2}
     added = {}
     for geometry in ("lattice", "exact"):
         smooth, pressed = (
-            gp.DirectSimulation(packing, (32, 32), samples=2, geometry=geometry, **more).at_overlap(overlap).force
+            gp.DirectSimulation(packing, (32, 32), samples=2, geometry=geometry, **more)
+            .at_overlap(overlap)
+            .force
             for more in ({}, given)
         )
         added[geometry] = pressed / smooth - 1.0
@@ -652,7 +844,9 @@ def test_a_history_on_the_lattice_lacks_a_part_of_what_friction_adds(steel):
 
 @pytest.mark.parametrize("kind", ["force", "overlap"])
 def test_the_exponent_has_the_terms_of_finite_overlap(steel, kind):
-    """Of velocity and pressure at two forces 5 % to either side; density and pressure go with the spacing."""
+    """Of velocity and pressure at two forces 5 % to either side; density and pressure go with the
+    spacing.
+    """
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(4e-4))
     simulation = gp.DirectSimulation(packing, (6, 6), geometry="exact")
     middle = simulation.at_overlap(4e-4)
@@ -677,21 +871,31 @@ def test_scenes_have_the_exponent_of_the_exact_geometry(tmp_path):
         assert summary.get("exponent") == (gp.local_exponent(scene.state()) if there else None)
 
 
-# -- histories ----------------------------------------------------------------------------------------------------------
+# -- histories -------------------------------------------------------------------------------------
 
 
 def test_steps_of_a_path_are_those_of_loops_over_positions():
-    """Overlaps, angles, arms, the law, and balance: all from Cartesian positions, contact by contact."""
-    shape, mu, ratio = (5, 4), 0.2, 0.03
-    paths, law = history(shape, mu, seed=1, ratio=ratio), Dense(balls(shape, 1), mu).law
-    here, seen = paths.begin(), 0.0
+    """Overlaps, angles, arms, the law, and balance: all from Cartesian positions, contact by
+    contact.
+    """
+    shape = (5, 4)
+    mu = 0.2
+    ratio = 0.03
+    paths = history(shape, mu, seed=1, ratio=ratio)
+    law = Dense(balls(shape, 1), mu).law
+    here = paths.begin()
+    seen = 0.0
     for state in paths.path(ramp(0.5, 0.9, 0.6, steps=2)):
         motions = [in_space(paths.stencils, one.balls) for one in (here, state)]
-        twins = [Positions(paths.stencils, balls(shape, 1), ratio, one.overlap) for one in (here, state)]
+        twins = [
+            Positions(paths.stencils, balls(shape, 1), ratio, one.overlap) for one in (here, state)
+        ]
         (h0, n0, _, arms0), (h1, n1, _, arms1) = (
             twin.contacts(one, np.eye(3)) for twin, one in zip(twins, motions, strict=True)
         )
-        turn = np.arctan2(n0[:, 0] * n1[:, 1] - n0[:, 1] * n1[:, 0], np.sum(n0 * n1, axis=1)) / ratio
+        turn = (
+            np.arctan2(n0[:, 0] * n1[:, 1] - n0[:, 1] * n1[:, 0], np.sum(n0 * n1, axis=1)) / ratio
+        )
         left = np.zeros_like(motions[0])
         for c, (i, j) in enumerate(zip(twins[0].i, twins[0].j, strict=True)):
             spun = motions[1][:, 5] - motions[0][:, 5]
@@ -706,36 +910,50 @@ def test_steps_of_a_path_are_those_of_loops_over_positions():
             left[i, 5] += arms1[0][c] * t
             left[j, 5] += arms1[1][c] * t
         assert np.max(np.abs(left)) < 2e-9 * state.force
-        here, seen = state, max(seen, state.sliding_fraction)
+        here = state
+        seen = max(seen, state.sliding_fraction)
     assert seen > 0.0
 
 
 @pytest.mark.parametrize("mu", [0.2, math.inf])
 def test_paths_tend_to_those_of_the_lattice(mu):
-    """In proportion to W/d, from a beginning at which contacts hold every ball from more than two sides."""
-    shape, loads = (5, 5), ramp(1.1, 1.4, 1.2, steps=2)
-    x, stencils = balls(shape, 1), Stencils(shape, ETA)
+    """In proportion to W/d, from a beginning at which contacts hold every ball from more than two
+    sides.
+    """
+    shape = (5, 5)
+    loads = ramp(1.1, 1.4, 1.2, steps=2)
+    x = balls(shape, 1)
+    stencils = Stencils(shape, ETA)
     start = equilibrate(x, ReducedLoad(overlap=0.6))
     *_, limit = LoadingHistory(x, stencils, mu, math.inf, start).path(loads)
     changes = []
     for ratio in (0.0, 1e-3, 5e-4):
         *_, state = history(shape, mu, seed=1, ratio=ratio, start=start).path(loads)
-        parts = state.contacts.forces - limit.contacts.forces, state.contacts.shears - limit.contacts.shears
+        parts = (
+            state.contacts.forces - limit.contacts.forces,
+            state.contacts.shears - limit.contacts.shears,
+        )
         changes.append(max(float(np.max(np.abs(part))) for part in parts))
-    assert changes[0] < 1e-3 * BALANCE_TOLERANCE  # the same equations, whose products are rounded in another order
+    # the same equations, whose products are rounded in another order
+    assert changes[0] < 1e-3 * BALANCE_TOLERANCE
     assert changes[1] / changes[2] == pytest.approx(2.0, rel=0.02)
 
 
 def test_an_array_in_space_keeps_its_energy():
     """What the boundary gives, the integral of its force over the overlap, is stored or lost."""
-    left, x, stencils = [], balls((3, 3, 2), 1, FCC), Stencils((3, 3, 2), lattice=FCC)
+    left = []
+    x = balls((3, 3, 2), 1, FCC)
+    stencils = Stencils((3, 3, 2), lattice=FCC)
     start = equilibrate_exactly(x, ReducedLoad(overlap=0.1), 0.02, stencils)
     for steps in (4, 32):
         paths = history((3, 3, 2), 0.2, seed=1, lattice=FCC, ratio=0.02, start=start)
         states = [paths.begin(), *paths.path(ramp(0.6, 1.0, steps=steps))]
         last = states[-1]
         assert last.residual <= 1e-9
-        pushes = [paths.stepper.locate(one).press(one.contacts.forces, one.contacts.shears) for one in states]
+        pushes = [
+            paths.stepper.locate(one).press(one.contacts.forces, one.contacts.shears)
+            for one in states
+        ]
         given = simpson(pushes, x=[one.overlap for one in states])
         left.append(abs(given - last.dissipated - (last.stored - states[0].stored)))
     assert left[1] < 5e-3 * last.dissipated
@@ -746,8 +964,14 @@ def test_an_array_in_space_keeps_its_energy():
 @pytest.mark.parametrize(("lattice", "shape"), [("triangular", (5, 6)), ("fcc", (3, 3, 3))])
 def test_a_pressure_is_the_stress_on_the_shrunken_cell(lattice, shape, friction):
     """It is the trace of the contacts' forces times their vectors, over the size of the cell."""
-    packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-4), lattice=lattice)
-    history = {"friction_history": True, "friction_coefficient": friction, "step_tolerance": 1e-2} if friction else {}
+    packing = gp.Packing(
+        gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-4), lattice=lattice
+    )
+    history = (
+        {"friction_history": True, "friction_coefficient": friction, "step_tolerance": 1e-2}
+        if friction
+        else {}
+    )
     simulation = gp.DirectSimulation(packing, shape, samples=2, geometry="exact", **history)
     state = simulation.at_overlap(0.5 * packing.width)
     found = []
@@ -762,16 +986,25 @@ def test_a_pressure_is_the_stress_on_the_shrunken_cell(lattice, shape, friction)
     assert state.pressure == pytest.approx(np.mean(found), rel=1e-10)
     again = simulation.at_pressure(float(state.pressure))
     assert again.pressure == pytest.approx(state.pressure, rel=1e-11)
-    assert [sample.pressure for sample in again.samples] == pytest.approx([state.pressure] * 2, rel=1e-11)
+    assert [sample.pressure for sample in again.samples] == pytest.approx(
+        [state.pressure] * 2, rel=1e-11
+    )
     # where the cell kept its size the force would be 2 % more, under the same pressure
-    assert np.mean([sample.force for sample in again.samples]) == pytest.approx(float(state.force), rel=2e-3)
+    assert np.mean([sample.force for sample in again.samples]) == pytest.approx(
+        float(state.force), rel=2e-3
+    )
 
 
 def test_a_start_may_be_a_pressure_in_the_exact_geometry():
     packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-4))
     start = gp.DirectSimulation(packing, (5, 6), geometry="exact").at_overlap(0.1 * packing.width)
     pressure = float(start.pressure)
-    given = {"friction_history": True, "friction_coefficient": 0.5, "geometry": "exact", "start": {"pressure": pressure}}
+    given = {
+        "friction_history": True,
+        "friction_coefficient": 0.5,
+        "geometry": "exact",
+        "start": {"pressure": pressure},
+    }
     simulation = gp.DirectSimulation(packing, (5, 6), **given)
     states = simulation.path(pressure=[pressure, 1.5 * pressure, 1.2 * pressure])
     assert states.pressure == pytest.approx(np.array([1.0, 1.5, 1.2]) * pressure, rel=1e-11)
@@ -792,9 +1025,18 @@ def respond_densely(monkeypatch):
 
 @pytest.mark.parametrize("mu", only([0.3], [0.3, math.inf]))
 def test_balls_that_turn_like_gears_do_not_hide_the_response(monkeypatch, mu):
-    """On the square lattice neighbours may turn against each other without slip: no motion takes torques along that away."""
-    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(2.04e-6), lattice="square")
-    options = {"friction_history": True, "friction_coefficient": mu, "shear_response": "stick", "start": "gas"}
+    """On the square lattice neighbours may turn against each other without slip: no motion takes
+    torques along that away.
+    """
+    packing = gp.Packing(
+        gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(2.04e-6), lattice="square"
+    )
+    options = {
+        "friction_history": True,
+        "friction_coefficient": mu,
+        "shear_response": "stick",
+        "start": "gas",
+    }
     simulation = gp.DirectSimulation(packing, (4, 4), geometry="exact", **options)
     state = simulation.at_force(0.5 * packing.law.coefficient * packing.width**1.5)
     found = state.elastic_tensor
@@ -805,8 +1047,12 @@ def test_balls_that_turn_like_gears_do_not_hide_the_response(monkeypatch, mu):
 
 
 def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
-    """Contacts that slide let them: forces alone hold these motions, of which the lattice's preconditioner knows nothing."""
-    packing = gp.Packing(gp.Material(70e9, 0.5, 2500.0), 8e-3, spread=gp.Uniform(2e-6), lattice="fcc")
+    """Contacts that slide let them: forces alone hold these motions, of which the lattice's
+    preconditioner knows nothing.
+    """
+    packing = gp.Packing(
+        gp.Material(70e9, 0.5, 2500.0), 8e-3, spread=gp.Uniform(2e-6), lattice="fcc"
+    )
     options = {"friction_history": True, "friction_coefficient": 0.05, "step_tolerance": 1e-2}
     simulation = gp.DirectSimulation(packing, (4, 4, 4), **options)
     (sample,) = simulation.at_force(0.08 * packing.law.coefficient * packing.width**1.5).samples
@@ -821,7 +1067,9 @@ def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
 
 @pytest.mark.parametrize(("lattice", "shape"), [("triangular", (12, 12)), ("fcc", (4, 4, 4))])
 def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, shape):
-    packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-5), lattice=lattice)
+    packing = gp.Packing(
+        gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-5), lattice=lattice
+    )
     sample = gp.DirectSimulation(packing, shape, geometry="exact").at_force(8.0).sample
     factorised = sample.elastic_tensor
     monkeypatch.setattr(linear_response, "_MOST_AT_ONCE", (0, 0))
@@ -833,11 +1081,19 @@ def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, sh
 @pytest.mark.parametrize(("lattice", "shape"), [("triangular", (6, 6)), ("fcc", (3, 3, 3))])
 @pytest.mark.parametrize("width", [1e-9, 4e-6])
 def test_the_normal_stiffness_is_the_slope_of_the_force_at_large_overlap_too(lattice, shape, width):
-    """It follows from the tensor of the stress, on a boundary that shrinks; the overlap is a hundredth of the diameter."""
-    packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(width), lattice=lattice)
+    """It follows from the tensor of the stress, on a boundary that shrinks; the overlap is a
+    hundredth of the diameter.
+    """
+    packing = gp.Packing(
+        gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(width), lattice=lattice
+    )
     options = {"friction_history": True, "friction_coefficient": 10.0, "start": {"overlap": 4e-5}}
     overlaps = np.array([0.999, 1.0, 1.001]) * 8e-5
-    low, here, high = gp.DirectSimulation(packing, shape, geometry="exact", **options).path(overlap=overlaps).samples
+    low, here, high = (
+        gp.DirectSimulation(packing, shape, geometry="exact", **options)
+        .path(overlap=overlaps)
+        .samples
+    )
     slope = (high.force - low.force) / (high.overlap - low.overlap)
     assert here.normal_stiffness == pytest.approx(slope, rel=1e-6)
     # the slope of it is a difference ahead, a tenth further in the logarithm of the force
@@ -847,10 +1103,14 @@ def test_the_normal_stiffness_is_the_slope_of_the_force_at_large_overlap_too(lat
 
 @pytest.mark.parametrize("width", [1e-12, 1e-18])
 def test_balls_that_hardly_differ_have_a_response(width):
-    """Forces are 1e8 to 1e12 times those that differences of the balls make: that many digits of the response are lost."""
+    """Forces are 1e8 to 1e12 times those that differences of the balls make: that many digits of
+    the response are lost.
+    """
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(width))
     options = {"friction_history": True, "friction_coefficient": 0.2, "geometry": "exact"}
     state = gp.DirectSimulation(packing, (4, 4), **options).at_force(10.0)
-    equal = gp.AveragedLattice(dataclasses.replace(packing, spread=None)).at_force(10.0, finite_overlap=True)
+    equal = gp.AveragedLattice(dataclasses.replace(packing, spread=None)).at_force(
+        10.0, finite_overlap=True
+    )
     np.testing.assert_allclose(gp.moduli(state).shear, gp.moduli(equal).shear, rtol=1e-5)
     np.testing.assert_allclose(gp.moduli(state).bulk, gp.moduli(equal).bulk, rtol=1e-5)

@@ -1,4 +1,6 @@
-"""Balls, the constants of two that touch, and contact laws: closed forms, derivatives, and laws of users."""
+"""Balls, the constants of two that touch, and contact laws: closed forms, derivatives, and laws of
+users.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +19,22 @@ from granphon.balls.ball import RIGID_PLANE, ContactConstants
 from granphon.balls.contact_laws import check_law, law_between
 from granphon.base.errors import InputError
 
-STEEL, ALUMINIUM = gp.Material(193e9, 0.30, 8000.0), gp.Material(73.5e9, 0.33, 2700.0)
-S, A = gp.Ball(STEEL, 19.05e-3, mass=28.84e-3), gp.Ball(ALUMINIUM, 9e-3)
+STEEL = gp.Material(193e9, 0.30, 8000.0)
+ALUMINIUM = gp.Material(73.5e9, 0.33, 2700.0)
+S = gp.Ball(STEEL, 19.05e-3, mass=28.84e-3)
+A = gp.Ball(ALUMINIUM, 9e-3)
 GEL = gp.Ball(gp.Material(1e6, 0.49, 1100.0), 2e-3)
 
-materials = st.builds(gp.Material, st.floats(4.0, 12.0).map(lambda x: 10.0**x), st.floats(-0.9, 0.5), st.floats(1e2, 1e4))
+materials = st.builds(
+    gp.Material,
+    st.floats(4.0, 12.0).map(lambda x: 10.0**x),
+    st.floats(-0.9, 0.5),
+    st.floats(1e2, 1e4),
+)
 balls = st.builds(gp.Ball, materials, st.floats(-6.0, 1.0).map(lambda x: 10.0**x))
 
 
-# -- balls ------------------------------------------------------------------------------------------------------------
+# -- balls -----------------------------------------------------------------------------------------
 
 
 def test_a_ball_is_solid_unless_it_is_said_otherwise():
@@ -58,23 +67,36 @@ def test_no_ball(change, said):
 def test_constants_of_a_pair_are_those_of_johnson(one, other):
     with mpmath.workdps(40):
         e1, e2, n1, n2, r1, r2 = (
-            mpmath.mpf(x) for x in (
-                one.material.young_modulus, other.material.young_modulus, one.material.poisson_ratio,
-                other.material.poisson_ratio, one.radius, other.radius,
+            mpmath.mpf(x)
+            for x in (
+                one.material.young_modulus,
+                other.material.young_modulus,
+                one.material.poisson_ratio,
+                other.material.poisson_ratio,
+                one.radius,
+                other.radius,
             )
-        )  # fmt: skip
-        g1, g2 = e1 / (2 * (1 + n1)), e2 / (2 * (1 + n2))
+        )
+        g1 = e1 / (2 * (1 + n1))
+        g2 = e2 / (2 * (1 + n2))
         star = 1 / ((1 - n1**2) / e1 + (1 - n2**2) / e2)
         shear = 1 / ((2 - n1) / g1 + (2 - n2) / g2)
-        wanted = star, 1 / (1 / r1 + 1 / r2), 4 * shear / star, mpmath.mpf(16) / 3 / (1 / g1 + 1 / g2)
-        found, mirrored = ContactConstants.of(one, other), ContactConstants.of(other, one)
+        wanted = (
+            star,
+            1 / (1 / r1 + 1 / r2),
+            4 * shear / star,
+            mpmath.mpf(16) / 3 / (1 / g1 + 1 / g2),
+        )
+        found = ContactConstants.of(one, other)
+        mirrored = ContactConstants.of(other, one)
         assert all(abs(a / b - 1) < 3e-15 for a, b in zip(found, wanted, strict=True))
     assert_allclose(found, mirrored, rtol=1e-15)
 
 
 @given(balls)
 def test_equal_balls_have_the_constants_of_a_packing(ball):
-    found, law = ContactConstants.of(ball, ball), gp.HertzLaw.between(ball.material, ball.diameter)
+    found = ContactConstants.of(ball, ball)
+    law = gp.HertzLaw.between(ball.material, ball.diameter)
     assert_allclose(found.mindlin_ratio, ball.material.mindlin_ratio, rtol=1e-14)
     assert_allclose(gp.Hertz().between(ball, ball).coefficient, law.coefficient, rtol=1e-14)
     # a floor is a rigid ball of infinite size: half the compliance, twice the radius of equal balls
@@ -87,7 +109,7 @@ def test_two_rigid_planes_make_no_contact():
         ContactConstants.of(RIGID_PLANE, RIGID_PLANE)
 
 
-# -- laws -------------------------------------------------------------------------------------------------------------
+# -- laws ------------------------------------------------------------------------------------------
 
 TABLE = np.geomspace(1e-9, 1e-4, 11)
 LAWS = {
@@ -113,7 +135,11 @@ def test_force_and_stiffness_are_derivatives(name, size):
         return (low2 - 8 * low + 8 * high - high2) / (12 * h)
 
     # round-off of a difference is that of the larger number over the step
-    for of, told in ((law.energy, law.force), (law.force, law.stiffness), (law.stiffness, law.stiffness_slope)):
+    for of, told in (
+        (law.energy, law.force),
+        (law.force, law.stiffness),
+        (law.stiffness, law.stiffness_slope),
+    ):
         noise = 1e-10 * abs(of(size)) / size
         assert abs(slope(of) - told(size)) <= 1e-9 * abs(told(size)) + noise
     assert_allclose(law.overlap(law.force(size)), size, rtol=1e-10)
@@ -126,24 +152,36 @@ def test_laws_take_arrays_and_return_floats_for_floats(name):
         assert isinstance(method(1e-6), float)
         assert_allclose(method(np.full((2, 3), 1e-6)), np.full((2, 3), method(1e-6)), rtol=1e-14)
     apart = law.least_overlap - 1e-9
-    assert law.force(apart) == law.stiffness(apart) == law.stiffness_slope(apart) == law.energy(apart) == 0.0
+    assert (
+        law.force(apart)
+        == law.stiffness(apart)
+        == law.stiffness_slope(apart)
+        == law.energy(apart)
+        == 0.0
+    )
 
 
 @given(st.floats(-3.0, 8.0), st.floats(-6.0, 1.0))
 def test_jkr_is_that_of_its_contact_radius(modulus, adhesion):
-    ball, w = gp.Ball(gp.Material(10.0 ** (modulus + 3.0), 0.4, 1e3), 3e-3), 10.0**adhesion
-    law, constants = gp.JKR(w).between(ball, ball), ContactConstants.of(ball, ball)
-    star, r = constants.modulus, constants.radius
+    ball = gp.Ball(gp.Material(10.0 ** (modulus + 3.0), 0.4, 1e3), 3e-3)
+    w = 10.0**adhesion
+    law = gp.JKR(w).between(ball, ball)
+    constants = ContactConstants.of(ball, ball)
+    star = constants.modulus
+    r = constants.radius
     # a(f), delta(a) as in the paper of 1971, and k = df/da / d(delta)/da
     least = 1.5 * math.pi * w * r
     for force in least * np.array([-0.999, -0.5, 0.0, 2.0, 1e3]):
         reach = 3 * math.pi * w * r
-        a = (3 * r / (4 * star) * (force + reach + math.sqrt(2 * reach * force + reach**2))) ** (1 / 3)
+        a = (3 * r / (4 * star) * (force + reach + math.sqrt(2 * reach * force + reach**2))) ** (
+            1 / 3
+        )
         delta = a**2 / r - math.sqrt(2 * math.pi * w * a / star)
         assert_allclose(law.overlap(force), delta, rtol=1e-12, atol=1e-13 * a**2 / r)
         assert_allclose(law.force(law.overlap(force)), force, rtol=1e-11, atol=1e-11 * least)
         root = math.sqrt(2 * math.pi * w * star)
-        rise, run = 4 * star * a**2 / r - 3 * root * math.sqrt(a), 2 * a / r - 0.5 * root / star / math.sqrt(a)
+        rise = 4 * star * a**2 / r - 3 * root * math.sqrt(a)
+        run = 2 * a / r - 0.5 * root / star / math.sqrt(a)
         assert_allclose(law.stiffness(delta), rise / run, rtol=1e-9)
         assert_allclose(law.contact_radius(delta), a, rtol=1e-11)
         if force == 0.0:
@@ -156,7 +194,8 @@ def test_jkr_is_that_of_its_contact_radius(modulus, adhesion):
 
 
 def test_dmt_is_hertz_with_a_tension_and_no_adhesion_is_hertz():
-    law, hertz = gp.DMT(0.05).between(GEL, GEL), gp.Hertz().between(GEL, GEL)
+    law = gp.DMT(0.05).between(GEL, GEL)
+    hertz = gp.Hertz().between(GEL, GEL)
     delta = np.array([0.0, 1e-8, 1e-5])
     assert_allclose(law.force(delta), hertz.force(delta) - 2 * math.pi * 0.05 * 0.5e-3, rtol=1e-14)
     assert gp.JKR(0.0).between(GEL, GEL) == gp.DMT(0.0).between(GEL, GEL).hertz == hertz
@@ -166,7 +205,8 @@ def test_dmt_is_hertz_with_a_tension_and_no_adhesion_is_hertz():
 
 @given(st.floats(-13.0, -2.0))
 def test_a_tabulated_power_law_is_that_law(exponent):
-    delta, hertz = 10.0**exponent, gp.Hertz().between(S, A)
+    delta = 10.0**exponent
+    hertz = gp.Hertz().between(S, A)
     table = gp.TabulatedLaw([0.0, *TABLE], [0.0, *hertz.force(TABLE)])
     assert table == gp.TabulatedLaw(TABLE, hertz.force(TABLE))
     for method in ("force", "stiffness", "energy"):
@@ -183,7 +223,10 @@ def test_a_tabulated_power_law_is_that_law(exponent):
         (lambda: gp.DMT(-1.0), "adhesion: found -1.0"),
         (lambda: gp.JKR(math.nan), "adhesion: found nan"),
         (lambda: gp.TabulatedLaw([1.0, 2.0], [1.0]), "Give two lists of one length"),
-        (lambda: gp.TabulatedLaw([1.0, 2.0, 2.0], [1.0, 2.0, 3.0]), "in its row 2. Both must be above zero"),
+        (
+            lambda: gp.TabulatedLaw([1.0, 2.0, 2.0], [1.0, 2.0, 3.0]),
+            "in its row 2. Both must be above zero",
+        ),
         (lambda: gp.TabulatedLaw([0.0, 2.0], [0.0, 3.0]), "has 1 rows with a force"),
         (lambda: gp.PowerLaw(1.5, 1.0).overlap(-1.0), "force of a contact is negative"),
     ],
@@ -222,7 +265,21 @@ class Quadratic:
         return self.other.get("overlap", 1.0) * x
 
 
-EXTREME = [5e-324, 1e-308, 1e308, -1e308, math.inf, -math.inf, math.nan, 10**400, "1", None, 1j, [1.0, "a"], [[1.0], 2.0]]
+EXTREME = [
+    5e-324,
+    1e-308,
+    1e308,
+    -1e308,
+    math.inf,
+    -math.inf,
+    math.nan,
+    10**400,
+    "1",
+    None,
+    1j,
+    [1.0, "a"],
+    [[1.0], 2.0],
+]
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -246,14 +303,21 @@ def test_adhesion_beyond_double_precision():
             make().between(GEL, GEL)
     # so little adhesion is none
     for law in (gp.JKR(1e-304), gp.DMT(5e-324)):
-        assert_allclose(law.between(GEL, GEL).force(1e-6), gp.Hertz().between(GEL, GEL).force(1e-6), rtol=1e-14)
+        assert_allclose(
+            law.between(GEL, GEL).force(1e-6), gp.Hertz().between(GEL, GEL).force(1e-6), rtol=1e-14
+        )
     with pytest.raises(InputError, match=r"Give a granphon\.Ball"):
         gp.JKR(0.1).between(GEL, 2.0)
 
 
 def test_a_table_begins_as_a_power_of_one_or_above():
-    """Where the interpolator has a flat end, or the table rises less, contacts would push at once when balls touch."""
-    for overlap, force in (([1e-8, 1e-6, 1.001e-6, 1e-5], [1e-9, 1e-7, 1e-5, 1.1e-5]), ([1e-8, 1e-6], [1e-3, 2e-3])):
+    """Where the interpolator has a flat end, or the table rises less, contacts would push at once
+    when balls touch.
+    """
+    for overlap, force in (
+        ([1e-8, 1e-6, 1.001e-6, 1e-5], [1e-9, 1e-7, 1e-5, 1.1e-5]),
+        ([1e-8, 1e-6], [1e-3, 2e-3]),
+    ):
         law = gp.TabulatedLaw(overlap, force)
         assert_allclose(law.force(overlap), force, rtol=1e-12)
         assert_allclose(law.force(1e-3 * overlap[0]), 1e-3 * force[0], rtol=1e-12)
@@ -306,10 +370,17 @@ class Floats:
 class Unclosed(Floats):
     """Hertz's law without a word on balls that are apart."""
 
-    energy, force, stiffness = (
-        lambda self, h: 0.4e9 * h**2.5, lambda self, h: 1e9 * h**1.5, lambda self, h: 1.5e9 * np.sqrt(h),
-    )  # fmt: skip
-    stiffness_slope = lambda self, h: 0.75e9 / np.sqrt(h)  # noqa: E731
+    def energy(self, h):
+        return 0.4e9 * h**2.5
+
+    def force(self, h):
+        return 1e9 * h**1.5
+
+    def stiffness(self, h):
+        return 1.5e9 * np.sqrt(h)
+
+    def stiffness_slope(self, h):
+        return 0.75e9 / np.sqrt(h)
 
 
 class Bent:
@@ -334,9 +405,19 @@ class Bent:
 @pytest.mark.parametrize(
     ("law", "said"),
     [
-        (Floats(), "force of the contact law Floats does not take an array: .*such as np.maximum for max"),
-        (Unclosed(), "force of the contact law Unclosed is not finite below an overlap of 0 m.*np.maximum"),
-        (Bent(), "force of the contact law Bent is -.*, and the derivative of its energy .* at an overlap of -"),
+        (
+            Floats(),
+            "force of the contact law Floats does not take an array: .*such as np.maximum for max",
+        ),
+        (
+            Unclosed(),
+            "force of the contact law Unclosed is not finite below an overlap of 0 m.*np.maximum",
+        ),
+        (
+            Bent(),
+            "force of the contact law Bent is -.*, and the derivative of its energy .* at an"
+            " overlap of -",
+        ),
     ],
 )
 def test_what_a_law_must_say_of_arrays_and_of_balls_that_are_apart(law, said):

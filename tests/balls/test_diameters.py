@@ -1,4 +1,6 @@
-"""Distributions of diameters: closed forms, mpmath and adaptive quadrature, limits, convergence, samples and errors."""
+"""Distributions of diameters: closed forms, mpmath and adaptive quadrature, limits, convergence,
+samples and errors.
+"""
 
 from __future__ import annotations
 
@@ -34,13 +36,18 @@ SKEW = Discrete([7.998e-3, 8.0e-3, 8.004e-3], [0.5, 0.3, 0.2])
 SHAPES = {"uniform": UNIFORM, "normal": NORMALS[3.0], "two": TWO.shape, "skew": SKEW.shape}
 SPREADS = {"uniform": Uniform(2e-6), "normal": Normal(1e-6, 2.0), "two": TWO, "skew": SKEW}
 #: the first numbers of seeds 0 and 7
-LITERAL_NUMBERS = [[0.6524484863740322, 0.7012121095215252], [0.27623358227789463, 0.21586845960432577]]
+LITERAL_NUMBERS = [
+    [0.6524484863740322, 0.7012121095215252],
+    [0.27623358227789463, 0.21586845960432577],
+]
 LITERAL_UNIFORM = [-2.2034050321745702e-07, -9.664234109436874e-07, 8.015213612137668e-07]
 LITERAL_NORMAL = [-2.789875604794831e-07, -2.0948341841304606e-06, 1.2797229705949622e-06]
 
 
 def difference(y, power, step, order):
-    """Repeated differences of one-sided powers with 40 digits left: the printed closed forms of the uniform distribution."""
+    """Repeated differences of one-sided powers with 40 digits left: the printed closed forms of the
+    uniform distribution.
+    """
     with mpmath.workdps(80):
         total = mpmath.mpf(0)
         for k in range(order + 1):
@@ -53,9 +60,12 @@ def difference(y, power, step, order):
 
 
 def normal_reference(y, powers, cutoff, pair):
-    """Averages of powers over the cut normal distribution by tanh-sinh in the root of the overlap, 40 digits."""
+    """Averages of powers over the cut normal distribution by tanh-sinh in the root of the overlap,
+    40 digits.
+    """
     with mpmath.workdps(40):
-        c, y = mpmath.mpf(cutoff), mpmath.mpf(y)
+        c = mpmath.mpf(cutoff)
+        y = mpmath.mpf(y)
         kept = mpmath.erf(c / mpmath.sqrt(2))
         std = 1 / mpmath.sqrt(12 * (1 - 2 * c * mpmath.npdf(c) / kept))
         b, height = c * std, 2 * mpmath.npdf(0, 0, std) / kept
@@ -73,10 +83,13 @@ def normal_reference(y, powers, cutoff, pair):
         for start, end in itertools.pairwise(ends):
             first = max(start, -y)
             if first < end:
-                low, high = mpmath.sqrt(y + first), mpmath.sqrt(y + end)
+                low = mpmath.sqrt(y + first)
+                high = mpmath.sqrt(y + end)
                 nodes = mpmath.linspace(low, high, 3 + int(cutoff))
                 for n, p in enumerate(map(mpmath.mpf, powers)):
-                    totals[n] += mpmath.quad(lambda u, p=p: 2 * u ** (2 * p + 1) * density(u), nodes)
+                    totals[n] += mpmath.quad(
+                        lambda u, p=p: 2 * u ** (2 * p + 1) * density(u), nodes
+                    )
         return totals
 
 
@@ -84,14 +97,18 @@ def brute(spread, y, power, x=None):
     """All pairs, one by one, from the diameters as they were given."""
     fractions = getattr(spread, "fractions", [1 / len(spread.diameters)] * len(spread.diameters))
     mean = math.fsum(c * d for c, d in zip(fractions, spread.diameters, strict=True))
-    width = math.sqrt(12 * math.fsum(c * (d - mean) ** 2 for c, d in zip(fractions, spread.diameters, strict=True)))
+    width = math.sqrt(
+        12
+        * math.fsum(c * (d - mean) ** 2 for c, d in zip(fractions, spread.diameters, strict=True))
+    )
     sizes = [((d - mean) / width, c) for c, d in zip(fractions, spread.diameters, strict=True)]
     others = sizes if x is None else [(x, 1.0)]
     gaps = [(y + 0.5 * (a + b), v * w) for a, v in sizes for b, w in others]
     return math.fsum(w * g**power for g, w in gaps if g > 0)
 
 
-# --- averages ---------------------------------------------------------------------------------------------------------
+# --- averages
+# ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("averaged-force-right")
@@ -100,16 +117,29 @@ def test_uniform_averages_are_the_closed_forms_at_every_load(power):
     rng = np.random.default_rng(1)
     y = np.concatenate(
         [
-            -0.5 + 10.0 ** -np.arange(1.0, 16.0), [-1e-12, 0.0, 1e-12, 0.5 - 1e-12, 0.5, 0.5 + 1e-12],
-            rng.uniform(-0.5, 1.0, 40), 10.0 ** np.linspace(-0.2, 8.0, 60),
+            -0.5 + 10.0 ** -np.arange(1.0, 16.0),
+            [-1e-12, 0.0, 1e-12, 0.5 - 1e-12, 0.5, 0.5 + 1e-12],
+            rng.uniform(-0.5, 1.0, 40),
+            10.0 ** np.linspace(-0.2, 8.0, 60),
         ]
-    )  # fmt: skip
-    pairs = [float(v / difference(float(t), power, 0.5, 2) - 1) for v, t in zip(UNIFORM.average(y, power), y, strict=True)]
+    )
+    pairs = [
+        float(v / difference(float(t), power, 0.5, 2) - 1)
+        for v, t in zip(UNIFORM.average(y, power), y, strict=True)
+    ]
     assert np.max(np.abs(pairs)) < 4e-15
     s = np.concatenate([-0.25 + 10.0 ** -np.arange(1.0, 16.0), y[y > -0.2]])
     singles = UNIFORM.average(s, power, 0.0)
     assert (
-        np.max(np.abs([float(v / difference(float(t), power, 0.5, 1) - 1) for v, t in zip(singles, s, strict=True)])) < 4e-15
+        np.max(
+            np.abs(
+                [
+                    float(v / difference(float(t), power, 0.5, 1) - 1)
+                    for v, t in zip(singles, s, strict=True)
+                ]
+            )
+        )
+        < 4e-15
     )
 
 
@@ -121,7 +151,10 @@ def test_uniform_averages_are_the_closed_forms_at_every_load(power):
         *((cutoff, (-0.95, -0.01, 1.01), (0.5, 1.5)) for cutoff in (0.5, 3.0)),
         *(
             pytest.param(
-                one, (-0.95, -0.5, -0.01, 0.0, 0.3, 0.99, 1.01, 2.0), (-0.5, 0.5, 1.5), marks=pytest.mark.exhaustive
+                one,
+                (-0.95, -0.5, -0.01, 0.0, 0.3, 0.99, 1.01, 2.0),
+                (-0.5, 0.5, 1.5),
+                marks=pytest.mark.exhaustive,
             )
             for one in NORMALS
         ),
@@ -130,9 +163,12 @@ def test_uniform_averages_are_the_closed_forms_at_every_load(power):
 def test_normal_averages_against_mpmath(cutoff, pair, places, powers):
     shape = NORMALS[cutoff]
     reach = shape.bounds[1] if pair else 0.5 * shape.bounds[1]
-    # relative to the threshold, which is itself known to a rounding, and off the point where a slope is vertical
+    # relative to the threshold, which is itself known to a rounding, and off the point where a
+    # slope is vertical
     for y in (*(reach * np.array(places)), 30.0, 1e8):
-        for power, exact in zip(powers, normal_reference(float(y), powers, cutoff, pair), strict=True):
+        for power, exact in zip(
+            powers, normal_reference(float(y), powers, cutoff, pair), strict=True
+        ):
             found = shape.average(y, power, None if pair else 0.0)
             assert abs(float(found / exact - 1)) < 1e-12, (y, power)
 
@@ -145,14 +181,25 @@ def test_averages_over_both_are_means_of_those_over_one_by_adaptive_quadrature(n
         kinks = [x for x in (-2 * y - b, -2 * y + b) if -b < x < b]
         for power in (0.0, 0.5, 1.5):
             value, _ = quad(
-                lambda x, y=y, power=power: shape.average(y, power, x) * float(shape._compute_density(np.array(x))),
-                -b, b, points=kinks or None, epsabs=0.0, epsrel=1e-11, limit=200,
-            )  # fmt: skip
+                lambda x, y=y, power=power: (
+                    shape.average(y, power, x) * float(shape._compute_density(np.array(x)))
+                ),
+                -b,
+                b,
+                points=kinks or None,
+                epsabs=0.0,
+                epsrel=1e-11,
+                limit=200,
+            )
             assert shape.average(y, power) == pytest.approx(value, rel=1e-10)
         inner, _ = quad(
             lambda x, y=y: max(y + x / 2, 0.0) ** 1.5 * float(shape._compute_density(np.array(x))),
-            -b, b, points=[-2 * y] if abs(2 * y) < b else None, epsabs=0.0, epsrel=1e-11,
-        )  # fmt: skip
+            -b,
+            b,
+            points=[-2 * y] if abs(2 * y) < b else None,
+            epsabs=0.0,
+            epsrel=1e-11,
+        )
         assert shape.force(y, 0.0) == pytest.approx(inner, rel=1e-10)
 
 
@@ -161,7 +208,9 @@ def test_averages_over_both_are_means_of_those_over_one_by_adaptive_quadrature(n
 def test_listed_diameters_are_summed_exactly(spread, power):
     for y in (-0.31, 0.05, 0.4, 3.0, 1e4):
         assert spread.shape.average(y, power) == pytest.approx(brute(spread, y, power), rel=1e-10)
-        assert spread.shape.average(y, power, 0.2) == pytest.approx(brute(spread, y, power, 0.2), rel=1e-10)
+        assert spread.shape.average(y, power, 0.2) == pytest.approx(
+            brute(spread, y, power, 0.2), rel=1e-10
+        )
 
 
 def test_a_measured_lot_is_a_discrete_distribution_in_any_order():
@@ -198,10 +247,16 @@ def test_scalars_in_scalars_out_and_any_array_shape(shape):
 @pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
 def test_derivatives_are_those_of_the_force_to_second_order_in_the_step(shape):
     for y, x in ((0.41, None), (3.0, None), (0.13, 0.2), (-0.08, 0.27)):
-        for function, slope in ((shape.force, shape.stiffness), (shape.stiffness, shape.stiffness_slope)):
+        for function, slope in (
+            (shape.force, shape.stiffness),
+            (shape.stiffness, shape.stiffness_slope),
+        ):
             steps = np.array([4e-3, 2e-3, 1e-3])
-            errors = [(function(y + h, x) - function(y - h, x)) / (2 * h) - slope(y, x) for h in steps]
-            if np.max(np.abs(errors)) > 1e-9:  # else the third derivative is zero, as for a contact that is open
+            errors = [
+                (function(y + h, x) - function(y - h, x)) / (2 * h) - slope(y, x) for h in steps
+            ]
+            if np.max(np.abs(errors)) > 1e-9:
+                # else the third derivative is zero, as for a contact that is open
                 orders = np.log2(np.abs(np.array(errors[:-1]) / errors[1:]))
                 np.testing.assert_allclose(orders, 2.0, atol=0.15)
 
@@ -212,16 +267,25 @@ def test_mean_force_is_increasing_convex_and_above_that_of_mean_balls(name, y, s
     low, middle, high = (float(shape.force(y + k * step)) for k in (-1, 0, 1))
     assert low <= middle <= high
     assert low + high - 2 * middle >= -1e-14 * high
-    assert middle >= max(y, 0.0) ** 1.5 * (1 - 1e-14)  # Jensen: the averaged lattice lies below the averaged force
+    # Jensen: the averaged lattice lies below the averaged force
+    assert middle >= max(y, 0.0) ** 1.5 * (1 - 1e-14)
     assert middle <= max(y + shape.bounds[1], 0.0) ** 1.5
     assert shape.stiffness(y) >= 0.0
     if high > low:
-        assert shape.stiffness(y - step) * (1 - 1e-12) <= (high - low) / (2 * step) * (1 + 1e-12) + 1e-300
+        assert (
+            shape.stiffness(y - step) * (1 - 1e-12)
+            <= (high - low) / (2 * step) * (1 + 1e-12) + 1e-300
+        )
         assert (high - low) / (2 * step) <= shape.stiffness(y + step) * (1 + 1e-12)
 
 
 @given(
-    st.lists(st.tuples(st.integers(7_990, 8_010), st.integers(1, 9)), min_size=2, max_size=6, unique_by=lambda t: t[0]),
+    st.lists(
+        st.tuples(st.integers(7_990, 8_010), st.integers(1, 9)),
+        min_size=2,
+        max_size=6,
+        unique_by=lambda t: t[0],
+    ),
     st.floats(1e-3, 1e3),
 )
 def test_shape_and_width_of_any_list(kinds, scale):
@@ -233,7 +297,9 @@ def test_shape_and_width_of_any_list(kinds, scale):
     assert spread.smallest == pytest.approx(min(diameters) - spread.mean, rel=1e-8, abs=1e-15)
     assert spread.largest == pytest.approx(max(diameters) - spread.mean, rel=1e-8, abs=1e-15)
     assert spread.mean == pytest.approx(np.average(diameters, weights=parts), rel=1e-14)
-    assert spread.rms**2 == pytest.approx(np.average((diameters - spread.mean) ** 2, weights=parts), rel=1e-9)
+    assert spread.rms**2 == pytest.approx(
+        np.average((diameters - spread.mean) ** 2, weights=parts), rel=1e-9
+    )
     other = Discrete(diameters * scale, parts / parts.sum())
     assert other.width == pytest.approx(scale * spread.width, rel=1e-9)
     np.testing.assert_allclose(other.shape.positions, x, rtol=0, atol=1e-10)
@@ -254,11 +320,20 @@ def test_normal_cut_hard_is_uniform_and_cut_late_is_normal():
 
 def test_units_and_widths():
     assert Uniform(2.04e-6).rms == pytest.approx(2.04e-6 / math.sqrt(12), rel=1e-15)
-    assert (Uniform(2e-6).smallest, Uniform(2e-6).largest, Uniform(2e-6).mean) == (-1e-6, 1e-6, None)
+    assert (Uniform(2e-6).smallest, Uniform(2e-6).largest, Uniform(2e-6).mean) == (
+        -1e-6,
+        1e-6,
+        None,
+    )
     assert Normal(1e-6).largest == pytest.approx(3e-6, rel=1e-15)
     assert Normal(1e-6).width == pytest.approx(math.sqrt(12) * Normal(1e-6).rms, rel=1e-15)
     assert TWO.width == pytest.approx(math.sqrt(12) * 1e-6, rel=1e-11)
-    assert (Uniform(0.0).width, Normal(0.0).width, Measured([8e-3] * 3).width, Discrete([8e-3], [1.0]).width) == (0, 0, 0, 0)
+    assert (
+        Uniform(0.0).width,
+        Normal(0.0).width,
+        Measured([8e-3] * 3).width,
+        Discrete([8e-3], [1.0]).width,
+    ) == (0, 0, 0, 0)
     assert Measured([8e-3] * 3).shape.positions == (0.0,)
     assert Measured([8e-3]).shape.force(4.0) == 8.0
 
@@ -280,7 +355,8 @@ def test_openings_bound_the_smooth_stretches():
     assert SKEW.shape.openings.size == 6
 
 
-# --- quadrature over the central ball ---------------------------------------------------------------------------------
+# --- quadrature over the central ball
+# ---------------------------------------------------------------------------------
 
 
 def medium_average(shape, y, order):
@@ -290,10 +366,17 @@ def medium_average(shape, y, order):
     return np.sum(nodes.weights * (force - mean) / (stiffness + 1.05 * slope), axis=-1)
 
 
-@pytest.mark.parametrize(("shape", "digits"), [(UNIFORM, 0.5), (NORMALS[3.0], 0.4), (NORMALS[6.0], 0.4)])
+@pytest.mark.parametrize(
+    ("shape", "digits"), [(UNIFORM, 0.5), (NORMALS[3.0], 0.4), (NORMALS[6.0], 0.4)]
+)
 def test_averages_of_the_medium_converge_exponentially(shape, digits):
     b = shape.bounds[1]
-    y = np.concatenate([b * np.array([-0.9, -0.5, -1e-6, 0.0, 1e-6, 0.1, 0.5, 0.999, 1.0, 1.001, 2.0]), [20.0, 1e4]])
+    y = np.concatenate(
+        [
+            b * np.array([-0.9, -0.5, -1e-6, 0.0, 1e-6, 0.1, 0.5, 0.999, 1.0, 1.001, 2.0]),
+            [20.0, 1e4],
+        ]
+    )
     exact = medium_average(shape, y, 100)
     orders = np.array([8, 12, 16, 20])
     errors = np.array([np.max(np.abs(medium_average(shape, y, n) / exact - 1)) for n in orders])
@@ -308,7 +391,9 @@ def test_nodes_give_the_averages_over_pairs():
         x, w = shape.nodes(y, 40)
         for power in (0.5, 1.5):
             np.testing.assert_allclose(
-                np.sum(w * shape.average(y[:, None], power, x), -1), shape.average(y, power), rtol=1e-12
+                np.sum(w * shape.average(y[:, None], power, x), -1),
+                shape.average(y, power),
+                rtol=1e-12,
             )
 
 
@@ -317,12 +402,17 @@ def test_medium_average_by_adaptive_quadrature():
     mean, slope = 0.9 * UNIFORM.force(y[0]), 0.9 * UNIFORM.stiffness(y[0])
     value, _ = quad(
         lambda x: (UNIFORM.force(y[0], x) - mean) / (UNIFORM.stiffness(y[0], x) + 1.05 * slope),
-        -0.5, 0.5, points=[-2 * y[0] - 0.5 + 1e-300, 0.5 - 2 * y[0]], epsabs=1e-13, epsrel=1e-12,
-    )  # fmt: skip
+        -0.5,
+        0.5,
+        points=[-2 * y[0] - 0.5 + 1e-300, 0.5 - 2 * y[0]],
+        epsabs=1e-13,
+        epsrel=1e-12,
+    )
     assert medium_average(UNIFORM, y, 32)[0] == pytest.approx(value, rel=1e-10)
 
 
-# --- large lots -------------------------------------------------------------------------------------------------------
+# --- large lots
+# -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("places-of-a-lot")
@@ -347,29 +437,48 @@ def test_a_large_lot_is_condensed_far_below_its_sampling_noise(kind):
 
 
 @pytest.mark.claim("places-of-a-lot")
-@pytest.mark.parametrize("kind", only(["normal", "skewed"], ["flat", "normal", "two kinds", "skewed"]))
+@pytest.mark.parametrize(
+    "kind", only(["normal", "skewed"], ["flat", "normal", "two kinds", "skewed"])
+)
 def test_the_places_of_a_large_lot_hold_force_and_stiffness(kind):
-    rng, n = np.random.default_rng(5), 2500
+    rng = np.random.default_rng(5)
+    n = 2500
     off = {
-        "flat": rng.random(n), "normal": rng.normal(size=n), "skewed": np.exp(0.5 * rng.normal(size=n)),
-        "two kinds": np.concatenate([0.1 * rng.normal(size=n // 2), 1.0 + 0.2 * rng.normal(size=n // 2)]),
-    }[kind]  # fmt: skip
+        "flat": rng.random(n),
+        "normal": rng.normal(size=n),
+        "skewed": np.exp(0.5 * rng.normal(size=n)),
+        "two kinds": np.concatenate(
+            [0.1 * rng.normal(size=n // 2), 1.0 + 0.2 * rng.normal(size=n // 2)]
+        ),
+    }[kind]
     lot = Measured(8e-3 + 1e-6 * off)
     x = np.array(lot._table[1]) / lot.width
     sums = 0.5 * (x[:, None] + x)
     for y in np.linspace(0.9 * lot.shape.bounds[0], 1.0, 9):
         root = np.sqrt(np.maximum(y + sums, 0.0))
-        force, stiffness = float(np.mean(root * root * root)), float(np.mean(root))
+        force = float(np.mean(root * root * root))
+        stiffness = float(np.mean(root))
         if force > 1e-3:
-            assert lot.shape.average(y, 1.5) == pytest.approx(force, rel=2e-7 if force > 0.08 else 4e-6)
-            assert lot.shape.average(y, 0.5) == pytest.approx(stiffness, rel=5e-5 if force > 0.08 else 4e-4)
+            assert lot.shape.average(y, 1.5) == pytest.approx(
+                force, rel=2e-7 if force > 0.08 else 4e-6
+            )
+            assert lot.shape.average(y, 0.5) == pytest.approx(
+                stiffness, rel=5e-5 if force > 0.08 else 4e-4
+            )
 
 
-# --- samples ----------------------------------------------------------------------------------------------------------
+# --- samples
+# ----------------------------------------------------------------------------------------------------------
 
 
 def test_the_generator_is_splitmix64():
-    published = [6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431, 16408922859458223821]
+    published = [
+        6457827717110365317,
+        3203168211198807973,
+        9817491932198370423,
+        4593380528125082431,
+        16408922859458223821,
+    ]
     expected = [((n >> 12) + 0.5) / 2**52 for n in published]
     np.testing.assert_array_equal(uniform_numbers(5, 1234567), expected)
 
@@ -384,9 +493,12 @@ def test_samples_are_these_numbers_on_every_machine():
 @pytest.mark.parametrize("spread", SPREADS.values(), ids=SPREADS)
 def test_a_larger_sample_keeps_the_balls_of_a_smaller_one(spread):
     np.testing.assert_array_equal(spread.sample(10, 3), spread.sample(25, 3)[:10])
-    small, large = spread.sample((4, 6), 3), spread.sample((9, 8), 3)
+    small = spread.sample((4, 6), 3)
+    large = spread.sample((9, 8), 3)
     np.testing.assert_array_equal(small, large[:4, :6])
-    np.testing.assert_array_equal(spread.sample((4, 6), 3).ravel(), spread.sample((7, 6), 3).ravel()[:24])
+    np.testing.assert_array_equal(
+        spread.sample((4, 6), 3).ravel(), spread.sample((7, 6), 3).ravel()[:24]
+    )
     assert spread.sample((0, 3), 1).shape == (0, 3)
 
 
@@ -399,7 +511,8 @@ def test_samples_follow_the_distribution(spread):
     assert abs(np.mean(sample)) < 4 * spread.rms / n
     kurtosis = np.mean((sample / spread.rms) ** 4)
     assert abs(np.mean(sample**2) / spread.rms**2 - 1) < 4 * math.sqrt(kurtosis) / n
-    # Kolmogorov and Smirnov: P(x' <= x) is the part of contacts open at y = 0 about a partner that mirrors x
+    # Kolmogorov and Smirnov: P(x' <= x) is the part of contacts open at y = 0 about a partner that
+    # mirrors x
     x = np.unique(sample)[:: max(1, np.unique(sample).size // 200)] / spread.width
     part = np.searchsorted(sample / spread.width, x + 1e-9, side="right") / sample.size
     below = 1 - np.array([spread.shape.average(-0.5 * v - 5e-10, 0.0, 0.0) for v in x])
@@ -409,7 +522,13 @@ def test_samples_follow_the_distribution(spread):
 def test_neighbouring_sites_and_seeds_are_independent():
     u = uniform_numbers((300, 300), 5) - 0.5
     error = 4 / 12 / 300
-    for other in (np.roll(u, 1, 0), np.roll(u, 1, 1), np.roll(u, (1, 1), (0, 1)), u.T, uniform_numbers((300, 300), 6) - 0.5):
+    for other in (
+        np.roll(u, 1, 0),
+        np.roll(u, 1, 1),
+        np.roll(u, (1, 1), (0, 1)),
+        u.T,
+        uniform_numbers((300, 300), 6) - 0.5,
+    ):
         pairs = u * other
         if other.base is u:
             pairs = np.triu(pairs, 1)
@@ -426,13 +545,18 @@ def test_quantiles_invert_the_distribution():
             c = mpmath.mpf(cutoff)
             kept = mpmath.erf(c / mpmath.sqrt(2))
             for value, part in zip(x, u, strict=True):
-                below = (mpmath.ncdf(mpmath.mpf(float(value)) * c / shape.bounds[1]) - mpmath.ncdf(-c)) / kept
+                below = (
+                    mpmath.ncdf(mpmath.mpf(float(value)) * c / shape.bounds[1]) - mpmath.ncdf(-c)
+                ) / kept
                 assert float(below) == pytest.approx(part, rel=1e-9, abs=1e-15)
     assert UNIFORM.quantile(0.75) == 0.25
-    assert TWO.shape.quantile([0.1, 0.49, 0.51]).tolist() == [TWO.shape.positions[k] for k in (0, 0, 1)]
+    assert TWO.shape.quantile([0.1, 0.49, 0.51]).tolist() == [
+        TWO.shape.positions[k] for k in (0, 0, 1)
+    ]
 
 
-# --- what cannot be ---------------------------------------------------------------------------------------------------
+# --- what cannot be
+# ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -457,7 +581,10 @@ def test_fractions_within_rounding_are_divided_by_their_sum():
     spread = Discrete([7e-3, 8e-3, 9e-3], [0.3333333333] * 3)
     assert sum(spread.shape.weights) == pytest.approx(1.0, rel=1e-15)
     assert spread.mean == pytest.approx(8e-3, rel=1e-15)
-    assert Discrete([7e-3, 8e-3, 9e-3], [0.5, 0.0, 0.5]).shape == Discrete([7e-3, 9e-3], [0.5, 0.5]).shape
+    assert (
+        Discrete([7e-3, 8e-3, 9e-3], [0.5, 0.0, 0.5]).shape
+        == Discrete([7e-3, 9e-3], [0.5, 0.5]).shape
+    )
 
 
 def test_balls_of_no_size():
@@ -474,7 +601,9 @@ def test_the_mean_must_be_the_diameter_of_the_packing():
     TWO.check_diameter(8e-3)
     TWO.check_diameter(8e-3 * (1 + 5e-10))
     Uniform(1e-6).check_diameter(5.0)
-    with pytest.raises(InputError, match=r"mean of the diameters is 0.008 m, the packing's diameter is 0.00801 m"):
+    with pytest.raises(
+        InputError, match=r"mean of the diameters is 0.008 m, the packing's diameter is 0.00801 m"
+    ):
         TWO.check_diameter(8.01e-3)
     with pytest.raises(InputError, match="diameter"):
         TWO.check_diameter(math.nan)
@@ -495,7 +624,8 @@ def test_powers_that_cannot_be():
             UNIFORM.average(0.1, power)
 
 
-# --- tables -----------------------------------------------------------------------------------------------------------
+# --- tables
+# -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -509,7 +639,9 @@ def test_powers_that_cannot_be():
 def test_reading_a_table(tmp_path, text, column):
     path = tmp_path / "lot.csv"
     path.write_text(text, encoding="utf-8")
-    np.testing.assert_allclose(Measured.from_csv(path, column).diameters, [7.999e-3, 8.001e-3], rtol=1e-14)
+    np.testing.assert_allclose(
+        Measured.from_csv(path, column).diameters, [7.999e-3, 8.001e-3], rtol=1e-14
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,6 @@
-"""The contact law (equations 1-4), Mindlin's reduction, the free vibrations of a ball, and the limits of validity."""
+"""The contact law (equations 1-4), Mindlin's reduction, the free vibrations of a ball, and the
+limits of validity.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +28,11 @@ ratios = st.floats(-0.999, 0.5)
 
 
 def exact_contact(material, first, second, force):
-    """delta, k, kappa and k of equations (1)-(4), term by term, in the present precision of mpmath."""
-    e, s = mpmath.mpf(material.young_modulus), mpmath.mpf(material.poisson_ratio)
+    """delta, k, kappa and k of equations (1)-(4), term by term, in the present precision of
+    mpmath.
+    """
+    e = mpmath.mpf(material.young_modulus)
+    s = mpmath.mpf(material.poisson_ratio)
     star = e / (2 * (1 - s**2))
     d = 1 / ((1 / mpmath.mpf(first) + 1 / mpmath.mpf(second)) / 2)
     f = mpmath.mpf(force)
@@ -36,7 +41,7 @@ def exact_contact(material, first, second, force):
     return delta, k, 2 * (1 - s) / (2 - s) * k
 
 
-# -- the law ----------------------------------------------------------------------------------------------------------
+# -- the law ---------------------------------------------------------------------------------------
 
 
 @given(first=lengths, second=lengths, load=loads, sigma=ratios)
@@ -57,7 +62,8 @@ def test_law_is_that_of_equations_1_to_4(first, second, load, sigma):
 def test_law_inverts_itself_and_does_not_know_which_ball_is_first(first, second, overlap):
     material = gp.Material(7e10, 0.2, 2500.0)
     delta = 10.0**overlap * min(first, second)
-    law, mirrored = gp.HertzLaw.between(material, first, second), gp.HertzLaw.between(material, second, first)
+    law = gp.HertzLaw.between(material, first, second)
+    mirrored = gp.HertzLaw.between(material, second, first)
     assert_allclose(law.overlap(law.force(delta)), delta, rtol=2e-15)
     assert_allclose(law.coefficient, mirrored.coefficient, rtol=1e-15)
 
@@ -69,7 +75,7 @@ def test_no_overlap_of_a_tensile_force(steel, bad):
         law.overlap(bad)
 
 
-# -- the material -----------------------------------------------------------------------------------------------------
+# -- the material ----------------------------------------------------------------------------------
 
 
 @given(sigma=st.floats(-1.0, 0.5, exclude_min=True))
@@ -97,14 +103,15 @@ def test_bulk_velocities_of_the_material(steel):
     assert gp.Material(1e6, 0.5, 1000.0).longitudinal_velocity == math.inf
 
 
-# -- a static tangential load -----------------------------------------------------------------------------------------
+# -- a static tangential load ----------------------------------------------------------------------
 
 
 @given(part=st.floats(0.0, 0.999999), mu=st.floats(0.05, 2.0), normal=st.floats(1e-9, 1e9))
 def test_reduction_is_the_slope_of_mindlins_displacement(part, mu, normal):
     tangential = part * mu * normal
     with mpmath.workdps(40):
-        load, limit = mpmath.mpf(tangential), mpmath.mpf(mu) * mpmath.mpf(normal)
+        load = mpmath.mpf(tangential)
+        limit = mpmath.mpf(mu) * mpmath.mpf(normal)
 
         def displacement(t):  # in units of the inverse stiffness of the unloaded contact
             return mpmath.mpf(3) / 2 * limit * (1 - (1 - t / limit) ** (mpmath.mpf(2) / 3))
@@ -119,31 +126,38 @@ def test_reduction_is_the_slope_of_mindlins_displacement(part, mu, normal):
 
 def test_reduction_is_even_in_the_load_and_one_without_it():
     assert gp.mindlin_reduction(0.0, 2.0, 0.3) == 1.0
-    assert_allclose(gp.mindlin_reduction([-0.1, 0.1], 2.0, 0.3), [(1 - 1 / 6) ** (1 / 3)] * 2, rtol=1e-15)
+    assert_allclose(
+        gp.mindlin_reduction([-0.1, 0.1], 2.0, 0.3), [(1 - 1 / 6) ** (1 / 3)] * 2, rtol=1e-15
+    )
     assert isinstance(gp.mindlin_reduction(0.1, 2.0, 0.3), float)
 
 
 @pytest.mark.parametrize(
     ("tangential", "normal", "mu"),
     [
-        (0.6, 2.0, 0.3), (-0.7, 2.0, 0.3), ([0.0, 0.6], 2.0, 0.3), (1e308, 1e-300, 0.3), (1.0, 5e-324, 5e-324),
+        (0.6, 2.0, 0.3),
+        (-0.7, 2.0, 0.3),
+        ([0.0, 0.6], 2.0, 0.3),
+        (1e308, 1e-300, 0.3),
+        (1.0, 5e-324, 5e-324),
         (-1.7e308, 1.0, 0.3),
     ],
-)  # fmt: skip
+)
 def test_sliding_contact_is_an_error(tangential, normal, mu):
     with pytest.raises(InputError, match="friction threshold"):
         gp.mindlin_reduction(tangential, normal, mu)
 
 
 @pytest.mark.parametrize(
-    ("tangential", "normal", "mu"), [(math.nan, 1, 1), (0, 0, 1), (0, -1, 1), (0, 1, 0), (0, 1, math.nan)]
+    ("tangential", "normal", "mu"),
+    [(math.nan, 1, 1), (0, 0, 1), (0, -1, 1), (0, 1, 0), (0, 1, math.nan)],
 )
 def test_reduction_of_an_impossible_contact_is_an_error(tangential, normal, mu):
     with pytest.raises(InputError):
         gp.mindlin_reduction(tangential, normal, mu)
 
 
-# -- the lowest resonance of a ball -----------------------------------------------------------------------------------
+# -- the lowest resonance of a ball ----------------------------------------------------------------
 
 
 def torsional(x, order):
@@ -164,7 +178,9 @@ def spheroidal(x, order, sigma):
 
 
 def breathing(x, sigma):
-    """4 mu u'-type condition of no pressure on the surface, from u = j_1(y r): (lambda + 2 mu) u' + 2 lambda u / r = 0."""
+    """4 mu u'-type condition of no pressure on the surface, from u = j_1(y r): (lambda + 2 mu) u' +
+    2 lambda u / r = 0.
+    """
     c2 = 2 * (1 - sigma) / (1 - 2 * sigma)  # (v_L / v_T)^2 = (lambda + 2 mu)/mu
     y = x / math.sqrt(c2)
     return c2 * y * spherical_jn(1, y, derivative=True) + 2 * (c2 - 2) * spherical_jn(1, y)
@@ -187,10 +203,15 @@ def resonance_number(sigma):
 
 @pytest.mark.claim("lowest-resonance")
 def test_tables_of_lamb_and_love():
-    # Lamb 1882, Love's Treatise art. 195: 0.7961 pi for torsion of order two, 0.840 pi and 0.8160 pi v_L/v_T at sigma = 1/4
+    # Lamb 1882, Love's Treatise art. 195: 0.7961 pi for torsion of order two, 0.840 pi and 0.8160
+    # pi v_L/v_T at sigma = 1/4
     assert_allclose(first_root(torsional, 2), 2.5011, atol=5e-5)
     assert_allclose(first_root(spheroidal, 2, 0.25), 0.840 * math.pi, atol=5e-4 * math.pi)
-    assert_allclose(first_root(breathing, 0.25), 0.8160 * math.pi * math.sqrt(3.0), atol=5e-5 * math.pi * math.sqrt(3.0))
+    assert_allclose(
+        first_root(breathing, 0.25),
+        0.8160 * math.pi * math.sqrt(3.0),
+        atol=5e-5 * math.pi * math.sqrt(3.0),
+    )
     # incompressible: 0.848 pi
     assert_allclose(first_root(spheroidal, 2, 0.4999999), 0.848 * math.pi, atol=5e-4 * math.pi)
 
@@ -199,7 +220,9 @@ def test_tables_of_lamb_and_love():
 def test_torsion_is_lowest_in_ordinary_materials(sigma):
     lowest = resonance_number(sigma)
     assert_allclose(lowest, first_root(torsional, 2), rtol=1e-13)
-    others = [first_root(torsional, 3), first_root(breathing, sigma)] + [first_root(spheroidal, n, sigma) for n in (1, 2, 3)]
+    others = [first_root(torsional, 3), first_root(breathing, sigma)] + [
+        first_root(spheroidal, n, sigma) for n in (1, 2, 3)
+    ]
     assert lowest < min(others)
 
 
@@ -219,24 +242,31 @@ def test_breathing_falls_to_zero_with_the_bulk_modulus():
 
 def test_resonance_scales_with_size_and_velocity(steel):
     assert_allclose(
-        steel.lowest_resonance(8e-3), 2.5011326204 * steel.transverse_velocity / (2 * math.pi * 4e-3), rtol=1e-10
+        steel.lowest_resonance(8e-3),
+        2.5011326204 * steel.transverse_velocity / (2 * math.pi * 4e-3),
+        rtol=1e-10,
     )
     assert_allclose(steel.lowest_resonance(4e-3), 2 * steel.lowest_resonance(8e-3), rtol=1e-15)
 
 
-# -- where the model holds --------------------------------------------------------------------------------------------
+# -- where the model holds -------------------------------------------------------------------------
 
 
 def validity_by_hand(packing, force, eta):
-    material, d = packing.material, packing.diameter
+    material = packing.material
+    d = packing.diameter
     delta, k, _ = (float(x) for x in exact_contact(material, d, d, force))
-    radius = math.sqrt(delta * d / 4)  # Hertz: a^2 = R delta with R = d/4 for equal balls of diameter d
+    # Hertz: a^2 = R delta with R = d/4 for equal balls of diameter d
+    radius = math.sqrt(delta * d / 4)
     mass = math.pi / 6 * material.density * d**3
-    longitudinal, transverse = d * math.sqrt(9 / 8 * (1 + eta / 3) * k / mass), d * math.sqrt(3 / 8 * (1 + eta) * k / mass)
+    longitudinal = d * math.sqrt(9 / 8 * (1 + eta / 3) * k / mass)
+    transverse = d * math.sqrt(3 / 8 * (1 + eta) * k / mass)
     return {
         "contact_radius": radius / (d / 2),
         "load": (force / (material.young_modulus * d * d)) ** (1 / 6),
-        "velocity": max(longitudinal / material.longitudinal_velocity, transverse / material.transverse_velocity),
+        "velocity": max(
+            longitudinal / material.longitudinal_velocity, transverse / material.transverse_velocity
+        ),
         "yield": force / (math.pi * radius**2) / material.yield_strength,
     }, math.sqrt(k / mass) / (2 * math.pi)
 
@@ -249,7 +279,9 @@ OF_BALLS = ("young_modulus", "density", "high_density", "diameter", "large_diame
 @pytest.mark.parametrize("friction", [True, False])
 @pytest.mark.parametrize("force", [1e-6, 18.446, 3e5])
 def test_validity_is_computed(twin, friction, force):
-    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0, yield_strength=2e9), 8e-3, friction=friction)
+    packing = gp.Packing(
+        gp.Material(211.65e9, 0.276, 7840.0, yield_strength=2e9), 8e-3, friction=friction
+    )
     eta = packing.mindlin_ratio
     checks = gp.validity(gp.AveragedLattice(packing).at_force(force))
     expected, unit = validity_by_hand(packing, force, eta)
@@ -281,7 +313,10 @@ def test_warnings_say_which_limit_and_by_how_much():
     failed = [check for check in checks.checks if not check.ok]
     for check, text in zip(failed, warnings, strict=True):
         value = float(check.value)
-        part = f" is {100.0 * value:.4g} % of ", f", more than {100.0 * check.limit:g} %: {check.reason}."
+        part = (
+            f" is {100.0 * value:.4g} % of ",
+            f", more than {100.0 * check.limit:g} %: {check.reason}.",
+        )
         number = f" is {value:.4g}", f", more than {check.limit:g}: {check.reason}."
         assert any(begin in text and text.endswith(end) for begin, end in (part, number))
     # and they travel with the velocities and the moduli
@@ -293,11 +328,15 @@ def test_warning_counts_the_loads_that_fail():
     medium = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3))
     checks = gp.validity(medium.at_overlap(np.array([8e-9, 8e-7, 4e-4, 8e-4])))
     assert_allclose(checks["contact_radius"].ok, [True, True, False, False])
-    assert checks["contact_radius"].warning.startswith("At 2 of 4 loads the radius of a contact is up to 31.62 %")
+    assert checks["contact_radius"].warning.startswith(
+        "At 2 of 4 loads the radius of a contact is up to 31.62 %"
+    )
     assert gp.validity(medium.at_overlap([8e-7, 8e-4]))["load"].warning.startswith(
         "At 1 of 2 loads the ratio (f/E d^2)^(1/6) is 0.47"
     )
-    assert gp.validity(medium.at_overlap([4e-4, 8e-4]))["load"].warning.startswith("At both loads the ratio")
+    assert gp.validity(medium.at_overlap([4e-4, 8e-4]))["load"].warning.startswith(
+        "At both loads the ratio"
+    )
     assert_allclose(checks.ok, [True, True, False, False])
     with pytest.raises(KeyError):
         checks["colour"]
@@ -306,23 +345,35 @@ def test_warning_counts_the_loads_that_fail():
 STEEL = gp.Material(2e11, 0.28, 7800.0)
 SPREAD = gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6))
 TAKES_NUMBERS = {
-    "material": lambda big: gp.Material(big, 0.3, 1.0), "ratio": lambda big: gp.Material(1e9, big, 1.0),
-    "yield": lambda big: gp.Material(1e9, 0.3, 1.0, big), "packing": lambda big: gp.Packing(STEEL, big),
-    "width": lambda big: gp.Uniform(big), "std": lambda big: gp.Normal(big), "list": lambda big: gp.Measured([8e-3, big]),
-    "kinds": lambda big: gp.Discrete([1.0, big], [1, 0]), "force": lambda big: gp.AveragedLattice(SPREAD).at_force(big),
+    "material": lambda big: gp.Material(big, 0.3, 1.0),
+    "ratio": lambda big: gp.Material(1e9, big, 1.0),
+    "yield": lambda big: gp.Material(1e9, 0.3, 1.0, big),
+    "packing": lambda big: gp.Packing(STEEL, big),
+    "width": lambda big: gp.Uniform(big),
+    "std": lambda big: gp.Normal(big),
+    "list": lambda big: gp.Measured([8e-3, big]),
+    "kinds": lambda big: gp.Discrete([1.0, big], [1, 0]),
+    "force": lambda big: gp.AveragedLattice(SPREAD).at_force(big),
     "forces": lambda big: gp.AveragedForce(SPREAD).at_force([1.0, big]),
-    "overlap": lambda big: gp.EffectiveMedium(SPREAD).at_overlap(big), "sample": lambda big: gp.Uniform(1.0).sample(big, 1),
-    "seed": lambda big: gp.Uniform(1.0).sample(3, big), "shape": lambda big: gp.DirectSimulation(SPREAD, (big, 8)),
-    "samples": lambda big: gp.DirectSimulation(SPREAD, (8, 8), samples=big), "load": lambda big: Load("force", (1.0, big)),
-    "tolerance": lambda big: gp.AutoMedium(SPREAD, big), "sweep": lambda big: gp.sweep(SPREAD, force=1.0, width=big),
+    "overlap": lambda big: gp.EffectiveMedium(SPREAD).at_overlap(big),
+    "sample": lambda big: gp.Uniform(1.0).sample(big, 1),
+    "seed": lambda big: gp.Uniform(1.0).sample(3, big),
+    "shape": lambda big: gp.DirectSimulation(SPREAD, (big, 8)),
+    "samples": lambda big: gp.DirectSimulation(SPREAD, (8, 8), samples=big),
+    "load": lambda big: Load("force", (1.0, big)),
+    "tolerance": lambda big: gp.AutoMedium(SPREAD, big),
+    "sweep": lambda big: gp.sweep(SPREAD, force=1.0, width=big),
     "points": lambda big: gp.sweep(SPREAD, force=1.0, bands="GKMG", npoints=big),
     "mesh": lambda big: gp.Scene(SPREAD, Load("force", (5.0,)), mesh=(big, 2)),
-    "direction": lambda big: gp.sound_velocities(gp.AveragedLattice(SPREAD).at_force(5.0), (big, 1)),
+    "direction": lambda big: gp.sound_velocities(
+        gp.AveragedLattice(SPREAD).at_force(5.0), (big, 1)
+    ),
     "pulse": lambda big: gp.pulse_velocities(gp.AveragedLattice(SPREAD).at_force(5.0), big),
     "lattice": lambda big: gp.Lattice("long", ((1.0, 0.0), (0.0, big))),
-    "friction": lambda big: local_field("triangular", big), "tangential": lambda big: gp.mindlin_reduction(big, 1.0, 0.3),
+    "friction": lambda big: local_field("triangular", big),
+    "tangential": lambda big: gp.mindlin_reduction(big, 1.0, 0.3),
     "fit": lambda big: gp.fit_width(SPREAD, [1.0, big], [500.0, 600.0]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("big", [10**400, -(10**400), 10**5000], ids=["1e400", "-1e400", "1e5000"])
@@ -336,32 +387,48 @@ def test_whole_numbers_beyond_any_float_are_one_clear_error(take, big):
 @pytest.mark.parametrize(
     ("values", "failed"),
     [
-        ((70.0, 25.0, 8e-3), ["young_modulus"]), ((70e9, 0.0025, 8e-3), ["density"]),
+        ((70.0, 25.0, 8e-3), ["young_modulus"]),
+        ((70e9, 0.0025, 8e-3), ["density"]),
         ((70e9, 2.5e6, 8e-3), ["high_density"]),
-        ((999.0, 19.9, 1e-3), ["young_modulus", "density"]), ((1e3, 20.0, 1e-8), []), ((1e3, 3e4, 1.0), []),
-        ((70e9, 2500.0, 8.0), ["large_diameter"]), ((70e9, 2500.0, 8e6), ["large_diameter"]),
+        ((999.0, 19.9, 1e-3), ["young_modulus", "density"]),
+        ((1e3, 20.0, 1e-8), []),
+        ((1e3, 3e4, 1.0), []),
+        ((70e9, 2500.0, 8.0), ["large_diameter"]),
+        ((70e9, 2500.0, 8e6), ["large_diameter"]),
         ((70e9, 2500.0, 9e-9), ["diameter"]),
     ],
-)  # fmt: skip
+)
 def test_a_ball_in_a_wrong_unit_is_questioned(values, failed):
     """70 GPa given as 70 made 1.87 m/s without a word, and 8 mm given as 8 Mm any velocity."""
     young, density, d = values
     packing = gp.Packing(gp.Material(young, 0.22, density), d, gp.Uniform(2.5e-4 * d))
     loads = 1e-9 * young * d**2 * np.array([1.0, 2.0])
-    for state in (gp.AveragedLattice(packing).at_force(loads[0]), gp.AveragedLattice(packing).at_force(loads)):
+    for state in (
+        gp.AveragedLattice(packing).at_force(loads[0]),
+        gp.AveragedLattice(packing).at_force(loads),
+    ):
         report = gp.validity(state)
         units = [check for check in report.checks if check.name in OF_BALLS]
         assert [check.name for check in units if not np.all(check.ok)] == failed
         assert all(np.shape(check.value) == state.shape for check in units)
-        said = [text for text in gp.sound_velocities(state).warnings if "unit is probably wrong" in text]
+        said = [
+            text for text in gp.sound_velocities(state).warnings if "unit is probably wrong" in text
+        ]
         assert len(said) == len(failed)
-        assert all(text.startswith(("The Young modulus is", "The density is", "The diameter is")) for text in said)
+        assert all(
+            text.startswith(("The Young modulus is", "The density is", "The diameter is"))
+            for text in said
+        )
 
 
-@pytest.mark.parametrize(("lattice", "unit"), [("chain", "N"), ("triangular", "N/m"), ("fcc", "Pa")])
+@pytest.mark.parametrize(
+    ("lattice", "unit"), [("chain", "N"), ("triangular", "N/m"), ("fcc", "Pa")]
+)
 def test_a_load_that_crushes_balls_is_told_with_its_unit(steel, lattice, unit):
     medium = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice))
-    with pytest.raises(InputError, match=rf"^pressure = 1e\+18 {unit} presses the balls together by"):
+    with pytest.raises(
+        InputError, match=rf"^pressure = 1e\+18 {unit} presses the balls together by"
+    ):
         medium.at_pressure(1e18)
     with pytest.raises(InputError, match=r"^force = 1e\+18 N presses"):
         medium.at_force(1e18)
@@ -375,7 +442,9 @@ def test_a_load_that_crushes_balls_of_a_modulus_in_a_wrong_unit_says_so(medium):
         packing = gp.Packing(gp.Material(young, 0.22, 2500.0), 8e-3)
         with pytest.raises(InputError, match="presses the balls together by") as told:
             medium(packing).at_force(young * 8e-3**2)
-        assert (f"The Young modulus is {young:g} Pa, probably a wrong unit" in str(told.value)) == (young < 1e3)
+        assert (f"The Young modulus is {young:g} Pa, probably a wrong unit" in str(told.value)) == (
+            young < 1e3
+        )
         assert "ower the load" in str(told.value)
 
 
@@ -390,8 +459,11 @@ def test_mindlin_reduction_of_loads_at_the_ends_of_the_floating_range(tangential
 
 
 def test_reduced_law_is_the_law_with_the_coefficient_one():
-    """What loops over arrays ask, against the methods of HertzLaw: forces, stiffnesses, slopes, energies and inverses."""
-    law, h = HertzLaw(1.0), np.concatenate([-np.geomspace(1e-12, 1.0, 7), [0.0], np.geomspace(1e-12, 1e12, 97)])
+    """What loops over arrays ask, against the methods of HertzLaw: forces, stiffnesses, slopes,
+    energies and inverses.
+    """
+    law = HertzLaw(1.0)
+    h = np.concatenate([-np.geomspace(1e-12, 1.0, 7), [0.0], np.geomspace(1e-12, 1e12, 97)])
     forces, roots = hertz.press(h.copy())
     assert_allclose(forces, law.force(h), rtol=1e-15)
     assert_allclose(hertz.force_of(h), forces, rtol=1e-15)
@@ -419,7 +491,9 @@ def test_excess_forces_keep_the_digits_that_a_subtraction_loses(overlap):
             assert abs(roots[n] - mpmath.sqrt(h)) <= 1e-15 * mpmath.sqrt(h) * 4
 
 
-@pytest.mark.parametrize("medium", ["AveragedForce", "EffectiveMedium", "ClusterMedium", "DirectSimulation"])
+@pytest.mark.parametrize(
+    "medium", ["AveragedForce", "EffectiveMedium", "ClusterMedium", "DirectSimulation"]
+)
 def test_averages_over_diameters_refuse_balls_with_a_law_of_their_own(medium, steel):
     crystal = gp.Crystal.on("triangular", [gp.Ball(steel, 8e-3)], law=gp.PowerLaw(2.0, 1e9))
     with pytest.raises(InputError, match=r"those of Hertz's law.*\.at_force"):

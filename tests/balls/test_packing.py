@@ -45,9 +45,13 @@ def test_impossible_packings(steel, change, text):
         gp.Packing(**({"material": steel, "diameter": 8e-3} | change))
 
 
-# -- motions and packings -----------------------------------------------------------------------------------------------
+# -- motions and packings --------------------------------------------------------------------------
 
-WORDS = {1: ["longitudinal", "in_plane", "out_of_plane", "all"], 2: ["in_plane", "out_of_plane", "all"], 3: ["all"]}
+WORDS = {
+    1: ["longitudinal", "in_plane", "out_of_plane", "all"],
+    2: ["in_plane", "out_of_plane", "all"],
+    3: ["all"],
+}
 #: translations and rotations of a ball
 COUNTS = {"longitudinal": (1, 0), "in_plane": (2, 1), "out_of_plane": (1, 2), "all": (3, 3)}
 
@@ -63,23 +67,41 @@ def test_motions_that_a_lattice_has(steel, name):
     for word in words:
         moving = gp.Packing(steel, 8e-3, lattice=name, motions=word).ball_motions
         translations, rotations = COUNTS[word]
-        assert (moving.name, len(moving.translations), len(moving.rotations)) == (word, translations, rotations)
+        assert (moving.name, len(moving.translations), len(moving.rotations)) == (
+            word,
+            translations,
+            rotations,
+        )
         smooth = gp.Packing(steel, 8e-3, lattice=name, motions=word, friction=False).ball_motions
         assert (len(smooth.translations), smooth.rotations) == (translations, ())
     for word in set(COUNTS) - set(words):
-        with pytest.raises(InputError, match=f"{name} lattice has no motions '{word}'.*Use {', '.join(words)}"):
+        with pytest.raises(
+            InputError, match=f"{name} lattice has no motions '{word}'.*Use {', '.join(words)}"
+        ):
             gp.Packing(steel, 8e-3, lattice=name, motions=word)
 
 
 @pytest.mark.parametrize(
     ("motions", "torsion", "bending", "rotations"),
     [
-        ("all", 0.1, 0.0, (0, 1, 2)), ("all", 0.0, 0.1, (0, 1, 2)), ("all", "mindlin", 0.0, (0, 1, 2)),
-        ("in_plane", 0.0, 0.1, (2,)), ("out_of_plane", 0.1, 0.0, (0, 1)), ("all", 0.0, 0.0, ()),
+        ("all", 0.1, 0.0, (0, 1, 2)),
+        ("all", 0.0, 0.1, (0, 1, 2)),
+        ("all", "mindlin", 0.0, (0, 1, 2)),
+        ("in_plane", 0.0, 0.1, (2,)),
+        ("out_of_plane", 0.1, 0.0, (0, 1)),
+        ("all", 0.0, 0.0, ()),
     ],
-)  # fmt: skip
+)
 def test_what_resists_rotations_without_friction(steel, motions, torsion, bending, rotations):
-    packing = gp.Packing(steel, 8e-3, lattice="chain", friction=False, motions=motions, torsion=torsion, bending=bending)
+    packing = gp.Packing(
+        steel,
+        8e-3,
+        lattice="chain",
+        friction=False,
+        motions=motions,
+        torsion=torsion,
+        bending=bending,
+    )
     assert packing.ball_motions.rotations == rotations
 
 
@@ -94,17 +116,26 @@ def test_what_resists_rotations_without_friction(steel, motions, torsion, bendin
         ({"torsion": [0.1, 0.2]}, "torsion"),
         ({"bending": -1.0}, "bending"),
         ({"bending": "mindlin"}, "bending"),
-        ({"lattice": "chain", "torsion": 0.1}, "torsion without rotations.*'longitudinal'.*motions out_of_plane, all, or"),
+        (
+            {"lattice": "chain", "torsion": 0.1},
+            "torsion without rotations.*'longitudinal'.*motions out_of_plane, all, or",
+        ),
         (
             {"lattice": "chain", "bending": 0.1},
             "bending without rotations.*motions in_plane, out_of_plane, all, or leave it",
         ),
-        ({"lattice": "chain", "motions": "in_plane", "torsion": 0.1}, "torsion without rotations about the normals"),
+        (
+            {"lattice": "chain", "motions": "in_plane", "torsion": 0.1},
+            "torsion without rotations about the normals",
+        ),
         (
             {"lattice": "kagome", "torsion": "mindlin"},
             "torsion without rotations about .*'in_plane'.* out_of_plane, all, or",
         ),
-        ({"lattice": "square", "torsion": 0.1, "bending": 0.1}, "^torsion without.* motions out_of_plane, all, or leave it"),
+        (
+            {"lattice": "square", "torsion": 0.1, "bending": 0.1},
+            "^torsion without.* motions out_of_plane, all, or leave it",
+        ),
         (
             {"lattice": "chain", "motions": "longitudinal", "torsion": 0.1, "bending": 0.2},
             "torsion and bending without .*leave both",
@@ -117,20 +148,23 @@ def test_packings_that_cannot_be(steel, change, text):
     assert "\n" not in str(caught.value)
 
 
-# -- torsion of a Hertz contact -----------------------------------------------------------------------------------------
+# -- torsion of a Hertz contact --------------------------------------------------------------------
 
 
 def turned_surface(x, y, poisson_ratio, nodes=64):
-    """Displacement at (x, y) of a half-space, G = 1, under tractions (-y, x) (4/pi)/sqrt(1 - x^2 - y^2) on the unit circle.
+    """Displacement at (x, y) of a half-space, G = 1, under tractions (-y, x) (4/pi)/sqrt(1 - x^2 -
+    y^2) on the unit circle.
 
-    Cerruti: a force Q at distance s along e moves the surface by [(1 - nu) Q + nu e (e.Q)]/(2 pi G s) (K. L. Johnson,
-    Contact Mechanics, 1985, section 3.6). Along a line through the point, which leaves the circle at s1 and s2, the root is
-    that of (s2 - s)(s - s1), and s cancels: Gauss and Chebyshev's rule is exact.
+    Cerruti: a force Q at distance s along e moves the surface by [(1 - nu) Q + nu e (e.Q)]/(2 pi G
+    s) (K. L. Johnson, Contact Mechanics, 1985, section 3.6). Along a line through the point, which
+    leaves the circle at s1 and s2, the root is that of (s2 - s)(s - s1), and s cancels: Gauss and
+    Chebyshev's rule is exact.
     """
     total = np.zeros(2)
     for angle in (np.arange(nodes) + 0.5) * math.pi / nodes:
         e = np.array([math.cos(angle), math.sin(angle)])
-        middle, root = -(x * e[0] + y * e[1]), math.sqrt(1 - (x * e[1] - y * e[0]) ** 2)
+        middle = -(x * e[0] + y * e[1])
+        root = math.sqrt(1 - (x * e[1] - y * e[0]) ** 2)
         for s in middle + root * np.cos(np.array([1, 3, 5]) * math.pi / 6):
             force = 4 / math.pi * np.array([-(y + s * e[1]), x + s * e[0]])
             total += math.pi / 3 * ((1 - poisson_ratio) * force + poisson_ratio * e * (e @ force))
@@ -139,13 +173,15 @@ def turned_surface(x, y, poisson_ratio, nodes=64):
 
 @pytest.mark.claim("mindlin-torsion")
 def test_torsion_of_a_bonded_circle():
-    # Mindlin's traction turns the circle as one piece by the angle 1, whatever Poisson's ratio; its torque is 16/3 G r^3.
-    # Two balls turn by half the relative angle each: k_t = 8/3 G r^3
+    # Mindlin's traction turns the circle as one piece by the angle 1, whatever Poisson's ratio; its
+    # torque is 16/3 G r^3. Two balls turn by half the relative angle each: k_t = 8/3 G r^3
     for poisson_ratio in (0.0, 0.276, 0.5):
         for x, y in ((0.0, 0.0), (0.3, 0.4), (0.1, -0.8), (0.95, 0.0)):
             assert_allclose(turned_surface(x, y, poisson_ratio), [-y, x], atol=1e-14)
     with mpmath.workdps(30):
-        torque = mpmath.quad(lambda r: 2 * mpmath.pi * r**3 * 4 / mpmath.pi / mpmath.sqrt(1 - r**2), [0, 1])
+        torque = mpmath.quad(
+            lambda r: 2 * mpmath.pi * r**3 * 4 / mpmath.pi / mpmath.sqrt(1 - r**2), [0, 1]
+        )
     assert float(torque) == pytest.approx(16 / 3, rel=1e-9)
 
 
@@ -157,12 +193,16 @@ def test_torsion_of_a_bonded_circle():
     name=st.sampled_from(["chain", "triangular", "fcc"]),
 )
 def test_torsion_of_a_hertz_contact_at_any_load(load, diameter, poisson_ratio, name):
-    young, d = 70e9, 10.0**diameter
-    packing = gp.Packing(gp.Material(young, poisson_ratio, 2500.0), d, lattice=name, motions="all", torsion="mindlin")
+    young = 70e9
+    d = 10.0**diameter
+    packing = gp.Packing(
+        gp.Material(young, poisson_ratio, 2500.0), d, lattice=name, motions="all", torsion="mindlin"
+    )
     force = 10.0**load * young * d**2 * 1e-8
     state = gp.AveragedLattice(packing).at_force(force)
     # Hertz: r^3 = 3 f R/(4 E*), R = d/4, E* = E/2(1 - nu^2), delta = r^2/R, k = 2 E* r
-    modulus, shear = young / (2 * (1 - poisson_ratio**2)), young / (2 * (1 + poisson_ratio))
+    modulus = young / (2 * (1 - poisson_ratio**2))
+    shear = young / (2 * (1 + poisson_ratio))
     radius = (3 * force * d / (16 * modulus)) ** (1 / 3)
     assert state.torsion_stiffness == pytest.approx(8 / 3 * shear * radius**3, rel=1e-12)
     assert state.normal_stiffness == pytest.approx(2 * modulus * radius, rel=1e-12)
@@ -176,9 +216,9 @@ def test_torsion_has_the_shape_of_the_load(steel):
     assert states.torsion.shape == (2, 2)
     # overlap goes as f^(2/3)
     assert_allclose(states.torsion / states.torsion[0, 0], [[1, 4], [9, 16]], rtol=1e-13)
-    fixed = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice="fcc", torsion=0.1, bending=0.2)).at_force(
-        np.array([1.0, 8.0])
-    )
+    fixed = gp.AveragedLattice(
+        gp.Packing(steel, 8e-3, lattice="fcc", torsion=0.1, bending=0.2)
+    ).at_force(np.array([1.0, 8.0]))
     assert_allclose(fixed.torsion, 0.1, rtol=0)
     assert_allclose(fixed.torsion_stiffness, 0.1 * fixed.normal_stiffness * 8e-3**2, rtol=1e-15)
     assert_allclose(fixed.bending_stiffness, 0.2 * fixed.normal_stiffness * 8e-3**2, rtol=1e-15)

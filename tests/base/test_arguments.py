@@ -1,4 +1,6 @@
-"""Numbers, names and states at every public border, and what Python and NumPy would make of others."""
+"""Numbers, names and states at every public border, and what Python and NumPy would make of
+others.
+"""
 
 from __future__ import annotations
 
@@ -53,18 +55,32 @@ def test_an_array_of_floats_is_not_copied():
 #: what is refused, and how the words go on after "x: found "
 REFUSED = [
     (1j, "1j, which is complex; allowed: a real number or an array of them."),
-    (np.array([1.0, 2.0 + 0j]), ".*, which is complex"), ([1.0, 0.5j], ".*, which is complex"),
+    (np.array([1.0, 2.0 + 0j]), ".*, which is complex"),
+    ([1.0, 0.5j], ".*, which is complex"),
     (np.array([1j, 2], object), ".*, which is complex"),
     (MASKED, r"masked_array\(.*, which has masked entries; .*Leave them out"),
-    *((masked, ".*, which has masked entries") for masked in (np.ma.masked, [1.0, np.ma.masked], [[1.0, 2.0], MASKED])),
-    ("1", "'1'; allowed: a real number or an array of them"), (None, "None"), (True, "True"),
-    *((wrong, "") for wrong in (["1", "2"], [None], np.array([True]), np.array([1.0, True], object))),
-    (np.array(["2020"], "M8[Y]"), ""), ([[1.0], [1.0, 2.0]], ""),
+    *(
+        (masked, ".*, which has masked entries")
+        for masked in (np.ma.masked, [1.0, np.ma.masked], [[1.0, 2.0], MASKED])
+    ),
+    ("1", "'1'; allowed: a real number or an array of them"),
+    (None, "None"),
+    (True, "True"),
+    *(
+        (wrong, "")
+        for wrong in (["1", "2"], [None], np.array([True]), np.array([1.0, True], object))
+    ),
+    (np.array(["2020"], "M8[Y]"), ""),
+    ([[1.0], [1.0, 2.0]], ""),
     (10**400, "a whole number of about 401 digits, which is too large"),
     ([1, 10**5000], "a list with a number that is too large"),
-    (Fraction(10**400, 3), "Fraction.*, which is too large; allowed: what double precision can hold"),
-    (ENDLESS, "a list nested more than 64 levels deep"), (TWICE, "a list nested more than 64 levels deep"),
-]  # fmt: skip
+    (
+        Fraction(10**400, 3),
+        "Fraction.*, which is too large; allowed: what double precision can hold",
+    ),
+    (ENDLESS, "a list nested more than 64 levels deep"),
+    (TWICE, "a list nested more than 64 levels deep"),
+]
 
 
 @pytest.mark.parametrize(("values", "words"), REFUSED)
@@ -77,19 +93,22 @@ def test_what_is_no_real_number_is_refused_and_nothing_else_said(values, words):
 
 @pytest.mark.skipif(np.finfo(np.longdouble).maxexp <= 1024, reason="no wider float here")
 def test_wider_floats_that_are_too_large_are_refused():
-    with pytest.raises(InputError, match="which is too large; allowed: what double precision can hold"):
+    with pytest.raises(
+        InputError, match="which is too large; allowed: what double precision can hold"
+    ):
         real_array("x", np.longdouble("1e4000"))
     assert real_array("x", np.longdouble("inf")) == np.inf
 
 
-# -- the borders ----------------------------------------------------------------------------------------------------
+# -- the borders -----------------------------------------------------------------------------------
 
 BALLS = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
 STATE = gp.AveragedLattice(BALLS).at_force(18.0)
 LATTICE = gp.ContactLattice.of("triangular", 0.84)
 PHONONS = gp.Phonons(STATE)
 SAMPLE = gp.DirectSimulation(BALLS)
-FORCE, SPEED = [2.0, 18.0], [450.0, 700.0]
+FORCE = [2.0, 18.0]
+SPEED = [450.0, 700.0]
 
 #: what is called, and a pair of numbers that it takes
 BORDERS = {
@@ -108,7 +127,10 @@ BORDERS = {
     "pulse_velocities": (lambda pair: gp.pulse_velocities(STATE, pair), (500.0, 800.0)),
     "pulse_velocities, direction": (lambda pair: gp.pulse_velocities(STATE, 1e3, pair), (0.1, 0.2)),
     "at_force": (gp.AveragedLattice(BALLS).at_force, FORCE),
-    "diameters": (lambda pair: gp.DirectSimulation(BALLS, diameters=[pair, pair]), (7.9e-3, 8.1e-3)),
+    "diameters": (
+        lambda pair: gp.DirectSimulation(BALLS, diameters=[pair, pair]),
+        (7.9e-3, 8.1e-3),
+    ),
     "load": (lambda pair: Load("force", pair), FORCE),
     "measured": (gp.Measured, (7.9e-3, 8.1e-3)),
     "fit, force": (lambda pair: gp.fit_width(BALLS, pair, SPEED), FORCE),
@@ -129,9 +151,16 @@ FIT = gp.fit_width(BALLS, FORCE, SPEED)
 def test_every_border_refuses_what_it_cannot_take(call, pair):
     call(pair)
     call(np.array(pair))
-    wrongs = [np.array(pair) * (1.0 + 0.1j), np.ma.array(pair, mask=[False, True]), [pair[0], np.ma.masked]]
+    wrongs = [
+        np.array(pair) * (1.0 + 0.1j),
+        np.ma.array(pair, mask=[False, True]),
+        [pair[0], np.ma.masked],
+    ]
     for wrong in (*wrongs, [10**400, pair[1]], [str(number) for number in pair]):
-        with warnings.catch_warnings(record=True) as said, pytest.raises(InputError, match=r"complex|masked|large|allowed:"):
+        with (
+            warnings.catch_warnings(record=True) as said,
+            pytest.raises(InputError, match=r"complex|masked|large|allowed:"),
+        ):
             call(wrong)
         assert not said
     for endless in (ENDLESS, TWICE):
@@ -142,24 +171,51 @@ def test_every_border_refuses_what_it_cannot_take(call, pair):
 @pytest.mark.parametrize("shape", [(3,), (2, 3), (4, 1)])
 def test_wave_vectors_are_pairs(shape):
     for find in (LATTICE.frequencies, LATTICE.modes, LATTICE.dynamical_matrix):
-        with pytest.raises(InputError, match=r"the wave vectors have the shape .* Give an array \(n_q, 2\)"):
+        with pytest.raises(
+            InputError, match=r"the wave vectors have the shape .* Give an array \(n_q, 2\)"
+        ):
             find(np.ones(shape))
     with pytest.raises(InputError, match="the fractions have the shape"):
         LATTICE.wavevectors(np.ones(4))
 
 
-# -- single numbers, names, states ----------------------------------------------------------------------------------
+# -- single numbers, names, states -----------------------------------------------------------------
 
-#: what is no positive real number, though float() takes some of it, and NumPy's classes of numbers some more
+#: what is no positive real number, though float() takes some of it, and NumPy's classes of numbers
+#: some more
 NO_NUMBERS = [
-    "1", b"1", "8e-3", True, np.True_, None, 1j, np.nan, np.inf, -1.0, np.float16(np.inf), np.ma.masked, 10**400,
-    np.timedelta64(1, "s"), Decimal("inf"), Decimal("sNaN"), np.array([1.0, 2.0]), [1.0], ENDLESS, object(),
-]  # fmt: skip
+    "1",
+    b"1",
+    "8e-3",
+    True,
+    np.True_,
+    None,
+    1j,
+    np.nan,
+    np.inf,
+    -1.0,
+    np.float16(np.inf),
+    np.ma.masked,
+    10**400,
+    np.timedelta64(1, "s"),
+    Decimal("inf"),
+    Decimal("sNaN"),
+    np.array([1.0, 2.0]),
+    [1.0],
+    ENDLESS,
+    object(),
+]
 MATERIAL = {"young_modulus": 1e9, "poisson_ratio": 0.2, "density": 1e3}
 #: what is called, and a number that it takes
 SINGLE = {
-    **{f"material.{name}": (lambda x, name=name: gp.Material(**MATERIAL | {name: x}), 0.25) for name in MATERIAL},
-    "yield_strength": (lambda x: gp.Material(**MATERIAL, yield_strength=1.0 if x is None else x), 1e9),
+    **{
+        f"material.{name}": (lambda x, name=name: gp.Material(**MATERIAL | {name: x}), 0.25)
+        for name in MATERIAL
+    },
+    "yield_strength": (
+        lambda x: gp.Material(**MATERIAL, yield_strength=1.0 if x is None else x),
+        1e9,
+    ),
     "diameter": (lambda x: gp.Packing(BALLS.material, x), 8e-3),
     "uniform": (gp.Uniform, 1e-6),
     "normal": (gp.Normal, 1e-6),
@@ -218,7 +274,8 @@ TAKES_A_STATE = {
 def test_what_is_no_state_is_refused(call):
     for wrong in (None, 1.0, "state", BALLS, np.array([1.0]), gp.AveragedLattice(BALLS), [STATE]):
         said = (
-            r"^state is .* Give a ContactState|^there is no network of contacts in .* Give a|has no load.* medium\.at_force"
+            r"^state is .* Give a ContactState|^there is no network of contacts in .* Give a|has"
+            r" no load.* medium\.at_force"
         )
         with pytest.raises(InputError, match=said):
             call(wrong)
@@ -229,7 +286,9 @@ TAKES_A_NAME = {
     "local_field": lambda name: gp.EffectiveMedium(BALLS, name),
     "branch": lambda name: gp.fit_width(BALLS, FORCE, SPEED, branch=name),
     "parameters": lambda names: gp.fit_width(BALLS, FORCE, SPEED, parameters=names),
-    "branches": lambda names: gp.pulse_velocities(STATE, 1e3, branches=["one"] if names is None else names),
+    "branches": lambda names: gp.pulse_velocities(
+        STATE, 1e3, branches=["one"] if names is None else names
+    ),
     "labels": lambda names: PHONONS.bands("GKM", 3, ["one"] if names is None else names),
     "path": lambda path: PHONONS.bands("GX" if path is None else path, 3),
     "method": lambda name: PHONONS.dos((4, 4), method=name),
@@ -285,8 +344,12 @@ def test_a_message_is_one_line():
         assert "\n" in repr(wrong)
         assert "\n" not in brief(wrong)
         assert len(brief(wrong)) <= 80
-        assert message(f"x is {wrong!r}", f"It\nis\r\n{wrong!r}", "No\x0bway\u2028out").count("\n") == 0
+        assert (
+            message(f"x is {wrong!r}", f"It\nis\r\n{wrong!r}", "No\x0bway\u2028out").count("\n")
+            == 0
+        )
     assert message("a  b", "c\n   d") == "a  b. c d."  # spaces of a path stay
-    assert message("a is Packing(1, ...", "b. ", "c?") == "a is Packing(1, ... b. c?"  # and the dots of what was cut off
+    # and the dots of what was cut off
+    assert message("a is Packing(1, ...", "b. ", "c?") == "a is Packing(1, ... b. c?"
     with pytest.raises(InputError, match=r"Give a granphon\.Uniform, Normal, Discrete or Measured"):
         gp.Packing(gp.Material(1e9, 0.2, 1e3), 1e-3, spread=2e-6)

@@ -19,7 +19,9 @@ def halve(x):
 
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
-    """A folder with what numba has kept of a loop; what this process has said about it is said anew."""
+    """A folder with what numba has kept of a loop; what this process has said about it is said
+    anew.
+    """
     numba = pytest.importorskip("numba")
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(module, "_said", [])
@@ -92,7 +94,8 @@ def test_ctrl_c_while_numba_compiles_comes_when_it_is_done(tmp_path, monkeypatch
     numba = pytest.importorskip("numba")
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
 
-    loop, parts = compiled(halve), []
+    loop = compiled(halve)
+    parts = []
     compile_part = loop._compiler.compile
 
     def interrupted(*arguments):

@@ -9,9 +9,17 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from granphon.base.errors import InputError, SceneError
-from granphon.base.text import closest, dump_yaml, parse_yaml, plain_yaml, read_text, versions, write_float
+from granphon.base.text import (
+    closest,
+    dump_yaml,
+    parse_yaml,
+    plain_yaml,
+    read_text,
+    versions,
+    write_float,
+)
 
-# -- reading --------------------------------------------------------------------------------------------------------
+# -- reading ---------------------------------------------------------------------------------------
 
 
 def test_parsed_data_and_lines() -> None:
@@ -26,7 +34,9 @@ def test_parsed_data_and_lines() -> None:
 
 @pytest.fixture(params=["libyaml", "Python"])
 def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """PyYAML with the parser of libyaml, and with its own, which it has where libyaml is not installed."""
+    """PyYAML with the parser of libyaml, and with its own, which it has where libyaml is not
+    installed.
+    """
     if request.param == "Python":
         monkeypatch.delattr("yaml.CSafeLoader")
 
@@ -40,21 +50,89 @@ def read_both(text: str, name: str = "t") -> object:
 
 #: what YAML 1.1 and 1.2, or its readers, take for different things
 VALUES = {
-    "1e-3": 1e-3, "1e5": 1e5, "1E5": 1e5, "1.": 1.0, ".5": 0.5, "-.5e3": -500.0, "1e400": math.inf, "0.0": 0.0, "-0": 0,
-    "-0.0": -0.0, "-7": -7, "+7": 7, "007": 7, "010": 10, "9" * 400: 10**400 - 1, "9" * 640: 10**640 - 1, "0x10": "0x10",
-    "0o17": "0o17", "0b11": "0b11", "1_000": "1_000", "1,000": "1,000", "12:30": "12:30", "12:30:45": "12:30:45",
-    "12:30:45.5": "12:30:45.5", "1/3": "1/3", "e5": "e5", "1e": "1e", "0.1.2": "0.1.2", "--1": "--1", "1 2": "1 2",
-    "2002-01-01": "2002-01-01", "2001-01-01 10:00:00": "2001-01-01 10:00:00", "true": True, "False": False, "TRUE": True,
-    "tRue": "tRue", "yes": "yes", "No": "No", "on": "on", "OFF": "OFF", "y": "y", "n": "n", "null": None, "Null": None,
-    "NULL": None, "nUll": "nUll", "~": None, ".inf": math.inf, "-.INF": -math.inf, "+.Inf": math.inf, ".nan": math.nan,
-    ".NaN": math.nan, "+.nan": "+.nan", "<<": "<<", "=": "=", "'1'": "1", '"1e3"': "1e3", "'it''s'": "it's", "''": "",
-    '"\\u00b5m"': "µm", '"\\x41\\/\\t"': "A/\t", '"\\U0001f600"': "\U0001f600", "8 mm # of steel": "8 mm", "a#b": "a#b",
-    "{u: http://x/y}": {"u": "http://x/y"}, "[a, b: c]": ["a", {"b": "c"}], "[1, 2,]": [1, 2],
-    "[12:30, a:b]": ["12:30", "a:b"], "{a: 12:30}": {"a": "12:30"}, '{"a":1}': {"a": 1}, "{a, b}": {"a": None, "b": None},
-    "{a: , b: }": {"a": None, "b": None}, "{1: 2, yes: no}": {"1": 2, "yes": "no"}, "{<<: {a: 1}}": {"<<": {"a": 1}},
-    "[[], {}]": [[], {}], "|\n  x\n  y\n": "x\ny\n", "|2\n   x\n": " x\n", "|-\n  1\n": "1",
-    ">\n  x\n  y\n\n  z\n": "x y\nz\n", "x\n  y": "x y", "'x\n\n  y'": "x\ny", "\u20ac \U0001f600": "\u20ac \U0001f600",
-}  # fmt: skip
+    "1e-3": 1e-3,
+    "1e5": 1e5,
+    "1E5": 1e5,
+    "1.": 1.0,
+    ".5": 0.5,
+    "-.5e3": -500.0,
+    "1e400": math.inf,
+    "0.0": 0.0,
+    "-0": 0,
+    "-0.0": -0.0,
+    "-7": -7,
+    "+7": 7,
+    "007": 7,
+    "010": 10,
+    "9" * 400: 10**400 - 1,
+    "9" * 640: 10**640 - 1,
+    "0x10": "0x10",
+    "0o17": "0o17",
+    "0b11": "0b11",
+    "1_000": "1_000",
+    "1,000": "1,000",
+    "12:30": "12:30",
+    "12:30:45": "12:30:45",
+    "12:30:45.5": "12:30:45.5",
+    "1/3": "1/3",
+    "e5": "e5",
+    "1e": "1e",
+    "0.1.2": "0.1.2",
+    "--1": "--1",
+    "1 2": "1 2",
+    "2002-01-01": "2002-01-01",
+    "2001-01-01 10:00:00": "2001-01-01 10:00:00",
+    "true": True,
+    "False": False,
+    "TRUE": True,
+    "tRue": "tRue",
+    "yes": "yes",
+    "No": "No",
+    "on": "on",
+    "OFF": "OFF",
+    "y": "y",
+    "n": "n",
+    "null": None,
+    "Null": None,
+    "NULL": None,
+    "nUll": "nUll",
+    "~": None,
+    ".inf": math.inf,
+    "-.INF": -math.inf,
+    "+.Inf": math.inf,
+    ".nan": math.nan,
+    ".NaN": math.nan,
+    "+.nan": "+.nan",
+    "<<": "<<",
+    "=": "=",
+    "'1'": "1",
+    '"1e3"': "1e3",
+    "'it''s'": "it's",
+    "''": "",
+    '"\\u00b5m"': "µm",
+    '"\\x41\\/\\t"': "A/\t",
+    '"\\U0001f600"': "\U0001f600",
+    "8 mm # of steel": "8 mm",
+    "a#b": "a#b",
+    "{u: http://x/y}": {"u": "http://x/y"},
+    "[a, b: c]": ["a", {"b": "c"}],
+    "[1, 2,]": [1, 2],
+    "[12:30, a:b]": ["12:30", "a:b"],
+    "{a: 12:30}": {"a": "12:30"},
+    '{"a":1}': {"a": 1},
+    "{a, b}": {"a": None, "b": None},
+    "{a: , b: }": {"a": None, "b": None},
+    "{1: 2, yes: no}": {"1": 2, "yes": "no"},
+    "{<<: {a: 1}}": {"<<": {"a": 1}},
+    "[[], {}]": [[], {}],
+    "|\n  x\n  y\n": "x\ny\n",
+    "|2\n   x\n": " x\n",
+    "|-\n  1\n": "1",
+    ">\n  x\n  y\n\n  z\n": "x y\nz\n",
+    "x\n  y": "x y",
+    "'x\n\n  y'": "x\ny",
+    "\u20ac \U0001f600": "\u20ac \U0001f600",
+}
 
 
 @pytest.mark.usefixtures("parser")
@@ -62,8 +140,10 @@ VALUES = {
 def test_values_follow_yaml_12(text: str) -> None:
     value = VALUES[text]
     for document, data in (
-        (f"a: {text}\nb: 1", {"a": value, "b": 1}), (f"a:\n- {text}\n- 2\n", {"a": [value, 2]}), (f"{text}\n", value),
-    ):  # fmt: skip
+        (f"a: {text}\nb: 1", {"a": value, "b": 1}),
+        (f"a:\n- {text}\n- 2\n", {"a": [value, 2]}),
+        (f"{text}\n", value),
+    ):
         assert repr(read_both(document)) == repr(data)
 
 
@@ -71,29 +151,56 @@ def test_values_follow_yaml_12(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "data"),
     [
-        ("--- \na: 1\n...\n", {"a": 1}), ("---\n...\n", None), ("%YAML 1.1\n---\na: on\nb: 010\n", {"a": "on", "b": 10}),
-        ("%YAML 1.2\n---\na: on\n", {"a": "on"}), ("a:\n- 1\n- 2\nb: 3", {"a": [1, 2], "b": 3}),
-        ("- - 1\n  - 2\n", [[1, 2]]), ("- a: 1\n  b: 2\n", [{"a": 1, "b": 2}]), ("? a\n: 1\n", {"a": 1}),
-        ("'a' : 1\n", {"a": 1}), ("a:1", "a:1"), ("\ufeffa: 1", {"a": 1}), ("a: 1\r\nb: 2\r\n", {"a": 1, "b": 2}),
-        ("a: 1\rb: 2", {"a": 1, "b": 2}), ("<<: {a: 1}\nb: 2", {"<<": {"a": 1}, "b": 2}),
-        ("on: 1\n010: 2\n1e3: 3\n~: 4\n", {"on": 1, "010": 2, "1e3": 3, "~": 4}), ("a:\n\n\n", {"a": None}),
-        ("a:\nb: [c: ]", {"a": None, "b": [{"c": None}]}), ("a: b'c\"d\n", {"a": "b'c\"d"}),
+        ("--- \na: 1\n...\n", {"a": 1}),
+        ("---\n...\n", None),
+        ("%YAML 1.1\n---\na: on\nb: 010\n", {"a": "on", "b": 10}),
+        ("%YAML 1.2\n---\na: on\n", {"a": "on"}),
+        ("a:\n- 1\n- 2\nb: 3", {"a": [1, 2], "b": 3}),
+        ("- - 1\n  - 2\n", [[1, 2]]),
+        ("- a: 1\n  b: 2\n", [{"a": 1, "b": 2}]),
+        ("? a\n: 1\n", {"a": 1}),
+        ("'a' : 1\n", {"a": 1}),
+        ("a:1", "a:1"),
+        ("\ufeffa: 1", {"a": 1}),
+        ("a: 1\r\nb: 2\r\n", {"a": 1, "b": 2}),
+        ("a: 1\rb: 2", {"a": 1, "b": 2}),
+        ("<<: {a: 1}\nb: 2", {"<<": {"a": 1}, "b": 2}),
+        ("on: 1\n010: 2\n1e3: 3\n~: 4\n", {"on": 1, "010": 2, "1e3": 3, "~": 4}),
+        ("a:\n\n\n", {"a": None}),
+        ("a:\nb: [c: ]", {"a": None, "b": [{"c": None}]}),
+        ("a: b'c\"d\n", {"a": "b'c\"d"}),
         ("[" * 12 + "]" * 12, [[[[[[[[[[[[]]]]]]]]]]]]),
     ],
-)  # fmt: skip
+)
 def test_documents(text: str, data: object) -> None:
     assert repr(read_both(text)) == repr(data)
 
 
 @pytest.mark.usefixtures("parser")
 def test_lines_of_keys_and_items() -> None:
-    text = "# c\n\na: 1 # d\nb:\n\n  # e\n  c: |\n    x\n\n    y\n  d: {e: 1,\n    f: [2,\n 3]}\ng: 'x\n\n  y'\n"
+    text = (
+        "# c\n\na: 1 # d\nb:\n\n  # e\n  c: |\n    x\n\n    y\n  d: {e: 1,\n    f: [2,\n 3]}\ng:"
+        " 'x\n\n  y'\n"
+    )
     text += "h:\n- 1\n- i: 2\n  j:\nk:\n"
     assert parse_yaml(text, "t").lines == {
-        (): 3, ("a",): 3, ("b",): 4, ("b", "c"): 7, ("b", "d"): 11, ("b", "d", "e"): 11, ("b", "d", "f"): 12,
-        ("b", "d", "f", 0): 12, ("b", "d", "f", 1): 13, ("g",): 14, ("h",): 17, ("h", 0): 18, ("h", 1): 19,
-        ("h", 1, "i"): 19, ("h", 1, "j"): 20, ("k",): 21,
-    }  # fmt: skip
+        (): 3,
+        ("a",): 3,
+        ("b",): 4,
+        ("b", "c"): 7,
+        ("b", "d"): 11,
+        ("b", "d", "e"): 11,
+        ("b", "d", "f"): 12,
+        ("b", "d", "f", 0): 12,
+        ("b", "d", "f", 1): 13,
+        ("g",): 14,
+        ("h",): 17,
+        ("h", 0): 18,
+        ("h", 1): 19,
+        ("h", 1, "i"): 19,
+        ("h", 1, "j"): 20,
+        ("k",): 21,
+    }
 
 
 @pytest.mark.usefixtures("parser")
@@ -110,7 +217,11 @@ def test_lines_of_keys_and_items() -> None:
         ("a: 'x", None, "broken YAML"),
         ('a: "\\q"', 1, "broken YAML"),
         ('a: "\\U00110000"', 1, "broken YAML"),
-        ("a: 1\nb: !!python/object:os.system echo", 2, "b: found the tag 'tag:yaml.org,2002:python/object:os.system'"),
+        (
+            "a: 1\nb: !!python/object:os.system echo",
+            2,
+            "b: found the tag 'tag:yaml.org,2002:python/object:os.system'",
+        ),
         ("a: !foo 1", 1, "a: found the tag '!foo'"),
         ("a: !!str 1", 1, "a: found the tag"),
         ("!!map {a: 1}", 1, "found the tag"),
@@ -147,18 +258,25 @@ def test_refused_text(text: str, line: int | None, found: str) -> None:
     # and of a result in the same words, but for where a key stands first, and what there should be
     with pytest.raises(InputError) as caught:
         plain_yaml(text, "t.yaml")
-    assert str(caught.value).split("; ")[0] == re.sub(r" \(first on .*?\)", "", message).split("; ")[0]
+    assert (
+        str(caught.value).split("; ")[0] == re.sub(r" \(first on .*?\)", "", message).split("; ")[0]
+    )
 
 
 @pytest.mark.usefixtures("parser")
 @pytest.mark.parametrize("escape", ["\\0", "\\x07", "\\ud800"])
 def test_a_scene_holds_no_odd_characters_as_escapes_either(escape: str) -> None:
     for text, where in ((f'b: 1\na: "{escape}"', "2: (a: )?"), (f'b: 1\n"{escape}": 1', "2: ")):
-        with pytest.raises(SceneError, match=rf"^t:{where}(found the character '\\|broken YAML, found invalid Unicode)"):
+        with pytest.raises(
+            SceneError,
+            match=rf"^t:{where}(found the character '\\|broken YAML, found invalid Unicode)",
+        ):
             parse_yaml(text, "t")
 
 
-@given(st.text(alphabet=st.sampled_from(list("ab:-[]{}&*!|>'\"%@`#,? \n\t0.~\\xu\x85<=")), max_size=60))
+@given(
+    st.text(alphabet=st.sampled_from(list("ab:-[]{}&*!|>'\"%@`#,? \n\t0.~\\xu\x85<=")), max_size=60)
+)
 def test_any_text_is_read_or_refused(text: str) -> None:
     with suppress(SceneError):
         parse_yaml(text, "t")
@@ -176,10 +294,12 @@ def test_closest() -> None:
     assert closest("zzz", ["diameter"]) is None
 
 
-# -- writing --------------------------------------------------------------------------------------------------------
+# -- writing ---------------------------------------------------------------------------------------
 
 #: words, and any other text
-keys = st.from_regex(r"k[a-z]{0,5}", fullmatch=True) | st.text(st.characters(codec="utf-8"), max_size=8)
+keys = st.from_regex(r"k[a-z]{0,5}", fullmatch=True) | st.text(
+    st.characters(codec="utf-8"), max_size=8
+)
 plain = st.recursive(
     st.none()
     | st.booleans()

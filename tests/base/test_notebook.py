@@ -1,4 +1,6 @@
-"""What a notebook shows: short tables of results, scenes, lattices and packings, and the default picture."""
+"""What a notebook shows: short tables of results, scenes, lattices and packings, and the default
+picture.
+"""
 
 import importlib
 import math
@@ -34,7 +36,15 @@ HOSTILE = "<script>alert('x')</script> & \"q\" \x00\x1b"
 def read(html: str) -> dict[str, tuple[str, str]]:
     """The value and the unit of each row of a table, which is well-formed."""
     table = ElementTree.fromstring(html)
-    assert {one.tag for one in table.iter()} <= {"table", "caption", "thead", "tbody", "tr", "th", "td"}
+    assert {one.tag for one in table.iter()} <= {
+        "table",
+        "caption",
+        "thead",
+        "tbody",
+        "tr",
+        "th",
+        "td",
+    }
     assert [one.text for one in table.iter("th")][:3] == ["name", "value", "unit"]
     found = {}
     for row in table.find("tbody"):
@@ -47,7 +57,7 @@ def panels(figure):
     return [ax for ax in figure.axes if ax.get_label() != "<colorbar>"]
 
 
-# -- tables ---------------------------------------------------------------------------------------------------------
+# -- tables ----------------------------------------------------------------------------------------
 
 
 def result_classes() -> list[type[Result]]:
@@ -56,28 +66,54 @@ def result_classes() -> list[type[Result]]:
     for module in pkgutil.walk_packages(package.__path__, "granphon."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
-    found, more = [], [Result]
+    found = []
+    more = [Result]
     while more:
         more = [one for kind in more for one in kind.__subclasses__()]
         # what is no dataclass of its own is the base of some
-        found += [one for one in more if one.__module__.startswith("granphon.") and "__dataclass_fields__" in vars(one)]
+        found += [
+            one
+            for one in more
+            if one.__module__.startswith("granphon.") and "__dataclass_fields__" in vars(one)
+        ]
     return list(dict.fromkeys(found))
 
 
 VALUES = [
-    HOSTILE, np.linspace(0.0, 1.0, 30).reshape(2, 3, 5), np.array([1.0, np.nan, math.inf] * 4), np.full(9, 2.0 + 1.0j),
-    np.zeros((0, 3)), np.array([True, False] * 5), (HOSTILE,) * 9, {"<b>": HOSTILE}, math.nan, True, 3, None,
-    np.array([HOSTILE]), STEEL, object(), 1 + 2j,
-]  # fmt: skip
+    HOSTILE,
+    np.linspace(0.0, 1.0, 30).reshape(2, 3, 5),
+    np.array([1.0, np.nan, math.inf] * 4),
+    np.full(9, 2.0 + 1.0j),
+    np.zeros((0, 3)),
+    np.array([True, False] * 5),
+    (HOSTILE,) * 9,
+    {"<b>": HOSTILE},
+    math.nan,
+    True,
+    3,
+    None,
+    np.array([HOSTILE]),
+    STEEL,
+    object(),
+    1 + 2j,
+]
 
 
 def test_the_table_of_every_class_of_results_is_well_formed(monkeypatch):
     """Whatever the fields hold, so that the classes need not be computed."""
     kinds = result_classes()
-    assert {gp.Bands, gp.ContactState, gp.SimulatedState, gp.Pulse, gp.SpectralFunction, gp.ContactNetwork} <= set(kinds)
+    assert {
+        gp.Bands,
+        gp.ContactState,
+        gp.SimulatedState,
+        gp.Pulse,
+        gp.SpectralFunction,
+        gp.ContactNetwork,
+    } <= set(kinds)
     for kind in kinds:
         names = [field.name for field in fields(kind)]
-        monkeypatch.setattr(kind, "_notebook_fields", ())  # properties are those of true results, see below
+        # properties are those of true results, see below
+        monkeypatch.setattr(kind, "_notebook_fields", ())
         for shift in range(len(VALUES)):
             made: Any = object.__new__(kind)
             given = {name: VALUES[(n + shift) % len(VALUES)] for n, name in enumerate(names)}
@@ -89,11 +125,14 @@ def test_the_table_of_every_class_of_results_is_well_formed(monkeypatch):
             }
             needed["quantity"] = "velocity"
             needed["crystal"] = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)])
-            for name, value in (given | {name: value for name, value in needed.items() if name in names}).items():
+            for name, value in (
+                given | {name: value for name, value in needed.items() if name in names}
+            ).items():
                 object.__setattr__(made, name, value)
             html = made._repr_html_()
             assert "<script" not in html
-            found, units = read(html), made._field_units()
+            found = read(html)
+            units = made._field_units()
             assert set(found) <= set(names)
             for name, (_, unit) in found.items():
                 assert unit == ("" if units.get(name) == "1" else units.get(name, "")), (kind, name)
@@ -107,19 +146,27 @@ def test_tables_of_results_have_values_and_units(state):
     moduli = gp.moduli(state)
     assert read(moduli._repr_html_())["bulk"] == (f"{moduli.bulk:.6g}", "Pa")
     velocities = gp.sound_velocities(state)
-    assert read(velocities._repr_html_())["longitudinal"] == (f"{velocities.longitudinal:.6g}", "m/s")
+    assert read(velocities._repr_html_())["longitudinal"] == (
+        f"{velocities.longitudinal:.6g}",
+        "m/s",
+    )
     assert read(gp.validity(state)._repr_html_())["ok"] == ("yes", "")
     frequencies = gp.ContactLattice.of("triangular", 0.8).modes([[0.3, 0.4]] * 7).frequencies
     many = gp.AveragedLattice(state.packing).at_force(np.arange(1.0, 31.0))
     assert read(many._repr_html_())["force"] == ("array 30, 1 to 30", "N")
-    assert describe_value(frequencies) == f"array 7 x 3, {frequencies.min():.6g} to {frequencies.max():.6g}"
+    assert (
+        describe_value(frequencies)
+        == f"array 7 x 3, {frequencies.min():.6g} to {frequencies.max():.6g}"
+    )
 
 
 def test_a_table_leaves_out_what_a_result_does_not_have():
     """The stress of this lattice is no pressure."""
     chained = gp.Lattice("chained", ((1.0, 0.0), (0.3, math.sqrt(0.91))))
     for lattice, there in (("chain", True), (chained, False)):
-        found = read(gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=lattice)).at_force(1.0)._repr_html_())
+        found = read(
+            gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=lattice)).at_force(1.0)._repr_html_()
+        )
         assert "force" in found
         assert ("pressure" in found) == there
 
@@ -157,8 +204,13 @@ def test_the_table_of_a_scene_computes_no_state():
     swept = gp.Scene.from_text(text + "sweep: {width: [1 um, 2 um]}\n")
     assert read(swept._repr_html_())["sweep of width"] == ("1e-06, 2e-06", "m")
     # what would take hours
-    loading = "{simulation: {shape: 2000 2000, friction_history: true, friction_coefficient: 0.2, start: {force: 0.5 N}}}"
-    loaded = gp.Scene.from_text(SCENE.replace("observe: [velocities, bands, dos]", f"medium: {loading}"))
+    loading = (
+        "{simulation: {shape: 2000 2000, friction_history: true, friction_coefficient: 0.2,"
+        " start: {force: 0.5 N}}}"
+    )
+    loaded = gp.Scene.from_text(
+        SCENE.replace("observe: [velocities, bands, dos]", f"medium: {loading}")
+    )
     told = read(loaded._repr_html_())["medium"][0]
     assert told.startswith("simulation, a sample of 2000 x 2000 balls")
     assert told.endswith("from force 500 mN")
@@ -183,17 +235,32 @@ def test_the_table_of_a_run_is_its_summary(tmp_path):
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        (1.23456789, "1.23457"), (7, "7"), (True, "yes"), (None, "none"), ("word", "word"), ("a" * 200, "a" * 156 + " ..."),
-        (np.array([1.0, 2.5]), "1, 2.5"), (np.zeros((2, 3)), "array 2 x 3, all 0"), (np.zeros((0, 3)), "array 0 x 3"),
-        (np.array([[1.0, np.nan]]), "array 1 x 2, all 1, 1 not finite"), (np.full(3, np.nan), "nan, nan, nan"),
-        (np.full(9, np.inf), "array 9, 9 not finite"), (np.array([3j, 4.0]), "array 2, magnitudes 3 to 4"),
+        (1.23456789, "1.23457"),
+        (7, "7"),
+        (True, "yes"),
+        (None, "none"),
+        ("word", "word"),
+        ("a" * 200, "a" * 156 + " ..."),
+        (np.array([1.0, 2.5]), "1, 2.5"),
+        (np.zeros((2, 3)), "array 2 x 3, all 0"),
+        (np.zeros((0, 3)), "array 0 x 3"),
+        (np.array([[1.0, np.nan]]), "array 1 x 2, all 1, 1 not finite"),
+        (np.full(3, np.nan), "nan, nan, nan"),
+        (np.full(9, np.inf), "array 9, 9 not finite"),
+        (np.array([3j, 4.0]), "array 2, magnitudes 3 to 4"),
         (np.array([True] * 8 + [False]), "array 9, 8 of them true"),
-        (np.array([[-4.8e-8, 2.97e9]]), "array 1 x 2, 0 to 2.97e+09"), (np.array([[-2.0, 1e-16]]), "array 1 x 2, -2 to 0"),
-        (np.array([[1e-300, 2e-290]]), "array 1 x 2, 1e-300 to 2e-290"), ((), "none"), (("a", "b"), "a, b"),
-        (tuple("abcdefgh"), "a, b, c, d, e, f, ... (8 in all)"), (tuple(range(9)), "array 9, 0 to 8"),
-        ((STEEL, STEEL), "2 of Material"), (((1.0, 0.0), (0.0, 1.0)), "1, 0; 0, 1"), ({"alpha": 0.5}, "alpha: 0.5"),
+        (np.array([[-4.8e-8, 2.97e9]]), "array 1 x 2, 0 to 2.97e+09"),
+        (np.array([[-2.0, 1e-16]]), "array 1 x 2, -2 to 0"),
+        (np.array([[1e-300, 2e-290]]), "array 1 x 2, 1e-300 to 2e-290"),
+        ((), "none"),
+        (("a", "b"), "a, b"),
+        (tuple("abcdefgh"), "a, b, c, d, e, f, ... (8 in all)"),
+        (tuple(range(9)), "array 9, 0 to 8"),
+        ((STEEL, STEEL), "2 of Material"),
+        (((1.0, 0.0), (0.0, 1.0)), "1, 0; 0, 1"),
+        ({"alpha": 0.5}, "alpha: 0.5"),
     ],
-)  # fmt: skip
+)
 def test_values_in_words(value, said):
     assert describe_value(value) == said
 
@@ -205,14 +272,16 @@ def test_a_table_of_nothing_is_a_table():
 def test_a_table_loads_neither_pandas_nor_matplotlib():
     code = (
         "import granphon as gp\n"
-        "state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3)).at_force(1.0)\n"
-        "for one in (state, state.packing, state.packing.structure, gp.moduli(state), gp.sound_velocities(state)):\n"
+        "state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0),"
+        " 1e-3)).at_force(1.0)\n"
+        "for one in (state, state.packing, state.packing.structure, gp.moduli(state),"
+        " gp.sound_velocities(state)):\n"
         "    one._repr_html_()"
     )
     assert not {"pandas", "matplotlib", "xarray", "phonopy", "IPython"} & loaded_after(code)
 
 
-# -- the default picture --------------------------------------------------------------------------------------------
+# -- the default picture ---------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -234,18 +303,30 @@ def results(simulated):
         "bands": (bands, 1),
         "density of states": (phonons.dos((4, 4), points=30), 1),
         "sweep": (gp.sweep(packing, force=[1.0, 10.0], media=["afa"]), 2),
-        "fit": (gp.fit_width(packing, force, np.array([465.0, 603.0, 681.0, 774.0]), medium="afa"), 2),
+        "fit": (
+            gp.fit_width(packing, force, np.array([465.0, 603.0, 681.0, 774.0]), medium="afa"),
+            2,
+        ),
         "spectra along a path": (
             find_path_spectra(
-                waves, gp.ContactLattice.of("triangular", packing.mindlin_ratio), simulated.scales,
-                [np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])], ["G", "M"], points=7, polarisations=["longitudinal"],
-            ), 1,
+                waves,
+                gp.ContactLattice.of("triangular", packing.mindlin_ratio),
+                simulated.scales,
+                [np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])],
+                ["G", "M"],
+                points=7,
+                polarisations=["longitudinal"],
+            ),
+            1,
         ),
-        "spectral function": (waves.spectral_function(waves.nearest_wavevectors([[80.0, 0.0], [160.0, 0.0]])), 1),
+        "spectral function": (
+            waves.spectral_function(waves.nearest_wavevectors([[80.0, 0.0], [160.0, 0.0]])),
+            1,
+        ),
         "density of states of a sample": (waves.dos(), 1),
         "pulse": (waves.transmit(0.2 * top, (1, 0), 3 * packing.diameter, 2), 2),
         "simulated state": (simulated, 2),
-    }  # fmt: skip
+    }
 
 
 def test_a_result_has_a_default_picture(results):
@@ -271,7 +352,10 @@ def test_a_picture_takes_the_options_of_its_function(results):
     assert gp.plot(bands, title="steel").get_suptitle() == "steel"
     dataset, _ = results["sweep"]
     assert gp.plot(dataset, variable="bulk").axes[0].get_ylabel().startswith("Bulk")
-    said = r"bands_figure has no option colour, size\. It has dos, asymptotes, gaps, bulk, edges, title"
+    said = (
+        r"bands_figure has no option colour, size\. It has dos, asymptotes, gaps, bulk, edges,"
+        r" title"
+    )
     with pytest.raises(InputError, match=said):
         gp.plot(bands, colour="red", size=3)
 
@@ -289,17 +373,31 @@ def test_a_spectral_function_is_drawn_at_its_wave_vectors(results):
 
 
 def test_what_has_no_picture_is_one_clear_error():
-    for wrong in (3, None, "bands", STEEL, SimpleNamespace(dataset=None), 1.0, Dataset({"x": ("n", [1.0, 2.0])})):
-        with pytest.raises(InputError, match=r"has no default picture\. Give bands .*, a density of states, a sweep"):
+    for wrong in (
+        3,
+        None,
+        "bands",
+        STEEL,
+        SimpleNamespace(dataset=None),
+        1.0,
+        Dataset({"x": ("n", [1.0, 2.0])}),
+    ):
+        with pytest.raises(
+            InputError,
+            match=r"has no default picture\. Give bands .*, a density of states, a sweep",
+        ):
             gp.plot(wrong)
-    with pytest.raises(InputError, match=r"1\.0 shares no figure with others\. Give sweeps, fits, bands"):
+    with pytest.raises(
+        InputError, match=r"1\.0 shares no figure with others\. Give sweeps, fits, bands"
+    ):
         gp.plot([1.0])
 
 
 def test_asking_for_a_picture_loads_matplotlib_and_no_pyplot():
     code = (
         "import sys\nimport granphon as gp\ngp.plot\nassert 'matplotlib' not in sys.modules\n"
-        "state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3)).at_force(1.0)\n"
+        "state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0),"
+        " 1e-3)).at_force(1.0)\n"
         "gp.plot(gp.Phonons(state).bands(npoints=3))._repr_png_()"
     )
     assert "matplotlib.pyplot" not in loaded_after(code)

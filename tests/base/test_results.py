@@ -47,7 +47,11 @@ def same(one, two):
 @pytest.fixture(scope="module")
 def results(packing):
     medium = gp.AveragedLattice(packing)
-    one, many, hard = medium.at_force(18.446), medium.at_force([[1.0, 2.0], [3.0, 4.0]]), medium.at_overlap(8e-4)
+    one, many, hard = (
+        medium.at_force(18.446),
+        medium.at_force([[1.0, 2.0], [3.0, 4.0]]),
+        medium.at_overlap(8e-4),
+    )
     lattice = gp.ContactLattice.of("triangular", packing.mindlin_ratio)
     smooth = gp.ContactLattice.of("triangular", 0.0)
     return {
@@ -103,11 +107,26 @@ MODULI = "tensor", "bulk", "shear", "shears", "bulk_error", "shear_error", "tens
 @pytest.mark.parametrize(
     ("cls", "units"),
     [
-        (SoundVelocities, dict.fromkeys([*VELOCITIES, "out_of_plane", "twist", "velocities"], "m/s")),
+        (
+            SoundVelocities,
+            dict.fromkeys([*VELOCITIES, "out_of_plane", "twist", "velocities"], "m/s"),
+        ),
         (Moduli, dict.fromkeys(MODULI, "Pa") | {"anisotropy_error": "1"}),
         (AveragedModuli, {"bulk": "Pa", "shear": "Pa"}),
-        (PulseVelocities, {"phase": "m/s", "group": "m/s", "group_vector": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}),
-        (Modes, {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}),
+        (
+            PulseVelocities,
+            {
+                "phase": "m/s",
+                "group": "m/s",
+                "group_vector": "m/s",
+                "wavenumber": "rad/m",
+                "frequency": "Hz",
+            },
+        ),
+        (
+            Modes,
+            {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"},
+        ),
     ],
 )
 def test_every_quantity_says_its_unit(cls, units):
@@ -118,11 +137,18 @@ def test_every_quantity_says_its_unit(cls, units):
 
 
 def test_a_result_shows_what_a_user_calls_alone():
-    assert {name for name in dir(Result) if not name.startswith("_")} == {"from_dict", "to_dict", "units"}
+    assert {name for name in dir(Result) if not name.startswith("_")} == {
+        "from_dict",
+        "to_dict",
+        "units",
+    }
 
 
 def test_scalars_are_floats(results):
-    for name, fields in (("velocities", ("longitudinal", "transverse")), ("moduli", ("bulk", "shear"))):
+    for name, fields in (
+        ("velocities", ("longitudinal", "transverse")),
+        ("moduli", ("bulk", "shear")),
+    ):
         for field in fields:
             assert isinstance(getattr(results[name], field), float)
     assert type(results["pulses"].frequency) is float
@@ -149,7 +175,11 @@ def test_data_of_other_kinds_shapes_and_units_are_refused(results):
             type(results[name]).from_dict(data)
 
     good = results["state"].to_dict()["packing"]
-    refused("velocities", "longitudinal of the SoundVelocities does not hold numbers", longitudinal="790")
+    refused(
+        "velocities",
+        "longitudinal of the SoundVelocities does not hold numbers",
+        longitudinal="790",
+    )
     refused("velocities", "lack a wave", longitudinal=None)
     refused("velocities", "warnings: found a str, 'none', where", warnings="none")
     refused(
@@ -157,13 +187,25 @@ def test_data_of_other_kinds_shapes_and_units_are_refused(results):
         r"direction .* has the shape \(1, 1, 3\) instead of \(p\) or \(n p\)",
         direction=[[[1.0, 0.0, 0.0]]],
     )
-    refused("velocities over loads", r"transverse .* has the shape \(2,\) instead of \(...\)", transverse=[1.0, 2.0])
+    refused(
+        "velocities over loads",
+        r"transverse .* has the shape \(2,\) instead of \(...\)",
+        transverse=[1.0, 2.0],
+    )
     refused("velocities", "have 'more', which the class does not have", more=1)
-    refused("velocities", "units of the SoundVelocities data are not those", units={"longitudinal": "km/s"})
+    refused(
+        "velocities",
+        "units of the SoundVelocities data are not those",
+        units={"longitudinal": "km/s"},
+    )
     refused("velocities", "schema '1'", schema="1")
     refused("velocities", "schema true", schema=True)
     refused("moduli", "isotropic: found a int, 1, where bool is needed", isotropic=1)
-    refused("moduli", "tensor: found a list where an array of numbers is needed", tensor=[[1.0, 2.0], [3.0]])
+    refused(
+        "moduli",
+        "tensor: found a list where an array of numbers is needed",
+        tensor=[[1.0, 2.0], [3.0]],
+    )
     refused("moduli", "tensor: found a list", tensor=[["1"] * 3] * 3)
     refused("moduli", "tensor: found a list", tensor=[[True] * 3] * 3)
     refused("moduli", r"\(3, 3, 1\) instead of \(... 3 3\)", tensor=[[[1.0]] * 3] * 3)
@@ -176,7 +218,9 @@ def test_data_of_other_kinds_shapes_and_units_are_refused(results):
     refused("state", "Packing.lattice: found a int", packing=good | {"lattice": 3})
     refused("state", "data of a 'Popen'", packing={"class": "Popen"})
     refused("state", "ContactState.packing: found a NoneType", packing=None)
-    refused("validity", "Check.limit: found a str", checks=[results["check"].to_dict() | {"limit": "1"}])
+    refused(
+        "validity", "Check.limit: found a str", checks=[results["check"].to_dict() | {"limit": "1"}]
+    )
 
 
 def deep(data, path, value):
@@ -195,7 +239,13 @@ def places(data, path=()):
     """Paths of everything in plain data."""
     if path:
         yield path
-    pairs = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    pairs = (
+        data.items()
+        if isinstance(data, dict)
+        else enumerate(data)
+        if isinstance(data, list)
+        else ()
+    )
     for key, value in pairs:
         yield from places(value, (*path, key))
 
@@ -216,55 +266,105 @@ def every(packing, results):
     simulated = medium.at_force([1.0, 5.0])
     records = [SampleRecord.of(sample) for sample in simulated.samples]
     recorded = gp.SimulatedState.of(medium, records, Load("force", (1.0, 5.0)))
-    assert (recorded.n_samples, recorded.exponent_error.tolist()) == (2, simulated.exponent_error.tolist())
+    assert (recorded.n_samples, recorded.exponent_error.tolist()) == (
+        2,
+        simulated.exponent_error.tolist(),
+    )
     # records stand where samples do, at all loads and at one
-    assert (recorded.samples, recorded[1].samples, recorded.sample[1]) == (tuple(records), tuple(records[2:]), records[2])
+    assert (recorded.samples, recorded[1].samples, recorded.sample[1]) == (
+        tuple(records),
+        tuple(records[2:]),
+        records[2],
+    )
     phonons = gp.Phonons(results["state"])
-    point = MeasuredPoint("ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
+    point = MeasuredPoint(
+        "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True
+    )
     history = {"friction_history": True, "friction_coefficient": 0.3, "step_tolerance": 1.0}
     pressed = gp.DirectSimulation(spread, (4, 4), seed=1, **history).at_force(5.0).sample
-    exact = gp.DirectSimulation(spread, (4, 4), seed=1, geometry="exact").at_force(5.0).sample.equilibrium
+    exact = (
+        gp.DirectSimulation(spread, (4, 4), seed=1, geometry="exact")
+        .at_force(5.0)
+        .sample.equilibrium
+    )
     found = [
-        *results.values(), results["moduli"].hill, simulated, simulated.samples[0],
-        simulated.samples[0].equilibrium, simulated.samples[0].network, pressed, pressed.equilibrium, exact,
-        LocalField(2.0, 0.5, 0.3, 0.8, "triangular"), phonons.bands([[0, 0], [0.5, 0]], npoints=2),
-        phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
+        *results.values(),
+        results["moduli"].hill,
+        simulated,
+        simulated.samples[0],
+        simulated.samples[0].equilibrium,
+        simulated.samples[0].network,
+        pressed,
+        pressed.equilibrium,
+        exact,
+        LocalField(2.0, 0.5, 0.3, 0.8, "triangular"),
+        phonons.bands([[0, 0], [0.5, 0]], npoints=2),
+        phonons.dos(mesh=(4, 4), points=12),
+        phonons.modes([[0.1, 0.2]]),
         Measurements(force, 500.0 * force ** (1 / 6), 1.0),
-        fit_width(spread, force, gp.sound_velocities(gp.EffectiveMedium(spread).at_force(force)).longitudinal, 2.0),
-        point, TradeOff((point,), "force", (1.0,), ("velocities",), "x", 5, 1.0, 2.0),
-    ]  # fmt: skip
+        fit_width(
+            spread,
+            force,
+            gp.sound_velocities(gp.EffectiveMedium(spread).at_force(force)).longitudinal,
+            2.0,
+        ),
+        point,
+        TradeOff((point,), "force", (1.0,), ("velocities",), "x", 5, 1.0, 2.0),
+    ]
     found.append(next(result.waves for result in found if hasattr(result, "waves")))
     waves = gp.Waves(simulated.samples[0])
     q = waves.nearest_wavevectors([100.0, 0.0])
-    found += [waves.dos(moments=4, vectors=2), waves.spectral_function(q, moments=4), waves.modes(1)]
+    found += [
+        waves.dos(moments=4, vectors=2),
+        waves.spectral_function(q, moments=4),
+        waves.modes(1),
+    ]
     found += [waves.network, waves.transmit(6.5e3, direction=(0, 1), distance=0.03, cycles=1)]
     path = [np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])]
     lattice = gp.ContactLattice.of("triangular", packing.mindlin_ratio)
     found.append(
         find_path_spectra(
-            waves, lattice, simulated[0].scales, path, ["G", "M"], points=3, polarisations=["longitudinal"], resolution=1e4
+            waves,
+            lattice,
+            simulated[0].scales,
+            path,
+            ["G", "M"],
+            points=3,
+            polarisations=["longitudinal"],
+            resolution=1e4,
         )
     )
     found.append(gp.Hexagon(spread, 2).at_side_force(5.0))
     surface = gp.Surface(gp.AveragedLattice(packing).at_force(5.0), 1)
-    chain = gp.Crystal.on("chain", [gp.Ball(packing.material, 8e-3), gp.Ball(packing.material, 6e-3)])
+    chain = gp.Crystal.on(
+        "chain", [gp.Ball(packing.material, 8e-3), gp.Ball(packing.material, 6e-3)]
+    )
     found += [chain, chain.at_force(5.0)]
     q = [[0.3]]
     found += [surface.spectrum(q, [1e3, 2e3]), surface.branches(q)]
     found.append(gp.Phonons(surface.network).complex_bands([1e3, 2e3], 1))
     strip = surface.network.cut(1, 3)
     runs = [gp.transmission(surface.network, strip, surface.network, [1e3, 2e3], axis=1)] * 2
-    longer = gp.transmission(surface.network, surface.network.cut(1, 4), surface.network, [1e3, 2e3], axis=1)
+    longer = gp.transmission(
+        surface.network, surface.network.cut(1, 4), surface.network, [1e3, 2e3], axis=1
+    )
     found += [runs[0], gp.scattering_lengths([*runs, longer, longer])]
     still = gp.Waves(strip)
     transfer = gp.TransferFunction([2e3, 5e3, 7e3], [1e-8, 2e-8, 1e-8], None, [1e-9, 1e-9, 1e-9])
-    found += [transfer, gp.fit_damping(strip, transfer, (0, "y"), "plane", direction=(0, 1), polarisation=(0, 1))]
+    found += [
+        transfer,
+        gp.fit_damping(strip, transfer, (0, "y"), "plane", direction=(0, 1), polarisation=(0, 1)),
+    ]
     found += [
         still.response([1e3, 2e3], (0, "x"), (1, "x"), 1e-6),
         still.local_dos(0, [1e3]),
         still.damped_modes(2, damping=1e-6),
     ]
-    found.append(gp.NonlinearWaves(strip).run(1e-5, velocities=np.tile([1e-3, 1e-3, 0.0], (strip.n_balls, 1)), frames=2))
+    found.append(
+        gp.NonlinearWaves(strip).run(
+            1e-5, velocities=np.tile([1e-3, 1e-3, 0.0], (strip.n_balls, 1)), frames=2
+        )
+    )
     return {type(result): result for result in found}
 
 
@@ -275,7 +375,11 @@ def test_every_result_comes_back_from_plain_data(every):
     for module in pkgutil.walk_packages(granphon.__path__, "granphon."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
-    ours = {cls for cls in below(Result) if cls.__module__.startswith("granphon.")} - {Result, Refinable, Fitted}
+    ours = {cls for cls in below(Result) if cls.__module__.startswith("granphon.")} - {
+        Result,
+        Refinable,
+        Fitted,
+    }
     assert ours == set(every)
     for cls, result in every.items():
         same(cls.from_dict(json.loads(json.dumps(result.to_dict()))), result)
@@ -284,7 +388,20 @@ def test_every_result_comes_back_from_plain_data(every):
 @pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
 def test_damaged_plain_data_are_refused(every):
     rng = random.Random(0)
-    wrongs = (..., None, "x", True, -1, math.nan, [], {}, [[1.0], 2.0], {"class": "Popen"}, 10**400, b"")
+    wrongs = (
+        ...,
+        None,
+        "x",
+        True,
+        -1,
+        math.nan,
+        [],
+        {},
+        [[1.0], 2.0],
+        {"class": "Popen"},
+        10**400,
+        b"",
+    )
     for cls, result in every.items():
         data = json.loads(json.dumps(result.to_dict()))
         assert cls.from_dict(data) == result
@@ -308,8 +425,14 @@ def spoil(value, number):
     if isinstance(value, float | int) and not isinstance(value, bool):
         return number
     parts = list(enumerate(value)) if isinstance(value, list) else []
-    parts = list(value.items()) if isinstance(value, dict) and value.keys() == {"real", "imag"} else parts
-    found = next(((key, put) for key, part in parts if (put := spoil(part, number)) is not None), None)
+    parts = (
+        list(value.items())
+        if isinstance(value, dict) and value.keys() == {"real", "imag"}
+        else parts
+    )
+    found = next(
+        ((key, put) for key, part in parts if (put := spoil(part, number)) is not None), None
+    )
     return None if found is None else deep(value, found[:1], found[1])
 
 
@@ -321,12 +444,21 @@ def test_numbers_out_of_range_are_refused_without_a_digest_too(every):
             wrongs = {math.nan} | ({math.inf} if "infinite" not in within else set())
             wrongs |= {-1.0} if "zero" in within else set()
             wrongs |= {0.0} if within == "above zero" else set()
-            for wrong in wrongs if data[name] is not None and np.size(getattr(result, name)) else ():
+            for wrong in (
+                wrongs if data[name] is not None and np.size(getattr(result, name)) else ()
+            ):
                 with pytest.raises(InputError, match=name):
                     cls.from_dict(data | {name: spoil(data[name], wrong)})
 
 
-STATES = gp.ContactState, gp.SimulatedState, gp.CrystalState, gp.Crystal, gp.ContactNetwork, gp.PressedHexagon
+STATES = (
+    gp.ContactState,
+    gp.SimulatedState,
+    gp.CrystalState,
+    gp.Crystal,
+    gp.ContactNetwork,
+    gp.PressedHexagon,
+)
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -1.0])
@@ -334,7 +466,12 @@ def test_a_state_takes_no_stiffness_that_is_none(every, wrong):
     """Bands would follow from it."""
     for cls in STATES:
         data = json.loads(json.dumps(every[cls].to_dict()))
-        for name in {"normal_stiffness", "shear_stiffness", "torsion", "wall_coefficient"} & data.keys():
+        for name in {
+            "normal_stiffness",
+            "shear_stiffness",
+            "torsion",
+            "wall_coefficient",
+        } & data.keys():
             spoiled = {**data, name: spoil(data[name], wrong)}
             del spoiled["digest"]
             with pytest.raises(InputError, match=name):
@@ -344,11 +481,19 @@ def test_a_state_takes_no_stiffness_that_is_none(every, wrong):
 @pytest.mark.parametrize(
     ("path", "wrong"),
     [
-        (("kind", 0), 7), (("kind", 0), -1), (("names",), ["A"]), (("bending",), -1.0), (("motions",), "sideways"),
-        (("contacts", "i", 0), -1), (("contacts", "j", 0), 9), (("contacts", "vector", 0, 0), 1e-3),
-        (("contacts", "normal", 0, 0), math.nan), (("contacts", "arm_i", 0), -4e-3), (("contacts", "arm_j", 0), math.nan),
+        (("kind", 0), 7),
+        (("kind", 0), -1),
+        (("names",), ["A"]),
+        (("bending",), -1.0),
+        (("motions",), "sideways"),
+        (("contacts", "i", 0), -1),
+        (("contacts", "j", 0), 9),
+        (("contacts", "vector", 0, 0), 1e-3),
+        (("contacts", "normal", 0, 0), math.nan),
+        (("contacts", "arm_i", 0), -4e-3),
+        (("contacts", "arm_j", 0), math.nan),
     ],
-)  # fmt: skip
+)
 def test_a_crystal_takes_what_its_constructor_could_have_made(every, path, wrong):
     data = json.loads(json.dumps(every[gp.Crystal].to_dict()))
     del data["digest"]
@@ -358,7 +503,9 @@ def test_a_crystal_takes_what_its_constructor_could_have_made(every, path, wrong
         assert gp.Crystal.from_dict(data) == every[gp.Crystal]
 
 
-@pytest.mark.parametrize("wrong", [np.array([1.0, 2.0]), np.array(["a", "b"]), np.ma.array([1, 2], mask=[0, 1]), [[]]])
+@pytest.mark.parametrize(
+    "wrong", [np.array([1.0, 2.0]), np.array(["a", "b"]), np.ma.array([1, 2], mask=[0, 1]), [[]]]
+)
 def test_arrays_where_names_and_digests_belong_are_refused(results, wrong):
     data = results["state"].to_dict()
     bare = {name: value for name, value in data.items() if name != "digest"}
@@ -403,23 +550,38 @@ def test_copies_and_pickles_are_equal_and_read_only():
 
 
 def test_a_result_prints_its_numbers_and_their_units():
-    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446)
+    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(
+        18.446
+    )
     moduli = gp.moduli(state)
-    assert repr(moduli).endswith(f"isotropic=yes, cubic=no, bulk={moduli.bulk:.6g} Pa, shear={moduli.shear:.6g} Pa)")
-    assert repr(state).startswith("ContactState(packing=Packing, medium=ala, force=18.446 N, overlap=1.93925e-06 m, ")
+    assert repr(moduli).endswith(
+        f"isotropic=yes, cubic=no, bulk={moduli.bulk:.6g} Pa, shear={moduli.shear:.6g} Pa)"
+    )
+    assert repr(state).startswith(
+        "ContactState(packing=Packing, medium=ala, force=18.446 N, overlap=1.93925e-06 m, "
+    )
 
 
 def test_a_refusal_goes_on_with_what_is_no_sentence_of_its_own():
-    assert str(Refused("1", "a word", "the table is empty.")) == "found 1; allowed: a word; the table is empty."
-    assert str(Refused("1", "a word", "Did you mean 'one'?")) == "found 1; allowed: a word. Did you mean 'one'?"
+    assert (
+        str(Refused("1", "a word", "the table is empty."))
+        == "found 1; allowed: a word; the table is empty."
+    )
+    assert (
+        str(Refused("1", "a word", "Did you mean 'one'?"))
+        == "found 1; allowed: a word. Did you mean 'one'?"
+    )
     assert str(Refused("1", "a word")) == "found 1; allowed: a word."
 
 
 @pytest.mark.parametrize(
-    "error", [InputError("short"), Refused("1", "a word", "mend it", ("key", 2)), MissingFileError("gone")]
+    "error",
+    [InputError("short"), Refused("1", "a word", "mend it", ("key", 2)), MissingFileError("gone")],
 )
 def test_an_error_that_is_restated_keeps_all_but_its_text(error):
-    error.load_index, error.option, error.reached = 3, "start", {"force": 1.0}
+    error.load_index = 3
+    error.option = "start"
+    error.reached = {"force": 1.0}
     told = str(error)
     other = error.restate("elsewhere: short")
     for one in (other, pickle.loads(pickle.dumps(other))):

@@ -20,17 +20,31 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from granphon.base.errors import FileExistsInRunError, OutputError
-from granphon.base.staging import LIST, LOCK, NEW, PREFIX, ResultFiles, read_written_files, write_text
+from granphon.base.staging import (
+    LIST,
+    LOCK,
+    NEW,
+    PREFIX,
+    ResultFiles,
+    read_written_files,
+    write_text,
+)
 from tests.conftest import without_rights
 
 
 def tree(folder: Path) -> dict[str, str]:
     """Every file with its text, but for the list of files that granphon wrote."""
-    return {str(p.relative_to(folder)): p.read_text() if p.is_file() else "" for p in folder.rglob("*") if p.name != LIST}
+    return {
+        str(p.relative_to(folder)): p.read_text() if p.is_file() else ""
+        for p in folder.rglob("*")
+        if p.name != LIST
+    }
 
 
 @contextmanager
-def staging(folder: Path, names: Sequence[str], force: bool = False, optional: Sequence[str] = ()) -> Iterator[Path]:
+def staging(
+    folder: Path, names: Sequence[str], force: bool = False, optional: Sequence[str] = ()
+) -> Iterator[Path]:
     with ResultFiles(folder, names, force).open() as files, files.staging(optional) as place:
         yield place
 
@@ -41,7 +55,7 @@ def put(folder: Path, force: bool = False, **texts: str) -> None:
             (place / name).write_text(text)
 
 
-# -- whole, together ------------------------------------------------------------------------------------------------
+# -- whole, together -------------------------------------------------------------------------------
 
 
 def test_files_arrive_together(tmp_path: Path) -> None:
@@ -59,7 +73,9 @@ def test_files_have_the_usual_permissions(tmp_path: Path) -> None:
     write_text(tmp_path / "x", "text")
     put(tmp_path, y="text")
     for name in "xy":
-        assert stat.S_IMODE((tmp_path / name).stat().st_mode) == stat.S_IMODE((tmp_path / "usual").stat().st_mode)
+        assert stat.S_IMODE((tmp_path / name).stat().st_mode) == stat.S_IMODE(
+            (tmp_path / "usual").stat().st_mode
+        )
 
 
 def test_a_single_file_replaces_one_of_its_kind_alone(tmp_path: Path) -> None:
@@ -68,7 +84,10 @@ def test_a_single_file_replaces_one_of_its_kind_alone(tmp_path: Path) -> None:
         write_text(file, text)
     assert tree(tmp_path) == {"deeper": "", "deeper/x": "head\nnew"}
     for text in ("granphon", "another head", ""):  # nothing is left beside it either
-        with pytest.raises(FileExistsInRunError, match=r"x is there, and is no such file of granphon\. Give another name"):
+        with pytest.raises(
+            FileExistsInRunError,
+            match=r"x is there, and is no such file of granphon\. Give another name",
+        ):
             write_text(file, text)
         assert tree(tmp_path) == {"deeper": "", "deeper/x": "head\nnew"}
     for text in ("# granphon 1", "also of granphon"):
@@ -83,7 +102,8 @@ def test_a_single_file_replaces_one_of_its_kind_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "failure", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), RuntimeError("bug")]
+    "failure",
+    [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), RuntimeError("bug")],
 )
 def test_failure_leaves_nothing(tmp_path: Path, failure: BaseException) -> None:
     expected = OutputError if isinstance(failure, OSError) else type(failure)
@@ -113,7 +133,10 @@ def test_a_failure_after_the_result_counts_is_completed_by_the_next_run(
     with monkeypatch.context() as patch:
         for name in real:
             patch.setattr(os, name, failing(name))
-        with pytest.raises(OutputError, match=rf"Input/output error\. The files of the new result are in {NEW} there"):
+        with pytest.raises(
+            OutputError,
+            match=rf"Input/output error\. The files of the new result are in {NEW} there",
+        ):
             put(tmp_path, force=True, a="new a", b="new b", c="new c")
     assert tree(tmp_path).keys() >= {"mine", NEW}
     ResultFiles(tmp_path, ["d"]).require_free()
@@ -121,7 +144,9 @@ def test_a_failure_after_the_result_counts_is_completed_by_the_next_run(
     put(tmp_path, force=True, a="third", b="third", c="third")
 
 
-def test_a_failure_before_the_result_counts_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_before_the_result_counts_leaves_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     put(tmp_path, a="old a", c="old c")
     before = tree(tmp_path), read_written_files(tmp_path)
 
@@ -129,9 +154,10 @@ def test_a_failure_before_the_result_counts_leaves_what_was_there(tmp_path: Path
         raise OSError(errno.EIO, "Input/output error")
 
     for name in ("rename", "fsync"):
-        with monkeypatch.context() as patch, pytest.raises(OutputError, match=r"Input/output error\. It is left as it was"):  # noqa: PT012
+        with monkeypatch.context() as patch:
             patch.setattr(os, name, fail)
-            put(tmp_path, force=True, a="new a", b="new b", c="new c")
+            with pytest.raises(OutputError, match=r"Input/output error\. It is left as it was"):
+                put(tmp_path, force=True, a="new a", b="new b", c="new c")
         assert (tree(tmp_path), read_written_files(tmp_path)) == before
 
 
@@ -145,14 +171,16 @@ def test_optional_files_need_not_be_written(tmp_path: Path) -> None:
         pass
 
 
-# -- whose files they are -------------------------------------------------------------------------------------------
+# -- whose files they are --------------------------------------------------------------------------
 
 
 def test_force_replaces_and_removes_files_of_an_earlier_result(tmp_path: Path) -> None:
     put(tmp_path, a="old", stale="old")
     (tmp_path / "mine").write_text("mine")
     with (
-        ResultFiles(tmp_path, ["a"], force=True, earlier=["stale", "mine", "absent"]).open() as files,
+        ResultFiles(
+            tmp_path, ["a"], force=True, earlier=["stale", "mine", "absent"]
+        ).open() as files,
         files.staging() as place,
     ):
         (place / "a").write_text("new")
@@ -178,12 +206,16 @@ def test_what_granphon_did_not_write_is_never_replaced(tmp_path: Path, force: bo
     (tmp_path / "dangling").symlink_to(tmp_path / "nowhere")
     before = tree(tmp_path)
     for name, found in {
-        "changed": "has been changed since", "mine": "no record that granphon", "linked": "changed since",
+        "changed": "has been changed since",
+        "mine": "no record that granphon",
+        "linked": "changed since",
         "dangling": "no record that granphon",
-    }.items():  # fmt: skip
+    }.items():
         with pytest.raises(FileExistsInRunError, match=rf"holds {name}: .*{found}.*Move it away"):
             put(tmp_path, force, **{name: "new"})
-    with pytest.raises(FileExistsInRunError, match="stale of an earlier run, and it has been changed"):
+    with pytest.raises(
+        FileExistsInRunError, match="stale of an earlier run, and it has been changed"
+    ):
         ResultFiles(tmp_path, ["new"], force, earlier=["stale"]).require_free()
     assert tree(tmp_path) == before
 
@@ -199,7 +231,11 @@ def test_what_the_run_reads_is_never_replaced_or_removed(tmp_path: Path, force: 
     # nor does a file of an earlier result stay beside another one, because it is read
     with pytest.raises(FileExistsInRunError, match="data of an earlier run, and this run reads it"):
         ResultFiles(
-            tmp_path, ["new"], force, earlier=["data"], inputs=[tmp_path / "data", tmp_path / "absent"]
+            tmp_path,
+            ["new"],
+            force,
+            earlier=["data"],
+            inputs=[tmp_path / "data", tmp_path / "absent"],
         ).require_free()
     assert tree(tmp_path) == {"data": "numbers", "same": "numbers", "deeper": ""}
 
@@ -213,7 +249,16 @@ def test_a_file_that_appears_meanwhile_is_not_overwritten(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", "null", '{"schema": 1}', '{"schema": 2, "files": {"a": "0"}}', '{"schema": 1, "files": [1]}', "\0"],
+    [
+        "",
+        "{",
+        "[]",
+        "null",
+        '{"schema": 1}',
+        '{"schema": 2, "files": {"a": "0"}}',
+        '{"schema": 1, "files": [1]}',
+        "\0",
+    ],
 )
 def test_a_list_that_cannot_be_read_names_no_file(tmp_path: Path, text: str) -> None:
     put(tmp_path, a="old")
@@ -242,18 +287,24 @@ def test_known_texts_may_be_replaced(tmp_path: Path) -> None:
 def test_places_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "summary").mkdir()
-    for folder, found in ((tmp_path / "file", "not a folder"), (tmp_path / "file" / "x", "not a folder")):
+    for folder, found in (
+        (tmp_path / "file", "not a folder"),
+        (tmp_path / "file" / "x", "not a folder"),
+    ):
         with pytest.raises(OutputError, match=found):
             ResultFiles(folder, ["a"]).require_free()
     with pytest.raises(OutputError, match="is a folder"):
         ResultFiles(tmp_path, ["summary"], force=True).require_free()
     with pytest.raises(OutputError, match="null"):
         ResultFiles(tmp_path / "a\0b", ["a"]).require_free()
-    with without_rights(tmp_path), pytest.raises(OutputError, match="there is no permission to write to"):
+    with (
+        without_rights(tmp_path),
+        pytest.raises(OutputError, match="there is no permission to write to"),
+    ):
         ResultFiles(tmp_path / "new", ["a"]).require_free()
 
 
-# -- one run at a time ----------------------------------------------------------------------------------------------
+# -- one run at a time -----------------------------------------------------------------------------
 
 
 def test_a_second_run_is_refused_and_the_lock_goes_with_the_first(tmp_path: Path) -> None:
@@ -272,7 +323,12 @@ def test_a_lock_that_is_removed_meanwhile_costs_nothing(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"a": "a"}
 
 
-def _contend(folder: Path, mark: str, start: multiprocessing.synchronize.Barrier, done: multiprocessing.Queue[str]) -> None:
+def _contend(
+    folder: Path,
+    mark: str,
+    start: multiprocessing.synchronize.Barrier,
+    done: multiprocessing.Queue[str],
+) -> None:
     start.wait()
     try:
         put(folder, force=True, a=mark, b=mark)
@@ -284,8 +340,12 @@ def _contend(folder: Path, mark: str, start: multiprocessing.synchronize.Barrier
 def test_runs_that_contend_leave_the_files_of_one(tmp_path: Path) -> None:
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
     for turn in range(10):
-        barrier, done = context.Barrier(3), context.Queue()
-        runs = [context.Process(target=_contend, args=(tmp_path, f"{turn}{m}", barrier, done)) for m in "xyz"]
+        barrier = context.Barrier(3)
+        done = context.Queue()
+        runs = [
+            context.Process(target=_contend, args=(tmp_path, f"{turn}{m}", barrier, done))
+            for m in "xyz"
+        ]
         for run in runs:
             run.start()
         claims = {done.get(timeout=60) for _ in runs} - {""}
@@ -304,7 +364,7 @@ def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path) -> 
     assert tree(tmp_path)["a"] == "a"
 
 
-# -- killed runs ----------------------------------------------------------------------------------------------------
+# -- killed runs -----------------------------------------------------------------------------------
 
 #: a run that gets a signal before, or after, its n-th change of the folder
 STOPPED = """
@@ -337,21 +397,29 @@ def stopped(folder: Path, last: int, number: int, when: str) -> tuple[int, dict[
     """How the run ended, and the files that can be seen then."""
     put(folder, **FIRST)
     run = subprocess.run(
-        [sys.executable, "-c", STOPPED, str(folder), str(last), str(int(number)), when], capture_output=True
+        [sys.executable, "-c", STOPPED, str(folder), str(last), str(int(number)), when],
+        capture_output=True,
     )
-    return run.returncode, {name: text for name, text in tree(folder).items() if not name.startswith(".")}
+    return run.returncode, {
+        name: text for name, text in tree(folder).items() if not name.startswith(".")
+    }
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
 @pytest.mark.parametrize("when", ["before", "after"])
-def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(tmp_path: Path, when: str) -> None:
+def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(
+    tmp_path: Path, when: str
+) -> None:
     outcomes = []
     for last in range(1, 40):
         code, left = stopped(tmp_path / str(last), last, signal.SIGKILL, when)
         assert len(set(left.values())) <= 1, f"killed at change {last}, the folder holds {left}"
-        # the same run again, as whoever was killed would do; it finds the folder as one of the two has left it
+        # the same run again, as whoever was killed would do; it finds the folder as one of the two
+        # has left it
         ResultFiles(tmp_path / str(last), [*SECOND], force=True, earlier=["stale"]).require_free()
-        outcomes.append({name: text for name, text in tree(tmp_path / str(last)).items() if name != LOCK})
+        outcomes.append(
+            {name: text for name, text in tree(tmp_path / str(last)).items() if name != LOCK}
+        )
         assert outcomes[-1] in (FIRST, SECOND)
         assert set(read_written_files(tmp_path / str(last))) == set(outcomes[-1])
         put(tmp_path / str(last), force=True, a="third")
@@ -378,7 +446,17 @@ def test_an_interruption_at_any_moment_leaves_one_result_whole(tmp_path: Path, w
 def test_a_run_that_is_killed_in_a_new_folder_can_be_run_again(tmp_path: Path) -> None:
     for last in range(1, 12):
         folder = tmp_path / str(last)
-        run = subprocess.run([sys.executable, "-c", STOPPED, str(folder), str(last), str(int(signal.SIGKILL)), "after"])
+        run = subprocess.run(
+            [
+                sys.executable,
+                "-c",
+                STOPPED,
+                str(folder),
+                str(last),
+                str(int(signal.SIGKILL)),
+                "after",
+            ]
+        )
         put(folder, force=True, **SECOND)
         assert tree(folder) == SECOND
         if run.returncode == 0:
@@ -394,12 +472,22 @@ def test_what_a_dead_run_left_is_removed(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"b": "b"}
 
 
-PLAIN = st.recursive(st.none() | st.integers() | st.text(max_size=5), lambda x: st.lists(x) | st.dictionaries(st.text(), x))
+PLAIN = st.recursive(
+    st.none() | st.integers() | st.text(max_size=5),
+    lambda x: st.lists(x) | st.dictionaries(st.text(), x),
+)
 
 
-@given(PLAIN | st.fixed_dictionaries({"schema": st.sampled_from([1, 2, None]), "files": PLAIN, "old": PLAIN}))
+@given(
+    PLAIN
+    | st.fixed_dictionaries({"schema": st.sampled_from([1, 2, None]), "files": PLAIN, "old": PLAIN})
+)
 @example(
-    {"schema": 1, "files": {"b": "0", "../b": "0", "": "0", "mine": "0"}, "old": {"mine": "0", "../mine": "0", "..": "0"}}
+    {
+        "schema": 1,
+        "files": {"b": "0", "../b": "0", "": "0", "mine": "0"},
+        "old": {"mine": "0", "../mine": "0", "..": "0"},
+    }
 )
 def test_a_damaged_list_of_a_new_result_moves_and_removes_nothing(
     tmp_path_factory: pytest.TempPathFactory, record: object
@@ -414,12 +502,18 @@ def test_a_damaged_list_of_a_new_result_moves_and_removes_nothing(
     ResultFiles(folder, ["c"]).require_free()
     found = {name: text for name, text in tree(folder.parent).items() if NEW not in name}
     assert found in (
-        {"out": "", "out/a": "a", "out/mine": "mine", "mine": "mine"} | more for more in ({}, {"out/b": "half"})
+        {"out": "", "out/a": "a", "out/mine": "mine", "mine": "mine"} | more
+        for more in ({}, {"out/b": "half"})
     )
 
 
-@pytest.mark.parametrize("text", ['{"new": [], "old": []}', "[" * 100_000, "null", '{"schema": 1, "files": {}, "old": 1}'])
-def test_a_folder_of_that_name_that_is_none_of_ours_is_left_alone(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize(
+    "text",
+    ['{"new": [], "old": []}', "[" * 100_000, "null", '{"schema": 1, "files": {}, "old": 1}'],
+)
+def test_a_folder_of_that_name_that_is_none_of_ours_is_left_alone(
+    tmp_path: Path, text: str
+) -> None:
     (tmp_path / NEW).mkdir()
     (tmp_path / NEW / LIST).write_text(text)
     with pytest.raises(OutputError, match="cannot be written"):
@@ -430,7 +524,8 @@ def test_a_folder_of_that_name_that_is_none_of_ours_is_left_alone(tmp_path: Path
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes")
 def test_pipes_and_links_in_the_place_of_our_files_are_not_followed(tmp_path: Path) -> None:
-    folder, victim = tmp_path / "out", tmp_path / "victim"
+    folder = tmp_path / "out"
+    victim = tmp_path / "victim"
     for one in (folder, victim):
         one.mkdir()
     (victim / "scene").write_text("precious")
@@ -455,7 +550,9 @@ def test_pipes_and_links_in_the_place_of_our_files_are_not_followed(tmp_path: Pa
             (folder / LOCK).write_text("the user's")
         else:
             os.mkfifo(folder / LOCK)
-        with pytest.raises(OutputError, match=r"cannot be written|is not a lock that granphon made"):
+        with pytest.raises(
+            OutputError, match=r"cannot be written|is not a lock that granphon made"
+        ):
             put(folder, b="b")
         assert os.path.lexists(folder / LOCK)
         (folder / LOCK).unlink()

@@ -18,7 +18,8 @@ from granphon.base.tables import Heading, Table, table_text
 from granphon.fits.measurements import Measurements
 from granphon.fits.transfer import TransferFunction
 
-FORCE, SPEED = LOADS["force"], Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
+FORCE = LOADS["force"]
+SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 
 
 def table(tmp_path, text):
@@ -63,8 +64,14 @@ def test_columns_in_si_to_the_last_bit(tmp_path, text):
     assert "side force" not in found
 
 
-UNITS = st.sampled_from([("m", 1), ("um", 10**6), ("cm", 100), ("km", Fraction(1, 1000)), ("inch", Fraction(5000, 127))])
-NUMBERS = st.integers(1, 10**25).map(str) | st.floats(1e-300, 1e280).map(repr) | st.decimals(1, 9, places=20).map(str)
+UNITS = st.sampled_from(
+    [("m", 1), ("um", 10**6), ("cm", 100), ("km", Fraction(1, 1000)), ("inch", Fraction(5000, 127))]
+)
+NUMBERS = (
+    st.integers(1, 10**25).map(str)
+    | st.floats(1e-300, 1e280).map(repr)
+    | st.decimals(1, 9, places=20).map(str)
+)
 NUMBERS |= st.sampled_from(["8.", ".5", "+3.25", "8E-3", "8e+02", "1e-199"])
 
 
@@ -77,14 +84,22 @@ def test_cells_are_the_floats_nearest_to_what_is_written(tmp_path_factory, cells
     assert found.tolist() == [LENGTH.read(f"{cell} {unit[0]}") for cell in cells]
 
 
-PLAIN = st.integers(1, 10**25).map(str) | st.floats(1e-180, 1e180).map(repr) | st.decimals(1, 9, places=20).map(str)
+PLAIN = (
+    st.integers(1, 10**25).map(str)
+    | st.floats(1e-180, 1e180).map(repr)
+    | st.decimals(1, 9, places=20).map(str)
+)
 SIGNED = PLAIN | PLAIN.map("-{}".format) | st.sampled_from(["0", "-0.0", "0e5", "00.10", "-1.5E+3"])
-UNITS_OF_FORCE = st.sampled_from([("N", 1), ("mN", 1000), ("kN", Fraction(1, 1000)), ("kgf", Fraction(100000, 980665))])
+UNITS_OF_FORCE = st.sampled_from(
+    [("N", 1), ("mN", 1000), ("kN", Fraction(1, 1000)), ("kgf", Fraction(100000, 980665))]
+)
 
 
 @given(st.lists(SIGNED, min_size=1, max_size=20), UNITS_OF_FORCE)
 def test_whole_columns_are_read_at_once(cells, unit):
-    """Also those with zeros, signs, exponents and units that are no power of ten: none is left to the reader of one cell."""
+    """Also those with zeros, signs, exponents and units that are no power of ten: none is left to
+    the reader of one cell.
+    """
     alone = [PUSH.read(f"{cell} {unit[0]}") for cell in cells]
     assert alone == [float(Fraction(cell) / unit[1]) for cell in cells]
     found = PUSH.read_many(cells, unit[0])
@@ -113,7 +128,9 @@ def test_names_are_compared_as_words_and_a_name_may_carry_the_unit(tmp_path):
 
 
 def test_only_the_columns_that_are_asked_for_are_read(tmp_path):
-    assert table(tmp_path, "ball,diameter (mm)\nfirst,8\nsecond,9\n").column("diameter", LENGTH).tolist() == [0.008, 0.009]
+    assert table(tmp_path, "ball,diameter (mm)\nfirst,8\nsecond,9\n").column(
+        "diameter", LENGTH
+    ).tolist() == [0.008, 0.009]
 
 
 @pytest.mark.parametrize(
@@ -124,16 +141,29 @@ def test_only_the_columns_that_are_asked_for_are_read(tmp_path):
         ("force\n2\n", "the column 'force' has no unit. Write the heading 'force (N)'"),
         ("2.0,500\n4,600\n", "csv:1: found the number 2.0 where the columns are headed"),
         ("force (N),velocity\n", "no rows below its headings"),
-        ("forse (N)\n1\n", "no column named 'force'. Its columns are 'forse'. Did you mean 'forse'? Name the column"),
-        ("a,b\n1,2\n", "no column named 'force'. Its columns are 'a', 'b'. Name the column that is meant"),
+        (
+            "forse (N)\n1\n",
+            "no column named 'force'. Its columns are 'forse'. Did you mean 'forse'? Name the"
+            " column",
+        ),
+        (
+            "a,b\n1,2\n",
+            "no column named 'force'. Its columns are 'a', 'b'. Name the column that is meant",
+        ),
         ("force (N),Force (mN)\n1,2\n", "two columns named 'force'"),
         ("force (N),v\n1,2\n3,4,5\n", "csv:3: found 3 cells below 2 headings"),
         ("v;force (N)\n1;2\n\n3\n", "csv:4: force: found nothing, where a number is needed"),
         ("force (N)\nnan\n", "csv:2: force: found 'nan', where a number is needed"),
         ("force (N)\n-2\n", "csv:2: force: found '-2 N', which is tensile"),
         ("force (N)\n# x\n0.0\n", "csv:3: force: found '0.0 N', which is zero"),
-        ("force (N);v\n2,5;3\n", "csv:2: force: found '2,5', where a number is needed. Write decimals with a point."),
-        ('force (N),v\n"1,5e3",3\n', "found '1,5e3', where a number is needed. Write decimals with a point."),
+        (
+            "force (N);v\n2,5;3\n",
+            "csv:2: force: found '2,5', where a number is needed. Write decimals with a point.",
+        ),
+        (
+            'force (N),v\n"1,5e3",3\n',
+            "found '1,5e3', where a number is needed. Write decimals with a point.",
+        ),
         ("force (N)\ntwo\n", "found 'two', where a number is needed"),
         ("force (N)\n2,5\n", "csv:2: found 2 cells below 1 heading. Write decimals with a point"),
         ("force (m)\n1\n", "csv:2: force: found '1 m', whose unit is not a unit of force"),
@@ -148,18 +178,28 @@ def test_what_cannot_be_read_is_named(tmp_path, text, words):
 
 def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
-    (tmp_path / "wide.csv").write_text("force (N)\n" + "1" * 200_000)  # more than one cell of a table can hold
-    for path in (tmp_path, "/dev/null", tmp_path / "none.csv", tmp_path / "binary.csv", f"{tmp_path}/\0"):
+    # more than one cell of a table can hold
+    (tmp_path / "wide.csv").write_text("force (N)\n" + "1" * 200_000)
+    for path in (
+        tmp_path,
+        "/dev/null",
+        tmp_path / "none.csv",
+        tmp_path / "binary.csv",
+        f"{tmp_path}/\0",
+    ):
         with pytest.raises(InputError, match="cannot be read"):
             Table.read(path)
     with pytest.raises(InputError, match="csv:2 cannot be split into columns"):
         Table.read(tmp_path / "wide.csv")
 
 
-@pytest.mark.parametrize("bad", ["0", "-1", "1e400", "1e-400", "nan", "8,5", "eight", "1" * 101, "1e-324", ""])
+@pytest.mark.parametrize(
+    "bad", ["0", "-1", "1e400", "1e-400", "nan", "8,5", "eight", "1" * 101, "1e-324", ""]
+)
 def test_a_bad_cell_among_many_is_told_as_alone(tmp_path, bad):
     alone, among = (
-        table(tmp_path, "n;size (mm)\n" + "1;8.25\n" * before + f"2;{bad}\n" + "3;8.5\n" * before) for before in (0, 50)
+        table(tmp_path, "n;size (mm)\n" + "1;8.25\n" * before + f"2;{bad}\n" + "3;8.5\n" * before)
+        for before in (0, 50)
     )
     with pytest.raises(InputError) as one:
         alone.column("size", LENGTH)
@@ -167,7 +207,7 @@ def test_a_bad_cell_among_many_is_told_as_alone(tmp_path, bad):
         among.column("size", LENGTH)
 
 
-# -- encodings ------------------------------------------------------------------------------------------------------
+# -- encodings -------------------------------------------------------------------------------------
 
 MICRO = "ball,diameter (µm)\n1,7999\n2,8001\n"
 
@@ -181,21 +221,41 @@ def test_utf_8_is_read_with_its_mark_and_without(encoding):
 @pytest.mark.parametrize(
     ("raw", "words"),
     [
-        (MICRO.encode("utf-16"), "lot.csv:1 cannot be read: found the byte 0xff where text in UTF-8 is needed."),
-        (MICRO.encode("utf-16"), "The file looks like UTF-16. Save it as UTF-8 where it was made, or convert it: iconv"),
+        (
+            MICRO.encode("utf-16"),
+            "lot.csv:1 cannot be read: found the byte 0xff where text in UTF-8 is needed.",
+        ),
+        (
+            MICRO.encode("utf-16"),
+            "The file looks like UTF-16. Save it as UTF-8 where it was made, or convert it: iconv",
+        ),
         (b"\xfe\xff" + MICRO.encode("utf-16-be"), "lot.csv:1 cannot be read: found the byte 0xfe"),
-        ("size (m)\n8\n".encode("utf-16-le"), "lot.csv:1 cannot be read: found the byte 0x00 where text in UTF-8 is"),
+        (
+            "size (m)\n8\n".encode("utf-16-le"),
+            "lot.csv:1 cannot be read: found the byte 0x00 where text in UTF-8 is",
+        ),
         ("size (m)\n8\n".encode("utf-16-le"), "looks like UTF-16"),
-        (MICRO.encode("latin-1"), "lot.csv:1 cannot be read: found the byte 0xb5 where text in UTF-8 is needed."),
-        (MICRO.encode("latin-1"), "The file looks like Latin-1. Save it as UTF-8 where it was made"),
-        ("diameter (m)\n8\n# é\n".encode("latin-1"), "lot.csv:3 cannot be read: found the byte 0xe9"),
+        (
+            MICRO.encode("latin-1"),
+            "lot.csv:1 cannot be read: found the byte 0xb5 where text in UTF-8 is needed.",
+        ),
+        (
+            MICRO.encode("latin-1"),
+            "The file looks like Latin-1. Save it as UTF-8 where it was made",
+        ),
+        (
+            "diameter (m)\n8\n# é\n".encode("latin-1"),
+            "lot.csv:3 cannot be read: found the byte 0xe9",
+        ),
         (
             b"a\n\x89PNG\r\n\x1a",
-            "lot.csv:2 cannot be read: found the byte 0x89 where text in UTF-8 is needed. The file does not look",
+            "lot.csv:2 cannot be read: found the byte 0x89 where text in UTF-8 is needed. The"
+            " file does not look",
         ),
         (
             b"a (m)\n1\n2\0\n",
-            "lot.csv:3 cannot be read: found the byte 0x00 where text in UTF-8 is needed. The file does not look like",
+            "lot.csv:3 cannot be read: found the byte 0x00 where text in UTF-8 is needed. The"
+            " file does not look like",
         ),
     ],
 )
@@ -204,7 +264,7 @@ def test_other_encodings_are_named_with_line_and_byte_and_how_to_mend(raw, words
         Table.parse("lot.csv", raw)
 
 
-# -- files that a scene has named, and that may hold anything --------------------------------------------------------
+# -- files that a scene has named, and that may hold anything --------------------------------------
 
 SECRET = "hunter2"
 FOREIGN = [
@@ -243,7 +303,9 @@ def test_of_such_a_file_the_error_says_how_many_columns_and_which_heading():
 
 def test_a_table_of_quantities_is_quoted_wherever_it_was_named():
     table = Table.parse("lot.csv", b"ball,diameter (mm)\n1,wide\n", quoted=False)
-    with pytest.raises(InputError, match=r"lot\.csv:2: diameter: found 'wide', where a number is needed"):
+    with pytest.raises(
+        InputError, match=r"lot\.csv:2: diameter: found 'wide', where a number is needed"
+    ):
         table.column("diameter", LENGTH)
 
 
@@ -260,9 +322,16 @@ def test_what_is_written_is_read_again(rows):
 def test_every_table_that_granphon_writes_is_read_by_the_one_reader(tmp_path):
     steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6))
-    data = gp.sweep(packing, force=[2.0, 9.0], media=("ala", {"ema": {"local_field": "paper"}}), path=tmp_path / "sweep.nc")
+    data = gp.sweep(
+        packing,
+        force=[2.0, 9.0],
+        media=("ala", {"ema": {"local_field": "paper"}}),
+        path=tmp_path / "sweep.nc",
+    )
     swept = Table.read(tmp_path / "sweep.csv")
-    np.testing.assert_array_equal(swept.numbers("longitudinal"), data["longitudinal"].values.ravel())
+    np.testing.assert_array_equal(
+        swept.numbers("longitudinal"), data["longitudinal"].values.ravel()
+    )
     assert swept.column("bulk", quantities.MODULUS).tolist() == data["bulk"].values.ravel().tolist()
     dos = gp.Phonons(gp.AveragedLattice(packing).at_force(2.0)).dos((4, 4), points=31)
     dos.write_csv(tmp_path / "dos.csv")

@@ -1,4 +1,6 @@
-"""Units: those that are read, decimal prefixes of hertz in files, and of numbers as people read them."""
+"""Units: those that are read, decimal prefixes of hertz in files, and of numbers as people read
+them.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,17 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.base.quantities import ADHESION, DENSITY, FREQUENCY, LENGTH, MASS, MODULUS, PUSH, TIME, VELOCITY
+from granphon.base.quantities import (
+    ADHESION,
+    DENSITY,
+    FREQUENCY,
+    LENGTH,
+    MASS,
+    MODULUS,
+    PUSH,
+    TIME,
+    VELOCITY,
+)
 from granphon.base.scales import HertzPrefix, WidthUnits, prefixed, write_quantity, write_uncertain
 
 
@@ -21,34 +33,51 @@ from granphon.base.scales import HertzPrefix, WidthUnits, prefixed, write_quanti
 def test_a_frequency_lies_between_one_and_a_thousand_of_its_unit(frequency):
     unit = HertzPrefix.for_top(frequency)
     assert unit.hertz <= frequency
-    assert frequency < 1000.0 * unit.hertz * (1.0 + 1e-15)  # 1e-21 is not a thousand times 1e-24 to the last bit
+    # 1e-21 is not a thousand times 1e-24 to the last bit
+    assert frequency < 1000.0 * unit.hertz * (1.0 + 1e-15)
     assert HertzPrefix.named(unit.name) == unit
 
 
 @pytest.mark.parametrize(
     ("frequency", "name", "hertz"),
     [
-        (999.999999999, "Hz", 1.0), (1e3, "kHz", 1e3), (6.5e6, "MHz", 1e6), (2e-6, "uHz", 1e-6), (1e-30, "yHz", 1e-24),
-        (0.0, "yHz", 1e-24), (1e30, "YHz", 1e24),
+        (999.999999999, "Hz", 1.0),
+        (1e3, "kHz", 1e3),
+        (6.5e6, "MHz", 1e6),
+        (2e-6, "uHz", 1e-6),
+        (1e-30, "yHz", 1e-24),
+        (0.0, "yHz", 1e-24),
+        (1e30, "YHz", 1e24),
     ],
-)  # fmt: skip
+)
 def test_units_of_hertz(frequency, name, hertz):
     assert HertzPrefix.for_top(frequency) == HertzPrefix(name, hertz)
 
 
 def test_a_unit_of_hertz_that_is_none():
-    with pytest.raises(InputError, match=r"'khz' is no decimal unit of hertz. Use one of yHz, .*, Hz, kHz, .*, YHz"):
+    with pytest.raises(
+        InputError, match=r"'khz' is no decimal unit of hertz. Use one of yHz, .*, Hz, kHz, .*, YHz"
+    ):
         HertzPrefix.named("khz")
 
 
 @pytest.mark.parametrize(
     ("value", "size", "name"),
     [
-        (2.04e-6, 1e-6, "um"), (-2.04e-6, 1e-6, "um"), (8e-3, 1e-3, "mm"), (1.0, 1.0, "m"), (2e11, 1e9, "Gm"),
-        (3e-14, 1e-15, "fm"), (math.nextafter(1e-3, 0.0), 1e-3, "mm"), (0.999e-3, 1e-6, "um"),
-        (0.0, 1.0, "m"), (1e-300, 1.0, "m"), (1e27, 1.0, "m"), (math.inf, 1.0, "m"),
+        (2.04e-6, 1e-6, "um"),
+        (-2.04e-6, 1e-6, "um"),
+        (8e-3, 1e-3, "mm"),
+        (1.0, 1.0, "m"),
+        (2e11, 1e9, "Gm"),
+        (3e-14, 1e-15, "fm"),
+        (math.nextafter(1e-3, 0.0), 1e-3, "mm"),
+        (0.999e-3, 1e-6, "um"),
+        (0.0, 1.0, "m"),
+        (1e-300, 1.0, "m"),
+        (1e27, 1.0, "m"),
+        (math.inf, 1.0, "m"),
     ],
-)  # fmt: skip
+)
 def test_multiples_for_reading(value, size, name):
     assert prefixed(value, "m") == (size, name)
 
@@ -56,11 +85,14 @@ def test_multiples_for_reading(value, size, name):
 @pytest.mark.parametrize(
     ("unit", "text", "both"),
     [
-        ("1", "0.00025", "0.000250 +/- 0.000010"), ("1/m", "0.00025 1/m", "0.000250 +/- 0.000010 1/m"),
-        ("m^2", "0.00025 m^2", "0.000250 +/- 0.000010 m^2"), ("kg/m^3", "0.00025 kg/m^3", "0.000250 +/- 0.000010 kg/m^3"),
-        ("N s/m", "250 uN s/m", "250 +/- 10 uN s/m"), ("m/s^2", "250 um/s^2", "250 +/- 10 um/s^2"),
+        ("1", "0.00025", "0.000250 +/- 0.000010"),
+        ("1/m", "0.00025 1/m", "0.000250 +/- 0.000010 1/m"),
+        ("m^2", "0.00025 m^2", "0.000250 +/- 0.000010 m^2"),
+        ("kg/m^3", "0.00025 kg/m^3", "0.000250 +/- 0.000010 kg/m^3"),
+        ("N s/m", "250 uN s/m", "250 +/- 10 uN s/m"),
+        ("m/s^2", "250 um/s^2", "250 +/- 10 um/s^2"),
     ],
-)  # fmt: skip
+)
 def test_units_take_a_prefix_where_their_first_one_can(unit, text, both):
     assert write_quantity(2.5e-4, unit) == text
     assert write_uncertain(2.5e-4, 1e-5, unit) == both
@@ -69,11 +101,16 @@ def test_units_take_a_prefix_where_their_first_one_can(unit, text, both):
 @pytest.mark.parametrize(
     ("value", "error", "text"),
     [
-        (1111.795, 0.3935, "1.11180 +/- 0.00039 km/s"), (1.0604e-6, 1.543e-9, "1.0604 +/- 0.0015 um/s"),
-        (988.2e6, 747e3, "988.20 +/- 0.75 Mm/s"), (100.0, 250.0, "100 +/- 250 m/s"), (0.0, 1e-9, "0.0 +/- 1.0 nm/s"),
-        (-5e-7, 3e-9, "-500.0 +/- 3.0 nm/s"), (2.04e-6, 1.04e-15, "2.04 um/s +/- 1 fm/s"), (2.0, 0.0, "2 m/s +/- 0 m/s"),
+        (1111.795, 0.3935, "1.11180 +/- 0.00039 km/s"),
+        (1.0604e-6, 1.543e-9, "1.0604 +/- 0.0015 um/s"),
+        (988.2e6, 747e3, "988.20 +/- 0.75 Mm/s"),
+        (100.0, 250.0, "100 +/- 250 m/s"),
+        (0.0, 1e-9, "0.0 +/- 1.0 nm/s"),
+        (-5e-7, 3e-9, "-500.0 +/- 3.0 nm/s"),
+        (2.04e-6, 1.04e-15, "2.04 um/s +/- 1 fm/s"),
+        (2.0, 0.0, "2 m/s +/- 0 m/s"),
     ],
-)  # fmt: skip
+)
 def test_a_value_and_its_error_have_the_same_unit_and_place(value, error, text):
     assert write_uncertain(value, error, "m/s") == text
 
@@ -81,9 +118,13 @@ def test_a_value_and_its_error_have_the_same_unit_and_place(value, error, text):
 @pytest.mark.parametrize(
     ("text", "meant"),
     [
-        ("211,65 GPa", "211.65 GPa"), ("-8,5 mm", "-8.5 mm"), ("1,234,567 Pa", ""), ("2.5,3 mm", ""), ("2, mm", ""),
+        ("211,65 GPa", "211.65 GPa"),
+        ("-8,5 mm", "-8.5 mm"),
+        ("1,234,567 Pa", ""),
+        ("2.5,3 mm", ""),
+        ("2, mm", ""),
     ],
-)  # fmt: skip
+)
 def test_a_decimal_comma_is_told(text, meant):
     with pytest.raises(InputError, match="not one number and one unit") as error:
         (MODULUS if text.endswith("Pa") else LENGTH).read(text)
@@ -94,29 +135,41 @@ def test_a_decimal_comma_is_told(text, meant):
 @pytest.mark.parametrize(
     ("value", "error", "text"),
     [
-        (0.0, 2.8e6, "0 s +/- 2.8e+06 s"), (-1e-9, 3.0, "0.0 +/- 3.0 s"), (0.0, 3e-5, "0 +/- 30 us"),
-        (1.2e-6, 4e-8, "1.200 +/- 0.040 us"), (5400.0, 36.0, "5400 +/- 36 s"),
+        (0.0, 2.8e6, "0 s +/- 2.8e+06 s"),
+        (-1e-9, 3.0, "0.0 +/- 3.0 s"),
+        (0.0, 3e-5, "0 +/- 30 us"),
+        (1.2e-6, 4e-8, "1.200 +/- 0.040 us"),
+        (5400.0, 36.0, "5400 +/- 36 s"),
     ],
-)  # fmt: skip
+)
 def test_times_have_no_multiples_of_the_second(value, error, text):
     assert write_uncertain(value, error, "s") == text
 
 
 @pytest.mark.parametrize("width", [1e-150, 1e-20, 2.04e-6, 1.0, 1e100])
 def test_units_of_the_width_are_those_of_hertz_at_an_overlap_of_it(width):
-    units, law = WidthUnits(3.7e9, width), gp.HertzLaw(3.7e9)
-    assert (0.4 * units.energy, units.force) == pytest.approx((law.energy(width), law.force(width)), rel=4e-15)
+    units = WidthUnits(3.7e9, width)
+    law = gp.HertzLaw(3.7e9)
+    assert (0.4 * units.energy, units.force) == pytest.approx(
+        (law.energy(width), law.force(width)), rel=4e-15
+    )
     expected = law.stiffness(width), law.stiffness_slope(width)
-    assert (1.5 * units.stiffness, 0.75 * units.stiffness_slope) == pytest.approx(expected, rel=4e-15)
-    force, overlap = np.array([0.3, 2.0]) * units.force, np.array([-0.25, 2.0]) * width
+    assert (1.5 * units.stiffness, 0.75 * units.stiffness_slope) == pytest.approx(
+        expected, rel=4e-15
+    )
+    force = np.array([0.3, 2.0]) * units.force
+    overlap = np.array([-0.25, 2.0]) * width
     np.testing.assert_allclose(units.reduced_force(force), [0.3, 2.0], rtol=1e-15)
     np.testing.assert_allclose(units.reduced_overlap(overlap), [-0.25, 2.0], rtol=1e-15)
     np.testing.assert_allclose(units.reduced_spacing(overlap), [0.25, 2.5], rtol=1e-15)
 
 
-@pytest.mark.parametrize(("coefficient", "width"), [(3.7e9, 1e-210), (3.7e9, 1e-218), (2e-150, 1e150), (2e150, 1e-150)])
+@pytest.mark.parametrize(
+    ("coefficient", "width"), [(3.7e9, 1e-210), (3.7e9, 1e-218), (2e-150, 1e150), (2e150, 1e-150)]
+)
 def test_units_of_the_width_where_powers_of_it_leave_the_floating_range(coefficient, width):
-    units, root = WidthUnits(coefficient, width), Decimal(width).sqrt()
+    units = WidthUnits(coefficient, width)
+    root = Decimal(width).sqrt()
     for n, name in ((5, "energy"), (3, "force"), (1, "stiffness"), (-1, "stiffness_slope")):
         exact = float(Decimal(coefficient) * root**n)
         assert getattr(units, name) == pytest.approx(exact, rel=2e-15, abs=5e-324)
@@ -130,7 +183,10 @@ def test_a_width_whose_units_are_above_the_floating_range():
     units = WidthUnits(3.7e9, 1e200)
     assert units.stiffness == pytest.approx(3.7e109, rel=1e-15)
     for name, power in (("energy", 5), ("force", 3)):
-        with pytest.raises(InputError, match=rf"1e\+200 m is beyond double precision. c W\^\({power}/2\) .* smaller width"):
+        with pytest.raises(
+            InputError,
+            match=rf"1e\+200 m is beyond double precision. c W\^\({power}/2\) .* smaller width",
+        ):
             getattr(units, name)
 
 
@@ -142,8 +198,16 @@ def registry():
 @pytest.mark.parametrize(
     ("kind", "units"),
     [
-        (LENGTH, "m cm mm um µm μm nm pm km inch inches foot feet ft yard yd mile angstrom Å metre meters micrometre"),
-        (MODULUS, "Pa kPa MPa GPa bar mbar atm psi N/mm^2 kN/m**2 kgf/cm² dyn/cm^2 J/m³ J·m^-3 kg/m/s^2 lbf/inch^2"),
+        (
+            LENGTH,
+            "m cm mm um µm μm nm pm km inch inches foot feet ft yard yd mile angstrom Å metre"
+            " meters micrometre",
+        ),
+        (
+            MODULUS,
+            "Pa kPa MPa GPa bar mbar atm psi N/mm^2 kN/m**2 kgf/cm² dyn/cm^2 J/m³ J·m^-3"
+            " kg/m/s^2 lbf/inch^2",
+        ),
         (DENSITY, "kg/m^3 g/cm^3 g/cm3 g·cm**-3 t/m^3 lb/ft^3 mg/mm³ tonne/metre^3"),
         (FREQUENCY, "Hz kHz MHz 1/s 1/ms s^-1 1/hour hertz kilohertz"),
         (TIME, "s ms us minute minutes h hour hours nanoseconds"),
@@ -152,9 +216,11 @@ def registry():
         (MASS, "kg g mg lb pounds t tonnes N*s^2/m"),
         (ADHESION, "J/m^2 mJ/m^2 N/m dyn/cm kg/s^2"),
     ],
-)  # fmt: skip
+)
 def test_units_are_those_of_pint(registry, kind, units):
     for unit in units.split():
-        written = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").replace("cm3", "cm^3")
+        written = (
+            unit.replace("·", "*").replace("²", "^2").replace("³", "^3").replace("cm3", "cm^3")
+        )
         factor = registry.Quantity(Decimal(1), written).to(kind.unit).magnitude
         assert kind.read(f"3 {unit}") == pytest.approx(float(3 * factor), rel=2e-16), unit

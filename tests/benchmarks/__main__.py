@@ -2,7 +2,8 @@
 
     python tests/benchmarks [--json FILE] [--repeats N] [--only PART ...] [--huge]
 
-The exit code is 1 if a bound is missed. What scenes cost is another table, which ``costs.py`` makes and adds to the file.
+The exit code is 1 if a bound is missed. What scenes cost is another table, which ``costs.py`` makes
+and adds to the file.
 """
 
 from __future__ import annotations
@@ -24,8 +25,20 @@ import bench_waves
 from side_by_side import command_line
 
 # simulations first: their memory is measured in processes that inherit the peak of this one
-PARTS = bench_simulation.PARTS | bench_arrays.PARTS | bench_ordered.PARTS | bench_crystals.PARTS | bench_calculator.PARTS
-PARTS |= bench_exact.PARTS | bench_effective.PARTS | bench_pulses.PARTS | bench_waves.PARTS | bench_sweeps.PARTS
+PARTS = (
+    bench_simulation.PARTS
+    | bench_arrays.PARTS
+    | bench_ordered.PARTS
+    | bench_crystals.PARTS
+    | bench_calculator.PARTS
+)
+PARTS |= (
+    bench_exact.PARTS
+    | bench_effective.PARTS
+    | bench_pulses.PARTS
+    | bench_waves.PARTS
+    | bench_sweeps.PARTS
+)
 PARTS |= bench_friction.PARTS | bench_motion.PARTS
 
 if __name__ == "__main__":

@@ -1,15 +1,18 @@
-"""What the media are worth: the table that ``medium: auto`` chooses by, and whether it keeps what it promises.
+"""What the media are worth: the table that ``medium: auto`` chooses by, and whether it keeps what
+it promises.
 
-    python tests/benchmarks/accuracy.py [--write] [--held-back] [--lattice NAME] [--side N] [--samples N]
+    python tests/benchmarks/accuracy.py [--write] [--held-back] [--lattice NAME] [--side N]
+    [--samples N]
 
-Without an option it does both: measures the errors again over the distributions and loads of the table (``--write``
-writes them into ``granphon/data/accuracy.json``), then, on other distributions, loads and Poisson ratios, counts how often
-the error of what ``auto`` takes is within the one it expects (``--held-back`` does this alone). Everything is relative, and
-in reduced units: one diameter, width and modulus stand for all.
+Without an option it does both: measures the errors again over the distributions and loads of the
+table (``--write`` writes them into ``granphon/data/accuracy.json``), then, on other distributions,
+loads and Poisson ratios, counts how often the error of what ``auto`` takes is within the one it
+expects (``--held-back`` does this alone). Everything is relative, and in reduced units: one
+diameter, width and modulus stand for all.
 
-Each lattice has a part of the table. In the plane errors are those of the longitudinal and transverse velocity, and of the
-scale of frequencies (k/M)^(1/2). In space they are those of all three velocities along each of :data:`DIRECTIONS`, and of
-that scale: the largest of them counts.
+Each lattice has a part of the table. In the plane errors are those of the longitudinal and
+transverse velocity, and of the scale of frequencies (k/M)^(1/2). In space they are those of all
+three velocities along each of :data:`DIRECTIONS`, and of that scale: the largest of them counts.
 """
 
 from __future__ import annotations
@@ -35,7 +38,12 @@ from granphon.array.sample import Sample
 from granphon.balls.diameters import Spread
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
-from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
+from granphon.dynamics.elasticity import (
+    bulk_and_shear,
+    longitudinal_modulus,
+    symmetrise,
+    waves_of_tensor,
+)
 from granphon.media.accuracy import compute_form_coefficients
 from granphon.media.choice import even_shape
 from granphon.media.simulation import SimulatedState
@@ -43,19 +51,23 @@ from granphon.media.state import ContactState
 from granphon.tradeoffs.measure import observe
 
 Array = NDArray[np.float64]
-DIAMETER, WIDTH = 8e-3, 2e-6
+DIAMETER = 8e-3
+WIDTH = 2e-6
 DATA = Path(gp.__file__).parent / "data" / "accuracy.json"
 #: media with the names of scenes, the cheapest first; a simulation is last
 MEDIA = {"ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium}
-#: in space, Cartesian: in fcc along the edges, the diagonals of faces and of the cube; in hcp in the layers, across them,
-#: and between
+#: in space, Cartesian: in fcc along the edges, the diagonals of faces and of the cube; in hcp in
+#: the layers, across them, and between
 DIRECTIONS = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 1.0, 0.0), (1.0, 1.0, 1.0))
-#: of two kinds of balls the part of the larger ones; of three, a step apart, that of the middle ones
-LARGER, MIDDLE = (0.2, 0.25, 0.33, 0.4, 0.5, 0.6, 0.67, 0.75, 0.8), (0.2, 0.5, 0.65, 0.8)
+#: of two kinds of balls the part of the larger ones; of three, a step apart, that of the middle
+#: ones
+LARGER = (0.2, 0.25, 0.33, 0.4, 0.5, 0.6, 0.67, 0.75, 0.8)
+MIDDLE = (0.2, 0.5, 0.65, 0.8)
 #: of distributions: two of their own, and whatever else
 FAMILIES = ("uniform", "normal", "any")
-#: part by which the table is above what was measured: loads, ratios and distributions between those of the table. Of listed
-#: diameters errors peak where contacts of a pair of kinds open: each counts at the loads next to its own as well
+#: part by which the table is above what was measured: loads, ratios and distributions between those
+#: of the table. Of listed diameters errors peak where contacts of a pair of kinds open: each counts
+#: at the loads next to its own as well
 MARGINS = {"uniform": 1.15, "normal": 1.15, "any": 1.3}
 #: stands for the error of a medium that has no answer
 FAILED = 10.0
@@ -63,10 +75,18 @@ FAILED = 10.0
 
 #: distributions that are held back, see :func:`other_shapes`
 OTHERS = (
-    "uniform", "normal, cut at 2.5", "normal, cut at 4", "three kinds, as many of each", "three kinds, 0.7 in the middle",
-    "three kinds, uneven", "four kinds", "two kinds, 0.3 of them larger", "two kinds, 0.65 of them larger", "triangle",
+    "uniform",
+    "normal, cut at 2.5",
+    "normal, cut at 4",
+    "three kinds, as many of each",
+    "three kinds, 0.7 in the middle",
+    "three kinds, uneven",
+    "four kinds",
+    "two kinds, 0.3 of them larger",
+    "two kinds, 0.65 of them larger",
+    "triangle",
     "a lot of 40 balls, lognormal",
-)  # fmt: skip
+)
 
 
 def three_digits(values: Iterable[float]) -> tuple[float, ...]:
@@ -85,7 +105,8 @@ class Scope(NamedTuple):
     held_back : distributions that are held back.
     true_side, true_samples : the sides and number of samples for these.
     loads, ratios : the number of loads and of ratios of stiffness at which they are tried.
-    largest : the largest side of a simulation that is tried there: its truth has many times more balls.
+    largest : the largest side of a simulation that is tried there: its truth has many times more
+        balls.
     """
 
     forces: tuple[float, ...]
@@ -105,27 +126,51 @@ class Scope(NamedTuple):
 _PLANE = Scope(
     three_digits(np.geomspace(3e-3, 30.0, 37)),
     three_digits(np.concatenate([np.geomspace(0.42, 1.6, 28)[:-1], np.geomspace(1.6, 10.0, 10)])),
-    (0.5, 0.3, 0.0, -0.999999999), (), 36, 4, OTHERS, 48, 6, 8, 3, 32,
-)  # fmt: skip
+    (0.5, 0.3, 0.0, -0.999999999),
+    (),
+    36,
+    4,
+    OTHERS,
+    48,
+    6,
+    8,
+    3,
+    32,
+)
 _SPACE = Scope(
     three_digits([*np.geomspace(3e-3, 3.0, 13), 10.0, 30.0]),
     three_digits([*np.geomspace(0.4, 1.6, 15), 2.95, 5.43, 10.0]),
     (0.5, 0.0, -0.999999999),
     (
-        "normal, cut at 3", "two kinds, 0.25 of them larger", "two kinds, 0.4 of them larger",
-        "two kinds, 0.6 of them larger", "two kinds, 0.75 of them larger", "three kinds, 0.5 in the middle",
+        "normal, cut at 3",
+        "two kinds, 0.25 of them larger",
+        "two kinds, 0.4 of them larger",
+        "two kinds, 0.6 of them larger",
+        "two kinds, 0.75 of them larger",
+        "three kinds, 0.5 in the middle",
         "three kinds, 0.8 in the middle",
     ),
-    8, 6, OTHERS[::2], 14, 3, 6, 2, 10,
-)  # fmt: skip
-#: the neighbours of a ball are as many in hcp as in fcc, and errors much the same: fewer distributions show this
+    8,
+    6,
+    OTHERS[::2],
+    14,
+    3,
+    6,
+    2,
+    10,
+)
+#: the neighbours of a ball are as many in hcp as in fcc, and errors much the same: fewer
+#: distributions show this
 _LIKE_FCC = _SPACE._replace(
     left_out=(
-        *_SPACE.left_out, "normal, cut at 2", "two kinds, 0.33 of them larger", "two kinds, 0.67 of them larger",
+        *_SPACE.left_out,
+        "normal, cut at 2",
+        "two kinds, 0.33 of them larger",
+        "two kinds, 0.67 of them larger",
         "three kinds, 0.65 in the middle",
     ),
     samples=4,
-)  # fmt: skip
+)
 SCOPES = {"triangular": _PLANE, "fcc": _SPACE, "hcp": _LIKE_FCC}
 
 
@@ -146,15 +191,22 @@ def normal(cutoff: float) -> Spread:
 
 
 def shapes() -> dict[str, Spread]:
-    """Distributions of the table; the first word is the family that they stand for, beside that of "any"."""
+    """Distributions of the table; the first word is the family that they stand for, beside that of
+    "any".
+    """
     return {
         "uniform": gp.Uniform(WIDTH),
         "normal, cut at 2": normal(2.0),
         "normal, cut at 3": normal(3.0),
         "normal, cut at 6": normal(6.0),
-        **{f"two kinds, {part:g} of them larger": listed([0.0, 1.0], [1.0 - part, part]) for part in LARGER},
         **{
-            f"three kinds, {part:g} in the middle": listed([-1.0, 0.0, 1.0], [0.5 - 0.5 * part, part, 0.5 - 0.5 * part])
+            f"two kinds, {part:g} of them larger": listed([0.0, 1.0], [1.0 - part, part])
+            for part in LARGER
+        },
+        **{
+            f"three kinds, {part:g} in the middle": listed(
+                [-1.0, 0.0, 1.0], [0.5 - 0.5 * part, part, 0.5 - 0.5 * part]
+            )
             for part in MIDDLE
         },
         "tail upwards": listed(-np.log(1.0 - quantiles(12))),
@@ -175,7 +227,9 @@ def other_shapes() -> dict[str, Spread]:
         "four kinds": listed([0.0, 1.0, 2.0, 3.0], [0.4, 0.3, 0.2, 0.1]),
         "two kinds, 0.3 of them larger": listed([0.0, 1.0], [0.7, 0.3]),
         "two kinds, 0.65 of them larger": listed([0.0, 1.0], [0.35, 0.65]),
-        "triangle": listed(np.concatenate([np.sqrt(quantiles(8)) - 1.0, 1.0 - np.sqrt(quantiles(8))])),
+        "triangle": listed(
+            np.concatenate([np.sqrt(quantiles(8)) - 1.0, 1.0 - np.sqrt(quantiles(8))])
+        ),
         "a lot of 40 balls, lognormal": listed(lot),
     }
     return {label: spreads[label] for label in OTHERS}
@@ -183,14 +237,18 @@ def other_shapes() -> dict[str, Spread]:
 
 def measured_shapes(lattice: str) -> dict[str, Spread]:
     """Distributions of the table of a lattice."""
-    return {label: spread for label, spread in shapes().items() if label not in SCOPES[lattice].left_out}
+    return {
+        label: spread for label, spread in shapes().items() if label not in SCOPES[lattice].left_out
+    }
 
 
 def packing(spread: Spread, poisson_ratio: float | None, lattice: str = "triangular") -> gp.Packing:
     """The balls; without friction for None."""
     material = gp.Material(70e9, 0.25 if poisson_ratio is None else poisson_ratio, 2500.0)
     diameter = DIAMETER if spread.mean is None else spread.mean
-    return gp.Packing(material, diameter, spread=spread, lattice=lattice, friction=poisson_ratio is not None)
+    return gp.Packing(
+        material, diameter, spread=spread, lattice=lattice, friction=poisson_ratio is not None
+    )
 
 
 def unit(balls: gp.Packing) -> float:
@@ -199,7 +257,9 @@ def unit(balls: gp.Packing) -> float:
 
 
 def numbers(state: ContactState) -> Array:
-    """Return what errors are measured of, (..., n): velocities, m/s, and the scale of frequencies, 1/s."""
+    """Return what errors are measured of, (..., n): velocities, m/s, and the scale of frequencies,
+    1/s.
+    """
     if state.packing.structure.periods == 2:
         return observe(state)
     velocities = gp.sound_velocities(state, DIRECTIONS).velocities
@@ -207,7 +267,9 @@ def numbers(state: ContactState) -> Array:
 
 
 def squares(state: SimulatedState) -> Array:
-    """Return the squares of the :func:`numbers` of each sample, (n_loads, n_samples, n), in units of their own."""
+    """Return the squares of the :func:`numbers` of each sample, (n_loads, n_samples, n), in units
+    of their own.
+    """
     tensors = state.over_samples(lambda sample: sample.elastic_tensor)
     k = state.over_samples(lambda sample: sample.normal_stiffness)[..., None]
     if state.packing.structure.periods == 2:
@@ -219,17 +281,27 @@ def squares(state: SimulatedState) -> Array:
 
 
 class ReferenceModel:
-    """Samples of a distribution at some f*: mean, error and chance for each Poisson ratio, at given force and overlap.
+    """Samples of a distribution at some f*: mean, error and chance for each Poisson ratio, at given
+    force and overlap.
 
-    ``shape`` are the numbers of cells of a sample. The table is measured in the directions of the lattice, the limit of
-    small width; ``auto`` adds what these leave out, so that what it promises is held against the exact ``geometry``.
+    ``shape`` are the numbers of cells of a sample. The table is measured in the directions of the
+    lattice, the limit of small width; ``auto`` adds what these leave out, so that what it promises
+    is held against the exact ``geometry``.
     """
 
     def __init__(
-        self, lattice: str, spread: Spread, forces: Sequence[float], shape: tuple[int, ...], seed: int, samples: int,
+        self,
+        lattice: str,
+        spread: Spread,
+        forces: Sequence[float],
+        shape: tuple[int, ...],
+        seed: int,
+        samples: int,
         geometry: str = "lattice",
-    ) -> None:  # fmt: skip
-        self.lattice, self.spread, self.forces = lattice, spread, np.array(forces)
+    ) -> None:
+        self.lattice = lattice
+        self.spread = spread
+        self.forces = np.array(forces)
         still = packing(spread, None, lattice)
         self.simulation = gp.DirectSimulation(still, shape, seed, samples, geometry=geometry)
         self.state = self.simulation.at_force(self.forces * unit(still))
@@ -248,14 +320,20 @@ class ReferenceModel:
         return SimulatedState.of(simulation, taken, Load("force", self.forces * unit(balls)))
 
     def of(self, poisson_ratio: float | None) -> tuple[dict[str, tuple[Array, Array]], Array]:
-        """At given "force" and "overlap": relative chance of a sample and standard error, (n_loads, n); and mean values."""
+        """At given "force" and "overlap": relative chance of a sample and standard error, (n_loads,
+        n); and mean values.
+        """
         state = self.state_of(poisson_ratio)
-        at_force, overlap = squares(state), state.over_samples(lambda sample: sample.overlap)
+        at_force = squares(state)
+        overlap = state.over_samples(lambda sample: sample.overlap)
         # slopes by the overlap along the loads, of the means of samples
         log_force = np.log(self.forces)
         slopes = np.gradient(np.mean(at_force, axis=1), log_force, axis=0)
         slopes /= np.gradient(np.mean(overlap, axis=1), log_force)[:, None]
-        moved = at_force + slopes[:, None] * (np.mean(overlap, axis=1, keepdims=True) - overlap)[..., None]
+        moved = (
+            at_force
+            + slopes[:, None] * (np.mean(overlap, axis=1, keepdims=True) - overlap)[..., None]
+        )
         chance = {
             kind: 0.5 * np.std(values, axis=1, ddof=1) / np.mean(values, axis=1)
             for kind, values in (("force", at_force), ("overlap", moved))
@@ -269,9 +347,12 @@ def load_of(kind: str, truth: ReferenceModel, balls: gp.Packing) -> Array:
 
 
 def errors_of(
-    medium: gp.AveragedLattice | gp.AveragedForce | gp.EffectiveMedium, kind: str, loads: Array, right: Array,
+    medium: gp.AveragedLattice | gp.AveragedForce | gp.EffectiveMedium,
+    kind: str,
+    loads: Array,
+    right: Array,
     finite_overlap: bool = False,
-) -> Array:  # fmt: skip
+) -> Array:
     """(n_loads, n) relative; :data:`FAILED` where the medium knows no such load."""
     out = np.full(right.shape, FAILED)
     for index, load in enumerate(loads.tolist()):
@@ -284,7 +365,9 @@ def errors_of(
 def measured(
     lattice: str, spread: Spread, forces: Sequence[float], shape: tuple[int, ...], samples: int
 ) -> Iterator[tuple[int, str, str, Array, Array]]:
-    """Place of eta, kind of load, medium, loads (f* or a*) and the largest error (or chance times root of balls) there."""
+    """Place of eta, kind of load, medium, loads (f* or a*) and the largest error (or chance times
+    root of balls) there.
+    """
     truth = ReferenceModel(lattice, spread, forces, shape, 10_000, samples)
     for place, ratio in enumerate((None, *SCOPES[lattice].poisson_ratios)):
         balls = packing(spread, ratio, lattice)
@@ -296,7 +379,13 @@ def measured(
                 yield place, kind, name, loads, np.max(found + 2.0 * error, axis=1)
             # a standard deviation of n samples is uncertain by 1/sqrt(2 n)
             known = 1.0 + 1.0 / np.sqrt(2.0 * samples)
-            yield place, kind, "simulation", loads, known * np.max(chance, axis=1) * np.sqrt(truth.simulation.balls)
+            yield (
+                place,
+                kind,
+                "simulation",
+                loads,
+                known * np.max(chance, axis=1) * np.sqrt(truth.simulation.balls),
+            )
 
 
 def _measured(
@@ -313,21 +402,26 @@ def table(lattice: str, side: int, samples: int) -> dict[str, Any]:
     ratios = (None, *scope.poisson_ratios)
     worst = {
         family: {
-            kind: {name: np.zeros((len(ratios), at.size)) for name in (*MEDIA, "simulation")} for kind, at in places.items()
+            kind: {name: np.zeros((len(ratios), at.size)) for name in (*MEDIA, "simulation")}
+            for kind, at in places.items()
         }
         for family in FAMILIES
     }
     spreads = measured_shapes(lattice)
     shape = even_shape(find_lattice(lattice), side)
     with ProcessPoolExecutor() as pool:
-        found = pool.map(partial(_measured, lattice=lattice, shape=shape, samples=samples), spreads.values())
+        found = pool.map(
+            partial(_measured, lattice=lattice, shape=shape, samples=samples), spreads.values()
+        )
         for label, rows_found in zip(spreads, found, strict=True):
             for row, kind, name, loads, errors in rows_found:
                 here = np.exp(np.interp(np.log(places[kind]), np.log(loads), np.log(errors)))
                 for family in {label.partition(",")[0], "any"} & set(FAMILIES):
                     kept = worst[family][kind][name]
                     kept[row] = np.maximum(kept[row], here)
-    forms = np.abs([compute_form_coefficients(spread.shape) for spread in spreads.values()]).max(axis=0)
+    forms = np.abs([compute_form_coefficients(spread.shape) for spread in spreads.values()]).max(
+        axis=0
+    )
     return {
         "shape": shape,
         "samples": samples,
@@ -337,7 +431,8 @@ def table(lattice: str, side: int, samples: int) -> dict[str, Any]:
         "loads": {kind: at.tolist() for kind, at in places.items()},
         "errors": {
             family: {
-                kind: {name: falling(values, family) for name, values in media.items()} for kind, media in kinds.items()
+                kind: {name: falling(values, family) for name, values in media.items()}
+                for kind, media in kinds.items()
             }
             for family, kinds in worst.items()
         },
@@ -358,10 +453,13 @@ def falling(errors: Array, family: str) -> list[list[float]]:
 def text(data: Mapping[str, Any]) -> str:
     """JSON with a row of numbers in a line."""
     out = json.dumps(data, indent=1)
-    return re.sub(r"\[\s+([-0-9.e+,\s]+?)\s+\]", lambda m: "[" + " ".join(m[1].split()) + "]", out) + "\n"
+    return (
+        re.sub(r"\[\s+([-0-9.e+,\s]+?)\s+\]", lambda m: "[" + " ".join(m[1].split()) + "]", out)
+        + "\n"
+    )
 
 
-# -- held back ------------------------------------------------------------------------------------------------------------
+# -- held back -------------------------------------------------------------------------------------
 
 #: name of a simulation that was loaded with friction
 LOADED = "simulation, loaded with friction"
@@ -382,14 +480,19 @@ class Trial(NamedTuple):
         return self.realised <= self.promised
 
 
-def try_tolerances(truth: ReferenceModel, balls: gp.Packing, right: Array, side: int, **options: Any) -> Iterator[Trial]:
-    """Try what ``auto`` with these options takes at each load of a truth, whose numbers are ``right``, for each tolerance.
+def try_tolerances(
+    truth: ReferenceModel, balls: gp.Packing, right: Array, side: int, **options: Any
+) -> Iterator[Trial]:
+    """Try what ``auto`` with these options takes at each load of a truth, whose numbers are
+    ``right``, for each tolerance.
 
-    A simulation with a larger side than ``side`` diameters is left out: the truth has not enough more balls to judge it.
+    A simulation with a larger side than ``side`` diameters is left out: the truth has not enough
+    more balls to judge it.
     """
     largest = even_shape(balls.structure, side)[0]
     for kind in ("force", "overlap"):
-        given, tried = load_of(kind, truth, balls), {}
+        given = load_of(kind, truth, balls)
+        tried = {}
         for index, tolerance in itertools.product(range(len(given)), TOLERANCES):
             try:
                 (serving,) = gp.AutoMedium(balls, tolerance, **options).choose(kind, given[index])
@@ -400,7 +503,9 @@ def try_tolerances(truth: ReferenceModel, balls: gp.Packing, right: Array, side:
                 continue
             # one medium serves several tolerances
             if (index, serving.medium) not in tried:
-                found = numbers(getattr(medium, f"at_{kind}")(float(given[index]), finite_overlap=True))
+                found = numbers(
+                    getattr(medium, f"at_{kind}")(float(given[index]), finite_overlap=True)
+                )
                 tried[index, serving.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
             loaded = isinstance(medium, gp.DirectSimulation) and medium.friction_history
             name = LOADED if loaded else serving.medium.name
@@ -408,18 +513,28 @@ def try_tolerances(truth: ReferenceModel, balls: gp.Packing, right: Array, side:
 
 
 def trials(
-    lattice: str, seed: int, side: int, samples: int, loads: int, ratios: int, spreads: Sequence[str]
+    lattice: str,
+    seed: int,
+    side: int,
+    samples: int,
+    loads: int,
+    ratios: int,
+    spreads: Sequence[str],
 ) -> Iterator[Trial]:
-    """Random loads between f* = 0.003 and 60 and Poisson ratios, for each of the distributions that were held back.
+    """Random loads between f* = 0.003 and 60 and Poisson ratios, for each of the distributions that
+    were held back.
 
     Truths are ``samples`` samples with sides of ``side`` diameters.
     """
-    draw, shape = np.random.default_rng(seed), even_shape(find_lattice(lattice), side)
+    draw = np.random.default_rng(seed)
+    shape = even_shape(find_lattice(lattice), side)
     for label in spreads:
-        spread, forces = other_shapes()[label], np.exp(draw.uniform(np.log(3.1e-3), np.log(60.0), loads)).tolist()
+        spread = other_shapes()[label]
+        forces = np.exp(draw.uniform(np.log(3.1e-3), np.log(60.0), loads)).tolist()
         truth = ReferenceModel(lattice, spread, forces, shape, 20_000, samples, geometry="exact")
         for ratio in (None, *draw.uniform(-0.9, 0.5, ratios - 1).tolist()):
-            balls, right = packing(spread, ratio, lattice), numbers(truth.state_of(ratio))
+            balls = packing(spread, ratio, lattice)
+            right = numbers(truth.state_of(ratio))
             for one in try_tolerances(truth, balls, right, SCOPES[lattice].largest):
                 yield one._replace(distribution=label)
 
@@ -428,12 +543,14 @@ def show_kept(lattice: str, trials: Iterable[Trial]) -> None:
     """Print how often the promise was kept."""
     found = list(trials)
     print(
-        f"| chosen ({lattice}) | cases | error within the expected one | median of error over expected |\n|---|---|---|---|"
+        f"| chosen ({lattice}) | cases | error within the expected one | median of error over"
+        f" expected |\n|---|---|---|---|"
     )
     for medium in (*MEDIA, "simulation", LOADED, None):
         some = [one for one in found if medium in (None, one.medium)]
         if some:
-            kept, ratio = np.mean([one.kept for one in some]), np.median([one.realised / one.promised for one in some])
+            kept = np.mean([one.kept for one in some])
+            ratio = np.median([one.realised / one.promised for one in some])
             print(f"| {medium or 'all'} | {len(some)} | {100.0 * kept:.1f} % | {ratio:.2g} |")
 
 
@@ -441,7 +558,9 @@ def make_parser(description: str, lattices: Iterable[str]) -> argparse.ArgumentP
     """The options that this script and that of arrays loaded with friction have."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--write", action="store_true", help="write the table into the package")
-    parser.add_argument("--held-back", action="store_true", help="try the table of the package alone")
+    parser.add_argument(
+        "--held-back", action="store_true", help="try the table of the package alone"
+    )
     parser.add_argument("--lattice", choices=tuple(lattices), help="one lattice alone")
     return parser
 
@@ -461,8 +580,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                 DATA.write_text(text(data), encoding="utf-8")
             else:
                 print(text({lattice: made}))
-        side, samples = options.side or scope.true_side, options.samples or scope.true_samples
-        show_kept(lattice, trials(lattice, 1, side, samples, scope.loads, scope.ratios, scope.held_back))
+        side = options.side or scope.true_side
+        samples = options.samples or scope.true_samples
+        show_kept(
+            lattice, trials(lattice, 1, side, samples, scope.loads, scope.ratios, scope.held_back)
+        )
     return 0
 
 

@@ -24,7 +24,9 @@ def step(sheet: Atoms, sites: NDArray[np.float64], moves: list[NDArray[np.float6
 
 
 def neighbours(repeats: int) -> list[Row]:
-    """A step of an optimiser or of dynamics: every ball moves a little, and energy, forces and stress are asked for."""
+    """A step of an optimiser or of dynamics: every ball moves a little, and energy, forces and
+    stress are asked for.
+    """
     from ase.neighborlist import neighbor_list
 
     import granphon as gp
@@ -35,17 +37,30 @@ def neighbours(repeats: int) -> list[Row]:
         state = gp.AveragedLattice(gp.Packing(steel, 8e-3, friction=friction)).at_force(18.446)
         sheet = gp.atoms(state).repeat((SIDE, SIDE, 1))
         sheet.calc = gp.HertzMindlin(state)
-        sites, rng = sheet.positions.copy(), np.random.default_rng(0)
+        sites = sheet.positions.copy()
+        rng = np.random.default_rng(0)
         moves = [0.1 * state.relative_overlap * rng.normal(size=(len(sheet), 2)) for _ in range(4)]
         kept = partial(step, sheet, sites, moves)
         fresh = gp.HertzMindlin(state)
         kept()
-        assert np.array_equal(fresh.get_property("forces", sheet), sheet.get_forces()), "what is kept changes the forces"
+        assert np.array_equal(fresh.get_property("forces", sheet), sheet.get_forces()), (
+            "what is kept changes the forces"
+        )
         seconds = alternate(repeats, kept=kept, ase=partial(neighbor_list, "ijDS", sheet, 1.25))
-        what = f"{SIDE * SIDE} balls {'with' if friction else 'without'} friction, a step that moves all of them"
+        what = (
+            f"{SIDE * SIDE} balls {'with' if friction else 'without'} friction, a step that moves"
+            f" all of them"
+        )
         rows.append(
-            over(f"{what}: times faster than ASE's neighbour list alone", seconds, "ase", "kept", 10.0, least=True)
-        )  # fmt: skip
+            over(
+                f"{what}: times faster than ASE's neighbour list alone",
+                seconds,
+                "ase",
+                "kept",
+                10.0,
+                least=True,
+            )
+        )
     return rows
 
 

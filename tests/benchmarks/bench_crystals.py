@@ -1,4 +1,6 @@
-"""Benchmarks of crystals in space: ratios, each measured side by side in one run, and the largest density of states."""
+"""Benchmarks of crystals in space: ratios, each measured side by side in one run, and the largest
+density of states.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ POINTS = 101
 def contacts_by_hand(
     cell: Array, sites: Array, eta: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array]:
-    """Balls i and j of each contact, its normal, and its rows typed out: elongation and two slips of six motions each.
+    """Balls i and j of each contact, its normal, and its rows typed out: elongation and two slips
+    of six motions each.
 
     Rows are (3, n_c, 6), of ball i and of ball j: displacements, then rotations w = R_g phi.
     """
@@ -28,21 +31,35 @@ def contacts_by_hand(
     first, second, step = np.nonzero(np.abs(np.linalg.norm(apart, axis=-1) - 1.0) < 1e-9)
     normal = apart[first, second, step]
     once = normal @ [0.7, 0.11, 0.013] > 0.0  # each contact from one of its ends
-    first, second, normal = first[once], second[once], normal[once]
-    tangent = np.cross(normal, np.where(np.abs(normal[:, 2:]) > 0.9, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]))
+    first = first[once]
+    second = second[once]
+    normal = normal[once]
+    tangent = np.cross(
+        normal, np.where(np.abs(normal[:, 2:]) > 0.9, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    )
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-    spin, still, across = 0.5 * np.sqrt(10.0), np.zeros_like(normal), np.cross(normal, tangent)
+    spin = 0.5 * np.sqrt(10.0)
+    still = np.zeros_like(normal)
+    across = np.cross(normal, tangent)
     moved = np.stack([normal, np.sqrt(eta) * tangent, np.sqrt(eta) * across])
     turned = spin * np.stack([still, -np.sqrt(eta) * across, np.sqrt(eta) * tangent])
-    return first, second, normal, np.concatenate([-moved, turned], axis=2), np.concatenate([moved, turned], axis=2)
+    return (
+        first,
+        second,
+        normal,
+        np.concatenate([-moved, turned], axis=2),
+        np.concatenate([moved, turned], axis=2),
+    )
 
 
 def by_hand_in_space(
     cell: Array, sites: Array, q: Array, eta: float, masses: Array | None = None
 ) -> Callable[[], list[NDArray[Any]]]:
-    """What finds all modes at once, D(q) of six motions a ball typed out: frequencies, vectors, velocities, fractions.
+    """What finds all modes at once, D(q) of six motions a ball typed out: frequencies, vectors,
+    velocities, fractions.
 
-    Units are those of one contact and one ball; ``masses`` (n,) are those of balls that differ in it.
+    Units are those of one contact and one ball; ``masses`` (n,) are those of balls that differ in
+    it.
     """
     first, second, normal, own, other = contacts_by_hand(cell, sites, eta)
     n, c = len(sites), len(normal)
@@ -63,32 +80,46 @@ def by_hand_in_space(
         with np.errstate(divide="ignore", invalid="ignore"):  # at Gamma they have no value
             velocities = (ahead.T @ half).swapaxes(1, 2) / values[..., None]
             toward = q / np.linalg.norm(q, axis=1)[:, None]
-            longitudinal = np.sum(np.abs(np.einsum("qiab,qa->qib", motion[:, :, :3], toward)) ** 2, axis=1)
-        return [values, modes, velocities, np.sum(np.abs(motion[:, :, 3:]) ** 2, axis=(1, 2)), longitudinal]
+            longitudinal = np.sum(
+                np.abs(np.einsum("qiab,qa->qib", motion[:, :, :3], toward)) ** 2, axis=1
+            )
+        return [
+            values,
+            modes,
+            velocities,
+            np.sum(np.abs(motion[:, :, 3:]) ** 2, axis=(1, 2)),
+            longitudinal,
+        ]
 
     return solve
 
 
 def bare_phonopy(cell: Array, sites: Array, eta: float) -> Any:
-    """What a user without granphon would write: phonopy with two atoms a ball, force constants of the contacts by hand.
+    """What a user without granphon would write: phonopy with two atoms a ball, force constants of
+    the contacts by hand.
 
-    The first atom of a ball has its displacement, the second, a little aside, its rotation w = R_g phi.
+    The first atom of a ball has its displacement, the second, a little aside, its rotation w = R_g
+    phi.
     """
     from phonopy import Phonopy
     from phonopy.structure.atoms import PhonopyAtoms
 
     n = len(sites)
     atoms = np.concatenate([sites, sites + 1e-3]) @ np.linalg.inv(cell)
-    unit = PhonopyAtoms(symbols=["Fe"] * n + ["O"] * n, cell=cell, scaled_positions=atoms, masses=[1.0] * (2 * n))
+    unit = PhonopyAtoms(
+        symbols=["Fe"] * n + ["O"] * n, cell=cell, scaled_positions=atoms, masses=[1.0] * (2 * n)
+    )
     ph = Phonopy(unit, 3 * np.eye(3, dtype=int), primitive_matrix="P", is_symmetry=False)
     ph.unit_conversion_factor = 1.0
     # the images of an atom of the cell follow each other, in the same order for each
-    images, inverse = len(ph.supercell) // (2 * n), np.linalg.inv(ph.supercell.cell)
+    images = len(ph.supercell) // (2 * n)
+    inverse = np.linalg.inv(ph.supercell.cell)
     places = ph.supercell.positions.reshape(2 * n, images, 3)
     constants = np.zeros((2, n, images, 2, n, images, 3, 3))
     first, second, normals, own, others = contacts_by_hand(cell, sites, eta)
     for c, (i, j, normal) in enumerate(zip(first, second, normals, strict=True)):
-        near, far = own[:, c], others[:, c]
+        near = own[:, c]
+        far = others[:, c]
         for image in range(images):
             gap = (places[j] - places[i, image] - normal) @ inverse
             there = int(np.argmin(np.abs(gap - np.rint(gap)).sum(axis=1)))
@@ -103,7 +134,10 @@ def bare_phonopy(cell: Array, sites: Array, eta: float) -> Any:
 
 #: crystals in space, and paths through their zones
 SPACE = {
-    "fcc": ("Γ-X-W-L", [[0, 0, 0], [1 / 2, 0, 1 / 2], [1 / 2, 1 / 4, 3 / 4], [1 / 2, 1 / 2, 1 / 2]]),
+    "fcc": (
+        "Γ-X-W-L",
+        [[0, 0, 0], [1 / 2, 0, 1 / 2], [1 / 2, 1 / 4, 3 / 4], [1 / 2, 1 / 2, 1 / 2]],
+    ),
     "hcp": ("Γ-M-K-A", [[0, 0, 0], [1 / 2, 0, 0], [1 / 3, 1 / 3, 0], [0, 0, 1 / 2]]),
 }
 #: wave vectors along each axis of the mesh of a density of states
@@ -111,10 +145,13 @@ MESH = 64
 
 
 def space(repeats: int) -> list[Row]:
-    """Modes and bands of crystals in space against D(q) typed out and against bare phonopy, and a density of states."""
+    """Modes and bands of crystals in space against D(q) typed out and against bare phonopy, and a
+    density of states.
+    """
     import granphon as gp
 
-    steel, found = gp.Material(211.65e9, 0.276, 7840.0), []
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    found = []
     for name, (path, corners) in SPACE.items():
         state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=name)).at_force(18.446)
         eta = state.packing.mindlin_ratio
@@ -125,23 +162,30 @@ def space(repeats: int) -> list[Row]:
         paths = [a + (b - a) * step for a, b in pairwise(fractions)]
         q = lattice.wavevectors(np.concatenate(paths))
         along = np.repeat(np.diff(ends, axis=0), POINTS, axis=0)
-        typed, bare = (
-            by_hand_in_space(lattice.cell, lattice.positions, q, eta),
-            bare_phonopy(lattice.cell, lattice.positions, eta),
-        )
+        typed = by_hand_in_space(lattice.cell, lattice.positions, q, eta)
+        bare = bare_phonopy(lattice.cell, lattice.positions, eta)
         modes, (values, _, velocities, rotation, _) = lattice.modes(q, along), typed()
 
         def run(bare: Any = bare, paths: Any = paths) -> Any:
-            return bare.run_band_structure(paths, with_eigenvectors=True, with_group_velocities=True)
+            return bare.run_band_structure(
+                paths, with_eigenvectors=True, with_group_velocities=True
+            )
 
         run()
         theirs = np.concatenate(bare.band_structure.frequencies)
         for other in (values, theirs):
-            assert np.max(np.abs(modes.frequencies - other)) < 1e-6, f"the others disagree on {name}"
-        apart = np.min(np.diff(values, axis=1), axis=1) > 1e-3  # where branches touch, velocities are those of a direction
+            assert np.max(np.abs(modes.frequencies - other)) < 1e-6, (
+                f"the others disagree on {name}"
+            )
+        # where branches touch, velocities are those of a direction
+        apart = np.min(np.diff(values, axis=1), axis=1) > 1e-3
         apart &= values[:, 0] > 1e-2
-        assert np.max(np.abs(modes.group_velocities - velocities)[apart]) < 1e-9, "group velocities disagree"
-        assert np.max(np.abs(modes.rotational_fraction - rotation)[apart]) < 1e-9, "rotational fractions disagree"
+        assert np.max(np.abs(modes.group_velocities - velocities)[apart]) < 1e-9, (
+            "group velocities disagree"
+        )
+        assert np.max(np.abs(modes.rotational_fraction - rotation)[apart]) < 1e-9, (
+            "rotational fractions disagree"
+        )
 
         def solve(lattice: Any = lattice, q: Any = q, along: Any = along) -> object:
             return lattice.modes(q, along)
@@ -150,22 +194,39 @@ def space(repeats: int) -> list[Row]:
             return gp.Phonons(state).bands([corners], npoints=POINTS)
 
         seconds = alternate(repeats, granphon=solve, numpy=typed, phonopy=run, bands=bands)
-        points = f"{name} ({lattice.n_branches} branches) along {path}, {len(q)} q points, velocities and polarisation"
+        points = (
+            f"{name} ({lattice.n_branches} branches) along {path}, {len(q)} q points, velocities"
+            f" and polarisation"
+        )
         found += [
-            over(f"modes of {points}: over batched numpy, D(q) typed", seconds, "granphon", "numpy", 3.0),
-            over(f"`Phonons.bands` of {points}: over bare phonopy, two atoms a ball", seconds, "bands", "phonopy", 0.5),
-        ]  # fmt: skip
+            over(
+                f"modes of {points}: over batched numpy, D(q) typed",
+                seconds,
+                "granphon",
+                "numpy",
+                3.0,
+            ),
+            over(
+                f"`Phonons.bands` of {points}: over bare phonopy, two atoms a ball",
+                seconds,
+                "bands",
+                "phonopy",
+                0.5,
+            ),
+        ]
     return found + densities(repeats)
 
 
-# -- density of states, alone in a process ------------------------------------------------------------------------------
+# -- density of states, alone in a process ---------------------------------------------------------
 
 
 def alone(points: int) -> None:
     """Print what the density of states of fcc on a mesh takes."""
     import granphon as gp
 
-    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="fcc")).at_force(18.446)
+    state = gp.AveragedLattice(
+        gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="fcc")
+    ).at_force(18.446)
     dos, spent = spend(lambda: gp.Phonons(state).dos(mesh=(points,) * 3))
     print(json.dumps({**spent, "modes": float(np.trapezoid(dos.total, dos.frequencies))}))
 
@@ -173,7 +234,9 @@ def alone(points: int) -> None:
 def densities(repeats: int) -> list[Row]:
     """The density of states of fcc on 64^3 wave vectors."""
     runs = [run_alone(f"bench_crystals.alone({MESH})") for _ in range(min(repeats, 3))]
-    assert all(abs(run["modes"] - 6.0) < 1e-6 for run in runs), "some modes are missing: the time would mean nothing"
+    assert all(abs(run["modes"] - 6.0) < 1e-6 for run in runs), (
+        "some modes are missing: the time would mean nothing"
+    )
     what = f"density of states of fcc (6 branches) on {MESH}x{MESH}x{MESH} wave vectors"
     return [
         Row(f"{what}: time", float(np.median([run["s"] for run in runs])), "s", 10.0),
@@ -181,15 +244,18 @@ def densities(repeats: int) -> list[Row]:
     ]
 
 
-# -- balls of several kinds, and networks -------------------------------------------------------------------------------
+# -- balls of several kinds, and networks ----------------------------------------------------------
 
 
 def kinds(repeats: int) -> list[Row]:
-    """Bands of NaCl against D(q) typed out, of a network against its lattice, and of a packing against the dense matrix."""
+    """Bands of NaCl against D(q) typed out, of a network against its lattice, and of a packing
+    against the dense matrix.
+    """
     import granphon as gp
     from granphon.waves.operator import WaveOperator
 
-    steel, glass = gp.Material(193e9, 0.30, 8000.0), gp.Material(70e9, 0.22, 2500.0)
+    steel = gp.Material(193e9, 0.30, 8000.0)
+    glass = gp.Material(70e9, 0.22, 2500.0)
     state = gp.Crystal.on("NaCl", [gp.Ball(steel, 8e-3), gp.Ball(glass, 8e-3)]).at_pressure(1e5)
     network = state.network
     lattice = gp.ContactLattice.from_network(network)
@@ -197,41 +263,69 @@ def kinds(repeats: int) -> list[Row]:
     step = np.linspace(0.0, 1.0, POINTS)[:, None]
     q = lattice.wavevectors(np.concatenate([a + (b - a) * step for a, b in pairwise(fractions)]))
     along = np.repeat(np.diff(lattice.wavevectors(fractions), axis=0), POINTS, axis=0)
-    d, eta = 8e-3, float(network.shear_stiffness[0] / network.normal_stiffness[0])
-    masses = network.masses / network.scales.mass * network.scales.stiffness / network.normal_stiffness[0]
+    d = 8e-3
+    eta = float(network.shear_stiffness[0] / network.normal_stiffness[0])
+    masses = (
+        network.masses
+        / network.scales.mass
+        * network.scales.stiffness
+        / network.normal_stiffness[0]
+    )
     scale = d / network.scales.length
     typed = by_hand_in_space(network.cell / d, network.positions / d, scale * q, eta, masses)
     modes, values = lattice.modes(q, along), typed()[0]
-    assert np.max(np.abs(modes.frequencies - values)) < 1e-6 * np.max(values), "the others disagree on NaCl"
+    assert np.max(np.abs(modes.frequencies - values)) < 1e-6 * np.max(values), (
+        "the others disagree on NaCl"
+    )
     balls = gp.AveragedLattice(gp.Packing(steel, d, lattice="hcp")).at_force(18.446)
-    of_lattice, of_network = gp.Phonons(balls), gp.Phonons(balls.network)
+    of_lattice = gp.Phonons(balls)
+    of_network = gp.Phonons(balls.network)
     fractions_of_hcp = np.array(SPACE["hcp"][1], float)
 
     def bands_of(phonons: Any) -> Callable[[], Any]:
         return lambda: phonons.bands([fractions_of_hcp], npoints=POINTS).frequencies
 
     both = [bands_of(one)() for one in (of_lattice, of_network)]
-    assert np.max(np.abs(both[0] - both[1])) < 1e-6 * np.max(both[0]), "a network disagrees with its lattice"
-    packing = gp.DirectSimulation(gp.Packing(steel, d, spread=gp.Uniform(2e-6)), (6, 6), 0).at_force(20.0).sample.network
+    assert np.max(np.abs(both[0] - both[1])) < 1e-6 * np.max(both[0]), (
+        "a network disagrees with its lattice"
+    )
+    packing = (
+        gp.DirectSimulation(gp.Packing(steel, d, spread=gp.Uniform(2e-6)), (6, 6), 0)
+        .at_force(20.0)
+        .sample.network
+    )
     of_packing, dense = gp.Phonons(packing), WaveOperator(packing).matrix.toarray()
     points = np.linspace(0.0, 0.5, 21)[:, None] * np.array([1.0, 0.5])
     squares = np.linalg.eigvalsh(dense)
     least = of_packing.frequencies(points[:1])[0] ** 2 * (2.0 * np.pi) ** 2
-    assert np.max(np.abs(least - squares)) < 1e-9 * squares[-1], "a packing disagrees with its matrix"
-    seconds = alternate(
-        repeats, granphon=lambda: lattice.modes(q, along), numpy=typed, lattice=bands_of(of_lattice),
-        network=bands_of(of_network), packing=lambda: of_packing.frequencies(points),
-        dense=lambda: [np.linalg.eigvalsh(dense + 0j) for _ in points],
-    )  # fmt: skip
-    what = f"NaCl of two kinds (12 branches) along {SPACE['fcc'][0]}, {len(q)} q points, velocities and polarisation"
-    hcp, n = (
-        f"a network of hcp along {SPACE['hcp'][0]}",
-        f"a packing of 36 balls ({len(dense)} branches) at {len(points)} q points",
+    assert np.max(np.abs(least - squares)) < 1e-9 * squares[-1], (
+        "a packing disagrees with its matrix"
     )
+    seconds = alternate(
+        repeats,
+        granphon=lambda: lattice.modes(q, along),
+        numpy=typed,
+        lattice=bands_of(of_lattice),
+        network=bands_of(of_network),
+        packing=lambda: of_packing.frequencies(points),
+        dense=lambda: [np.linalg.eigvalsh(dense + 0j) for _ in points],
+    )
+    what = (
+        f"NaCl of two kinds (12 branches) along {SPACE['fcc'][0]}, {len(q)} q points, velocities"
+        f" and polarisation"
+    )
+    hcp = f"a network of hcp along {SPACE['hcp'][0]}"
+    n = f"a packing of 36 balls ({len(dense)} branches) at {len(points)} q points"
     return [
         over(f"modes of {what}: over batched numpy, D(q) typed", seconds, "granphon", "numpy", 3.0),
         over(f"`Phonons.bands` of {hcp}: over its lattice", seconds, "network", "lattice", 1.5),
-        over(f"frequencies of {n}: over numpy's eigenvalues of matrices that are there", seconds, "packing", "dense", 8.0),
+        over(
+            f"frequencies of {n}: over numpy's eigenvalues of matrices that are there",
+            seconds,
+            "packing",
+            "dense",
+            8.0,
+        ),
     ]
 
 

@@ -34,12 +34,16 @@ LEAST = 1e-4
 
 
 def plain(shape: Shape) -> tuple[float, float]:
-    """y and k at f* = 1e-4 by scipy alone: k' = (k - G_y)/G_k with the same averages, downwards from the same start."""
+    """y and k at f* = 1e-4 by scipy alone: k' = (k - G_y)/G_k with the same averages, downwards
+    from the same start.
+    """
     start = high_pressure_series(shape, XI).start
 
     def state(y: float, k: float) -> tuple[float, float, float]:
         x, weights = shape.nodes(y)
-        return balance((weights, shape.force(y, x), shape.stiffness(y, x), shape.stiffness_slope(y, x)), k, XI)
+        return balance(
+            (weights, shape.force(y, x), shape.stiffness(y, x), shape.stiffness_slope(y, x)), k, XI
+        )
 
     def slope(y: float, k: np.ndarray) -> list[float]:
         _, by_y, by_k = state(y, k[0])
@@ -51,7 +55,9 @@ def plain(shape: Shape) -> tuple[float, float]:
     least.terminal = True  # type: ignore[attr-defined]
     k = high_pressure_series(shape, XI).value(start, STIFFNESS)
     # no absolute tolerance: k falls by three decades
-    out = solve_ivp(slope, (start, shape.openings[0]), [k], "Radau", rtol=1e-8, atol=0.0, events=least)
+    out = solve_ivp(
+        slope, (start, shape.openings[0]), [k], "Radau", rtol=1e-8, atol=0.0, events=least
+    )
     return float(out.t[-1]), float(out.y[0, -1])
 
 
@@ -63,16 +69,24 @@ def cold(shape: Shape) -> object:
 
 
 def curves(repeats: int) -> list[Row]:
-    """A cold solution against a plain Radau integration of the same equation over the same range."""
+    """A cold solution against a plain Radau integration of the same equation over the same
+    range.
+    """
     rows = []
     for name, shape in SHAPES.items():
         y, k = plain(shape)
         curve = effective_curve(shape, XI)
-        found = float(curve.value(np.array([y]), FORCE)[0]), float(curve.value(np.array([y]), STIFFNESS)[0])
-        assert np.allclose(found, (LEAST, k), rtol=1e-6), "the two disagree: the ratio would mean nothing"
+        found = (
+            float(curve.value(np.array([y]), FORCE)[0]),
+            float(curve.value(np.array([y]), STIFFNESS)[0]),
+        )
+        assert np.allclose(found, (LEAST, k), rtol=1e-6), (
+            "the two disagree: the ratio would mean nothing"
+        )
         calls: dict[str, Callable[[], object]] = {
-            "granphon": lambda shape=shape: cold(shape), "radau": lambda shape=shape: plain(shape),
-        }  # fmt: skip
+            "granphon": lambda shape=shape: cold(shape),
+            "radau": lambda shape=shape: plain(shape),
+        }
         seconds = alternate(repeats, **calls)
         what = f"the curve f*(a*), nothing kept, {name}: over scipy's Radau"
         rows.append(over(what, seconds, "granphon", "radau", 0.2))
@@ -80,13 +94,16 @@ def curves(repeats: int) -> list[Row]:
 
 
 def lots(repeats: int) -> list[Row]:
-    """A cold solution for random lots of balls, each diameter another, against that of the uniform spread."""
+    """A cold solution for random lots of balls, each diameter another, against that of the uniform
+    spread.
+    """
     rows = []
     for n, bound in LOTS:
         shape = gp.Measured(tuple(8e-3 + 1e-6 * np.random.default_rng(n).normal(size=n))).shape
         calls: dict[str, Callable[[], object]] = {
-            "lot": lambda shape=shape: cold(shape), "uniform": lambda: cold(SHAPES["uniform"]),
-        }  # fmt: skip
+            "lot": lambda shape=shape: cold(shape),
+            "uniform": lambda: cold(SHAPES["uniform"]),
+        }
         seconds = alternate(repeats, **calls)
         what = f"the curve of {n} balls, each diameter another: over that of the uniform spread"
         rows.append(over(what, seconds, "lot", "uniform", bound))
@@ -94,18 +111,24 @@ def lots(repeats: int) -> list[Row]:
 
 
 def printed(y: np.ndarray) -> np.ndarray:
-    """The averaged force of the uniform distribution in powers, as one would type it: loses digits at large y."""
+    """The averaged force of the uniform distribution in powers, as one would type it: loses digits
+    at large y.
+    """
     sides = (np.maximum(y + s, 0.0) ** 3.5 for s in (0.5, 0.0, -0.5))
     above, middle, below = sides
     return 16.0 / 35.0 * (above - 2.0 * middle + below)
 
 
 def loads(repeats: int) -> list[Row]:
-    """200,000 loads through the medium, the curve known, against one evaluation of the averaged force on the same loads."""
+    """200,000 loads through the medium, the curve known, against one evaluation of the averaged
+    force on the same loads.
+    """
     steel = gp.Material(211.65e9, 0.276, 7840.0)
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
     effective, average = gp.EffectiveMedium(packing), gp.AveragedForce(packing)
-    forces = packing.law.coefficient * math.sqrt(packing.width) ** 3 * np.geomspace(1e-3, 1e3, LOADS)
+    forces = (
+        packing.law.coefficient * math.sqrt(packing.width) ** 3 * np.geomspace(1e-3, 1e3, LOADS)
+    )
     overlaps = effective.at_force(forces).overlap
     seconds = alternate(
         repeats,
@@ -113,11 +136,14 @@ def loads(repeats: int) -> list[Row]:
         averaged=lambda: average.law.force(overlaps),
         printed=lambda: printed(overlaps / packing.width),
     )
-    what = "200,000 loads, f* = 1e-3 to 1e3, the curve known: over one evaluation of the averaged force"
+    what = (
+        "200,000 loads, f* = 1e-3 to 1e3, the curve known: over one evaluation of the averaged"
+        " force"
+    )
     return [
         over(what, seconds, "granphon", "averaged", 2.0),
         over(f"{what}, as printed powers", seconds, "granphon", "printed", 10.0),
-    ]  # fmt: skip
+    ]
 
 
 def fields(repeats: int) -> list[Row]:

@@ -1,9 +1,10 @@
 """Benchmarks of the loading with friction: ratios, each measured side by side in one run.
 
-There are three units. One is the same path without friction: equilibria at the same loads, each found from the one before.
-It tells what friction costs. The next is the mean of these equilibria, each found anew, of which a path is to take at most
-forty. The last is one of them, that at a* = 1, found a second time: the first call also imports what it needs. Equilibria
-at lower loads cost more: the path without friction already takes some eighty of it. The path starts at rest without friction
+There are three units. One is the same path without friction: equilibria at the same loads, each
+found from the one before. It tells what friction costs. The next is the mean of these equilibria,
+each found anew, of which a path is to take at most forty. The last is one of them, that at a* = 1,
+found a second time: the first call also imports what it needs. Equilibria at lower loads cost more:
+the path without friction already takes some eighty of it. The path starts at rest without friction
 at a* = 1/2, which is part of its cost, and its steps are refined as by default.
 """
 
@@ -53,7 +54,9 @@ def sweep(x: NDArray[np.float64], overlaps: NDArray[np.float64]) -> None:
 
 
 def paths(repeats: int) -> list[Row]:
-    """64 x 64 balls, in units of the same path without friction, of the mean of its equilibria, and of its last one."""
+    """64 x 64 balls, in units of the same path without friction, of the mean of its equilibria, and
+    of its last one.
+    """
     from granphon.array.equilibrium import equilibrate
     from granphon.array.geometry import ReducedLoad
 
@@ -62,19 +65,37 @@ def paths(repeats: int) -> list[Row]:
     rows = []
     for mu in (math.inf, 0.5, 0.2, 0.1):
         seconds = alternate(
-            min(repeats, 3), path=lambda mu=mu: press(x, mu), sweep=lambda: sweep(x, overlaps),
+            min(repeats, 3),
+            path=lambda mu=mu: press(x, mu),
+            sweep=lambda: sweep(x, overlaps),
             rests=lambda: [equilibrate(x, ReducedLoad(overlap=float(y))) for y in overlaps],
             rest=lambda: equilibrate(x, ReducedLoad(overlap=0.5)),
-        )  # fmt: skip
-        what = f"path of {STEPS} loads, a* = 1/2 to 1, 64 x 64 balls, mu = {mu:g}: over the same without friction"
+        )
+        what = (
+            f"path of {STEPS} loads, a* = 1/2 to 1, 64 x 64 balls, mu = {mu:g}: over the same"
+            f" without friction"
+        )
         rows += [
             # equilibria without friction take 0.6 of the time for which the bound was three
             over(what, seconds, "path", "sweep", 5.0),
-            over(f"the same, mu = {mu:g}: over the mean equilibrium without friction at its loads",
-                seconds, "path", "rests", 40.0, times=STEPS),
-            over(f"the same, mu = {mu:g}: over one equilibrium without friction at a* = 1", seconds, "path", "rest"),
-        ]  # fmt: skip
-    rows.append(over("path without friction: over one equilibrium at a* = 1", seconds, "sweep", "rest"))
+            over(
+                f"the same, mu = {mu:g}: over the mean equilibrium without friction at its loads",
+                seconds,
+                "path",
+                "rests",
+                40.0,
+                times=STEPS,
+            ),
+            over(
+                f"the same, mu = {mu:g}: over one equilibrium without friction at a* = 1",
+                seconds,
+                "path",
+                "rest",
+            ),
+        ]
+    rows.append(
+        over("path without friction: over one equilibrium at a* = 1", seconds, "sweep", "rest")
+    )
     return rows
 
 

@@ -1,4 +1,6 @@
-"""Benchmarks of balls in motion: steps of arrays with friction against LAMMPS, and a million balls, a thousand steps."""
+"""Benchmarks of balls in motion: steps of arrays with friction against LAMMPS, and a million balls,
+a thousand steps.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +17,17 @@ from side_by_side import Part, Row, alternate, over, run_alone, spend
 #: steps of arrays that LAMMPS takes too, by the balls on each side
 STEPS = {(32, 32): 2000, (200, 200): 400, (10, 10, 10): 1000, (30, 30, 30): 100}
 #: balls on a side of the largest array, and its steps
-LARGE, MANY = 1000, 1000
-OVERLAP, MU, D = 1e-5, 0.3, 8e-3
+LARGE = 1000
+MANY = 1000
+OVERLAP = 1e-5
+MU = 0.3
+D = 8e-3
 
 
 def array(sides: tuple[int, ...]) -> tuple[Any, Any, float, Any]:
-    """Return waves of a triangular or simple cubic array of steel balls with rotations and friction, random velocities, a
-    step, and the steel."""
+    """Return waves of a triangular or simple cubic array of steel balls with rotations and
+    friction, random velocities, a step, and the steel.
+    """
     import granphon as gp
 
     steel = gp.Material(young_modulus=193e9, poisson_ratio=0.30, density=8000.0)
@@ -30,7 +36,9 @@ def array(sides: tuple[int, ...]) -> tuple[Any, Any, float, Any]:
     own = float(np.sqrt(network.normal_stiffness[0] / network.masses[0]))
     velocities = np.zeros((network.n_balls, 3))
     axes = network.dimension
-    velocities[:, :axes] = OVERLAP * D * own * np.random.default_rng(0).standard_normal((network.n_balls, axes))
+    velocities[:, :axes] = (
+        OVERLAP * D * own * np.random.default_rng(0).standard_normal((network.n_balls, axes))
+    )
     return gp.NonlinearWaves(network, friction_coefficient=MU), velocities, 0.02 / own, steel
 
 
@@ -41,15 +49,20 @@ def in_lammps(waves: Any, velocities: Any, step: float, steel: Any) -> Any:
     sys.path.insert(0, str(Path(__file__).parents[2]))
     from tests import packings
 
-    network, lmp = waves.network, packings.start()
-    cell, axes = (1.0 - OVERLAP) * network.cell, network.dimension
+    network = waves.network
+    lmp = packings.start()
+    cell = (1.0 - OVERLAP) * network.cell
+    axes = network.dimension
     (a, _, _), (tilt, b, _), (_, _, c) = cell.tolist()
     places = np.zeros((network.n_balls, 3))
     inside = (1.0 - OVERLAP) * network.positions[:, :axes] @ np.linalg.inv(cell[:axes, :axes])
     places[:, :axes] = np.mod(inside + 0.01, 1.0) @ cell[:axes, :axes]
     low, high = (-D, D) if axes == 2 else (0.0, c)
-    packings.fill(lmp, f"prism 0 {a!r} 0 {b!r} {low!r} {high!r} {tilt!r} 0 0", places, dimension=axes)
-    nu, modulus = steel.poisson_ratio, steel.young_modulus
+    packings.fill(
+        lmp, f"prism 0 {a!r} 0 {b!r} {low!r} {high!r} {tilt!r} 0 0", places, dimension=axes
+    )
+    nu = steel.poisson_ratio
+    modulus = steel.young_modulus
     slip = f"mindlin_rescale/force {2.0 * modulus / (1.0 + nu) / (2.0 - nu)!r} 0 {MU}"
     lmp.commands_string(f"""
         set group all diameter {D!r} mass {float(network.masses[0])!r}
@@ -73,12 +86,19 @@ def motion(repeats: int) -> list[Row]:
             print("LAMMPS cannot be loaded: motion is not compared", file=sys.stderr)
             break
         exact = type(waves)(waves.network, friction_coefficient=MU, geometry="exact")
-        ours, true = (partial(one.run, steps * step, velocities=velocities, frames=2, step=step) for one in (waves, exact))
+        ours, true = (
+            partial(one.run, steps * step, velocities=velocities, frames=2, step=step)
+            for one in (waves, exact)
+        )
         in_other = partial(lmp.command, f"run {steps} post no")
         seconds = alternate(repeats, time.process_time, ours=ours, true=true, lammps=in_other)
         what = f"{steps} steps of {'x'.join(map(str, sides))} balls with rotations and friction"
-        found.append(over(f"{what}: over LAMMPS's pair granular, one core", seconds, "ours", "lammps", 1.0))
-        found.append(over(f"{what}, in true directions: over the same", seconds, "true", "lammps", 1.0))
+        found.append(
+            over(f"{what}: over LAMMPS's pair granular, one core", seconds, "ours", "lammps", 1.0)
+        )
+        found.append(
+            over(f"{what}, in true directions: over the same", seconds, "true", "lammps", 1.0)
+        )
     return found
 
 
@@ -90,7 +110,7 @@ def million(_: int) -> list[Row]:
     return [
         Row(f"{what}: time of the processor", run["busy"], "s", 600.0),
         Row(f"{what}: peak memory of the process", run["GiB"], "GiB", 4.5),
-    ]  # fmt: skip
+    ]
 
 
 def alone(side: int, steps: int) -> None:

@@ -54,8 +54,12 @@ def bare(eta=0.839907192575406, n=101, mesh=64, dos=True):
 """
 
 
-def by_hand(corners: NDArray[np.float64], eta: float, n: int = 101) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Frequencies and group velocities along the path, all q at once: D(q) of three contacts typed out, and eigh."""
+def by_hand(
+    corners: NDArray[np.float64], eta: float, n: int = 101
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Frequencies and group velocities along the path, all q at once: D(q) of three contacts typed
+    out, and eigh.
+    """
     reciprocal = 2.0 * np.pi * np.linalg.inv(np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)]])).T
     ends = corners @ reciprocal
     step = np.linspace(0.0, 1.0, n)[:, None]
@@ -67,9 +71,17 @@ def by_hand(corners: NDArray[np.float64], eta: float, n: int = 101) -> tuple[NDA
     along = np.column_stack([normal, 0.0 * spin])
     across = np.column_stack([-normal[:, 1], normal[:, 0], 0.0 * spin])
     turn = np.column_stack([np.zeros((3, 2)), spin])
-    rows = np.concatenate([(phase - 1.0)[..., None] * along, np.sqrt(eta) * ((phase - 1.0)[..., None] * across
-                           - (phase + 1.0)[..., None] * turn)], axis=1)  # fmt: skip
-    slopes = np.concatenate([1j * phase[..., None] * along, np.sqrt(eta) * 1j * phase[..., None] * (across - turn)], axis=1)
+    rows = np.concatenate(
+        [
+            (phase - 1.0)[..., None] * along,
+            np.sqrt(eta) * ((phase - 1.0)[..., None] * across - (phase + 1.0)[..., None] * turn),
+        ],
+        axis=1,
+    )
+    slopes = np.concatenate(
+        [1j * phase[..., None] * along, np.sqrt(eta) * 1j * phase[..., None] * (across - turn)],
+        axis=1,
+    )
     slopes = slopes[:, None] * np.tile(normal, (2, 1)).T[None, :, :, None]  # (n_q, 2, 6, 3)
     adjoint = rows.conj().swapaxes(1, 2)
     squared, modes = np.linalg.eigh(adjoint @ rows)
@@ -80,16 +92,22 @@ def by_hand(corners: NDArray[np.float64], eta: float, n: int = 101) -> tuple[NDA
     return values, velocities
 
 
-def rotate_all(matrices: NDArray[np.complex128]) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """Singular values and right vectors by plane rotations alone, one pair of columns after the other, at all points."""
+def rotate_all(
+    matrices: NDArray[np.complex128],
+) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    """Singular values and right vectors by plane rotations alone, one pair of columns after the
+    other, at all points.
+    """
     n = matrices.shape[2]
-    columns, right = matrices.copy(), np.broadcast_to(np.eye(n, dtype=complex), (len(matrices), n, n)).copy()
+    columns = matrices.copy()
+    right = np.broadcast_to(np.eye(n, dtype=complex), (len(matrices), n, n)).copy()
     turned = True
     while turned:
         turned = False
         for p in range(n - 1):
             for r in range(p + 1, n):
-                one, other = columns[..., p], columns[..., r]
+                one = columns[..., p]
+                other = columns[..., r]
                 alpha, beta = (np.einsum("bm,bm->b", c.conj(), c).real for c in (one, other))
                 gamma = np.einsum("bm,bm->b", one.conj(), other)
                 size = np.abs(gamma)
@@ -99,12 +117,21 @@ def rotate_all(matrices: NDArray[np.complex128]) -> tuple[NDArray[np.float64], N
                 turned = True
                 safe = np.where(active, size, 1.0)
                 zeta = 0.5 * (beta - alpha) / safe
-                tangent = np.where(active, np.where(zeta >= 0.0, 1.0, -1.0) / (np.abs(zeta) + np.hypot(1.0, zeta)), 0.0)
-                cosine, tangent = (1.0 / np.hypot(1.0, tangent))[:, None], tangent[:, None]
+                tangent = np.where(
+                    active,
+                    np.where(zeta >= 0.0, 1.0, -1.0) / (np.abs(zeta) + np.hypot(1.0, zeta)),
+                    0.0,
+                )
+                cosine = (1.0 / np.hypot(1.0, tangent))[:, None]
+                tangent = tangent[:, None]
                 phase = np.where(active, gamma / safe, 1.0).conj()[:, None]
                 for array in (columns, right):
-                    first, second = array[..., p].copy(), array[..., r] * phase
-                    array[..., p], array[..., r] = cosine * (first - tangent * second), cosine * (tangent * first + second)
+                    first = array[..., p].copy()
+                    second = array[..., r] * phase
+                    array[..., p], array[..., r] = (
+                        cosine * (first - tangent * second),
+                        cosine * (tangent * first + second),
+                    )
     norms = np.linalg.norm(columns, axis=1)
     order = np.argsort(norms, axis=1)
     return np.take_along_axis(norms, order, 1), np.take_along_axis(right, order[:, None], 2)
@@ -123,19 +150,27 @@ def bands(repeats: int) -> list[Row]:
     phonons = gp.Phonons(state)
     ours = phonons.bands("GKMG", npoints=101)
     corners = np.array([[0.0, 0.0], [1 / 3, 1 / 3], [0.5, 0.0], [0.0, 0.0]])
-    lattice, eta = phonons.lattice, packing.mindlin_ratio
+    lattice = phonons.lattice
+    eta = packing.mindlin_ratio
     q = lattice.wavevectors(ours.qpoints.reshape(-1, 3))
     towards = np.repeat(q.reshape(3, -1, 2)[:, -1] - q.reshape(3, -1, 2)[:, 0], 101, axis=0)
-    scale, top = phonons.scales, float(ours.frequencies.max())
+    scale = phonons.scales
+    top = float(ours.frequencies.max())
     _, theirs = scope["bare"](dos=False)  # type: ignore[misc]
     hand, speeds = by_hand(corners, eta)
-    generic = hand[:, 0] > 1e-2  # and apart: where branches touch, velocities are those of a chosen direction
+    # and apart: where branches touch, velocities are those of a chosen direction
+    generic = hand[:, 0] > 1e-2
     generic &= np.min(np.diff(hand, axis=1), axis=1) > 1e-3
     found = ours.group_velocities.reshape(-1, 3, 2)[generic] / scale.velocity
-    for name, other in (("phonopy", np.array(theirs.frequencies)), ("numpy", hand.reshape(3, -1, 3))):
+    for name, other in (
+        ("phonopy", np.array(theirs.frequencies)),
+        ("numpy", hand.reshape(3, -1, 3)),
+    ):
         worst = np.max(np.abs(other * scale.frequency - ours.frequencies))
         assert worst < 1e-7 * top, f"{name} disagrees: the ratio would mean nothing"
-    assert np.max(np.abs(found - speeds[generic])) < 1e-6, "group velocities disagree: the ratio would mean nothing"
+    assert np.max(np.abs(found - speeds[generic])) < 1e-6, (
+        "group velocities disagree: the ratio would mean nothing"
+    )
 
     class Turned(Block):
         """Plane rotations at all wave vectors, which keep all digits and take their time."""
@@ -180,37 +215,90 @@ def bands(repeats: int) -> list[Row]:
         rotated_frequencies=lambda: rotated.frequencies(nine),
         kagome_bands=lambda: gp.Phonons(balls).bands("GKMG", npoints=101),
     )
-    what, points = "bands along Γ-K-M-Γ with eigenvectors and group velocities", "303 q points"
+    what = "bands along Γ-K-M-Γ with eigenvectors and group velocities"
+    points = "303 q points"
     return [
         over(f"{what}, {points}: over bare phonopy", seconds, "granphon", "phonopy", 0.5),
-        over(f"{what}, {points}: over batched numpy, D(q) typed", seconds, "granphon", "numpy", 25.0),
-        over(f"{what}, {3 * MANY} q points: over batched numpy, D(q) typed", seconds, "granphon_many", "numpy_many", 6.0),
-        over(f"modes of C(q) alone, {points}: over batched numpy, D(q) typed", seconds, "modes", "numpy", 6.0),
-        over(f"modes of kagome (nine branches), {points}: over numpy's SVD of the same C(q) alone",
-            seconds, "kagome", "lapack", 5.0),
-        over(f"modes of kagome, {points}: plane rotations at all of them over granphon",
-            seconds, "rotated", "kagome", 5.0, least=True),
-        over(f"frequencies of kagome, {points}: plane rotations at all of them over granphon",
-            seconds, "rotated_frequencies", "frequencies", 5.0, least=True),
-        over(f"bands of kagome, {points}: modes by plane rotations alone over `Phonons.bands`",
-            seconds, "rotated", "kagome_bands", 3.0, least=True),
-    ]  # fmt: skip
+        over(
+            f"{what}, {points}: over batched numpy, D(q) typed", seconds, "granphon", "numpy", 25.0
+        ),
+        over(
+            f"{what}, {3 * MANY} q points: over batched numpy, D(q) typed",
+            seconds,
+            "granphon_many",
+            "numpy_many",
+            6.0,
+        ),
+        over(
+            f"modes of C(q) alone, {points}: over batched numpy, D(q) typed",
+            seconds,
+            "modes",
+            "numpy",
+            6.0,
+        ),
+        over(
+            f"modes of kagome (nine branches), {points}: over numpy's SVD of the same C(q) alone",
+            seconds,
+            "kagome",
+            "lapack",
+            5.0,
+        ),
+        over(
+            f"modes of kagome, {points}: plane rotations at all of them over granphon",
+            seconds,
+            "rotated",
+            "kagome",
+            5.0,
+            least=True,
+        ),
+        over(
+            f"frequencies of kagome, {points}: plane rotations at all of them over granphon",
+            seconds,
+            "rotated_frequencies",
+            "frequencies",
+            5.0,
+            least=True,
+        ),
+        over(
+            f"bands of kagome, {points}: modes by plane rotations alone over `Phonons.bands`",
+            seconds,
+            "rotated",
+            "kagome_bands",
+            3.0,
+            least=True,
+        ),
+    ]
 
 
 def command(repeats: int) -> list[Row]:
-    """The command on the steel example, against the imports and the bare computation, as whole processes."""
+    """The command on the steel example, against the imports and the bare computation, as whole
+    processes.
+    """
     root = Path(__file__).resolve().parents[2]
     environment = {**os.environ, "MPLBACKEND": "Agg"}
 
     def process(*arguments: str) -> Callable[[], object]:
-        return lambda: subprocess.run(arguments, check=True, capture_output=True, env=environment, cwd=root)
+        return lambda: subprocess.run(
+            arguments, check=True, capture_output=True, env=environment, cwd=root
+        )
 
     with tempfile.TemporaryDirectory() as folder:
         out = str(Path(folder) / "out")
-        granphon = [sys.executable, "-m", "granphon", "run", "examples/steel_hexagon.yaml", "-o", out, "--force"]
+        granphon = [
+            sys.executable,
+            "-m",
+            "granphon",
+            "run",
+            "examples/steel_hexagon.yaml",
+            "-o",
+            out,
+            "--force",
+        ]
         velocities = Path(folder) / "velocities.yaml"
         text = (root / "examples" / "steel_hexagon.yaml").read_text(encoding="utf-8")
-        velocities.write_text(text.replace("[velocities, bands, dos]", "[velocities]"), encoding="utf-8")
+        velocities.write_text(
+            text.replace("[velocities, bands, dos]", "[velocities]"), encoding="utf-8"
+        )
         seconds = alternate(
             repeats,
             granphon=process(*granphon),
@@ -226,32 +314,52 @@ def command(repeats: int) -> list[Row]:
     what = "`granphon run examples/steel_hexagon.yaml`, a process"
     return [
         over(f"{what}: over bare phonopy for the same", seconds, "granphon", "bare", 2.0),
-        over(f"{what}: over the imports of phonopy and pyplot", seconds, "granphon", "imports", 4.0),
-        over("the same with velocities alone: over its own imports", seconds, "velocities", "own", 2.0),
+        over(
+            f"{what}: over the imports of phonopy and pyplot", seconds, "granphon", "imports", 4.0
+        ),
+        over(
+            "the same with velocities alone: over its own imports",
+            seconds,
+            "velocities",
+            "own",
+            2.0,
+        ),
         *imports(repeats),
-    ]  # fmt: skip
+    ]
 
 
 def imports(repeats: int) -> list[Row]:
     """What ``import granphon`` takes, as a whole process, and how many modules it loads."""
-    count = "import sys; before = len(sys.modules); import granphon; print(len(sys.modules) - before)"
-    loaded = subprocess.run([sys.executable, "-c", count], check=True, capture_output=True, text=True)
+    count = (
+        "import sys; before = len(sys.modules); import granphon; print(len(sys.modules) - before)"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", count], check=True, capture_output=True, text=True
+    )
     seconds = alternate(
         repeats,
         granphon=lambda: subprocess.run([sys.executable, "-c", "import granphon"], check=True),
         others=lambda: subprocess.run([sys.executable, "-c", "import numpy, ase"], check=True),
     )
     return [
-        over("`import granphon`, a process: over the imports of numpy and ASE", seconds, "granphon", "others", 0.5),
+        over(
+            "`import granphon`, a process: over the imports of numpy and ASE",
+            seconds,
+            "granphon",
+            "others",
+            0.5,
+        ),
         Row("`import granphon`: modules that it loads", float(loaded.stdout), "", 12.0),
-    ]  # fmt: skip
+    ]
 
 
 def directions(repeats: int) -> list[Row]:
     """A polar plot of 543 directions: one call against a call for each."""
     import granphon as gp
 
-    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446)
+    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(
+        18.446
+    )
     angle = np.linspace(0.0, 2.0 * np.pi, 543)
     along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     found = []
@@ -266,13 +374,22 @@ def directions(repeats: int) -> list[Row]:
             each=lambda find=find: [find(way) for way in along],  # type: ignore[misc]
         )
         found.append(
-            over(f"{name} in 543 directions: a call for each over one call", seconds, "each", "at_once", 20.0, least=True)
-        )  # fmt: skip
+            over(
+                f"{name} in 543 directions: a call for each over one call",
+                seconds,
+                "each",
+                "at_once",
+                20.0,
+                least=True,
+            )
+        )
     return found
 
 
 def edges(repeats: int) -> list[Row]:
-    """A map of a surface, 200 wave vectors by 400 frequencies with six motions, and a slab of 100 layers."""
+    """A map of a surface, 200 wave vectors by 400 frequencies with six motions, and a slab of 100
+    layers.
+    """
     import granphon as gp
 
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="fcc", friction=True)
@@ -283,19 +400,42 @@ def edges(repeats: int) -> list[Row]:
     few = np.array([[0.11, 0.23], [0.41, 0.07]])
     matrices = slab.lattice.dynamical_matrix(slab.lattice.wavevectors(few))
     times = alternate(
-        min(repeats, 3), map=lambda: surface.spectrum(q, f), inverses=lambda: np.linalg.inv(blocks),
-        slab=lambda: slab.frequencies(few), values=lambda: np.linalg.eigvalsh(matrices),
-        modes=lambda: slab.modes(few), vectors=lambda: np.linalg.eigh(matrices),
-    )  # fmt: skip
+        min(repeats, 3),
+        map=lambda: surface.spectrum(q, f),
+        inverses=lambda: np.linalg.inv(blocks),
+        slab=lambda: slab.frequencies(few),
+        values=lambda: np.linalg.eigvalsh(matrices),
+        modes=lambda: slab.modes(few),
+        vectors=lambda: np.linalg.eigh(matrices),
+    )
     return [
         over(
-            "surface of fcc, 200 q x 400 frequencies: the map over one inverse of each block", times, "map", "inverses", 60.0
+            "surface of fcc, 200 q x 400 frequencies: the map over one inverse of each block",
+            times,
+            "map",
+            "inverses",
+            60.0,
         ),
         over(
-            "slab of fcc, 100 layers: its frequencies over eigenvalues of D(q) that is there", times, "slab", "values", 3.0
+            "slab of fcc, 100 layers: its frequencies over eigenvalues of D(q) that is there",
+            times,
+            "slab",
+            "values",
+            3.0,
         ),
-        over("slab of fcc, 100 layers: modes and velocities over eigenvectors of D(q)", times, "modes", "vectors", 4.0),
+        over(
+            "slab of fcc, 100 layers: modes and velocities over eigenvectors of D(q)",
+            times,
+            "modes",
+            "vectors",
+            4.0,
+        ),
     ]
 
 
-PARTS: dict[str, Part] = {"bands": bands, "command": command, "directions": directions, "edges": edges}
+PARTS: dict[str, Part] = {
+    "bands": bands,
+    "command": command,
+    "directions": directions,
+    "edges": edges,
+}

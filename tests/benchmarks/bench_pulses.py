@@ -26,17 +26,25 @@ HERTZ = UNITS.angular_frequency / (2.0 * np.pi)
 
 
 def disordered(shape: tuple[int, int]) -> ContactNetwork:
-    """The triangular array with friction, stiffnesses of contacts from a half to three halves of the mean."""
+    """The triangular array with friction, stiffnesses of contacts from a half to three halves of
+    the mean.
+    """
     network = LATTICE.contact_network(UNITS).repeat(shape)
     factor = np.random.default_rng(1).uniform(0.5, 1.5, network.n_contacts)
     return replace(
-        network, normal_stiffness=factor * network.normal_stiffness, shear_stiffness=factor * network.shear_stiffness
+        network,
+        normal_stiffness=factor * network.normal_stiffness,
+        shear_stiffness=factor * network.shear_stiffness,
     )
 
 
 def leapfrog(operator: WaveOperator, push: np.ndarray, steps: int, step: float) -> float:
-    """Seconds of processor time that the leapfrog method takes for ``steps`` of ``step``, per step."""
-    matrix, x, v = operator.matrix, np.zeros(operator.size), step * push
+    """Seconds of processor time that the leapfrog method takes for ``steps`` of ``step``, per
+    step.
+    """
+    matrix = operator.matrix
+    x = np.zeros(operator.size)
+    v = step * push
     start = time.process_time()
     for _ in range(steps):
         x += step * v
@@ -53,12 +61,15 @@ def pulse(repeats: int) -> list[Row]:
     what = f"{SHAPE[1]}x{SHAPE[0]}, {PERIODS} periods of the top frequency"
 
     def send() -> Pulse:
-        return gp.Waves(network).transmit(HERTZ, (0, 1), 100 * height, ends="periodic", duration=duration)
+        return gp.Waves(network).transmit(
+            HERTZ, (0, 1), 100 * height, ends="periodic", duration=duration
+        )
 
     found = send()
     seconds = alternate(min(repeats, 3), pulse=send)["pulse"]
-    # what the leapfrog method would take for the same record: its phase is wrong by (omega step)^2/24 of itself, so that a
-    # thousandth of a radian at the frequency of the pulse needs this step
+    # what the leapfrog method would take for the same record: its phase is wrong by (omega
+    # step)^2/24 of itself, so that a thousandth of a radian at the frequency of the pulse needs
+    # this step
     omega = 2.0 * np.pi * HERTZ
     step = np.sqrt(24.0 * 1e-3 / (omega * duration)) / omega
     operator = WaveOperator(network)
@@ -68,7 +79,12 @@ def pulse(repeats: int) -> list[Row]:
     return [
         Row(f"{what}: time of a pulse", seconds, "s", 60.0, note=speed),
         Row(f"{what}: change of the energy", abs(found.loss), "", 1e-9),
-        Row(f"{what}: time of a leapfrog method, its phase right to 1e-3", least, "s", note="steps alone, nothing heard"),
+        Row(
+            f"{what}: time of a leapfrog method, its phase right to 1e-3",
+            least,
+            "s",
+            note="steps alone, nothing heard",
+        ),
     ]
 
 
@@ -93,7 +109,9 @@ def bandwidth(repeats: int) -> list[Row]:
             duration=lasting + 1.6 * 60 * UNITS.length / group,
         )
         of = f"ideal array, 40 cycles at {omega[at] / max(omega):.2g} of the top of the branch"
-        rows.append(Row(f"{of}: velocity against the bands", abs(found.velocity / group - 1.0), "", 1e-3))
+        rows.append(
+            Row(f"{of}: velocity against the bands", abs(found.velocity / group - 1.0), "", 1e-3)
+        )
     return rows
 
 

@@ -1,4 +1,5 @@
-"""Benchmarks of the direct simulation: ratios, each measured side by side in one run, each with the bound it is to keep.
+"""Benchmarks of the direct simulation: ratios, each measured side by side in one run, each with the
+bound it is to keep.
 
 ``--huge`` adds ten million balls, some minutes and some GiB. Balls are spread
 uniformly and rest under a given overlap; one thread throughout.
@@ -25,7 +26,8 @@ from granphon.array.stencils import Stencils
 from granphon.balls.lattices import TRIANGULAR
 
 Array = NDArray[np.float64]
-#: a*, tolerance, seconds of LAMMPS's FIRE on two cores (given numbers: LAMMPS is not run), times faster
+#: a*, tolerance, seconds of LAMMPS's FIRE on two cores (given numbers: LAMMPS is not run), times
+#: faster
 FIRE = ((1.0, 1e-9, 0.9, 10.0), (0.7, 1e-9, 32.0, 30.0), (0.5, 5e-8, 70.0, 20.0))
 #: a*, times faster than Newton's method with a sparse LU
 DIRECT = ((1.0, 15.0), (0.7, 4.0))
@@ -44,17 +46,22 @@ def balls(length: int, seed: int = 0) -> Array:
 def residual(state: Equilibrium) -> float:
     """Largest force left on a ball over the mean contact force, from the contact forces alone."""
     forces, net = state.forces, np.zeros((2, *state.deviations.shape))
-    for force, normal, shift in zip(forces, TRIANGULAR.contacts.normal, TRIANGULAR.contacts.shift, strict=True):
+    for force, normal, shift in zip(
+        forces, TRIANGULAR.contacts.normal, TRIANGULAR.contacts.shift, strict=True
+    ):
         net += normal[:, None, None] * (np.roll(force, shift, (0, 1)) - force)
     return float(np.sqrt(np.max(np.sum(net**2, axis=0))) / np.mean(forces))
 
 
-# -- Newton's method with a sparse LU -----------------------------------------------------------------------------------
+# -- Newton's method with a sparse LU --------------------------------------------------------------
 
 
 def direct(repeats: int) -> list[Row]:
-    """128 x 128 balls against the LU: same tolerance, same start; what both make once for the array is left out."""
-    x, rows = balls(128), []
+    """128 x 128 balls against the LU: same tolerance, same start; what both make once for the array
+    is left out.
+    """
+    x = balls(128)
+    rows = []
     stencils, other = Stencils(x.shape), SparseArray(x)
     for spacing, bound in DIRECT:
         load = ReducedLoad(overlap=spacing - 0.5)
@@ -62,15 +69,18 @@ def direct(repeats: int) -> list[Row]:
         apart = np.max(np.abs(ours.forces - theirs)) / ours.force
         assert apart < 1e-8, "the two disagree: the ratio would mean nothing"
         calls: dict[str, Callable[[], object]] = {
-            "granphon": lambda load=load: equilibrate(x, load, stencils), "lu": lambda load=load: other.forces(load.overlap),
-        }  # fmt: skip
+            "granphon": lambda load=load: equilibrate(x, load, stencils),
+            "lu": lambda load=load: other.forces(load.overlap),
+        }
         seconds = alternate(repeats, **calls)
-        what = f"128x128, a* = {spacing:g}, to 1e-10: times faster than Newton's method with sparse LU"
+        what = (
+            f"128x128, a* = {spacing:g}, to 1e-10: times faster than Newton's method with sparse LU"
+        )
         rows.append(over(what, seconds, "lu", "granphon", bound, least=True))
     return rows
 
 
-# -- growth -------------------------------------------------------------------------------------------------------------
+# -- growth ----------------------------------------------------------------------------------------
 
 
 def clocks() -> Array:
@@ -79,7 +89,9 @@ def clocks() -> Array:
 
 
 def iterate(x: Array, stencils: Stencils) -> tuple[Equilibrium, Array]:
-    """At a* = 1, and what an iteration of conjugate gradients cost on both clocks, its share of their beginning included."""
+    """At a* = 1, and what an iteration of conjugate gradients cost on both clocks, its share of
+    their beginning included.
+    """
     solve, spent = module.solve_for_motion, np.zeros(2)
 
     def timed(*arguments: Any, **more: Any) -> object:
@@ -100,7 +112,8 @@ def growth(repeats: int) -> list[Row]:
     for length, stencils in arrays.items():
         iterate(balls(length), stencils)
     costs: dict[int, list[Array]] = {length: [] for length in arrays}
-    counts, worst = {length: [0] * len(SEEDS) for length in arrays}, 0.0
+    counts = {length: [0] * len(SEEDS) for length in arrays}
+    worst = 0.0
     for _ in range(repeats):
         for seed in SEEDS:
             for length, stencils in arrays.items():
@@ -112,32 +125,60 @@ def growth(repeats: int) -> list[Row]:
     few, many = (float(np.mean(counts[length])) for length in arrays)
     of = "1024x1024 against 256x256, a* = 1"
     rows = [
-        Row(f"{of}: cost of an iteration, {clock}", b / a, "", 23.0, note=f"{b:.3g} ms against {a:.3g} ms")
+        Row(
+            f"{of}: cost of an iteration, {clock}",
+            b / a,
+            "",
+            23.0,
+            note=f"{b:.3g} ms against {a:.3g} ms",
+        )
         for clock, a, b in zip(("wall time", "processor time"), small, large, strict=True)
     ]
     return [
         *rows,
-        Row(f"{of}: iterations, mean of four seeds", many / few, "", 1.5, note=f"{many:.4g} against {few:.4g}"),
+        Row(
+            f"{of}: iterations, mean of four seeds",
+            many / few,
+            "",
+            1.5,
+            note=f"{many:.4g} against {few:.4g}",
+        ),
         Row(f"{of}: largest residual of all", worst, "", REST_TOLERANCE),
     ]
 
 
-# -- alone in a process -------------------------------------------------------------------------------------------------
+# -- alone in a process ----------------------------------------------------------------------------
 
 
 def alone(length: int) -> None:
-    """Print what a sample at a* = 1 takes: in a process of its own, as memory is counted from its beginning."""
+    """Print what a sample at a* = 1 takes: in a process of its own, as memory is counted from its
+    beginning.
+    """
     state, spent = spend(lambda: equilibrate(balls(length), ReducedLoad(overlap=0.5)))
-    print(json.dumps({**spent, "newton": state.newton, "conjugate": state.conjugate, "residual": residual(state)}))
+    print(
+        json.dumps(
+            {
+                **spent,
+                "newton": state.newton,
+                "conjugate": state.conjugate,
+                "residual": residual(state),
+            }
+        )
+    )
 
 
 def memory(length: int, bound: float) -> Callable[[int], list[Row]]:
-    """Once: the peak does not vary. To be run first, as a process also inherits the peak of the one that starts it."""
+    """Once: the peak does not vary. To be run first, as a process also inherits the peak of the one
+    that starts it.
+    """
 
     def part(repeats: int) -> list[Row]:
         seen = run_alone(f"bench_simulation.alone({length})")
         of = f"{length}x{length}, a* = 1"
-        took = f"{seen['newton']} steps, {seen['conjugate']} iterations, {seen['busy']:.3g} s of processor time"
+        took = (
+            f"{seen['newton']} steps, {seen['conjugate']} iterations, {seen['busy']:.3g} s of"
+            f" processor time"
+        )
         return [
             Row(f"{of}: peak memory of the process", seen["GiB"], "GiB", bound),
             Row(f"{of}: time of the first sample", seen["s"], "s", note=took),
@@ -147,7 +188,7 @@ def memory(length: int, bound: float) -> Callable[[int], list[Row]]:
     return part
 
 
-# -- near the rigidity threshold ----------------------------------------------------------------------------------------
+# -- near the rigidity threshold -------------------------------------------------------------------
 
 
 #: balls along a side, times faster
@@ -155,7 +196,9 @@ NEAR = ((128, 1.5), (256, 2.0))
 
 
 def near_threshold(repeats: int) -> list[Row]:
-    """Half of the contacts open: against Newton's method with Green's function only, same tolerance."""
+    """Half of the contacts open: against Newton's method with Green's function only, same
+    tolerance.
+    """
     rows = []
     for length, bound in NEAR:
         x, load = balls(length), ReducedLoad(overlap=THRESHOLD + 0.02 - 0.5)
@@ -171,40 +214,67 @@ def near_threshold(repeats: int) -> list[Row]:
             ):
                 return of()
 
-        def solve(x: Array = x, load: ReducedLoad = load, stencils: Stencils = stencils) -> Equilibrium:
+        def solve(
+            x: Array = x, load: ReducedLoad = load, stencils: Stencils = stencils
+        ) -> Equilibrium:
             return equilibrate(x, load, stencils)
 
         ours, theirs = solve(), before(solve)
         apart = np.max(np.abs(ours.forces - theirs.forces)) / ours.force
         assert apart < 1e-8, "the two disagree: the ratio would mean nothing"
         calls: dict[str, dict[str, Callable[[], object]]] = {
-            "equilibrium": {"now": solve, "before": lambda before=before, solve=solve: before(solve)},
-            "stiffness of the sample": {
-                "now": ours.response, "before": lambda before=before, ours=ours: before(ours.response),
+            "equilibrium": {
+                "now": solve,
+                "before": lambda before=before, solve=solve: before(solve),
             },
-        }  # fmt: skip
-        took = f"{ours.newton} steps, {ours.conjugate} iterations against {theirs.newton}, {theirs.conjugate}"
+            "stiffness of the sample": {
+                "now": ours.response,
+                "before": lambda before=before, ours=ours: before(ours.response),
+            },
+        }
+        took = (
+            f"{ours.newton} steps, {ours.conjugate} iterations against {theirs.newton},"
+            f" {theirs.conjugate}"
+        )
         for what, pair in calls.items():
             seconds = alternate(min(repeats, 3), **pair)
-            of = f"{length}x{length}, a* = {THRESHOLD + 0.02:g}: {what}, times faster than with Green's function only"
+            of = (
+                f"{length}x{length}, a* = {THRESHOLD + 0.02:g}: {what}, times faster than with"
+                f" Green's function only"
+            )
             row = over(of, seconds, "before", "now", bound, least=True)
             rows.append(row._replace(note=f"{took}, {row.note}") if what == "equilibrium" else row)
     return rows
 
 
-# -- seconds ------------------------------------------------------------------------------------------------------------
+# -- seconds ---------------------------------------------------------------------------------------
 
 
 def fire(repeats: int) -> list[Row]:
     """128 x 128 balls against given times of another method."""
-    x, rows = balls(128), []
+    x = balls(128)
+    rows = []
     for spacing, tolerance, given, bound in FIRE:
         load = ReducedLoad(overlap=spacing - 0.5)
         state = equilibrate(x, load, tolerance=tolerance)
         assert residual(state) <= tolerance, "not at rest: the ratio would mean nothing"
-        (seconds,) = alternate(repeats, granphon=lambda load=load, t=tolerance: equilibrate(x, load, tolerance=t)).values()
-        what = f"128x128, a* = {spacing:g}, to {tolerance:g}: times faster than LAMMPS's FIRE on two cores"
-        rows.append(Row(what, given / seconds, "", bound, least=True, note=f"{seconds:.3g} s against a given {given:g} s"))
+        (seconds,) = alternate(
+            repeats, granphon=lambda load=load, t=tolerance: equilibrate(x, load, tolerance=t)
+        ).values()
+        what = (
+            f"128x128, a* = {spacing:g}, to {tolerance:g}: times faster than LAMMPS's FIRE on two"
+            f" cores"
+        )
+        rows.append(
+            Row(
+                what,
+                given / seconds,
+                "",
+                bound,
+                least=True,
+                note=f"{seconds:.3g} s against a given {given:g} s",
+            )
+        )
     return rows
 
 
@@ -214,8 +284,11 @@ def seconds(repeats: int) -> list[Row]:
     for length, spacing in ((512, 1.0), (256, THRESHOLD + 0.02)):
         x, load = balls(length), ReducedLoad(overlap=spacing - 0.5)
         state = equilibrate(x, load)
-        (median,) = alternate(min(repeats, 3), granphon=lambda x=x, load=load: equilibrate(x, load)).values()
-        of, took = f"{length}x{length}, a* = {spacing:g}", f"{state.newton} steps, {state.conjugate} iterations"
+        (median,) = alternate(
+            min(repeats, 3), granphon=lambda x=x, load=load: equilibrate(x, load)
+        ).values()
+        of = f"{length}x{length}, a* = {spacing:g}"
+        took = f"{state.newton} steps, {state.conjugate} iterations"
         rows.append(Row(f"{of}, to 1e-10", median, "s", note=took))
         rows.append(Row(f"{of}: residual", residual(state), "", REST_TOLERANCE))
     return rows
@@ -223,7 +296,11 @@ def seconds(repeats: int) -> list[Row]:
 
 #: memory first: it is measured in a process that inherits the peak of this one
 PARTS: dict[str, Part] = {
-    "memory": memory(1024, 1.2), "direct": direct, "growth": growth, "near": near_threshold, "fire": fire,
+    "memory": memory(1024, 1.2),
+    "direct": direct,
+    "growth": growth,
+    "near": near_threshold,
+    "fire": fire,
     "seconds": seconds,
-}  # fmt: skip
+}
 HUGE_PARTS: dict[str, Part] = {"huge": memory(HUGE, 24.0)}

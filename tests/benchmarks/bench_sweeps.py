@@ -1,9 +1,11 @@
-"""Sweeps by two workers: what processes, the store and a scheduler of dask cost beside the tasks themselves.
+"""Sweeps by two workers: what processes, the store and a scheduler of dask cost beside the tasks
+themselves.
 
     python tests/benchmarks --only sweeps
 
-The efficiency is that of tasks that sleep, so that it does not depend on what else the processors do: the time that two
-workers would take if nothing but the tasks took any, over the time that they take. Processes are started beforehand.
+The efficiency is that of tasks that sleep, so that it does not depend on what else the processors
+do: the time that two workers would take if nothing but the tasks took any, over the time that they
+take. Processes are started beforehand.
 """
 
 from __future__ import annotations
@@ -24,7 +26,10 @@ from granphon.runs.store import Store
 from granphon.runs.workers import open_executor
 
 #: the workers, by the words of the table
-WORKERS: dict[str, dict[str, Any]] = {"--workers 2": {"workers": 2}, "--scheduler local:2": {"scheduler": "local:2"}}
+WORKERS: dict[str, dict[str, Any]] = {
+    "--workers 2": {"workers": 2},
+    "--scheduler local:2": {"scheduler": "local:2"},
+}
 #: seconds of a task, number of tasks, least efficiency
 TASKS = ((1.0, 8, 0.9), (0.01, 600, 0.7))
 #: values of two parameters, whose combinations are the tasks of the averaged lattice
@@ -34,10 +39,13 @@ MANY = (250, 400)
 class Nap:
     """A task that sleeps."""
 
-    kind, steps, memory = "nap", 1, 0.0
+    kind = "nap"
+    steps = 1
+    memory = 0.0
 
     def __init__(self, number: int, seconds: float) -> None:
-        self.number, self.seconds = number, seconds
+        self.number = number
+        self.seconds = seconds
 
     @property
     def name(self) -> str:
@@ -69,7 +77,11 @@ def efficiencies(repeats: int) -> list[Row]:
             assert executor is not None
             solve_all("start", [Nap(-1 - number, 0.2) for number in range(6)], executor)
             for seconds, count, least in TASKS:
-                best = float(np.median([napping(executor, seconds, count) for _ in range(max(1, repeats // 3))]))
+                best = float(
+                    np.median(
+                        [napping(executor, seconds, count) for _ in range(max(1, repeats // 3))]
+                    )
+                )
                 what = f"Efficiency of `{words}`, {count} tasks of {seconds:g} s"
                 rows.append(Row(what, best, bound=least, least=True))
     return rows
@@ -78,7 +90,8 @@ def efficiencies(repeats: int) -> list[Row]:
 def many(_: int) -> list[Row]:
     """A sweep of the averaged lattice over two parameters, each combination a task, with a store.
 
-    Its unit is half of the time that the tasks take in one process without files; some of them tell what one takes.
+    Its unit is half of the time that the tasks take in one process without files; some of them tell
+    what one takes.
     """
     steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
     packing = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))
@@ -96,8 +109,14 @@ def many(_: int) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder, open_executor(workers=2) as executor:
         seconds, used = solve(first, second, executor=executor, path=Path(folder) / "sweep.nc")
     load = f"load average {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-    note = f"{seconds:.3g} s; {1e6 * used / (first * second):.0f} µs of each in the process that sends them; {load}"
-    what = f"{first * second:,} tasks of `ala`, two workers, with files: over half of the time of one process without"
+    note = (
+        f"{seconds:.3g} s; {1e6 * used / (first * second):.0f} µs of each in the process that"
+        f" sends them; {load}"
+    )
+    what = (
+        f"{first * second:,} tasks of `ala`, two workers, with files: over half of the time of"
+        f" one process without"
+    )
     return [Row(what, seconds / alone, bound=2.5, note=note)]
 
 

@@ -1,8 +1,10 @@
-"""What each kind of scene loads, calls and takes, measured: processes of the command line, each with nothing loaded before.
+"""What each kind of scene loads, calls and takes, measured: processes of the command line, each
+with nothing loaded before.
 
     python tests/benchmarks/costs.py [--json FILE] [--repeats N] [--only SCENE ...]
 
-``tests/test_required.py`` holds scenes to it: what is counted here must be no more than the scene asks for.
+``tests/test_required.py`` holds scenes to it: what is counted here must be no more than the scene
+asks for.
 """
 
 from __future__ import annotations
@@ -39,9 +41,24 @@ WATCHED = {
 TRIAL = "trial equilibria"
 #: costly modules
 HEAVY = (
-    "phonopy", "spglib", "matplotlib", "ase", "ase.calculators", "xarray", "h5netcdf", "pandas", "rich", "numba",
-    "scipy.fft", "scipy.special", "scipy.linalg", "scipy.sparse", "scipy.optimize", "scipy.integrate", "scipy.spatial",
-)  # fmt: skip
+    "phonopy",
+    "spglib",
+    "matplotlib",
+    "ase",
+    "ase.calculators",
+    "xarray",
+    "h5netcdf",
+    "pandas",
+    "rich",
+    "numba",
+    "scipy.fft",
+    "scipy.special",
+    "scipy.linalg",
+    "scipy.sparse",
+    "scipy.optimize",
+    "scipy.integrate",
+    "scipy.spatial",
+)
 
 _BALLS = """material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}
 packing: {diameter: 1 mm%s}
@@ -67,7 +84,8 @@ SCENES = {
     "density of states": EQUAL + "observe: [dos]\n",
     "bands and density of states": EQUAL + "observe: [bands, dos]\n",
     "sweep, averaged": _BALLS % (", spread: {uniform: 0.3 um}", LOADS) + "medium: [ala, afa]\n",
-    "sweep, effective medium": _BALLS % (", spread: {uniform: 0.3 um}", LOADS) + "medium: [ala, ema]\n",
+    "sweep, effective medium": _BALLS % (", spread: {uniform: 0.3 um}", LOADS)
+    + "medium: [ala, ema]\n",
     "simulation": SPREAD + "medium: {simulation: {shape: 32 32}}\n",
     "simulation, no friction": _BALLS % (f", spread: {{uniform: 0.3 um}}{SMOOTH}", "1 N")
     + "medium: {simulation: {shape: 32 32}}\n",
@@ -80,14 +98,18 @@ SCENES = {
 LARGE = {
     "bands": SCENES["bands"] + "phonopy: {band_points: 5001}\n",
     "density of states": SCENES["density of states"] + "phonopy: {mesh: 1024 1024 1}\n",
-    "sweep, effective medium": SCENES["sweep, effective medium"].replace(LOADS, "{from: 1 N, to: 2 N, points: 50000}"),
+    "sweep, effective medium": SCENES["sweep, effective medium"].replace(
+        LOADS, "{from: 1 N, to: 2 N, points: 50000}"
+    ),
     "simulation": SCENES["simulation"].replace("32 32", "512 512"),
     "simulation in space": SCENES["simulation in space"].replace("24 24 24", "48 48 48"),
 }
 
 
 class Seen(NamedTuple):
-    """Of one run: costly modules loaded, costly functions called, files written, branches of the spectra."""
+    """Of one run: costly modules loaded, costly functions called, files written, branches of the
+    spectra.
+    """
 
     modules: list[str]
     calls: dict[str, int]
@@ -95,7 +117,7 @@ class Seen(NamedTuple):
     branches: int | None
 
 
-# -- inside a process of its own ----------------------------------------------------------------------------------------
+# -- inside a process of its own -------------------------------------------------------------------
 
 
 def follow(scene: str, out: str, *options: str, command: str = "run") -> None:
@@ -107,13 +129,18 @@ def follow(scene: str, out: str, *options: str, command: str = "run") -> None:
         if event == "call" and (name := frame.f_code.co_qualname) in names:
             what = WATCHED.get((frame.f_globals["__name__"], name))
             if what is not None:
-                trial = frame.f_back is not None and frame.f_back.f_globals["__name__"] == "granphon.media.cost"
+                trial = (
+                    frame.f_back is not None
+                    and frame.f_back.f_globals["__name__"] == "granphon.media.cost"
+                )
                 counts[TRIAL if trial else what] += 1
 
     from granphon.cli.commands import main
 
     sys.setprofile(watch)
-    code = main(["check", scene] if command == "check" else ["run", scene, "-o", out, "-q", *options])
+    code = main(
+        ["check", scene] if command == "check" else ["run", scene, "-o", out, "-q", *options]
+    )
     sys.setprofile(None)
     assert code == 0
     loaded = [one for one in HEAVY if one in sys.modules]
@@ -127,13 +154,17 @@ def follow(scene: str, out: str, *options: str, command: str = "run") -> None:
 
 
 def weigh(kind: str, folder: str) -> None:
-    """Print by how many bytes the peak grows from a small scene to a large one of the same kind, and those of its data."""
+    """Print by how many bytes the peak grows from a small scene to a large one of the same kind,
+    and those of its data.
+    """
     import resource
 
     from granphon.scene.scene import Scene
 
     def peak() -> int:
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (
+            1 if sys.platform == "darwin" else 1024
+        )
 
     Scene.from_text(SCENES[kind]).run(Path(folder) / "small", figures=False)
     before = peak()
@@ -142,7 +173,9 @@ def weigh(kind: str, folder: str) -> None:
 
 
 def data(kind: str, result: Any) -> int:
-    """Bytes of what the scene has to hold: the arrays of its result; of a density of states, the frequencies on its mesh."""
+    """Bytes of what the scene has to hold: the arrays of its result; of a density of states, the
+    frequencies on its mesh.
+    """
     if kind == "density of states":
         n1, n2 = result.dos.mesh
         return int(n1 * n2 * result.phonons.lattice.n_branches * 8)
@@ -151,19 +184,29 @@ def data(kind: str, result: Any) -> int:
         return sum(getattr(result.bands, name).nbytes for name in names)
     if kind in ("simulation", "simulation in space"):
         sample = result.state.sample
-        return sum(one.nbytes for one in (sample.diameters, sample.displacements, sample.contact_forces))
+        return sum(
+            one.nbytes for one in (sample.diameters, sample.displacements, sample.contact_forces)
+        )
     return int(result.dataset.nbytes)
 
 
-# -- from outside ---------------------------------------------------------------------------------------------------------
+# -- from outside ----------------------------------------------------------------------------------
 
 
 def python(code: str, *arguments: str) -> str:
     """What a new process prints."""
     done = subprocess.run(
-        [sys.executable, "-c", f"import sys\nsys.path.insert(0, {str(HERE)!r})\n{code}", *arguments],
-        check=True, stdout=subprocess.PIPE, text=True, env={**os.environ, "MPLBACKEND": "Agg"},
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-c",
+            f"import sys\nsys.path.insert(0, {str(HERE)!r})\n{code}",
+            *arguments,
+        ],
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "MPLBACKEND": "Agg"},
+    )
     return done.stdout
 
 
@@ -174,32 +217,57 @@ def seen(kind: str, *options: str, command: str = "run") -> Seen:
         scene = Path(folder) / "scene.yaml"
         scene.write_text(SCENES[kind], encoding="utf-8")
         code = f"import costs\ncosts.follow(*sys.argv[1:], command={command!r})"
-        return Seen(**json.loads(python(code, str(scene), str(Path(folder) / "out"), *options).splitlines()[-1]))
+        return Seen(
+            **json.loads(
+                python(code, str(scene), str(Path(folder) / "out"), *options).splitlines()[-1]
+            )
+        )
 
 
 def times(repeats: int, kinds: Sequence[str]) -> dict[str, float]:
-    """Median seconds of a process for each kind, of one without figures, and of one that imports numpy."""
+    """Median seconds of a process for each kind, of one without figures, and of one that imports
+    numpy.
+    """
     with tempfile.TemporaryDirectory() as folder:
 
         def scene(kind: str, *options: str) -> Callable[[], object]:
             path = Path(folder) / f"{kind}.yaml"
             path.write_text(SCENES[kind], encoding="utf-8")
-            arguments = ["run", str(path), "-o", str(Path(folder) / "out"), "-q", "--force", *options]
-            return lambda: python(f"from granphon.cli.commands import main\nassert main({arguments!r}) == 0")
+            arguments = [
+                "run",
+                str(path),
+                "-o",
+                str(Path(folder) / "out"),
+                "-q",
+                "--force",
+                *options,
+            ]
+            return lambda: python(
+                f"from granphon.cli.commands import main\nassert main({arguments!r}) == 0"
+            )
 
         calls = {kind: scene(kind) for kind in kinds}
-        calls |= {f"{kind}, no figures": scene(kind, "--no-figures") for kind in kinds if seen(kind).calls.get("figures")}
+        calls |= {
+            f"{kind}, no figures": scene(kind, "--no-figures")
+            for kind in kinds
+            if seen(kind).calls.get("figures")
+        }
         return alternate(repeats, **calls, numpy=lambda: python("import numpy"))
 
 
 def weighed(kind: str) -> dict[str, int]:
     """See :func:`weigh`."""
     with tempfile.TemporaryDirectory() as folder:
-        return dict(json.loads(python("import costs\ncosts.weigh(*sys.argv[1:])", kind, folder).splitlines()[-1]))
+        return dict(
+            json.loads(
+                python("import costs\ncosts.weigh(*sys.argv[1:])", kind, folder).splitlines()[-1]
+            )
+        )
 
 
 def measured(repeats: int, kinds: Sequence[str] = tuple(SCENES)) -> dict[str, Any]:
-    """Of kinds of scenes what it was seen to take, its seconds, those without figures, and memory where it is large.
+    """Of kinds of scenes what it was seen to take, its seconds, those without figures, and memory
+    where it is large.
 
     Without repeats it is counted alone, and neither timed nor weighed: for a machine that is busy.
     """
@@ -207,16 +275,26 @@ def measured(repeats: int, kinds: Sequence[str] = tuple(SCENES)) -> dict[str, An
     seconds: Mapping[str, float] = times(repeats, kinds) if repeats else {}
     scenes = [
         {
-            "scene": kind, **seen(kind)._asdict(), "seconds": seconds.get(kind), "bare": seconds.get(f"{kind}, no figures"),
+            "scene": kind,
+            **seen(kind)._asdict(),
+            "seconds": seconds.get(kind),
+            "bare": seconds.get(f"{kind}, no figures"),
             **memory.get(kind, {"grown": None, "data": None}),
         }
         for kind in kinds
-    ]  # fmt: skip
-    return {"machine": machine(), "repeats": repeats, "numpy": seconds.get("numpy"), "scenes": scenes}
+    ]
+    return {
+        "machine": machine(),
+        "repeats": repeats,
+        "numpy": seconds.get("numpy"),
+        "scenes": scenes,
+    }
 
 
 def exchanged(before: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, Any]:
-    """An earlier measurement with some of its scenes measured anew, each with the time of numpy beside it."""
+    """An earlier measurement with some of its scenes measured anew, each with the time of numpy
+    beside it.
+    """
     scenes = {one["scene"]: one for one in before["scenes"]}
     scenes |= {one["scene"]: one | {"numpy": found["numpy"]} for one in found["scenes"]}
     return {**before, "scenes": [scenes[kind] for kind in SCENES if kind in scenes]}
@@ -227,9 +305,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     parser = argparse.ArgumentParser(description="What each kind of scene loads, calls and takes")
     parser.add_argument("--json", type=Path, help="also write it here, under the name costs")
-    parser.add_argument("--repeats", type=int, default=5, help="none: count, and neither time nor weigh")
     parser.add_argument(
-        "--only", nargs="+", metavar="SCENE", choices=list(SCENES), help="these alone, into those of the file"
+        "--repeats", type=int, default=5, help="none: count, and neither time nor weigh"
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="SCENE",
+        choices=list(SCENES),
+        help="these alone, into those of the file",
     )
     options = parser.parse_args(argv)
     found = measured(options.repeats, options.only or tuple(SCENES))

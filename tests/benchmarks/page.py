@@ -31,27 +31,42 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "benchmarks.
 NUMBERS = PAGE.with_suffix(".json")
 #: the tables of the page, and the parts of the benchmarks in each
 TABLES = {
-    "ordered": (*bench_ordered.PARTS, *bench_crystals.PARTS), "calculator": tuple(bench_calculator.PARTS),
-    "effective": tuple(bench_effective.PARTS), "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS),
-    "waves": (*bench_pulses.PARTS, *bench_waves.PARTS), "motion": tuple(bench_motion.PARTS),
-}  # fmt: skip
+    "ordered": (*bench_ordered.PARTS, *bench_crystals.PARTS),
+    "calculator": tuple(bench_calculator.PARTS),
+    "effective": tuple(bench_effective.PARTS),
+    "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS),
+    "waves": (*bench_pulses.PARTS, *bench_waves.PARTS),
+    "motion": tuple(bench_motion.PARTS),
+}
 _HEAD = "| what | measured | | bound |\n|---|---|---|---|\n"
 
 
 def rows(found: list[Mapping[str, Any]]) -> list[Row]:
     """The rows of a part, as they were before they were written."""
-    return [Row(**{**one, "bound": math.inf if one["bound"] is None else one["bound"]}) for one in found]
+    return [
+        Row(**{**one, "bound": math.inf if one["bound"] is None else one["bound"]}) for one in found
+    ]
 
 
 def table(parts: tuple[str, ...], numbers: Mapping[str, Any]) -> str:
-    """A table of the page; the verdict is left out, as a bound that is missed ends the run with an error."""
+    """A table of the page; the verdict is left out, as a bound that is missed ends the run with an
+    error.
+    """
     lines = [line(*row.cells) for part in parts for row in rows(numbers[part])]
     return _HEAD + "".join(one.replace("a*", r"a\*").replace("f*", r"f\*") + "\n" for one in lines)
 
 
 def costs(found: Mapping[str, Any]) -> str:
     """What scenes cost, and on which machine."""
-    heads = ("scene", "costly modules", "costly calls", "files", "time", "without figures", "memory over data")
+    heads = (
+        "scene",
+        "costly modules",
+        "costly calls",
+        "files",
+        "time",
+        "without figures",
+        "memory over data",
+    )
     lines = [line(*heads), "|" + "---|" * len(heads)]
     for one in found["scenes"]:
         calls = ", ".join(f"{name}: {count}" for name, count in one["calls"].items())
@@ -59,20 +74,32 @@ def costs(found: Mapping[str, Any]) -> str:
         modules = [name for name in one["modules"] if "." not in name]
         modules += [f"scipy ({', '.join(scipy)})"] if scipy else []
         numpy = one.get("numpy", found["numpy"])  # a scene that was measured apart has its own
-        times = ["" if seconds is None else f"{seconds / numpy:.3g}" for seconds in (one["seconds"], one["bare"])]
-        over = "" if one["data"] is None else f"{one['grown'] / one['data']:.3g} ({one['data'] / 2**20:.3g} MiB)"
+        times = [
+            "" if seconds is None else f"{seconds / numpy:.3g}"
+            for seconds in (one["seconds"], one["bare"])
+        ]
+        over = (
+            ""
+            if one["data"] is None
+            else f"{one['grown'] / one['data']:.3g} ({one['data'] / 2**20:.3g} MiB)"
+        )
         files = str(sum(not name.startswith(".") for name in one["files"]))
         lines.append(line(one["scene"], ", ".join(modules), calls, files, *times, over))
     after = "Counted, and neither timed nor weighed. "
     if found["repeats"]:
-        after = f"Medians of {found['repeats']}; a process that imports numpy alone: {1e3 * found['numpy']:.0f} ms. "
+        after = (
+            f"Medians of {found['repeats']}; a process that imports numpy alone:"
+            f" {1e3 * found['numpy']:.0f} ms. "
+        )
     return "\n".join(lines) + f"\n\n{after}{machine(found)}"
 
 
 def machine(numbers: Mapping[str, Any]) -> str:
     """What the numbers depend on, in a line."""
     about = numbers["machine"]
-    packages = ", ".join(f"{name} {about[name]}" for name in ("numpy", "scipy", "ase", "phonopy", "blas"))
+    packages = ", ".join(
+        f"{name} {about[name]}" for name in ("numpy", "scipy", "ase", "phonopy", "blas")
+    )
     return f"{about['processor']}, {about['cores']} cores, Python {about['python']}, {packages}\n"
 
 

@@ -1,6 +1,8 @@
-"""What the benchmarks share: calls timed in turns, results with the bound each is to keep, the machine, the command line.
+"""What the benchmarks share: calls timed in turns, results with the bound each is to keep, the
+machine, the command line.
 
-Nothing but the standard library is imported here, so that a process can be measured that imports little else.
+Nothing but the standard library is imported here, so that a process can be measured that imports
+little else.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ Part = Callable[[int], "list[Row]"]
 
 
 class Row(NamedTuple):
-    """A line of the table; ``bound`` is the most that ``value`` may be, or, with ``least``, the least."""
+    """A line of the table; ``bound`` is the most that ``value`` may be, or, with ``least``, the
+    least.
+    """
 
     what: str
     value: float
@@ -60,13 +64,17 @@ def line(*cells: str) -> str:
 def recorded(path: Path, numbers: Mapping[str, Any]) -> None:
     """Write numbers by name into a file of them; others in it stay."""
     before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    path.write_text(json.dumps(before | dict(numbers), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    path.write_text(
+        json.dumps(before | dict(numbers), indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
 
 
 def alternate(
     repeats: int, clock: Callable[[], float] = time.perf_counter, **calls: Callable[[], object]
 ) -> dict[str, float]:
-    """Median seconds of each call, taken in turns so that a busy machine slows all of them; by a ``clock``."""
+    """Median seconds of each call, taken in turns so that a busy machine slows all of them; by a
+    ``clock``.
+    """
     times: dict[str, list[float]] = {name: [] for name in calls}
     for call in calls.values():
         call()
@@ -79,10 +87,16 @@ def alternate(
 
 
 def peak() -> float:
-    """Return the largest memory of this process so far, GiB; on Linux without what the process that started it had."""
+    """Return the largest memory of this process so far, GiB; on Linux without what the process that
+    started it had.
+    """
     status = Path("/proc/self/status")
     if status.is_file():
-        found = [line.split()[1] for line in status.read_text(encoding="utf-8").splitlines() if line.startswith("VmHWM")]
+        found = [
+            line.split()[1]
+            for line in status.read_text(encoding="utf-8").splitlines()
+            if line.startswith("VmHWM")
+        ]
         if found:
             return int(found[0]) / 2**20
     import resource
@@ -91,16 +105,27 @@ def peak() -> float:
 
 
 def spend(call: Callable[[], Found]) -> tuple[Found, dict[str, Any]]:
-    """Return what a call finds, and what it takes: seconds by the clock and of the processor, and the peak of memory."""
-    start, busy = time.perf_counter(), time.process_time()
+    """Return what a call finds, and what it takes: seconds by the clock and of the processor, and
+    the peak of memory.
+    """
+    start = time.perf_counter()
+    busy = time.process_time()
     found = call()
-    return found, {"s": time.perf_counter() - start, "busy": time.process_time() - busy, "GiB": peak()}
+    return found, {
+        "s": time.perf_counter() - start,
+        "busy": time.process_time() - busy,
+        "GiB": peak(),
+    }
 
 
 def run_alone(call: str) -> dict[str, Any]:
-    """Return what a call prints as JSON, such as "bench_waves.alone(9)", in a process of its own: for its peak of memory."""
+    """Return what a call prints as JSON, such as "bench_waves.alone(9)", in a process of its own:
+    for its peak of memory.
+    """
     command = [sys.executable, "-c", f"import {call.partition('.')[0]}; {call}"]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent)
+    done = subprocess.run(
+        command, check=True, stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parent
+    )
     return dict(json.loads(done.stdout))
 
 
@@ -114,7 +139,9 @@ def over(
     times: int = 1,
 ) -> Row:
     """The row of a ratio: ``times`` the time of one call over that of another."""
-    note = " against ".join(f"{1e3 * s:.3g} ms" if s < 1.0 else f"{s:.3g} s" for s in (seconds[ours], seconds[other]))
+    note = " against ".join(
+        f"{1e3 * s:.3g} ms" if s < 1.0 else f"{s:.3g} s" for s in (seconds[ours], seconds[other])
+    )
     return Row(what, times * seconds[ours] / seconds[other], "", bound, least, note)
 
 
@@ -138,29 +165,49 @@ def machine() -> dict[str, Any]:
     described = Path("/proc/cpuinfo")
     if described.is_file():
         lines = described.read_text(encoding="utf-8").splitlines()
-        name = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), name)
+        name = next(
+            (line.partition(":")[2].strip() for line in lines if line.startswith("model name")),
+            name,
+        )
     config: Any = np.show_config(mode="dicts")
     blas = config["Build Dependencies"]["blas"]
-    versions = {package: version(package) for package in ("numpy", "scipy", "ase", "phonopy", "matplotlib", "xarray")}
+    versions = {
+        package: version(package)
+        for package in ("numpy", "scipy", "ase", "phonopy", "matplotlib", "xarray")
+    }
     return {
-        "processor": name, "architecture": platform.machine(), "cores": os.cpu_count(),
-        "load": os.getloadavg() if hasattr(os, "getloadavg") else None, "system": platform.system(),
-        "python": platform.python_version(), "blas": f"{blas['name']} {blas['version']}", **versions,
-    }  # fmt: skip
+        "processor": name,
+        "architecture": platform.machine(),
+        "cores": os.cpu_count(),
+        "load": os.getloadavg() if hasattr(os, "getloadavg") else None,
+        "system": platform.system(),
+        "python": platform.python_version(),
+        "blas": f"{blas['name']} {blas['version']}",
+        **versions,
+    }
 
 
 def command_line(
-    description: str, parts: Mapping[str, Part], huge: Mapping[str, Part] | None = None, argv: Sequence[str] | None = None
+    description: str,
+    parts: Mapping[str, Part],
+    huge: Mapping[str, Part] | None = None,
+    argv: Sequence[str] | None = None,
 ) -> int:
     """Run parts with as many repeats as the command line says; 1 if a bound is missed."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--json", type=Path, help="also write the machine and the results here")
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument(
-        "--only", nargs="+", metavar="PART", choices=sorted({*parts, *(huge or ())}), help="these parts alone"
+        "--only",
+        nargs="+",
+        metavar="PART",
+        choices=sorted({*parts, *(huge or ())}),
+        help="these parts alone",
     )
     if huge:
-        parser.add_argument("--huge", action="store_true", help="ten million balls too: some minutes and some GiB")
+        parser.add_argument(
+            "--huge", action="store_true", help="ten million balls too: some minutes and some GiB"
+        )
     options = parser.parse_args(argv)
     # first, as memory is measured in it
     chosen = {**((huge or {}) if getattr(options, "huge", False) else {}), **parts}

@@ -1,10 +1,12 @@
-"""What the page on the experiment says of pulses through a hexagon of balls, from runs too long for the tests.
+"""What the page on the experiment says of pulses through a hexagon of balls, from runs too long for
+the tests.
 
     python tests/benchmarks/study_hexagon.py [--json FILE] [--only PART ...]
 
-Some minutes on one processor. Seeds are given: numbers are the same on any machine. The exit code is 1 if a number is not
-what the page claims. Balls of steel of 8 mm, 31 on a side, spread uniformly over 2.04 um; the pulse of five periods of
-6.5 kHz goes from one side to the opposite one. Brackets hold the standard error of the last digits.
+Some minutes on one processor. Seeds are given: numbers are the same on any machine. The exit code
+is 1 if a number is not what the page claims. Balls of steel of 8 mm, 31 on a side, spread uniformly
+over 2.04 um; the pulse of five periods of 6.5 kHz goes from one side to the opposite one. Brackets
+hold the standard error of the last digits.
 """
 
 from __future__ import annotations
@@ -20,13 +22,28 @@ from study_simulation import DIAMETER, PACKINGS, STEEL, WIDTH, judged, mean_and_
 import granphon as gp
 
 SIDE_FORCE = np.geomspace(100.0, 990.0, 7)
-N, SAMPLES, FREQUENCY, ALONG = 31, 16, 6500.0, (0.0, 1.0)
+N = 31
+SAMPLES = 16
+FREQUENCY = 6500.0
+ALONG = (0.0, 1.0)
 LENGTH = 2 * (N - 1) * math.sqrt(0.75) * DIAMETER
 METHODS = ("envelope", "first", "correlation")
 #: velocity by the envelope, and its standard error, m/s, at SIDE_FORCE
-CLAIMED = ((432.0, 2.0), (488.0, 1.0), (542.0, 1.0), (597.7, 0.7), (648.9, 0.4), (695.9, 0.3), (743.6, 0.3))
+CLAIMED = (
+    (432.0, 2.0),
+    (488.0, 1.0),
+    (542.0, 1.0),
+    (597.7, 0.7),
+    (648.9, 0.4),
+    (695.9, 0.3),
+    (743.6, 0.3),
+)
 #: widths of fits, um, by what is taken for the measured velocity
-WIDTHS = {"the envelope, as a long wave": 4.94, "the envelope, as a group": 3.86, "the envelope, calibrated": 2.25}
+WIDTHS = {
+    "the envelope, as a long wave": 4.94,
+    "the envelope, as a group": 3.86,
+    "the envelope, calibrated": 2.25,
+}
 
 
 @cache
@@ -39,9 +56,14 @@ def pulses(force: float, seed: int | None) -> tuple[float, gp.Pulse]:
 
 @cache
 def velocities(method: str) -> tuple[np.ndarray, np.ndarray]:
-    """(loads, samples) velocities through hexagons of balls that differ, and (loads,) of equal balls, m/s."""
+    """(loads, samples) velocities through hexagons of balls that differ, and (loads,) of equal
+    balls, m/s.
+    """
     forces = SIDE_FORCE.tolist()
-    found = [[one.distance / one.arrival(method) for one in (pulses(f, s)[1] for s in range(SAMPLES))] for f in forces]
+    found = [
+        [one.distance / one.arrival(method) for one in (pulses(f, s)[1] for s in range(SAMPLES))]
+        for f in forces
+    ]
     equal = [one.distance / one.arrival(method) for one in (pulses(f, None)[1] for f in forces)]
     return np.array(found), np.array(equal)
 
@@ -53,17 +75,31 @@ def contact_forces() -> np.ndarray:
 def group(medium: type[gp.Medium], packing: gp.Packing) -> np.ndarray:
     """Group velocities of the pulse in a medium, m/s."""
     of = medium(packing)
-    return np.array([gp.pulse_velocities(of.at_force(f), FREQUENCY, ALONG).group[0] for f in contact_forces().tolist()])
+    return np.array(
+        [
+            gp.pulse_velocities(of.at_force(f), FREQUENCY, ALONG).group[0]
+            for f in contact_forces().tolist()
+        ]
+    )
 
 
 def arrivals(repeats: int) -> list[Row]:
     """Velocities by time of flight, beside those of the lattice and of the medium."""
-    rows, equal = [], gp.Packing(STEEL, DIAMETER)
-    media = {"ideal": (gp.AveragedLattice, equal), "effective medium": (gp.EffectiveMedium, PACKINGS[True])}
+    rows = []
+    equal = gp.Packing(STEEL, DIAMETER)
+    media = {
+        "ideal": (gp.AveragedLattice, equal),
+        "effective medium": (gp.EffectiveMedium, PACKINGS[True]),
+    }
     for name, (medium, packing) in media.items():
         long = gp.sound_velocities(medium(packing).at_force(contact_forces()), ALONG).longitudinal
-        for force, v, g in zip(SIDE_FORCE.tolist(), long.tolist(), group(medium, packing).tolist(), strict=True):
-            rows += [Row(f"{force:.4g} N: {name}, long waves", v, "m/s"), Row(f"{force:.4g} N: {name}, group", g, "m/s")]
+        for force, v, g in zip(
+            SIDE_FORCE.tolist(), long.tolist(), group(medium, packing).tolist(), strict=True
+        ):
+            rows += [
+                Row(f"{force:.4g} N: {name}, long waves", v, "m/s"),
+                Row(f"{force:.4g} N: {name}, group", g, "m/s"),
+            ]
     for method in METHODS:
         found, alike = velocities(method)
         value, error = mean_and_error(found.T)
@@ -78,30 +114,41 @@ def arrivals(repeats: int) -> list[Row]:
         every = [pulses(force, seed)[1] for seed in range(SAMPLES)]
         scatter = np.mean([np.std(one.arrivals()) / one.time_of_flight for one in every])
         coherent = np.mean([one.coherent_fraction for one in every])
-        rows.append(Row(f"{force:.4g} N: scatter of single balls over the time of flight", float(scatter)))
+        rows.append(
+            Row(f"{force:.4g} N: scatter of single balls over the time of flight", float(scatter))
+        )
         rows.append(Row(f"{force:.4g} N: coherent part of the signal's energy", float(coherent)))
     return rows
 
 
 def widths(repeats: int) -> list[Row]:
     """The width that a fit of the effective medium finds from these velocities."""
-    rows, ideal = [], group(gp.AveragedLattice, gp.Packing(STEEL, DIAMETER))
+    rows = []
+    ideal = group(gp.AveragedLattice, gp.Packing(STEEL, DIAMETER))
     for method in METHODS:
         found, alike = velocities(method)
         value, error = mean_and_error(found.T)
-        name = {"envelope": "the envelope", "first": "the first arrival", "correlation": "the correlation"}[method]
+        name = {
+            "envelope": "the envelope",
+            "first": "the first arrival",
+            "correlation": "the correlation",
+        }[method]
         for words, v, s, f in (
-            ("as a long wave", value, error, None), ("as a group", value, error, FREQUENCY),
+            ("as a long wave", value, error, None),
+            ("as a group", value, error, FREQUENCY),
             ("calibrated", value / alike * ideal, error / alike * ideal, FREQUENCY),
-        ):  # fmt: skip
+        ):
             fit = gp.fit_width(PACKINGS[True], contact_forces(), v, s, f)
-            width, uncertain = 1e6 * fit.values[0], 1e6 * math.sqrt(fit.covariance[0, 0])
+            width = 1e6 * fit.values[0]
+            uncertain = 1e6 * math.sqrt(fit.covariance[0, 0])
             of = f"{name}, {words}"
             note = f"{bracketed(width, uncertain)}, chi2 {fit.chi2:.3g} of {fit.dof}"
             rows.append(Row(f"width by {of}", float(width), "um", note=note))
             if of in WIDTHS:
                 far = abs(width - WIDTHS[of])
-                rows.append(Row(f"width by {of}: distance from {WIDTHS[of]}", float(far), "um", 0.1))
+                rows.append(
+                    Row(f"width by {of}: distance from {WIDTHS[of]}", float(far), "um", 0.1)
+                )
     return [*rows, Row("width of the balls", 1e6 * WIDTH, "um")]
 
 

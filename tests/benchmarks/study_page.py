@@ -1,8 +1,9 @@
-"""How long the page takes for one redraw, in a real browser: ``python tests/benchmarks/study_page.py [LATTICE ...]``.
+"""How long the page takes for one redraw, in a real browser: ``python
+tests/benchmarks/study_page.py [LATTICE ...]``.
 
-For each lattice, with its own motions: the number of branches and of the points of the path while a slider moves, the
-least and the median time of computing and drawing them, ms, and the redraws a second that the median allows. A slider is
-moved a little before each redraw.
+For each lattice, with its own motions: the number of branches and of the points of the path while a
+slider moves, the least and the median time of computing and drawing them, ms, and the redraws a
+second that the median allows. A slider is moved a little before each redraw.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ REDRAWS = 60
 
 def study(chromium, name: str) -> str:
     """Measure one lattice; return a line of the table."""
-    page_text = make_page(replace(BALLS, lattice=name), [MediumChoice("afa")], Load("force", 18.446), title=name)
+    page_text = make_page(
+        replace(BALLS, lattice=name), [MediumChoice("afa")], Load("force", 18.446), title=name
+    )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "page.html"
         path.write_text(page_text, encoding="utf-8")
@@ -43,16 +46,22 @@ def study(chromium, name: str) -> str:
             return granphon.redraw(); }).slice(count)""",
             REDRAWS,
         )
-        branches, points = page.evaluate("() => [current.lattice.branches, current.path.points.length]")
+        branches, points = page.evaluate(
+            "() => [current.lattice.branches, current.path.points.length]"
+        )
         page.close()
     median = float(np.median(times))
-    return f"{name:<12}{branches:>9}{points:>8}{median:>11.1f}{min(times):>9.1f}{1e3 / median:>10.0f}"
+    return (
+        f"{name:<12}{branches:>9}{points:>8}{median:>11.1f}{min(times):>9.1f}{1e3 / median:>10.0f}"
+    )
 
 
 if __name__ == "__main__":
     if why := browser.explain_missing():
         sys.exit(why)
-    print(f"{'lattice':<12}{'branches':>9}{'points':>8}{'median ms':>11}{'least':>9}{'a second':>10}")
+    print(
+        f"{'lattice':<12}{'branches':>9}{'points':>8}{'median ms':>11}{'least':>9}{'a second':>10}"
+    )
     with browser.open_browser() as found:
         for lattice in sys.argv[1:] or LATTICES:
             print(study(found, lattice), flush=True)

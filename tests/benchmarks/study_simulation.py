@@ -1,10 +1,12 @@
-"""What the pages say of the simulated array and of the effective medium, from runs too long for the tests.
+"""What the pages say of the simulated array and of the effective medium, from runs too long for the
+tests.
 
     python tests/benchmarks/study_simulation.py [--json FILE] [--only PART ...]
 
-Half an hour on one processor. Seeds are given, so that all but the seconds of ``loads``, ``lists`` and ``clusters`` is
-the same on any machine; the exit code is 1 if a number is not what the pages claim. Balls of steel, spread uniformly unless
-it is said; brackets hold the standard error of the last digits.
+Half an hour on one processor. Seeds are given, so that all but the seconds of ``loads``, ``lists``
+and ``clusters`` is the same on any machine; the exit code is 1 if a number is not what the pages
+claim. Balls of steel, spread uniformly unless it is said; brackets hold the standard error of the
+last digits.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ from granphon.laws.effective import effective_curve
 from granphon.media.simulation import SimulatedState
 
 Array = NDArray[np.float64]
-STEEL, DIAMETER, WIDTH = gp.Material(211.65e9, 0.276, 7840.0), 8e-3, 2.04e-6
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+DIAMETER = 8e-3
+WIDTH = 2.04e-6
 #: friction, and without
 PACKINGS = {f: gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=f) for f in (True, False)}
 #: N, of f*
@@ -41,7 +45,8 @@ UNIT = float(PACKINGS[True].law.coefficient * WIDTH**1.5)
 #: standard errors within which two numbers agree
 AGREE = 3.0
 #: rigidity threshold that the paper quotes, a*, and how near to it ours must be
-THRESHOLD, NEAR = 0.343, 2e-3
+THRESHOLD = 0.343
+NEAR = 2e-3
 #: of random diameters
 LISTS = 500
 
@@ -78,51 +83,82 @@ def judged(what: str, value: float, error: float, claimed: float) -> list[Row]:
 def threshold_by(what: str, value: float, error: float) -> Row:
     """An estimate of the threshold: how far it is from the one quoted."""
     far = abs(float(value) - THRESHOLD)
-    return Row(f"threshold by {what}: distance from {THRESHOLD}", far, "", NEAR, note=bracketed(float(value), float(error)))
+    return Row(
+        f"threshold by {what}: distance from {THRESHOLD}",
+        far,
+        "",
+        NEAR,
+        note=bracketed(float(value), float(error)),
+    )
 
 
-# -- how large an array must be -----------------------------------------------------------------------------------------
+# -- how large an array must be --------------------------------------------------------------------
 
 #: balls along a side, and samples
 SIZES = {24: 48, 48: 24, 96: 8, 128: 8}
 
 
 def sizes(repeats: int) -> list[Row]:
-    """Bulk and shear moduli of small arrays against those of 128 x 128, with friction and without."""
+    """Bulk and shear moduli of small arrays against those of 128 x 128, with friction and
+    without.
+    """
     force = np.array([3.0, 1.0, 0.3, 0.08, 0.02]) * UNIT
-    worst, pairs, rows = 0.0, 0, []
+    worst = 0.0
+    pairs = 0
+    rows = []
     for friction, packing in PACKINGS.items():
         found = []
         for length, samples in SIZES.items():
-            simulation = gp.DirectSimulation(packing, (length, length), 1000 * length, samples, geometry="lattice")
-            moduli = simulation.at_force(force).over_samples(lambda one: bulk_and_shear(one.elastic_tensor))
+            simulation = gp.DirectSimulation(
+                packing, (length, length), 1000 * length, samples, geometry="lattice"
+            )
+            moduli = simulation.at_force(force).over_samples(
+                lambda one: bulk_and_shear(one.elastic_tensor)
+            )
             found.append(mean_and_error(np.moveaxis(moduli, 1, 0)))
         *small, (large, error) = found
         for mean, own in small:
             apart = np.abs(mean - large) / np.hypot(own, error)
-            worst, pairs = max(worst, float(np.max(apart))), pairs + apart.size
+            worst = max(worst, float(np.max(apart)))
+            pairs = pairs + apart.size
         rows.append(
-            Row(f"G of {128}x{128} balls at f* = 0.02, {'friction' if friction else 'no friction'}: its standard error",
-                float(error[-1, 1] / large[-1, 1]))
-        )  # fmt: skip
-    what = "K and G of 24x24, 48x48, 96x96 balls against 128x128, f* = 0.02 to 3: largest difference in standard errors"
+            Row(
+                f"G of {128}x{128} balls at f* = 0.02,"
+                f" {'friction' if friction else 'no friction'}: its standard error",
+                float(error[-1, 1] / large[-1, 1]),
+            )
+        )
+    what = (
+        "K and G of 24x24, 48x48, 96x96 balls against 128x128, f* = 0.02 to 3: largest difference"
+        " in standard errors"
+    )
     return [Row(what, worst, "", AGREE, note=f"of {pairs}"), *rows]
 
 
 def scatter(repeats: int) -> list[Row]:
     """f* at given a* from one sample to another, relative."""
     rows = []
-    for length, spacing, count, claimed in ((64, 1.0, 64, 7e-4), (64, 0.36, 64, 0.17), (128, 0.36, 24, 0.08)):
+    for length, spacing, count, claimed in (
+        (64, 1.0, 64, 7e-4),
+        (64, 0.36, 64, 0.17),
+        (128, 0.36, 24, 0.08),
+    ):
         force = np.array(
-            [at_rest(length, seed, [ReducedLoad(overlap=spacing - 0.5)])[0].force for seed in seeds(length, count)]
+            [
+                at_rest(length, seed, [ReducedLoad(overlap=spacing - 0.5)])[0].force
+                for seed in seeds(length, count)
+            ]
         )
         part = float(np.std(force, ddof=1) / np.mean(force))
-        what = f"f* at a* = {spacing:g} of {length}x{length} balls: standard deviation of {count} samples, of the mean"
+        what = (
+            f"f* at a* = {spacing:g} of {length}x{length} balls: standard deviation of {count}"
+            f" samples, of the mean"
+        )
         rows += judged(what, part, part / math.sqrt(2.0 * count), claimed)
     return rows
 
 
-# -- the threshold of rigidity ------------------------------------------------------------------------------------------
+# -- the threshold of rigidity ---------------------------------------------------------------------
 
 
 def zero_of(spacing: Array, power: Array, order: int) -> float:
@@ -137,9 +173,11 @@ def threshold(repeats: int) -> list[Row]:
     spacing = np.arange(0.380, 0.3545, -0.0025)
     zeros = []
     for seed in seeds(128, 6):
-        states = at_rest(128, seed, [ReducedLoad(overlap=0.0), *(ReducedLoad(overlap=a - 0.5) for a in spacing.tolist())])[
-            1:
-        ]
+        states = at_rest(
+            128,
+            seed,
+            [ReducedLoad(overlap=0.0), *(ReducedLoad(overlap=a - 0.5) for a in spacing.tolist())],
+        )[1:]
         power = np.array([state.force for state in states]) ** (2.0 / 3.0)
         near = spacing < 0.3701
         zeros.append((zero_of(spacing, power, 2), zero_of(spacing[near], power[near], 1)))
@@ -151,12 +189,18 @@ def threshold(repeats: int) -> list[Row]:
 
 
 def contacts(repeats: int) -> list[Row]:
-    """Overlap and contacts of a ball at no load: polynomials in f*^(2/3), which overlaps go as; 64 x 64."""
+    """Overlap and contacts of a ball at no load: polynomials in f*^(2/3), which overlaps go as; 64
+    x 64.
+    """
     forces = np.array([1e-2, 3e-3, 1e-3, 3e-4, 1e-4])
-    kept, at_no_load = [], []
+    kept = []
+    at_no_load = []
     for seed in seeds(64, 40):
         states = at_rest(64, seed, [ReducedLoad(force=f) for f in forces.tolist()])
-        rows = [(state.overlap + 0.5, 6.0 * np.mean(state.forces > 1e-6 * state.force)) for state in states]
+        rows = [
+            (state.overlap + 0.5, 6.0 * np.mean(state.forces > 1e-6 * state.force))
+            for state in states
+        ]
         kept.append(rows)
         at_no_load.append(np.polynomial.polynomial.polyfit(forces ** (2.0 / 3.0), rows, 2)[0])
     (spacing, number), (error, uncertain) = mean_and_error(np.array(at_no_load))
@@ -169,7 +213,7 @@ def contacts(repeats: int) -> list[Row]:
     ]
 
 
-# -- the conjecture on friction -----------------------------------------------------------------------------------------
+# -- the conjecture on friction --------------------------------------------------------------------
 
 #: the velocity that the medium has to 1.1 %
 KEPT = (True, "transverse")
@@ -191,30 +235,46 @@ def ratios(state: SimulatedState, of: str) -> list[Row]:
 
 
 def conjecture(repeats: int) -> list[Row]:
-    """The table of the page: 2G/(1 + eta)K over f*, also in true directions, and what it says of velocities."""
-    rows, bulk = [], {}
+    """The table of the page: 2G/(1 + eta)K over f*, also in true directions, and what it says of
+    velocities.
+    """
+    rows = []
+    bulk = {}
     for friction, packing in PACKINGS.items():
-        state = gp.DirectSimulation(packing, (64, 64), 0, 4, geometry="lattice").at_force(FORCES * UNIT)
-        true = gp.DirectSimulation(packing, (64, 64), 0, 4, geometry="exact").at_force(LOW_FORCES * UNIT)
+        state = gp.DirectSimulation(packing, (64, 64), 0, 4, geometry="lattice").at_force(
+            FORCES * UNIT
+        )
+        true = gp.DirectSimulation(packing, (64, 64), 0, 4, geometry="exact").at_force(
+            LOW_FORCES * UNIT
+        )
         of = "steel" if friction else "no friction"
         rows += [*ratios(state, of), *ratios(true, f"{of}, in true directions")]
         bulk[friction] = gp.moduli(state).bulk
-        found, ideal = gp.sound_velocities(state), gp.sound_velocities(gp.EffectiveMedium(packing).at_force(state.force))
+        found = gp.sound_velocities(state)
+        ideal = gp.sound_velocities(gp.EffectiveMedium(packing).at_force(state.force))
         for name in ("longitudinal", "transverse"):
             parts = np.asarray(getattr(ideal, name) / getattr(found, name)) - 1.0
             what = f"{name} velocity of the medium over that of the array, less 1, {of}: largest"
-            note, bound = ", ".join(f"{part:+.4f}" for part in parts), 0.0115 if (friction, name) == KEPT else math.inf
+            note = ", ".join(f"{part:+.4f}" for part in parts)
+            bound = 0.0115 if (friction, name) == KEPT else math.inf
             rows.append(Row(what, float(np.max(np.abs(parts))), "", bound, note=note))
     stiffer = bulk[True] / bulk[False] - 1.0
-    rows.append(Row("what friction adds to K: largest", float(np.max(stiffer)),
-                    note=", ".join(f"{part:.3f}" for part in stiffer)))  # fmt: skip
+    rows.append(
+        Row(
+            "what friction adds to K: largest",
+            float(np.max(stiffer)),
+            note=", ".join(f"{part:.3f}" for part in stiffer),
+        )
+    )
     return rows
 
 
-# -- what the directions of the lattice leave out -------------------------------------------------------------------------
+# -- what the directions of the lattice leave out --------------------------------------------------
 
 #: a* and W/d, the last but one that of the page's balls; arrays of 32 x 32
-SPACINGS, WIDTHS, ARRAYS = (0.4, 0.45, 0.5, 0.6, 0.7), (2.55e-6, 2.55e-5, WIDTH / DIAMETER, 2.55e-3), 8
+SPACINGS = (0.4, 0.45, 0.5, 0.6, 0.7)
+WIDTHS = (2.55e-6, 2.55e-5, WIDTH / DIAMETER, 2.55e-3)
+ARRAYS = 8
 #: a* up to which the part of G is large enough for its power of W/d
 LAST_POWER = 0.5
 #: eta of the sound
@@ -225,67 +285,110 @@ def left_out(limit: Equilibrium) -> Array:
     """(etas, 2, widths) parts of K and G that the limit of small width leaves out."""
     load = ReducedLoad(overlap=limit.overlap)
     low = [bulk_and_shear(limit.find_elasticity(eta)) for eta in ETAS.values()]
-    states = [equilibrate_exactly(limit.deviations, load, width, limit.stencils, limit) for width in WIDTHS]
-    true = [[bulk_and_shear(state.find_elasticity(eta)) for eta in ETAS.values()] for state in states]
+    states = [
+        equilibrate_exactly(limit.deviations, load, width, limit.stencils, limit)
+        for width in WIDTHS
+    ]
+    true = [
+        [bulk_and_shear(state.find_elasticity(eta)) for eta in ETAS.values()] for state in states
+    ]
     return np.asarray(1.0 - np.moveaxis(low / np.array(true), 0, -1))
 
 
 def deficits(repeats: int) -> list[Row]:
-    """What the limit of small width leaves out of K and G over a* and W/d, and the power of W/d by which that of G grows."""
-    rows, at = [], f"W/d = {', '.join(f'{width:.3g}' for width in WIDTHS)}"
+    """What the limit of small width leaves out of K and G over a* and W/d, and the power of W/d by
+    which that of G grows.
+    """
+    rows = []
+    at = f"W/d = {', '.join(f'{width:.3g}' for width in WIDTHS)}"
     for spacing in SPACINGS:
-        limits = [at_rest(32, seed, [ReducedLoad(overlap=spacing - 0.5)])[0] for seed in range(ARRAYS)]
+        limits = [
+            at_rest(32, seed, [ReducedLoad(overlap=spacing - 0.5)])[0] for seed in range(ARRAYS)
+        ]
         force, chance = mean_and_error(np.array([limit.force for limit in limits]))
         rows.append(measured(f"f* at a* = {spacing:g}", force, chance))
         found = np.array([left_out(limit) for limit in limits])
         mean, error = mean_and_error(100.0 * found)
         for kind, of in enumerate(ETAS):
             for place, name in enumerate("KG"):
-                note = ", ".join(bracketed(*pair) for pair in zip(mean[kind, place], error[kind, place], strict=True))
+                note = ", ".join(
+                    bracketed(*pair)
+                    for pair in zip(mean[kind, place], error[kind, place], strict=True)
+                )
                 what = f"{name} too small by, %, {of}, a* = {spacing:g}, {at}"
                 rows.append(Row(what, float(mean[kind, place, -2]), note=note))
         if spacing > LAST_POWER:
             continue
-        narrow, wide = found[:, 0, 1, 0], found[:, 0, 1, -2]
+        narrow = found[:, 0, 1, 0]
+        wide = found[:, 0, 1, -2]
         power, chance = mean_and_error(np.log(wide / narrow) / math.log(WIDTHS[-2] / WIDTHS[0]))
-        what = f"power of W/d of the part of G, a* = {spacing:g}, from {WIDTHS[0]:.3g} to {WIDTHS[-2]:.3g}"
+        what = (
+            f"power of W/d of the part of G, a* = {spacing:g}, from {WIDTHS[0]:.3g} to"
+            f" {WIDTHS[-2]:.3g}"
+        )
         rows.append(measured(what, power, chance))
     return rows
 
 
-# -- the local exponent -------------------------------------------------------------------------------------------------
+# -- the local exponent ----------------------------------------------------------------------------
 
 #: f*, and experiments of so many samples each
-EXPONENT_LOADS, EXPERIMENTS, EACH = np.array([0.03, 0.1, 0.3, 1.0]), 60, 4
+EXPONENT_LOADS = np.array([0.03, 0.1, 0.3, 1.0])
+EXPERIMENTS = 60
+EACH = 4
 
 
 def exponents(repeats: int) -> list[Row]:
-    """Exponents of large arrays; and of many small experiments, how often the truth is within their errors."""
-    large = gp.DirectSimulation(PACKINGS[True], (96, 96), 9000, 24, geometry="lattice").at_force(EXPONENT_LOADS * UNIT)
-    small = gp.DirectSimulation(PACKINGS[True], (8, 8), 20_000, EXPERIMENTS * EACH, geometry="lattice").at_force(
+    """Exponents of large arrays; and of many small experiments, how often the truth is within their
+    errors.
+    """
+    large = gp.DirectSimulation(PACKINGS[True], (96, 96), 9000, 24, geometry="lattice").at_force(
         EXPONENT_LOADS * UNIT
     )
+    small = gp.DirectSimulation(
+        PACKINGS[True], (8, 8), 20_000, EXPERIMENTS * EACH, geometry="lattice"
+    ).at_force(EXPONENT_LOADS * UNIT)
     rows = []
     for place, f in enumerate(EXPONENT_LOADS.tolist()):
-        value, error = float(large.exponent[place]), float(large.exponent_error[place])
+        value = float(large.exponent[place])
+        error = float(large.exponent_error[place])
         rows.append(measured(f"exponent at f* = {f:g}", value, error))
-        samples, force = small[place].samples, np.array(small.force[place])
+        samples = small[place].samples
+        force = np.array(small.force[place])
         found = [
-            SimulatedState.of(small.law.simulation, samples[first : first + EACH], Load("force", force))
+            SimulatedState.of(
+                small.law.simulation, samples[first : first + EACH], Load("force", force)
+            )
             for first in range(0, len(samples), EACH)
         ]
         # of what they share, a size that is not infinite, nothing is counted
         mean = float(small.exponent[place])
         t = np.abs(np.array([(one.exponent - mean) / one.exponent_error for one in found]))
-        for part, quantile in ((0.68, 1.189), (0.95, 3.182)):  # of Student's t with three degrees of freedom
-            rows.append(Row(f"within the errors at f* = {f:g}, of {EXPERIMENTS} experiments, {part:g} expected",
-                            float(np.mean(t < quantile))))  # fmt: skip
+        for part, quantile in (
+            (0.68, 1.189),
+            (0.95, 3.182),
+        ):
+            # of Student's t with three degrees of freedom
+            rows.append(
+                Row(
+                    f"within the errors at f* = {f:g}, of {EXPERIMENTS} experiments, {part:g}"
+                    f" expected",
+                    float(np.mean(t < quantile)),
+                )
+            )
         off = (mean - value) / math.hypot(error, float(small.exponent_error[place]))
-        rows.append(Row(f"exponent of 8x8 balls at f* = {f:g} less that of 96x96, in standard errors", abs(off), "", AGREE))
+        rows.append(
+            Row(
+                f"exponent of 8x8 balls at f* = {f:g} less that of 96x96, in standard errors",
+                abs(off),
+                "",
+                AGREE,
+            )
+        )
     return rows
 
 
-# -- time ------------------------------------------------------------------------------------------------------------------
+# -- time ------------------------------------------------------------------------------------------
 
 
 def processor_time(call: Callable[[], object]) -> float:
@@ -295,18 +398,30 @@ def processor_time(call: Callable[[], object]) -> float:
 
 
 def loads(repeats: int) -> list[Row]:
-    """What lower loads add to the time of an equilibrium: medians of five samples of 128 x 128 balls, three of 256 x 256."""
+    """What lower loads add to the time of an equilibrium: medians of five samples of 128 x 128
+    balls, three of 256 x 256.
+    """
     rows = []
     for length, samples in ((128, 5), (256, 3)):
         seconds = {
-            spacing: np.median([
-                processor_time(lambda seed=seed, y=spacing - 0.5, n=length: at_rest(n, seed, [ReducedLoad(overlap=y)]))
-                for seed in seeds(7, samples)
-            ])
+            spacing: np.median(
+                [
+                    processor_time(
+                        lambda seed=seed, y=spacing - 0.5, n=length: at_rest(
+                            n, seed, [ReducedLoad(overlap=y)]
+                        )
+                    )
+                    for seed in seeds(7, samples)
+                ]
+            )
             for spacing in (1.0, 0.5, THRESHOLD + 0.02)
-        }  # fmt: skip
+        }
         rows += [
-            Row(f"time at rest at a* = {a:g} over that at 1, {length}x{length}", s / seconds[1.0], note=f"{s:.3g} s")
+            Row(
+                f"time at rest at a* = {a:g} over that at 1, {length}x{length}",
+                s / seconds[1.0],
+                note=f"{s:.3g} s",
+            )
             for a, s in seconds.items()
             if a < 1.0
         ]
@@ -315,51 +430,84 @@ def loads(repeats: int) -> list[Row]:
 
 def lists(repeats: int) -> list[Row]:
     """The curve of random balls, each diameter another: processor time."""
-    rows, xi = [], local_field(mindlin_ratio=0.84).xi
+    rows = []
+    xi = local_field(mindlin_ratio=0.84).xi
     for count in (64, 100, 256):
-        shape = gp.Measured(tuple(DIAMETER + 1e-6 * np.random.default_rng(count).normal(size=count))).shape
+        shape = gp.Measured(
+            tuple(DIAMETER + 1e-6 * np.random.default_rng(count).normal(size=count))
+        ).shape
         seconds = processor_time(lambda shape=shape: effective_curve(shape, xi))
         rows.append(Row(f"the curve of {count} balls, each diameter another", seconds, "s"))
     return rows
 
 
-# -- the media ----------------------------------------------------------------------------------------------------------
+# -- the media -------------------------------------------------------------------------------------
 
 
 def saturation(repeats: int) -> list[Row]:
     """Fraction of contacts of the media less that of the array, between f* = 0.2 and 0.4."""
-    state = gp.DirectSimulation(PACKINGS[True], (64, 64), 0, 4, geometry="lattice").at_force(np.linspace(0.2, 0.4, 9) * UNIT)
+    state = gp.DirectSimulation(PACKINGS[True], (64, 64), 0, 4, geometry="lattice").at_force(
+        np.linspace(0.2, 0.4, 9) * UNIT
+    )
     rows = []
     for friction, packing in PACKINGS.items():
-        more = gp.EffectiveMedium(packing).at_force(state.force).contact_fraction - state.contact_fraction
+        more = (
+            gp.EffectiveMedium(packing).at_force(state.force).contact_fraction
+            - state.contact_fraction
+        )
         rows.append(
-            Row(f"contacts of the medium less the array's, f* = 0.2 to 0.4, {'' if friction else 'no '}friction: most",
-                float(np.max(more)), "", 0.02, note=", ".join(f"{part:+.4f}" for part in more))
-        )  # fmt: skip
+            Row(
+                f"contacts of the medium less the array's, f* = 0.2 to 0.4,"
+                f" {'' if friction else 'no '}friction: most",
+                float(np.max(more)),
+                "",
+                0.02,
+                note=", ".join(f"{part:+.4f}" for part in more),
+            )
+        )
     return rows
 
 
 def fits(repeats: int) -> list[Row]:
     """The fit of docs/how-to/velocities.md by samples of other seeds: spread of the widths."""
-    packing, force = PACKINGS[True], np.geomspace(2.0, 18.446, 12)
-    clean = gp.pulse_velocities(gp.EffectiveMedium(packing).at_force(force), 6500.0, (0, 1)).group[0]
+    packing = PACKINGS[True]
+    force = np.geomspace(2.0, 18.446, 12)
+    clean = gp.pulse_velocities(gp.EffectiveMedium(packing).at_force(force), 6500.0, (0, 1)).group[
+        0
+    ]
     velocity = (1.0 + 0.004 * np.random.default_rng(1).standard_normal(12)) * clean
-    widths = np.array([
-        gp.fit_width(packing, force, velocity, frequency=6500.0,
-                     medium={"simulation": {"shape": (64, 64), "seed": seed, "geometry": "lattice"}}).width
-        for seed in range(6)
-    ])  # fmt: skip
+    widths = np.array(
+        [
+            gp.fit_width(
+                packing,
+                force,
+                velocity,
+                frequency=6500.0,
+                medium={"simulation": {"shape": (64, 64), "seed": seed, "geometry": "lattice"}},
+            ).width
+            for seed in range(6)
+        ]
+    )
     note = ", ".join(f"{1e6 * width:.3f}" for width in widths)
-    return [Row("width fitted by one sample of 64x64, six seeds: largest distance from the mean, of it",
-                float(np.max(np.abs(widths / np.mean(widths) - 1.0))), "", 0.01, note=f"{note} um")]  # fmt: skip
+    return [
+        Row(
+            "width fitted by one sample of 64x64, six seeds: largest distance from the mean, of it",
+            float(np.max(np.abs(widths / np.mean(widths) - 1.0))),
+            "",
+            0.01,
+            note=f"{note} um",
+        )
+    ]
 
 
 #: a* of the comparison of clusters with arrays
 CLUSTER_SPACINGS = np.array([1.0, 0.8, 0.7, 0.6, 0.55, 0.5, 0.45, 0.4])
 #: lattice of the clusters, shape and number of the arrays, and numbers of balls
 CLUSTERS = ((TRIANGULAR, (128, 128), 24, (7, 19, 37)), (FCC, (32, 32, 32), 8, (13,)))
-#: processor time of the curve of a cluster of one shell, s, and quadrature error of f* from a* = 0.5 up
-CLUSTER_SECONDS, QUADRATURE_BOUND = 60.0, 1e-4
+#: processor time of the curve of a cluster of one shell, s, and quadrature error of f* from a* =
+#: 0.5 up
+CLUSTER_SECONDS = 60.0
+QUADRATURE_BOUND = 1e-4
 #: what force and stiffness of a cluster may be off where it is valid, but for three standard errors
 CLUSTER_BOUND = 0.025
 
@@ -370,18 +518,28 @@ def read(state: gp.ContactState, name: str) -> Array:
 
 
 def find_curve(lattice: Lattice, balls: int) -> list[Row]:
-    """The curve of a cluster medium, nothing kept: processor time, time by the clock, and the quadrature error."""
+    """The curve of a cluster medium, nothing kept: processor time, time by the clock, and the
+    quadrature error.
+    """
     cluster_curve.cache_clear()
     start = time.perf_counter()
-    seconds = processor_time(lambda: cluster_curve(gp.Uniform(WIDTH).shape, lattice, 0.0, balls, 0.0))
+    seconds = processor_time(
+        lambda: cluster_curve(gp.Uniform(WIDTH).shape, lattice, 0.0, balls, 0.0)
+    )
     elapsed = time.perf_counter() - start
     busy = f", {os.getloadavg()[0]:.1f} processes at work" if hasattr(os, "getloadavg") else ""
-    medium = gp.ClusterMedium(gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=False, lattice=lattice), balls)
+    medium = gp.ClusterMedium(
+        gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=False, lattice=lattice), balls
+    )
     left = np.asarray(medium.law.quadrature_error((CLUSTER_SPACINGS - 0.5) * WIDTH))
     what = f"quadrature error of f*, {balls} balls, {lattice.name}: largest from a* = 0.5 up"
     note = ", ".join(f"{error:.1e}" for error in left)
     return [
-        Row(f"curve of a cluster medium of {balls} balls, {lattice.name}: processor time", seconds, "s"),
+        Row(
+            f"curve of a cluster medium of {balls} balls, {lattice.name}: processor time",
+            seconds,
+            "s",
+        ),
         Row(
             f"curve of a cluster medium of {balls} balls, {lattice.name}: time by the clock",
             elapsed,
@@ -401,7 +559,12 @@ def quadrature(repeats: int) -> list[Row]:
 
 def shells(repeats: int) -> list[Row]:
     """The same of clusters of more shells."""
-    return [row for lattice, *_, sizes in CLUSTERS for balls in sizes[1:] for row in find_curve(lattice, balls)]
+    return [
+        row
+        for lattice, *_, sizes in CLUSTERS
+        for balls in sizes[1:]
+        for row in find_curve(lattice, balls)
+    ]
 
 
 def clusters(repeats: int) -> list[Row]:
@@ -410,44 +573,73 @@ def clusters(repeats: int) -> list[Row]:
     overlap = (CLUSTER_SPACINGS - 0.5) * WIDTH
     for lattice, sides, samples, sizes in CLUSTERS:
         packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=False, lattice=lattice)
-        laws = {f"{balls} balls": gp.ClusterMedium(packing, balls).at_overlap(overlap) for balls in sizes}
+        laws = {
+            f"{balls} balls": gp.ClusterMedium(packing, balls).at_overlap(overlap)
+            for balls in sizes
+        }
         laws["effective medium"] = gp.EffectiveMedium(packing).at_overlap(overlap)
         names = ("reduced_force", "normal_stiffness", "contact_fraction", "force_fluctuation")
-        start, found = time.process_time(), []
+        start = time.process_time()
+        found = []
         # an array at a time, as none of them is needed again
         for seed in range(5000, 5000 + samples):
-            state = gp.DirectSimulation(packing, sides, seed, geometry="lattice").at_overlap(overlap)
+            state = gp.DirectSimulation(packing, sides, seed, geometry="lattice").at_overlap(
+                overlap
+            )
             found.append([read(state, name) for name in names])
         seconds = time.process_time() - start
         arrays = f"{samples} arrays of {'x'.join(map(str, sides))}, {lattice.name}"
         rows.append(Row(f"{arrays}: {overlap.size} loads", seconds, "s"))
         means, errors = mean_and_error(np.array(found))
         for name, mean, error in zip(names, means, errors, strict=True):
-            note = ", ".join(bracketed(float(m), float(e)) for m, e in zip(mean, error, strict=True))
+            note = ", ".join(
+                bracketed(float(m), float(e)) for m, e in zip(mean, error, strict=True)
+            )
             rows.append(Row(f"{name}, {arrays}: at a* = 0.5", float(mean[5]), note=note))
         for kind, state in laws.items():
             for name, mean, error in zip(names, means, errors, strict=True):
                 values = read(state, name)
                 if name in names[:2]:
-                    off, chance = values / mean - 1.0, 3.0 * error / mean
+                    off = values / mean - 1.0
+                    chance = 3.0 * error / mean
                     bounded = name == "reduced_force" and "balls" in kind
                     worst = float(np.max((np.abs(off) - chance)[means[0] > VALID_FORCE]))
                     bound = CLUSTER_BOUND if bounded else math.inf
                     note = ", ".join(f"{part:+.2%}" for part in off)
-                    rows.append(Row(f"{name} of {kind} over the arrays', {lattice.name}, less 1: largest where valid, "
-                                    "less three standard errors", worst, "", bound, note=note))  # fmt: skip
+                    rows.append(
+                        Row(
+                            f"{name} of {kind} over the arrays', {lattice.name}, less 1:"
+                            f" largest where valid, "
+                            "less three standard errors",
+                            worst,
+                            "",
+                            bound,
+                            note=note,
+                        )
+                    )
                 else:
                     note = ", ".join(f"{value:.3f}" for value in values)
-                    rows.append(Row(f"{name} of {kind}, {lattice.name}: at a* = 0.5", float(values[5]), note=note))
+                    rows.append(
+                        Row(
+                            f"{name} of {kind}, {lattice.name}: at a* = 0.5",
+                            float(values[5]),
+                            note=note,
+                        )
+                    )
     return rows
 
 
 def ends(repeats: int) -> list[Row]:
-    """Random lists of two to five kinds, rare ones among them: f* where the equation of the medium ends."""
-    draw, found, rarest = np.random.default_rng(1), [], 0.0
+    """Random lists of two to five kinds, rare ones among them: f* where the equation of the medium
+    ends.
+    """
+    draw = np.random.default_rng(1)
+    found = []
+    rarest = 0.0
     for _ in range(LISTS):
         count = int(draw.integers(2, 6))
-        off, shares = draw.uniform(-1.0, 1.0, count), 10.0 ** draw.uniform(-6.0, 0.0, count)
+        off = draw.uniform(-1.0, 1.0, count)
+        shares = 10.0 ** draw.uniform(-6.0, 0.0, count)
         shares /= np.sum(shares)
         xi = local_field(mindlin_ratio=float(draw.uniform(0.0, 4.0 / 3.0))).xi
         curve = effective_curve(gp.Discrete(tuple(DIAMETER + 1e-6 * off), tuple(shares)).shape, xi)
@@ -456,18 +648,39 @@ def ends(repeats: int) -> list[Row]:
             if curve.least_force > 1e-4:
                 rarest = max(rarest, float(np.min(shares)))
     return [
-        Row(f"end of the medium's equation, {LISTS} random lists: largest f*", max(found), "", 1e-2,
-            note=f"{len(found)} lists have one"),
-        Row("share of the rarest kind where there is an end above f* = 1e-4: largest", rarest, "", 0.01),
-    ]  # fmt: skip
+        Row(
+            f"end of the medium's equation, {LISTS} random lists: largest f*",
+            max(found),
+            "",
+            1e-2,
+            note=f"{len(found)} lists have one",
+        ),
+        Row(
+            "share of the rarest kind where there is an end above f* = 1e-4: largest",
+            rarest,
+            "",
+            0.01,
+        ),
+    ]
 
 
 PARTS: dict[str, Part] = {
-    "sizes": sizes, "scatter": scatter, "threshold": threshold, "contacts": contacts, "conjecture": conjecture,
-    "deficits": deficits, "exponents": exponents,
-    "saturation": saturation, "fits": fits, "ends": ends, "loads": loads, "lists": lists,
-    "quadrature": quadrature, "shells": shells, "clusters": clusters,
-}  # fmt: skip
+    "sizes": sizes,
+    "scatter": scatter,
+    "threshold": threshold,
+    "contacts": contacts,
+    "conjecture": conjecture,
+    "deficits": deficits,
+    "exponents": exponents,
+    "saturation": saturation,
+    "fits": fits,
+    "ends": ends,
+    "loads": loads,
+    "lists": lists,
+    "quadrature": quadrature,
+    "shells": shells,
+    "clusters": clusters,
+}
 
 if __name__ == "__main__":
     sys.exit(command_line("Study of the simulated array", PARTS))

@@ -1,5 +1,3 @@
-# ruff: noqa: E501  (a table of mistakes reads best with one to a line)
-
 import io
 import os
 import re
@@ -45,7 +43,9 @@ SPECTRA = SCENE.replace("[velocities]", "[velocities, bands, dos]")
 
 
 def command(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "granphon", *arguments], capture_output=True, text=True, **options)
+    return subprocess.run(
+        [sys.executable, "-m", "granphon", *arguments], capture_output=True, text=True, **options
+    )
 
 
 def tree(folder: Path) -> set[str]:
@@ -62,203 +62,775 @@ FORCES = "a force above zero with its unit"
 #: what is replaced, by what; line and key; what was found; what is allowed; the suggestion
 MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     # keys
-    "misspelt block": ("material:", "materal:", 2, "materal", "an unknown key", TOP, "Did you mean 'material'?"),
+    "misspelt block": (
+        "material:",
+        "materal:",
+        2,
+        "materal",
+        "an unknown key",
+        TOP,
+        "Did you mean 'material'?",
+    ),
     "misspelt key in packing": (
-        "diameter:", "diametre:", 8, "packing.diametre", "an unknown key", "lattice, diameter, spread, friction, finite_overlap",
+        "diameter:",
+        "diametre:",
+        8,
+        "packing.diametre",
+        "an unknown key",
+        "lattice, diameter, spread, friction, finite_overlap",
         "Did you mean 'diameter'?",
     ),
-    "key in the wrong block": ("medium: ala", "diameter: 8 mm", 12, "diameter", "an unknown key", TOP, "belongs under 'packing'"),
-    "key too deep": ("  lattice: triangular", "  medium: ala", 7, "packing.medium", "an unknown key", "lattice", "the top level"),
+    "key in the wrong block": (
+        "medium: ala",
+        "diameter: 8 mm",
+        12,
+        "diameter",
+        "an unknown key",
+        TOP,
+        "belongs under 'packing'",
+    ),
+    "key too deep": (
+        "  lattice: triangular",
+        "  medium: ala",
+        7,
+        "packing.medium",
+        "an unknown key",
+        "lattice",
+        "the top level",
+    ),
     "merge key": ("medium: ala", "<<: {}", 12, "<<", "an unknown key", TOP, ""),
     "duplicate key": (
-        "  friction: true", "  diameter: 9 mm", 9, "packing.diameter", "the key twice (first on line 8)", "each key once", "Remove",
+        "  friction: true",
+        "  diameter: 9 mm",
+        9,
+        "packing.diameter",
+        "the key twice (first on line 8)",
+        "each key once",
+        "Remove",
     ),
-    "missing key": ("  diameter: 8 mm\n", "", 6, "packing.diameter", "nothing, and it has no default", LENGTHS, ""),
+    "missing key": (
+        "  diameter: 8 mm\n",
+        "",
+        6,
+        "packing.diameter",
+        "nothing, and it has no default",
+        LENGTHS,
+        "",
+    ),
     "empty block": ("  force: 18.446 N\n", "", 10, "load", "nothing", "a block of keys: force", ""),
     # quantities
-    "no unit": ("8 mm", "8", 8, "packing.diameter", "8, without a unit", LENGTHS, "Write the unit too"),
-    "stress for a linear pressure": (
-        "force: 18.446 N", "pressure: 4 kPa", 11, "load.pressure", "'4 kPa', whose unit is not a unit of force per length",
-        "N/m, kN/m", "",
+    "no unit": (
+        "8 mm",
+        "8",
+        8,
+        "packing.diameter",
+        "8, without a unit",
+        LENGTHS,
+        "Write the unit too",
     ),
-    "half of a number": ("211.65 GPa", "7,0 GPa", 3, "material.young_modulus", "'7,0 GPa'", "GPa", ""),
-    "misspelt unit": ("GPa", "Gpa", 3, "material.young_modulus", "'211.65 Gpa', whose unit", "GPa", "Did you mean '211.65 GPa'?"),
+    "stress for a linear pressure": (
+        "force: 18.446 N",
+        "pressure: 4 kPa",
+        11,
+        "load.pressure",
+        "'4 kPa', whose unit is not a unit of force per length",
+        "N/m, kN/m",
+        "",
+    ),
+    "half of a number": (
+        "211.65 GPa",
+        "7,0 GPa",
+        3,
+        "material.young_modulus",
+        "'7,0 GPa'",
+        "GPa",
+        "",
+    ),
+    "misspelt unit": (
+        "GPa",
+        "Gpa",
+        3,
+        "material.young_modulus",
+        "'211.65 Gpa', whose unit",
+        "GPa",
+        "Did you mean '211.65 GPa'?",
+    ),
     "many digits": (
-        "18.446 N", f"{'1' * 5000} N", 11, "load.force", "a text of 5002 letters", "in 100 letters at most", "",
+        "18.446 N",
+        f"{'1' * 5000} N",
+        11,
+        "load.force",
+        "a text of 5002 letters",
+        "in 100 letters at most",
+        "",
     ),
     "far point of the band": (
-        "0 0 0 1/3", "0 0 0 1e9", 15, "phonopy.band", "'1e9' in '0 0 0 1e9 1/3 0",
-        "a plain number from -1000 to 1000", "",
+        "0 0 0 1/3",
+        "0 0 0 1e9",
+        15,
+        "phonopy.band",
+        "'1e9' in '0 0 0 1e9 1/3 0",
+        "a plain number from -1000 to 1000",
+        "",
     ),
     "empty value": ("8 mm", "", 8, "packing.diameter", "nothing", LENGTHS, ""),
-    "nan": ("8 mm", "nan mm", 8, "packing.diameter", "'nan mm', which is not a finite number", LENGTHS, ""),
-    "huge": ("8 mm", "1e9999 mm", 8, "packing.diameter", "'1e9999 mm', which is not a finite number", LENGTHS, ""),
+    "nan": (
+        "8 mm",
+        "nan mm",
+        8,
+        "packing.diameter",
+        "'nan mm', which is not a finite number",
+        LENGTHS,
+        "",
+    ),
+    "huge": (
+        "8 mm",
+        "1e9999 mm",
+        8,
+        "packing.diameter",
+        "'1e9999 mm', which is not a finite number",
+        LENGTHS,
+        "",
+    ),
     "zero size": ("8 mm", "0 mm", 8, "packing.diameter", "'0 mm', which is zero", LENGTHS, ""),
     "a modulus beyond double precision": (
-        "211.65 GPa", "1e300 Pa", 3, "material.young_modulus", "'1e300 Pa'", "a ball that double precision can hold",
+        "211.65 GPa",
+        "1e300 Pa",
+        3,
+        "material.young_modulus",
+        "'1e300 Pa'",
+        "a ball that double precision can hold",
         "balls of 0.008 m of 1e+300 Pa and 7840 kg/m^3 are beyond double precision",
     ),
-    "a ball beyond double precision": ("8 mm", "1e-150 m", 8, "packing.diameter", "'1e-150 m'", "double precision", ""),
+    "a ball beyond double precision": (
+        "8 mm",
+        "1e-150 m",
+        8,
+        "packing.diameter",
+        "'1e-150 m'",
+        "double precision",
+        "",
+    ),
     # numbers
-    "Poisson ratio too large": ("0.276", "0.51", 4, "material.poisson_ratio", "0.51", "-1 < poisson_ratio <= 0.5", "not stable"),
-    "number with underscores": ("points: 11", "points: 1_1", 17, "phonopy.band_points", "'1_1'", "a whole number from 2", ""),
+    "Poisson ratio too large": (
+        "0.276",
+        "0.51",
+        4,
+        "material.poisson_ratio",
+        "0.51",
+        "-1 < poisson_ratio <= 0.5",
+        "not stable",
+    ),
+    "number with underscores": (
+        "points: 11",
+        "points: 1_1",
+        17,
+        "phonopy.band_points",
+        "'1_1'",
+        "a whole number from 2",
+        "",
+    ),
     "newer schema": ("schema: 1", "schema: 2", 1, "schema", "2", "1.", "newer granphon"),
     # loads
-    "tensile load": ("18.446 N", "-18.446 N", 11, "load.force", "'-18.446 N', which is tensile", FORCES, ""),
+    "tensile load": (
+        "18.446 N",
+        "-18.446 N",
+        11,
+        "load.force",
+        "'-18.446 N', which is tensile",
+        FORCES,
+        "",
+    ),
     "zero load": ("18.446 N", "0 N", 11, "load.force", "'0 N', which is zero", FORCES, ""),
-    "overlap of the diameter": ("force: 18.446 N", "overlap: 8 mm", 11, "load.overlap", "'8 mm'", "can carry", "Lower the load"),
-    "force that crushes": ("18.446 N", "1 TN", 11, "load.force", "'1 TN'", "a load that the balls can carry", "Lower the load"),
+    "overlap of the diameter": (
+        "force: 18.446 N",
+        "overlap: 8 mm",
+        11,
+        "load.overlap",
+        "'8 mm'",
+        "can carry",
+        "Lower the load",
+    ),
+    "force that crushes": (
+        "18.446 N",
+        "1 TN",
+        11,
+        "load.force",
+        "'1 TN'",
+        "a load that the balls can carry",
+        "Lower the load",
+    ),
     "two loads": (
-        "  force: 18.446 N", "  force: 18.446 N\n  overlap: 1 um", 10, "load", "force and overlap", ONE, "Remove all but one",
+        "  force: 18.446 N",
+        "  force: 18.446 N\n  overlap: 1 um",
+        10,
+        "load",
+        "force and overlap",
+        ONE,
+        "Remove all but one",
     ),
-    "side force alone": ("force: 18.446 N", "side_force: 990 N", 10, "load", "side_force alone", ONE, ""),
+    "side force alone": (
+        "force: 18.446 N",
+        "side_force: 990 N",
+        10,
+        "load",
+        "side_force alone",
+        ONE,
+        "",
+    ),
     "half a ball": (
-        "force: 18.446 N", "side_force: 1 N\n  balls_per_side: 0.5", 12, "load.balls_per_side", "0.5", "a whole number from 1", "",
+        "force: 18.446 N",
+        "side_force: 1 N\n  balls_per_side: 0.5",
+        12,
+        "load.balls_per_side",
+        "0.5",
+        "a whole number from 1",
+        "",
     ),
-    "no load in a list": ("18.446 N", "[]", 11, "load.force", "an empty list", "a list of one or more values", ""),
-    "one of many loads": ("18.446 N", "[1 N, 2 kg]", 11, "load.force.1", "'2 kg', whose unit is not a unit of force", FORCES, "'2 kgf'"),
-    "load without a kind": ("force: 18.446 N", "{from: 1 N, to: 9 N}", 10, "load", "without the kind of load", ONE, "'force:'"),
+    "no load in a list": (
+        "18.446 N",
+        "[]",
+        11,
+        "load.force",
+        "an empty list",
+        "a list of one or more values",
+        "",
+    ),
+    "one of many loads": (
+        "18.446 N",
+        "[1 N, 2 kg]",
+        11,
+        "load.force.1",
+        "'2 kg', whose unit is not a unit of force",
+        FORCES,
+        "'2 kgf'",
+    ),
+    "load without a kind": (
+        "force: 18.446 N",
+        "{from: 1 N, to: 9 N}",
+        10,
+        "load",
+        "without the kind of load",
+        ONE,
+        "'force:'",
+    ),
     "range without points": (
-        "18.446 N", "{from: 1 N, to: 9 N}", 11, "load.force.points", "nothing, and it has no default", "a whole number", "",
+        "18.446 N",
+        "{from: 1 N, to: 9 N}",
+        11,
+        "load.force.points",
+        "nothing, and it has no default",
+        "a whole number",
+        "",
     ),
-    "range of too many points": ("18.446 N", "{from: 1 N, to: 9 N, points: 200001}", 11, "load.force.points", "200001", "200000", ""),
-    "range of one point": ("18.446 N", "{from: 1 N, to: 9 N, points: 1}", 11, "load.force.points", "1 for the range from 1 N", "1 if", ""),
+    "range of too many points": (
+        "18.446 N",
+        "{from: 1 N, to: 9 N, points: 200001}",
+        11,
+        "load.force.points",
+        "200001",
+        "200000",
+        "",
+    ),
+    "range of one point": (
+        "18.446 N",
+        "{from: 1 N, to: 9 N, points: 1}",
+        11,
+        "load.force.points",
+        "1 for the range from 1 N",
+        "1 if",
+        "",
+    ),
     "range on an unknown scale": (
-        "18.446 N", "{from: 1 N, to: 9 N, points: 3, scale: logarithmic}", 11, "load.force.scale", "'logarithmic'", "log, linear", "",
+        "18.446 N",
+        "{from: 1 N, to: 9 N, points: 3, scale: logarithmic}",
+        11,
+        "load.force.scale",
+        "'logarithmic'",
+        "log, linear",
+        "",
     ),
-    "range that crushes": ("18.446 N", "{from: 1 N, to: 1 TN, points: 3}", 11, "load.force.to", "'1 TN'", "balls can carry", "Lower"),
+    "range that crushes": (
+        "18.446 N",
+        "{from: 1 N, to: 1 TN, points: 3}",
+        11,
+        "load.force.to",
+        "'1 TN'",
+        "balls can carry",
+        "Lower",
+    ),
     "log range from below zero": (
-        "force: 18.446 N", "overlap: {from: -1 um, to: 1 um, points: 3}", 11, "load.overlap", "a log range from -1 um to 1 um",
-        "values above zero", "Write scale: linear",
+        "force: 18.446 N",
+        "overlap: {from: -1 um, to: 1 um, points: 3}",
+        11,
+        "load.overlap",
+        "a log range from -1 um to 1 um",
+        "values above zero",
+        "Write scale: linear",
     ),
-    "negative overlap of equal balls": ("force: 18.446 N", "overlap: -1 um", 11, "load.overlap", "'-1 um'", "can carry", "tensile"),
+    "negative overlap of equal balls": (
+        "force: 18.446 N",
+        "overlap: -1 um",
+        11,
+        "load.overlap",
+        "'-1 um'",
+        "can carry",
+        "tensile",
+    ),
     "overlap at which no balls touch": (
-        "friction: true\nload:\n  force: 18.446 N\nmedium: ala", "spread: {uniform: 2 um}\nload:\n  overlap: [1 um, -1.1 um]", 11,
-        "load.overlap.1", "'-1.1 um'", "can carry", "no balls touch",
+        "friction: true\nload:\n  force: 18.446 N\nmedium: ala",
+        "spread: {uniform: 2 um}\nload:\n  overlap: [1 um, -1.1 um]",
+        11,
+        "load.overlap.1",
+        "'-1.1 um'",
+        "can carry",
+        "no balls touch",
     ),
     "force below what a medium is solved for": (
-        "friction: true\nload:\n  force: 18.446 N\nmedium: ala", "spread: {uniform: 2 um}\nload:\n  force: 1 nN", 11, "load.force", "'1 nN'",
-        "can carry", "Raise the load",
+        "friction: true\nload:\n  force: 18.446 N\nmedium: ala",
+        "spread: {uniform: 2 um}\nload:\n  force: 1 nN",
+        11,
+        "load.force",
+        "'1 nN'",
+        "can carry",
+        "Raise the load",
     ),
     # names
-    "unknown medium": ("medium: ala", "medium: emma", 12, "medium", "'emma'", "ala, afa, ema", "Did you mean 'ema'?"),
-    "unknown option of a medium": ("medium: ala", "medium: {ema: {tol: 1}}", 12, "medium.ema.tol", "an unknown key", "local_field", ""),
-    "value of an option": ("medium: ala", "medium: {ema: {local_field: papr}}", 12, "medium.ema.local_field", "'papr'", "computed, paper", "'paper'?"),
-    "options that are no block": ("medium: ala", "medium: {ema: paper}", 12, "medium.ema", "'paper'", "a block of keys: local_field", ""),
-    "misspelt option of a simulation": (
-        "medium: ala", "medium:\n  simulation:\n    shape: 16 16\n    sampels: 4", 15, "medium.simulation.sampels", "an unknown key",
-        "shape, seed, samples", "Did you mean 'samples'?",
+    "unknown medium": (
+        "medium: ala",
+        "medium: emma",
+        12,
+        "medium",
+        "'emma'",
+        "ala, afa, ema",
+        "Did you mean 'ema'?",
     ),
-    "shape of three": ("medium: ala", "medium: {simulation: {shape: 16 16 1}}", 12, "medium.simulation.shape", "'16 16 1'", "two whole numbers from 1", "such as 128 128"),
-    "seed that is none": ("medium: ala", "medium: [ala, simulation: {seed: -1}]", 12, "medium.1.simulation.seed", "-1", "a whole number from 0", ""),
+    "unknown option of a medium": (
+        "medium: ala",
+        "medium: {ema: {tol: 1}}",
+        12,
+        "medium.ema.tol",
+        "an unknown key",
+        "local_field",
+        "",
+    ),
+    "value of an option": (
+        "medium: ala",
+        "medium: {ema: {local_field: papr}}",
+        12,
+        "medium.ema.local_field",
+        "'papr'",
+        "computed, paper",
+        "'paper'?",
+    ),
+    "options that are no block": (
+        "medium: ala",
+        "medium: {ema: paper}",
+        12,
+        "medium.ema",
+        "'paper'",
+        "a block of keys: local_field",
+        "",
+    ),
+    "misspelt option of a simulation": (
+        "medium: ala",
+        "medium:\n  simulation:\n    shape: 16 16\n    sampels: 4",
+        15,
+        "medium.simulation.sampels",
+        "an unknown key",
+        "shape, seed, samples",
+        "Did you mean 'samples'?",
+    ),
+    "shape of three": (
+        "medium: ala",
+        "medium: {simulation: {shape: 16 16 1}}",
+        12,
+        "medium.simulation.shape",
+        "'16 16 1'",
+        "two whole numbers from 1",
+        "such as 128 128",
+    ),
+    "seed that is none": (
+        "medium: ala",
+        "medium: [ala, simulation: {seed: -1}]",
+        12,
+        "medium.1.simulation.seed",
+        "-1",
+        "a whole number from 0",
+        "",
+    ),
     "simulation with finite overlap": (
-        "  friction: true\nload:\n  force: 18.446 N\nmedium: ala", "  finite_overlap: true\nload:\n  force: 9 N\nmedium: [ala, {simulation: {geometry: lattice}}]", 9,
-        "packing.finite_overlap", "true", "false, with a simulation", "Leave finite_overlap out",
+        "  friction: true\nload:\n  force: 18.446 N\nmedium: ala",
+        "  finite_overlap: true\nload:\n  force: 9 N\nmedium: [ala, {simulation: {geometry: lattice}}]",
+        9,
+        "packing.finite_overlap",
+        "true",
+        "false, with a simulation",
+        "Leave finite_overlap out",
     ),
     "simulation of another lattice": (
         "lattice: triangular\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N\nmedium: ala",
-        "lattice: square\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N\nmedium: simulation", 12, "medium", "'simulation'",
-        "a medium for the", "the square lattice is not simulated",
+        "lattice: square\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N\nmedium: simulation",
+        12,
+        "medium",
+        "'simulation'",
+        "a medium for the",
+        "the square lattice is not simulated",
     ),
-    "two media in a block": ("medium: ala", "medium: {ala: , ema: }", 12, "medium", "a block of keys", "ala, afa, ema", ""),
-    "medium twice": ("medium: ala", "medium: [ema, afa, ema]", 12, "medium", "'ema' twice", "each once", ""),
-    "unknown lattice": ("triangular", "triangle", 7, "packing.lattice", "'triangle'", "chain, triangular, square", "'triangular'?"),
-    "unknown observable": ("[velocities]", "[velocity]", 13, "observe", "'velocity'", "velocities, bands, gaps, dos", "'velocities'?"),
-    "observable without a list": ("[velocities]", "dos", 13, "observe", "'dos'", "a list of", "Did you mean [dos]?"),
-    "yes for true": ("friction: true", "friction: yes", 9, "packing.friction", "'yes'", "true or false", "Did you mean true?"),
+    "two media in a block": (
+        "medium: ala",
+        "medium: {ala: , ema: }",
+        12,
+        "medium",
+        "a block of keys",
+        "ala, afa, ema",
+        "",
+    ),
+    "medium twice": (
+        "medium: ala",
+        "medium: [ema, afa, ema]",
+        12,
+        "medium",
+        "'ema' twice",
+        "each once",
+        "",
+    ),
+    "unknown lattice": (
+        "triangular",
+        "triangle",
+        7,
+        "packing.lattice",
+        "'triangle'",
+        "chain, triangular, square",
+        "'triangular'?",
+    ),
+    "unknown observable": (
+        "[velocities]",
+        "[velocity]",
+        13,
+        "observe",
+        "'velocity'",
+        "velocities, bands, gaps, dos",
+        "'velocities'?",
+    ),
+    "observable without a list": (
+        "[velocities]",
+        "dos",
+        13,
+        "observe",
+        "'dos'",
+        "a list of",
+        "Did you mean [dos]?",
+    ),
+    "yes for true": (
+        "friction: true",
+        "friction: yes",
+        9,
+        "packing.friction",
+        "'yes'",
+        "true or false",
+        "Did you mean true?",
+    ),
     # spreads
-    "empty spread": ("friction: true", "spread:", 9, "packing.spread", "nothing", "exactly one of uniform", "Leave spread out"),
+    "empty spread": (
+        "friction: true",
+        "spread:",
+        9,
+        "packing.spread",
+        "nothing",
+        "exactly one of uniform",
+        "Leave spread out",
+    ),
     "width in per cent": (
-        "friction: true", "spread: {uniform: 1 %}", 9, "packing.spread.uniform", "'1 %', whose unit is not a unit of length",
-        "a length, zero or above", "1 % of 8 mm is 80 um: write '80 um'.",
+        "friction: true",
+        "spread: {uniform: 1 %}",
+        9,
+        "packing.spread.uniform",
+        "'1 %', whose unit is not a unit of length",
+        "a length, zero or above",
+        "1 % of 8 mm is 80 um: write '80 um'.",
     ),
     "swept width in per cent": (
-        "medium: ala", "sweep: {width: [1 um, 0.5 percent]}", 12, "sweep.width.1", "'0.5 percent'", "a length, zero or above",
+        "medium: ala",
+        "sweep: {width: [1 um, 0.5 percent]}",
+        12,
+        "sweep.width.1",
+        "'0.5 percent'",
+        "a length, zero or above",
         "0.5 % of 8 mm is 40 um: write '40 um'.",
     ),
-    "spread without a kind": ("friction: true", "spread: 2 um", 9, "packing.spread", "'2 um'", "exactly one of", "{uniform: 2 um}?"),
+    "spread without a kind": (
+        "friction: true",
+        "spread: 2 um",
+        9,
+        "packing.spread",
+        "'2 um'",
+        "exactly one of",
+        "{uniform: 2 um}?",
+    ),
     "misspelt spread": (
-        "friction: true", "spread: {unifrom: 2 um}", 9, "packing.spread.unifrom", "an unknown key", "uniform, normal", "'uniform'?",
+        "friction: true",
+        "spread: {unifrom: 2 um}",
+        9,
+        "packing.spread.unifrom",
+        "an unknown key",
+        "uniform, normal",
+        "'uniform'?",
     ),
     "spread wider than the balls": (
-        "friction: true", "spread: {uniform: 17 mm}", 9, "packing.spread.uniform", "'17 mm'", "all above zero", "smaller spread",
+        "friction: true",
+        "spread: {uniform: 17 mm}",
+        9,
+        "packing.spread.uniform",
+        "'17 mm'",
+        "all above zero",
+        "smaller spread",
     ),
     "normal without a width": (
-        "friction: true", "spread: {normal: {cutoff: 3}}", 9, "packing.spread.normal.std", "nothing", "a length, zero or above", "",
+        "friction: true",
+        "spread: {normal: {cutoff: 3}}",
+        9,
+        "packing.spread.normal.std",
+        "nothing",
+        "a length, zero or above",
+        "",
     ),
     "cutoff too large": (
-        "friction: true", "spread: {normal: {std: 1 um, cutoff: 11}}", 9, "packing.spread.normal.cutoff", "11", "from 0.001 to 10", "",
+        "friction: true",
+        "spread: {normal: {std: 1 um, cutoff: 11}}",
+        9,
+        "packing.spread.normal.cutoff",
+        "11",
+        "from 0.001 to 10",
+        "",
     ),
     "discrete without fractions": (
-        "friction: true", "spread: {discrete: {diameters: [8 mm]}}", 9, "packing.spread.discrete.fractions", "nothing",
-        "one or more fractions", "",
+        "friction: true",
+        "spread: {discrete: {diameters: [8 mm]}}",
+        9,
+        "packing.spread.discrete.fractions",
+        "nothing",
+        "one or more fractions",
+        "",
     ),
     "one diameter for a list": (
-        "friction: true", "spread: {measured: {diameters: 8 mm}}", 9, "packing.spread.measured.diameters", "'8 mm'", "a list of", "",
+        "friction: true",
+        "spread: {measured: {diameters: 8 mm}}",
+        9,
+        "packing.spread.measured.diameters",
+        "'8 mm'",
+        "a list of",
+        "",
     ),
     "fractions that are too few": (
-        "friction: true", "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [1]}}", 9, "packing.spread.discrete.fractions",
-        "[1.0]", "one fraction for each diameter", "2 diameters and 1 fractions",
+        "friction: true",
+        "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [1]}}",
+        9,
+        "packing.spread.discrete.fractions",
+        "[1.0]",
+        "one fraction for each diameter",
+        "2 diameters and 1 fractions",
     ),
     "fractions of another sum": (
-        "friction: true", "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [0.5, 0.6]}}", 9,
-        "packing.spread.discrete.fractions", "[0.5, 0.6]", "with the sum 1", "Divide them by their sum",
+        "friction: true",
+        "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [0.5, 0.6]}}",
+        9,
+        "packing.spread.discrete.fractions",
+        "[0.5, 0.6]",
+        "with the sum 1",
+        "Divide them by their sum",
     ),
     "another mean": (
-        "friction: true", "spread: {discrete: {diameters: [7 mm, 9.1 mm], fractions: [0.5, 0.5]}}", 9, "packing.spread.discrete",
-        "a block of keys", "diameters about the packing's", "Give the mean, 0.00805",
+        "friction: true",
+        "spread: {discrete: {diameters: [7 mm, 9.1 mm], fractions: [0.5, 0.5]}}",
+        9,
+        "packing.spread.discrete",
+        "a block of keys",
+        "diameters about the packing's",
+        "Give the mean, 0.00805",
     ),
     "no such table": (
-        "friction: true", "spread: {measured: no.csv}", 9, "packing.spread.measured", "'no.csv'", "a table with a column", "cannot be read",
+        "friction: true",
+        "spread: {measured: no.csv}",
+        9,
+        "packing.spread.measured",
+        "'no.csv'",
+        "a table with a column",
+        "cannot be read",
     ),
-    "no name of a table": ("friction: true", "spread: {measured: }", 9, "packing.spread.measured", "nothing", "a name", ""),
+    "no name of a table": (
+        "friction: true",
+        "spread: {measured: }",
+        9,
+        "packing.spread.measured",
+        "nothing",
+        "a name",
+        "",
+    ),
     # sweeps
     "misspelt parameter": (
-        "medium: ala", "sweep: {widht: [1 um]}", 12, "sweep.widht", "an unknown key", "young_modulus, poisson_ratio", "'width'?",
+        "medium: ala",
+        "sweep: {widht: [1 um]}",
+        12,
+        "sweep.widht",
+        "an unknown key",
+        "young_modulus, poisson_ratio",
+        "'width'?",
     ),
-    "sweep without values": ("medium: ala", "sweep: {friction: true}", 12, "sweep.friction", "true", "a list of one or more values", ""),
-    "one of the values of a sweep": ("medium: ala", "sweep: {width: [1 um, 2]}", 12, "sweep.width.1", "2, without a unit", "length", ""),
+    "sweep without values": (
+        "medium: ala",
+        "sweep: {friction: true}",
+        12,
+        "sweep.friction",
+        "true",
+        "a list of one or more values",
+        "",
+    ),
+    "one of the values of a sweep": (
+        "medium: ala",
+        "sweep: {width: [1 um, 2]}",
+        12,
+        "sweep.width.1",
+        "2, without a unit",
+        "length",
+        "",
+    ),
     "value that makes no packing": (
-        "medium: ala", "sweep: {width: [1 um, 20 mm]}", 12, "sweep.width.1", "'20 mm'", "that the packing can have", "smaller spread",
+        "medium: ala",
+        "sweep: {width: [1 um, 20 mm]}",
+        12,
+        "sweep.width.1",
+        "'20 mm'",
+        "that the packing can have",
+        "smaller spread",
     ),
     "mechanism in a sweep": (
-        "medium: ala", "sweep: {friction: [true, false], lattice: [triangular, kagome]}", 12, "sweep.lattice", "'kagome'",
-        "a lattice that is rigid", "lattice = kagome",
+        "medium: ala",
+        "sweep: {friction: [true, false], lattice: [triangular, kagome]}",
+        12,
+        "sweep.lattice",
+        "'kagome'",
+        "a lattice that is rigid",
+        "lattice = kagome",
     ),
     "load that one packing of a sweep cannot carry": (
-        "  force: 18.446 N\nmedium: ala", "  overlap: -0.4 um\nmedium: ala\nsweep: {width: [2 um, 0.5 um]}", 11, "load.overlap", "'-0.4 um'",
-        "balls can carry", "width = 2e-06 m",
+        "  force: 18.446 N\nmedium: ala",
+        "  overlap: -0.4 um\nmedium: ala\nsweep: {width: [2 um, 0.5 um]}",
+        11,
+        "load.overlap",
+        "'-0.4 um'",
+        "balls can carry",
+        "width = 2e-06 m",
     ),
     "density of states of a sweep": (
-        "  force: 18.446 N\nmedium: ala\nobserve: [velocities]", "  force: [1 N, 2 N]\nmedium: ala\nobserve: [dos]", 13, "observe",
-        "'dos'", "dos of one state, or of arrays that a medium: simulation makes", "Take medium: simulation",
+        "  force: 18.446 N\nmedium: ala\nobserve: [velocities]",
+        "  force: [1 N, 2 N]\nmedium: ala\nobserve: [dos]",
+        13,
+        "observe",
+        "'dos'",
+        "dos of one state, or of arrays that a medium: simulation makes",
+        "Take medium: simulation",
     ),
     "bands of a sweep over friction": (
-        "medium: ala\nobserve: [velocities]", "sweep: {friction: [true, false]}\nobserve: [bands]", 13, "observe", "'bands'",
-        "velocities, as the branches differ", "Make a scene of each",
+        "medium: ala\nobserve: [velocities]",
+        "sweep: {friction: [true, false]}\nobserve: [bands]",
+        13,
+        "observe",
+        "'bands'",
+        "velocities, as the branches differ",
+        "Make a scene of each",
     ),
     # phonopy
-    "band leaves the plane": ("1/3 1/3 0", "1/3 1/3 1/2", 15, "phonopy.band", "third number that is not 0", "three numbers", "layer"),
-    "band with a word": ("1/3 1/3 0", "1/3 K 0", 15, "phonopy.band", "'K' in '0 0 0 1/3 K 0", "three numbers or fractions", ""),
-    "labels that do not match": ("G K M G", "G K M", 16, "phonopy.band_labels", "3 labels", "4, one for each point", ""),
-    "mesh out of the plane": ("8 8 1", "8 8 8", 18, "phonopy.mesh", "whose third number is 8", "such as 64 64 1", "one layer"),
+    "band leaves the plane": (
+        "1/3 1/3 0",
+        "1/3 1/3 1/2",
+        15,
+        "phonopy.band",
+        "third number that is not 0",
+        "three numbers",
+        "layer",
+    ),
+    "band with a word": (
+        "1/3 1/3 0",
+        "1/3 K 0",
+        15,
+        "phonopy.band",
+        "'K' in '0 0 0 1/3 K 0",
+        "three numbers or fractions",
+        "",
+    ),
+    "labels that do not match": (
+        "G K M G",
+        "G K M",
+        16,
+        "phonopy.band_labels",
+        "3 labels",
+        "4, one for each point",
+        "",
+    ),
+    "mesh out of the plane": (
+        "8 8 1",
+        "8 8 8",
+        18,
+        "phonopy.mesh",
+        "whose third number is 8",
+        "such as 64 64 1",
+        "one layer",
+    ),
     "mesh of nothing": ("8 8 1", "0 8 1", 18, "phonopy.mesh", "'0 8 1'", "from 1 to 4096", ""),
     # the text itself
     "broken YAML": ("medium: ala", "medium: [ala", 13, "", "broken YAML", "YAML", ""),
     "tab": ("  force", "\tforce", 11, "", "broken YAML", "YAML", "Indent with spaces"),
-    "object tag": ("18.446 N", "!!python/object/apply:os.getcwd []", 11, "load.force", "the tag", "plain values", "Leave the tag out"),
-    "alias": ("medium: ala", "medium: &a ala", 12, "medium", "an anchor or alias", "plain values", "Write the value out"),
+    "object tag": (
+        "18.446 N",
+        "!!python/object/apply:os.getcwd []",
+        11,
+        "load.force",
+        "the tag",
+        "plain values",
+        "Leave the tag out",
+    ),
+    "alias": (
+        "medium: ala",
+        "medium: &a ala",
+        12,
+        "medium",
+        "an anchor or alias",
+        "plain values",
+        "Write the value out",
+    ),
     "control character": ("ala", "a\x07la", 12, "", "the character '\\x07'", "printable text", ""),
     "empty file": (SCENE, "", 1, "", "an empty text", "a scene", "granphon init"),
     "a list": (SCENE, "- a\n- b\n", 1, "", "a list", TOP, ""),
-    "two documents": ("medium: ala", "---\nmedium: ala", 12, "", "a second document", "one document", ""),
+    "two documents": (
+        "medium: ala",
+        "---\nmedium: ala",
+        12,
+        "",
+        "a second document",
+        "one document",
+        "",
+    ),
     # what no lattice of this kind can do
-    "mechanism": ("triangular\n  diameter: 8 mm\n  friction: true", "square\n  diameter: 8 mm\n  friction: false", 7,
-                  "packing.lattice", "'square'", "a lattice that is rigid", "Use friction"),
-    "frame around squares": ("triangular\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N",
-                             "square\n  diameter: 8 mm\n  friction: true\nload:\n  side_force: 9 N\n  balls_per_side: 3",
-                             11, "load.side_force", "a side_force", "on the triangular lattice only", ""),
-}  # fmt: skip
+    "mechanism": (
+        "triangular\n  diameter: 8 mm\n  friction: true",
+        "square\n  diameter: 8 mm\n  friction: false",
+        7,
+        "packing.lattice",
+        "'square'",
+        "a lattice that is rigid",
+        "Use friction",
+    ),
+    "frame around squares": (
+        "triangular\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N",
+        "square\n  diameter: 8 mm\n  friction: true\nload:\n  side_force: 9 N\n  balls_per_side: 3",
+        11,
+        "load.side_force",
+        "a side_force",
+        "on the triangular lattice only",
+        "",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", MISTAKES)
@@ -314,20 +886,31 @@ def test_run_writes_velocities(work, capsys):
     assert Scene.from_yaml("new/out/scene.yaml") == Scene.from_yaml("scene.yaml")
     summary = yaml.safe_load(Path("new/out/summary.yaml").read_text())
     state = Scene.from_yaml("scene.yaml").state()
-    velocities, moduli = gp.sound_velocities(state), gp.moduli(state)
+    velocities = gp.sound_velocities(state)
+    moduli = gp.moduli(state)
     for name, unit in state.units.items():
         assert summary[name] == getattr(state, name)
         assert summary["units"][name] == unit
-    assert (summary["longitudinal"], summary["transverse"]) == (velocities.longitudinal, velocities.transverse)
+    assert (summary["longitudinal"], summary["transverse"]) == (
+        velocities.longitudinal,
+        velocities.transverse,
+    )
     assert (summary["bulk"], summary["shear"]) == (moduli.bulk, moduli.shear)
     assert summary["mindlin_ratio"] == state.packing.mindlin_ratio
     assert summary["tensor"] == moduli.tensor.tolist()
     assert summary["versions"] == files.versions("numpy", "scipy", "xarray", "h5netcdf")
     assert (summary["valid"], summary["ok"]) == (True, True)
     assert [check["name"] for check in summary["validity"]] == [
-        "contact_radius", "load", "velocity", "resonance", "young_modulus", "density", "high_density", "diameter",
+        "contact_radius",
+        "load",
+        "velocity",
+        "resonance",
+        "young_modulus",
+        "density",
+        "high_density",
+        "diameter",
         "large_diameter",
-    ]  # fmt: skip
+    ]
     assert summary["files"] == ["scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv"]
     numbers = {key for key, value in summary.items() if isinstance(value, float)}
     assert numbers <= set(summary["units"])
@@ -360,7 +943,16 @@ def test_run_writes_spectra_that_are_read_back(work):
     assert set(expected_files(plan)) - set(expected_files(plan, figures=False)) == {"bands.png"}
     alone = Scene.from_text(SPECTRA.replace("[velocities, bands, dos]", "[dos]"))
     assert expected_files(alone) == (*ALONE, "dos.csv", "dos.png")
-    assert set(summary["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf", "ase", "phonopy", "spglib"}
+    assert set(summary["versions"]) == {
+        "granphon",
+        "numpy",
+        "scipy",
+        "xarray",
+        "h5netcdf",
+        "ase",
+        "phonopy",
+        "spglib",
+    }
 
 
 def test_finite_overlap_reaches_every_result(work):
@@ -403,9 +995,10 @@ def test_run_and_plot_draw_figures(work, capsys):
 
 def test_plot_of_nothing(work, capsys):
     for folder, told in (
-        (".", ". holds no result that can be drawn"), ("missing", "there is no folder missing."),
+        (".", ". holds no result that can be drawn"),
+        ("missing", "there is no folder missing."),
         ("scene.yaml", "scene.yaml is no folder, and no file of results"),
-    ):  # fmt: skip
+    ):
         assert main(["plot", folder]) == 2
         assert told in one_error(capsys)
 
@@ -414,7 +1007,8 @@ def test_plot_of_nothing(work, capsys):
 def test_plot_leaves_out_nothing_that_the_run_wrote(work, capsys):
     (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
     assert main(["run", "scene.yaml", "-o", "out", "--quiet", "--no-figures"]) == 0
-    bands, told = work / "out" / "band.yaml", "band.yaml cannot be read: "
+    bands = work / "out" / "band.yaml"
+    told = "band.yaml cannot be read: "
     whole = bands.read_bytes()
     for make, why in (
         (lambda: None, "out holds no band.yaml, though a run wrote it there."),
@@ -453,7 +1047,10 @@ def test_an_existing_result_is_not_overwritten(work, capsys):
     capsys.readouterr()
     (work / "out" / "summary.yaml").write_text("mine")
     assert main(["run", "scene.yaml", "-o", "out", "--force"]) == 1
-    assert "it has been changed since. Such a file is never replaced, not even with --force" in one_error(capsys)
+    assert (
+        "it has been changed since. Such a file is never replaced, not even with --force"
+        in one_error(capsys)
+    )
     assert (work / "out" / "summary.yaml").read_text() == "mine"
 
 
@@ -466,7 +1063,10 @@ def test_a_failing_computation_leaves_nothing(work, capsys):
     assert main(["run", "scene.yaml", "-o", "new/out"]) == 2
     told = one_error(capsys)
     assert "negative" in told
-    assert ": packing.finite_overlap: found true; allowed: false where the lattice buckles; the lattice" in told
+    assert (
+        ": packing.finite_overlap: found true; allowed: false where the lattice buckles; the lattice"
+        in told
+    )
     assert tree(work) == {"scene.yaml"}
     assert main(["check", "scene.yaml"]) == 2
     assert one_error(capsys) == told
@@ -487,7 +1087,10 @@ def test_folders_that_cannot_be_written(work, capsys):
 def test_warnings_go_to_stderr_and_into_the_summary(work, capsys):
     (work / "scene.yaml").write_text(SCENE.replace("18.446 N", "200 kN"), encoding="utf-8")
     assert main(["check", "scene.yaml"]) == 0
-    expected = [f"granphon: warning: {w}" for w in gp.validity(Scene.from_yaml("scene.yaml").state()).warnings]
+    expected = [
+        f"granphon: warning: {w}"
+        for w in gp.validity(Scene.from_yaml("scene.yaml").state()).warnings
+    ]
     assert expected
     assert capsys.readouterr().err.splitlines() == expected
     assert main(["run", "scene.yaml", "-o", "out", "--quiet"]) == 0
@@ -496,7 +1099,8 @@ def test_warnings_go_to_stderr_and_into_the_summary(work, capsys):
     assert err.splitlines() == expected
     summary = yaml.safe_load((work / "out/summary.yaml").read_text())
     assert [f"granphon: warning: {w}" for w in summary["warnings"]] == expected
-    # the load is within the range of the medium, as for equal balls every load is, and beyond that of the contact law
+    # the load is within the range of the medium, as for equal balls every load is, and beyond that
+    # of the contact law
     assert (summary["valid"], summary["ok"]) == (True, False)
 
 
@@ -540,10 +1144,19 @@ def test_check_tells_what_will_be_done(work, capsys):
     assert main(["check", "scene.yaml"]) == 0
     out = capsys.readouterr().out
     for expected in (
-        "211.65 GPa", "0.276", "7840 kg/m^3", "triangular", "8 mm", "force 18.446 N", "overlap 1.9392 um",
-        "G K M G", "11", "8 x 8", "velocities, bands, dos",
+        "211.65 GPa",
+        "0.276",
+        "7840 kg/m^3",
+        "triangular",
+        "8 mm",
+        "force 18.446 N",
+        "overlap 1.9392 um",
+        "G K M G",
+        "11",
+        "8 x 8",
+        "velocities, bands, dos",
         "scene.yaml, summary.yaml, sweep.nc, sweep.csv, band.yaml, phonopy_params.yaml, dos.csv, bands.png",
-    ):  # fmt: skip
+    ):
         assert expected in out
     assert tree(work) == {"scene.yaml"}
 
@@ -569,16 +1182,26 @@ def test_help_has_examples(capsys, verb):
 @pytest.mark.parametrize(
     ("arguments", "found"),
     [
-        (["rum"], "No such command 'rum'"), (["nonsense"], "'nonsense'. See 'granphon --help'."), (["run", "scene.yaml"], "--out"),
-        *((words, "is empty") for words in (["run", "scene.yaml", "-o", ""], ["init", ""], ["plot", ".", "-o", ""])),
-        *((words, "'-'") for words in (["run", "scene.yaml", "-o", "-"], ["init", "-"], ["plot", ".", "-o", "-"])),
-        (["run", "scene.yaml", "-o", "--"], "'--'"), (["run", "scene.yaml", "-o", "---"], "'---'"),
+        (["rum"], "No such command 'rum'"),
+        (["nonsense"], "'nonsense'. See 'granphon --help'."),
+        (["run", "scene.yaml"], "--out"),
+        *(
+            (words, "is empty")
+            for words in (["run", "scene.yaml", "-o", ""], ["init", ""], ["plot", ".", "-o", ""])
+        ),
+        *(
+            (words, "'-'")
+            for words in (["run", "scene.yaml", "-o", "-"], ["init", "-"], ["plot", ".", "-o", "-"])
+        ),
+        (["run", "scene.yaml", "-o", "--"], "'--'"),
+        (["run", "scene.yaml", "-o", "---"], "'---'"),
         (["run"], "Missing argument 'SCENE'. See 'granphon run --help'."),
         (["mode", "s.yaml", "--at", "K", "-o", "m.png", "--branch", "-1"], "'--branch'"),
         (["run", "scene.yaml", "-o", "out", "--forse"], "No such option"),
-        (["check", "a", "b"], "unexpected extra argument"), (["--nonsense"], "No such option"),
+        (["check", "a", "b"], "unexpected extra argument"),
+        (["--nonsense"], "No such option"),
     ],
-)  # fmt: skip
+)
 def test_wrong_usage(work, capsys, arguments, found):
     assert main(arguments) == 2
     assert found in one_error(capsys)
@@ -595,7 +1218,10 @@ def test_without_a_word_the_command_shows_its_help(capsys):
 def test_the_module_is_the_command(work):
     failed = command("run", "nothing.yaml", "-o", "more")
     assert failed.returncode == 2
-    assert failed.stderr == "granphon: error: nothing.yaml: there is no such file. 'granphon init' writes one.\n"
+    assert (
+        failed.stderr
+        == "granphon: error: nothing.yaml: there is no such file. 'granphon init' writes one.\n"
+    )
     assert failed.stdout == ""
 
 
@@ -603,7 +1229,10 @@ def test_the_module_is_the_command(work):
 def test_output_that_cannot_be_printed(work):
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "granphon", "check", "scene.yaml"], stdout=full, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "granphon", "check", "scene.yaml"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
         )
     assert done.returncode == 1
     assert done.stderr.startswith("granphon: error: ")
@@ -613,7 +1242,11 @@ def test_output_that_cannot_be_printed(work):
 def test_a_reader_that_goes_away(work):
     reading, writing = os.pipe()
     os.close(reading)
-    done = subprocess.run([sys.executable, "-m", "granphon", "check", "scene.yaml"], stdout=writing, stderr=subprocess.PIPE)
+    done = subprocess.run(
+        [sys.executable, "-m", "granphon", "check", "scene.yaml"],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+    )
     os.close(writing)
     assert done.stderr == b""
     assert done.returncode == 1
@@ -623,7 +1256,9 @@ def test_help_says_each_command_in_one_whole_line_and_no_types(capsys):
     main(["--help"])
     text = capsys.readouterr().out
     assert "..." not in text.partition("Scenes:")[2]
-    for verb in re.findall(r"^  (\w+)  ", text.partition("Scenes:")[2].partition("Exit codes:")[0], re.MULTILINE):
+    for verb in re.findall(
+        r"^  (\w+)  ", text.partition("Scenes:")[2].partition("Exit codes:")[0], re.MULTILINE
+    ):
         main([verb, "--help"])
         assert not re.search(r"<\w", capsys.readouterr().out), verb
 
@@ -641,7 +1276,9 @@ def test_help_loads_no_library_of_the_computation():
 
 class Listener(Silent):
     def __init__(self, stop=None):
-        self.labels, self.left, self.stop = [], {}, stop
+        self.labels = []
+        self.left = {}
+        self.stop = stop
 
     def step(self, label, total=None):
         self.labels.append(label)
@@ -707,8 +1344,9 @@ def test_progress_on_a_real_terminal_leaves_stdout_alone(work):
     ours, theirs = os.openpty()
     process = subprocess.Popen(
         [sys.executable, "-m", "granphon", "run", "scene.yaml", "-o", "out", "--no-figures"],
-        stdout=subprocess.PIPE, stderr=theirs,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+    )
     os.close(theirs)
     seen = b""
     try:

@@ -26,20 +26,37 @@ def files(folder):
 
 
 def test_a_mode_is_that_of_the_library(work, capsys):
-    assert main(["mode", "scene.yaml", "--at", "K", "--branch", "1", "--cells", "2 2", "-o", "mode.png"]) == 0
+    assert (
+        main(
+            ["mode", "scene.yaml", "--at", "K", "--branch", "1", "--cells", "2 2", "-o", "mode.png"]
+        )
+        == 0
+    )
     assert capsys.readouterr() == ("Wrote mode.png\n", "")
     phonons = gp.Phonons(gp.Scene.from_yaml("scene.yaml").state())
-    save_figure(mode_figure(phonons, (1 / 3, 1 / 3), 1, cells=(2, 2), direction=(1.0, 0.0)), work / "same.png")
-    save_figure(mode_figure(phonons, (1 / 3, 1 / 3), 2, cells=(2, 2), direction=(1.0, 0.0)), work / "other.png")
+    save_figure(
+        mode_figure(phonons, (1 / 3, 1 / 3), 1, cells=(2, 2), direction=(1.0, 0.0)),
+        work / "same.png",
+    )
+    save_figure(
+        mode_figure(phonons, (1 / 3, 1 / 3), 2, cells=(2, 2), direction=(1.0, 0.0)),
+        work / "other.png",
+    )
     found = files(work)
     assert found["mode.png"] == found["same.png"]
     assert found["mode.png"] != found["other.png"]
 
 
 def test_a_mode_is_seen_from_the_side_that_is_given(work):
-    """At Gamma all directions have their own longitudinal wave: by default the one along x, then the scene's."""
+    """At Gamma all directions have their own longitudinal wave: by default the one along x, then
+    the scene's.
+    """
     arguments = ["mode", "scene.yaml", "--at", "0 0", "--branch", "1", "--cells", "1 1"]
-    for name, more in {"default": [], "x": ["--direction", "1 0"], "y": ["--direction", "0 1"]}.items():
+    for name, more in {
+        "default": [],
+        "x": ["--direction", "1 0"],
+        "y": ["--direction", "0 1"],
+    }.items():
         assert main([*arguments, *more, "-o", f"{name}.png"]) == 0
     (work / "scene.yaml").write_text(SCENE + "direction: 0 1\n", encoding="utf-8")
     assert main([*arguments, "-o", "scene.png"]) == 0
@@ -49,7 +66,18 @@ def test_a_mode_is_seen_from_the_side_that_is_given(work):
 
 
 def test_an_animation_has_a_picture_for_each_moment(work, capsys):
-    arguments = ["animate", "scene.yaml", "--at", "1/3,1/3", "--frames", "4", "--cells", "2 1", "-o", "films/mode.gif"]
+    arguments = [
+        "animate",
+        "scene.yaml",
+        "--at",
+        "1/3,1/3",
+        "--frames",
+        "4",
+        "--cells",
+        "2 1",
+        "-o",
+        "films/mode.gif",
+    ]
     assert main(arguments) == 0
     assert capsys.readouterr() == ("Wrote films/mode.gif\n", "")
     with Image.open(work / "films" / "mode.gif") as film:
@@ -127,7 +155,9 @@ def test_a_picture_that_fails_half_way_leaves_nothing(command, work, capsys, mon
         path.write_bytes(b"half")
         raise ValueError("the ink is out")
 
-    monkeypatch.setattr(*((Figure, "savefig") if command == "mode" else (FuncAnimation, "save")), fail)
+    monkeypatch.setattr(
+        *((Figure, "savefig") if command == "mode" else (FuncAnimation, "save")), fail
+    )
     before = files(work)
     name = "mode.png" if command == "mode" else "mode.gif"
     assert main([command, "scene.yaml", "--at", "K", "--cells", "1 1", "-o", name]) == 1
@@ -143,15 +173,23 @@ def test_modes_of_other_lattices_are_drawn(lattice, at, work):
 
 
 @pytest.mark.parametrize(
-    "name", ["chain", "triangular", "square", "honeycomb", "kagome", "sc", "bcc", "fcc", "hcp", "diamond"]
+    "name",
+    ["chain", "triangular", "square", "honeycomb", "kagome", "sc", "bcc", "fcc", "hcp", "diamond"],
 )
 def test_a_point_is_read_by_its_letter_and_in_numbers(name):
     structure = LATTICES[name]
     p = structure.periods
     for letter, point in special_points(structure.vectors).items():
         np.testing.assert_array_equal(read_point(letter, structure), point)
-        np.testing.assert_allclose(read_point(" ".join(map(repr, point.tolist())), structure), point, rtol=0, atol=1e-15)
-        np.testing.assert_allclose(read_point(",".join(map(repr, point[:p].tolist())), structure), point, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(
+            read_point(" ".join(map(repr, point.tolist())), structure), point, rtol=0, atol=1e-15
+        )
+        np.testing.assert_allclose(
+            read_point(",".join(map(repr, point[:p].tolist())), structure),
+            point,
+            rtol=0,
+            atol=1e-15,
+        )
     for gamma in ("G", "Gamma", "Γ"):
         np.testing.assert_array_equal(read_point(gamma, structure), np.zeros(3))
     for bad in ("Q9", "1/0", "", 3, None, "1 2 3 4", "1e9 0 0"):

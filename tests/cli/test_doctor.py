@@ -29,7 +29,9 @@ def rows(text: str) -> dict[str, str]:
 @pytest.fixture
 def quick(request, monkeypatch):
     """Try one optional package, or those that a test names."""
-    monkeypatch.setattr(doctor, "OPTIONAL", getattr(request, "param", {"threadpoolctl": "threadpoolctl"}))
+    monkeypatch.setattr(
+        doctor, "OPTIONAL", getattr(request, "param", {"threadpoolctl": "threadpoolctl"})
+    )
 
 
 def test_doctor_tells_versions_threads_memory_and_fonts(quick, capsys, monkeypatch):
@@ -50,7 +52,9 @@ def test_doctor_tells_versions_threads_memory_and_fonts(quick, capsys, monkeypat
 
 
 def test_what_shares_a_sweep_among_machines_is_told():
-    extra = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"]["distributed"]
+    extra = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]["distributed"]
     assert {Requirement(one).name for one in extra} <= {*doctor.OPTIONAL, "granphon"}
 
 
@@ -84,14 +88,23 @@ def test_doctor_lists_what_the_project_depends_on():
         ("import sys\nsys.exit(3)", "cannot be imported: no reason is given"),
     ],
 )
-@pytest.mark.parametrize("quick", [{"a broken one": "brokenpackage", "an absent one": "absentpackage"}], indirect=True)
-def test_doctor_says_which_optional_package_is_broken(code, said, quick, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    "quick", [{"a broken one": "brokenpackage", "an absent one": "absentpackage"}], indirect=True
+)
+def test_doctor_says_which_optional_package_is_broken(
+    code, said, quick, tmp_path, monkeypatch, capsys
+):
     (tmp_path / "brokenpackage.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setenv(
+        "PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    )
     assert main(["doctor"]) == 0
     found = rows(capsys.readouterr().out)
-    assert found["a broken one"] == f"there, its version is not known, but {'it ' if 'cannot' in said else ''}{said}"
+    assert (
+        found["a broken one"]
+        == f"there, its version is not known, but {'it ' if 'cannot' in said else ''}{said}"
+    )
     assert found["an absent one"] == "not installed"
 
 
@@ -120,7 +133,7 @@ def test_doctor_loads_no_library_that_it_does_not_ask():
     assert not {"phonopy", "spglib", "xarray", "h5py", "pandas", "matplotlib.pyplot"} & loaded
 
 
-# -- the help -------------------------------------------------------------------------------------------------------
+# -- the help --------------------------------------------------------------------------------------
 
 
 def test_commands_stand_in_groups(capsys):
@@ -135,14 +148,16 @@ def test_commands_stand_in_groups(capsys):
 
 def test_options_of_a_run_stand_in_groups(capsys):
     assert main(["run", "--help"]) == 0
-    parts = re.split(r"^(Arguments|Options|Files|Work):\n", capsys.readouterr().out, flags=re.MULTILINE)
+    parts = re.split(
+        r"^(Arguments|Options|Files|Work):\n", capsys.readouterr().out, flags=re.MULTILINE
+    )
     assert parts[1::2] == ["Arguments", "Options", "Files", "Work"]
     options = [re.findall(r"^  (?:-\w, )?(--[\w-]+)", text, re.MULTILINE) for text in parts[2::2]]
     work = ["--resume", "--workers", "--scheduler", "--quiet"]
     assert options == [[], ["--help"], ["--out", "--force", "--figures"], work]
 
 
-# -- the completion of a shell --------------------------------------------------------------------------------------
+# -- the completion of a shell ---------------------------------------------------------------------
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
@@ -151,7 +166,10 @@ def test_a_shell_gets_its_script_of_completion():
     run = subprocess.run(["bash", "-c", line], capture_output=True, text=True)
     assert (run.returncode, run.stderr) == (0, "")
     assert "complete -o default -F _granphon_completion granphon" in run.stdout
-    assert subprocess.run(["bash", "-n"], input=run.stdout, text=True, capture_output=True).stderr == ""
+    assert (
+        subprocess.run(["bash", "-n"], input=run.stdout, text=True, capture_output=True).stderr
+        == ""
+    )
 
 
 @pytest.mark.parametrize(
@@ -164,7 +182,9 @@ def test_a_shell_gets_its_script_of_completion():
 )
 def test_a_shell_completes_commands_and_options(words, place, expected):
     asked = {"_GRANPHON_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(place)}
-    run = subprocess.run([sys.executable, "-m", "granphon"], capture_output=True, text=True, env=os.environ | asked)
+    run = subprocess.run(
+        [sys.executable, "-m", "granphon"], capture_output=True, text=True, env=os.environ | asked
+    )
     assert run.returncode == 0
     found = set(run.stdout.split())
     assert expected <= found

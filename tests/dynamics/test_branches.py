@@ -14,20 +14,28 @@ from scipy.optimize import brentq
 
 import granphon as gp
 from granphon.base.errors import InputError, UnreachableFrequencyError
-from granphon.dynamics.branches import connect_branches, find_zone_boundary, follow_acoustic_branches
+from granphon.dynamics.branches import (
+    connect_branches,
+    find_zone_boundary,
+    follow_acoustic_branches,
+)
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 CORNER = 4 * math.pi / 3
 
 
 def squares_along_the_row(q, eta):
-    """Along Gamma-K the mirror y -> -y leaves u_x alone and mixes u_y with the rotation: L, lower, upper in closed form."""
+    """Along Gamma-K the mirror y -> -y leaves u_x alone and mixes u_y with the rotation: L, lower,
+    upper in closed form.
+    """
     longitudinal = 2 * (1 - np.cos(q)) + (1 + 3 * eta) * (1 - np.cos(q / 2))
     shear = 2 * eta * (1 - np.cos(q)) + (3 + eta) * (1 - np.cos(q / 2))
     turning = 5 * eta * ((1 + np.cos(q)) + 2 * (1 + np.cos(q / 2)))
     coupling = math.sqrt(10.0) * eta * (np.sin(q) + np.sin(q / 2))
     root = np.hypot((shear - turning) / 2, coupling)
-    return np.stack([longitudinal, (shear + turning) / 2 - root, (shear + turning) / 2 + root], axis=-1)
+    return np.stack(
+        [longitudinal, (shear + turning) / 2 - root, (shear + turning) / 2 + root], axis=-1
+    )
 
 
 def path(lattice, angle, n, stop=None):
@@ -40,13 +48,19 @@ def path(lattice, angle, n, stop=None):
 def test_branches_go_straight_through_the_crossing_on_the_mirror(eta, points):
     lattice = gp.ContactLattice.of("triangular", eta)
     # the crossing of L with the upper of the mixed pair
-    crossing = brentq(lambda q: np.diff(squares_along_the_row(q, eta)[[2, 0]])[0], 1.0, 0.99 * CORNER, xtol=1e-15)
+    crossing = brentq(
+        lambda q: np.diff(squares_along_the_row(q, eta)[[2, 0]])[0], 1.0, 0.99 * CORNER, xtol=1e-15
+    )
     wavenumbers, along = path(lattice, 0.0, points, 0.995 * CORNER)
     modes = lattice.modes(wavenumbers[:, None] * along)
     order = connect_branches(modes.eigenvectors)
     followed = np.take_along_axis(modes.frequencies, order, 1) ** 2
     lower, longitudinal, upper = followed.T
-    assert_allclose(np.stack([longitudinal, lower, upper], axis=1), squares_along_the_row(wavenumbers, eta), atol=3e-14)
+    assert_allclose(
+        np.stack([longitudinal, lower, upper], axis=1),
+        squares_along_the_row(wavenumbers, eta),
+        atol=3e-14,
+    )
     # L was second, and is third beyond the crossing; the lowest stays
     assert np.array_equal(order[:, 1], np.where(wavenumbers < crossing, 1, 2))
     assert np.all(order[:, 0] == 0)
@@ -63,7 +77,9 @@ def test_branches_touch_without_crossing_at_the_avoided_one():
     nearest = np.argmin(gap)
     assert 0.01 < gap[nearest] < 0.03
     assert 2.5 < wavenumbers[nearest] < 2.7
-    assert np.array_equal(connect_branches(modes.eigenvectors), np.broadcast_to([0, 1, 2], (2001, 3)))
+    assert np.array_equal(
+        connect_branches(modes.eigenvectors), np.broadcast_to([0, 1, 2], (2001, 3))
+    )
     before, after = np.searchsorted(wavenumbers, wavenumbers[nearest] + np.array([-0.3, 0.3]))
     assert_allclose(modes.longitudinal_fraction[[before, after], 1], [1, 0], atol=0.05)
     assert_allclose(modes.longitudinal_fraction[[before, after], 2], [0, 1], atol=0.05)
@@ -100,7 +116,9 @@ def test_order_of_the_columns_does_not_matter(seed):
 )
 def test_edge_of_the_zone(lattice, angle, edge):
     contacts = gp.ContactLattice.of(lattice, ETA)
-    assert_allclose(find_zone_boundary(contacts, (math.cos(angle), math.sin(angle))), edge, rtol=1e-14)
+    assert_allclose(
+        find_zone_boundary(contacts, (math.cos(angle), math.sin(angle))), edge, rtol=1e-14
+    )
 
 
 def test_edge_of_the_zone_of_a_skewed_cell():
@@ -108,7 +126,9 @@ def test_edge_of_the_zone_of_a_skewed_cell():
     straight = gp.ContactLattice.of("triangular", ETA)
     for angle in np.linspace(0, math.pi, 9):
         along = (math.cos(angle), math.sin(angle))
-        assert_allclose(find_zone_boundary(skewed, along), find_zone_boundary(straight, along), rtol=1e-13)
+        assert_allclose(
+            find_zone_boundary(skewed, along), find_zone_boundary(straight, along), rtol=1e-13
+        )
 
 
 @pytest.mark.parametrize("eta", [0.0, ETA])
@@ -124,9 +144,14 @@ def test_acoustic_branches_rise_to_their_top(twin, eta, direction):
         # every point is a frequency of the twin
         for q, value in zip(branch.wavenumbers[::16], branch.frequencies[::16], strict=True):
             assert np.min(np.abs(twin.frequencies(twin.hexagon(), q * along, eta) - value)) < 1e-13
-    slow, fast = branches["transverse"], branches["longitudinal"]
-    assert_allclose(slow.frequencies[0] / slow.wavenumbers[0], math.sqrt(3 / 8 * (1 + eta)), rtol=1e-3)
-    assert_allclose(fast.frequencies[0] / fast.wavenumbers[0], math.sqrt(9 / 8 * (1 + eta / 3)), rtol=1e-3)
+    slow = branches["transverse"]
+    fast = branches["longitudinal"]
+    assert_allclose(
+        slow.frequencies[0] / slow.wavenumbers[0], math.sqrt(3 / 8 * (1 + eta)), rtol=1e-3
+    )
+    assert_allclose(
+        fast.frequencies[0] / fast.wavenumbers[0], math.sqrt(9 / 8 * (1 + eta / 3)), rtol=1e-3
+    )
 
 
 def test_top_of_the_longitudinal_branch_along_the_row():
@@ -134,7 +159,9 @@ def test_top_of_the_longitudinal_branch_along_the_row():
     for eta in (0.0, ETA):
         grid = np.linspace(0.01, CORNER, 200001)
         top = np.sqrt(squares_along_the_row(grid, eta)[:, 0].max())
-        branch = follow_acoustic_branches(gp.ContactLattice.of("triangular", eta), (1, 0))["longitudinal"]
+        branch = follow_acoustic_branches(gp.ContactLattice.of("triangular", eta), (1, 0))[
+            "longitudinal"
+        ]
         assert_allclose(branch.top, top, rtol=1e-9)
 
 
@@ -149,7 +176,10 @@ def test_wavenumber_inverts_the_branch(along_the_row, part, name):
     target = 10.0**part * branch.top
     q, velocities = branch.find_pulse(target)
     with mpmath.workdps(60):
-        x, eta, cos, sin = mpmath.mpf(q[0]), mpmath.mpf(ETA), mpmath.cos, mpmath.sin
+        x = mpmath.mpf(q[0])
+        eta = mpmath.mpf(ETA)
+        cos = mpmath.cos
+        sin = mpmath.sin
         longitudinal = 2 * (1 - cos(x)) + (1 + 3 * eta) * (1 - cos(x / 2))
         shear = 2 * eta * (1 - cos(x)) + (3 + eta) * (1 - cos(x / 2))
         turning = 5 * eta * (3 + cos(x) + 2 * cos(x / 2))

@@ -1,4 +1,6 @@
-"""Bands, eigenvectors and group velocities of lattices of contacts, against explicit sums over the neighbours."""
+"""Bands, eigenvectors and group velocities of lattices of contacts, against explicit sums over the
+neighbours.
+"""
 
 from __future__ import annotations
 
@@ -18,27 +20,41 @@ from granphon.dynamics.branches import connect_branches
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 HEXAGON = ((1.0, 0.0), (-0.5, math.sqrt(0.75)))
 KAGOME = ((2.0, 0.0), (-1.0, math.sqrt(3.0))), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
-HONEYCOMB = gp.Lattice("honeycomb", ((math.sqrt(3.0), 0.0), (-math.sqrt(3.0) / 2, 1.5)), ((1 / 3, 2 / 3), (2 / 3, 1 / 3)))
+HONEYCOMB = gp.Lattice(
+    "honeycomb",
+    ((math.sqrt(3.0), 0.0), (-math.sqrt(3.0) / 2, 1.5)),
+    ((1 / 3, 2 / 3), (2 / 3, 1 / 3)),
+)
 
 wavevectors = st.tuples(st.floats(-7, 7), st.floats(-7, 7))
 ratios = st.one_of(st.just(0.0), st.floats(0.05, 4.0 / 3.0))
 
 
-# -- the dynamical matrix and the bands -------------------------------------------------------------------------------
+# -- the dynamical matrix and the bands ------------------------------------------------------------
 
 
 #: cells and sites of the twin, and the numbers of neighbours in them
-TWINS = {"triangular": (HEXAGON, ((0, 0),), 6), "square": (((1, 0), (0, 1)), ((0, 0),), 4), "kagome": (*KAGOME, 12)}
+TWINS = {
+    "triangular": (HEXAGON, ((0, 0),), 6),
+    "square": (((1, 0), (0, 1)), ((0, 0),), 4),
+    "kagome": (*KAGOME, 12),
+}
 
 
 @pytest.mark.parametrize("name", TWINS)
-@given(q=wavevectors, eta=st.floats(0.05, 4 / 3) | st.just(0.0), overlap=st.just(0.0) | st.floats(1e-6, 0.1))
+@given(
+    q=wavevectors,
+    eta=st.floats(0.05, 4 / 3) | st.just(0.0),
+    overlap=st.just(0.0) | st.floats(1e-6, 0.1),
+)
 def test_bands_and_modes_against_the_sums_over_the_neighbours(twin, name, q, eta, overlap):
-    assume(q != (0.0, 0.0) and (eta or name == "triangular"))  # at Gamma modes are a limit along the direction
+    # at Gamma modes are a limit along the direction
+    assume(q != (0.0, 0.0) and (eta or name == "triangular"))
     # f/(k a) = (2/3) delta/(d - delta) for Hertz's law
     terms = {"spacing": 1 - overlap, "prestress": 2 / 3 * overlap / (1 - overlap)}
     cell, sites, count = TWINS[name]
-    neighbours, lattice = twin.neighbours(cell, sites), gp.ContactLattice.of(name, eta, **terms)
+    neighbours = twin.neighbours(cell, sites)
+    lattice = gp.ContactLattice.of(name, eta, **terms)
     assert len(neighbours) == count
     matrix = twin.matrix(neighbours, q, eta, **terms)
     assert_allclose(lattice.dynamical_matrix([q])[0], matrix, atol=3e-14)
@@ -59,7 +75,9 @@ def test_points_of_high_symmetry_in_closed_form():
     # Gamma: 30 eta. K: translations 9/2 (1 + eta) twice, pure rotation 15/2 eta.
     # M: 6 + 2 eta along q, 2 + 6 eta across it, pure rotation 10 eta
     lattice = gp.ContactLattice.of("triangular", ETA)
-    gamma, k, m = lattice.frequencies(lattice.wavevectors([[0, 0], [1 / 3, 1 / 3], [1 / 2, 0]])) ** 2
+    gamma, k, m = (
+        lattice.frequencies(lattice.wavevectors([[0, 0], [1 / 3, 1 / 3], [1 / 2, 0]])) ** 2
+    )
     assert_allclose(gamma, [0, 0, 30 * ETA], rtol=1e-15)
     assert_allclose(k, sorted([4.5 * (1 + ETA), 4.5 * (1 + ETA), 7.5 * ETA]), rtol=3e-15)
     assert_allclose(m, sorted([6 + 2 * ETA, 2 + 6 * ETA, 10 * ETA]), rtol=3e-15)
@@ -70,14 +88,18 @@ def test_pure_rotation_is_the_top_branch_at_m_and_the_bottom_one_at_k(hexagonal)
     assert_allclose(modes.rotational_fraction, [[0, 0, 1], [1, 0, 0]], atol=1e-15)
 
 
-# -- fractions and polarisation ---------------------------------------------------------------------------------------
+# -- fractions and polarisation --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (0.5, math.sqrt(0.75)), (math.sqrt(0.75), 0.5)])
+@pytest.mark.parametrize(
+    "direction", [(1.0, 0.0), (0.0, 1.0), (0.5, math.sqrt(0.75)), (math.sqrt(0.75), 0.5)]
+)
 def test_waves_along_mirrors_are_pure(hexagonal, direction):
     modes = hexagonal.modes(np.linspace(0.1, 3.0, 9)[:, None] * np.asarray(direction))
     longitudinal = modes.longitudinal_fraction
-    assert_allclose(np.sort(longitudinal, axis=1), np.broadcast_to([0, 0, 1], longitudinal.shape), atol=1e-13)
+    assert_allclose(
+        np.sort(longitudinal, axis=1), np.broadcast_to([0, 0, 1], longitudinal.shape), atol=1e-13
+    )
 
 
 def test_waves_off_the_mirrors_mix(hexagonal):
@@ -85,7 +107,7 @@ def test_waves_off_the_mirrors_mix(hexagonal):
     assert np.max(np.minimum(modes.longitudinal_fraction, 1 - modes.longitudinal_fraction)) > 1e-3
 
 
-# -- group velocities -------------------------------------------------------------------------------------------------
+# -- group velocities ------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("bands-and-group-velocities")
@@ -112,7 +134,8 @@ def test_group_velocities_are_the_gradient_at_second_order(case):
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (math.cos(0.4), math.sin(0.4)), (0.0, -1.0)])
 @pytest.mark.parametrize("eta", [ETA, 0.0])
 def test_velocities_at_the_corner_of_the_zone_are_limits_along_the_path(eta, direction):
-    # two branches touch at K in a cone; the path meets them with the slopes of its own direction, from either side
+    # two branches touch at K in a cone; the path meets them with the slopes of its own direction,
+    # from either side
     lattice = gp.ContactLattice.of("triangular", eta)
     corner = np.array([4 * math.pi / 3, 0.0])
     along = np.asarray(direction)
@@ -121,15 +144,22 @@ def test_velocities_at_the_corner_of_the_zone_are_limits_along_the_path(eta, dir
     errors = []
     for h in (1e-3, 5e-4):
         before, at, after = lattice.frequencies(corner + np.array([[-h], [0], [h]]) * along)
-        # ascending order is one branch after K and the other before it: compare as sets, each side at first order ...
-        one_sided = [np.sort((after - at) / h) - np.sort(slopes), np.sort((at - before) / h) - np.sort(slopes)]
+        # ascending order is one branch after K and the other before it: compare as sets, each side
+        # at first order ...
+        one_sided = [
+            np.sort((after - at) / h) - np.sort(slopes),
+            np.sort((at - before) / h) - np.sort(slopes),
+        ]
         errors.append([np.abs(side).max() for side in one_sided])
     assert np.max(errors) < 1e-3
     assert_allclose(np.log2(np.divide(*errors)), 1.0, atol=0.02)
     # ... and each branch follows through: the eigenvectors at K are those of the path on both sides
     path = lattice.modes(corner + np.array([[-1e-5], [0], [1e-5]]) * along, direction).eigenvectors
     order = connect_branches(path)
-    overlaps = [np.abs(np.sum(path[p].conj()[:, order[p]] * path[p + 1][:, order[p + 1]], axis=0)) for p in (0, 1)]
+    overlaps = [
+        np.abs(np.sum(path[p].conj()[:, order[p]] * path[p + 1][:, order[p + 1]], axis=0))
+        for p in (0, 1)
+    ]
     assert_allclose(overlaps, 1.0, atol=1e-8)
 
 
@@ -151,7 +181,7 @@ def test_gamma_needs_a_direction(hexagonal):
         hexagonal.modes([[0.0, 0.0]], (0.0, 0.0))
 
 
-# -- mechanisms -------------------------------------------------------------------------------------------------------
+# -- mechanisms ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("lattice", "eta"), [("kagome", 0.0), (HONEYCOMB, 0.84), (HONEYCOMB, 0.0)])
@@ -182,23 +212,27 @@ def test_buckling_is_an_error():
 
 
 @pytest.mark.parametrize(
-    ("eta", "spacing", "prestress"), [(-0.1, 1, 0), (math.nan, 1, 0), (1, 0, 0), (1, 2.0, 0), (1, 1, -1), (1, 1, math.inf)]
+    ("eta", "spacing", "prestress"),
+    [(-0.1, 1, 0), (math.nan, 1, 0), (1, 0, 0), (1, 2.0, 0), (1, 1, -1), (1, 1, math.inf)],
 )
 def test_lattices_that_cannot_be(eta, spacing, prestress):
     with pytest.raises(InputError):
         gp.ContactLattice.of("triangular", eta, spacing, prestress)
 
 
-# -- lattices as data -------------------------------------------------------------------------------------------------
+# -- lattices as data ------------------------------------------------------------------------------
 
 
 def test_modes_at_copies_of_gamma_are_those_at_gamma(hexagonal):
     along = (0.6, 0.8)
-    home, copy = (hexagonal.modes([q], along) for q in ([0.0, 0.0], hexagonal.reciprocal[0] - hexagonal.reciprocal[1]))
+    home, copy = (
+        hexagonal.modes([q], along)
+        for q in ([0.0, 0.0], hexagonal.reciprocal[0] - hexagonal.reciprocal[1])
+    )
     assert_allclose(copy.group_velocities, home.group_velocities, atol=1e-8)
 
 
-# -- one lattice in several cells ---------------------------------------------------------------------------------------
+# -- one lattice in several cells ------------------------------------------------------------------
 
 #: the square lattice, and the triangular one, in their own cells and in larger ones
 CELLS = {
@@ -210,7 +244,11 @@ CELLS = {
     },
     "triangular": {
         "1": gp.Lattice("1", ((1, 0), (-0.5, 3**0.5 / 2))),
-        "sqrt3": gp.Lattice("sqrt3", ((1.5, 3**0.5 / 2), (-1.5, 3**0.5 / 2)), ((0, 0), (1 / 3, 2 / 3), (2 / 3, 1 / 3))),
+        "sqrt3": gp.Lattice(
+            "sqrt3",
+            ((1.5, 3**0.5 / 2), (-1.5, 3**0.5 / 2)),
+            ((0, 0), (1 / 3, 2 / 3), (2 / 3, 1 / 3)),
+        ),
         "2x2": gp.Lattice("2x2", ((2, 0), (-1, 3**0.5)), ((0, 0), (0.5, 0), (0, 0.5), (0.5, 0.5))),
     },
 }
@@ -221,7 +259,9 @@ LARGER = [(lattice, cell) for lattice, cells in CELLS.items() for cell in cells 
 @pytest.mark.parametrize(("name", "cell"), LARGER)
 def test_a_lattice_is_the_same_in_every_cell(steel, name, cell, finite):
     one, other = (
-        gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=CELLS[name][which])).at_overlap(8e-5, finite_overlap=finite)
+        gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=CELLS[name][which])).at_overlap(
+            8e-5, finite_overlap=finite
+        )
         for which in ("1", cell)
     )
     tensors = gp.moduli(one).tensor, gp.moduli(other).tensor
@@ -242,7 +282,9 @@ def test_what_decouples_in_a_larger_cell_is_no_mechanism_and_what_couples_is():
         with pytest.raises(MechanismError, match=r"\(0, 0, 1\)"):
             gp.ContactLattice.of(cell, 0.0).require_rigid()
     double = ((2 * 3**0.5, 0.0), (-(3**0.5) / 2, 1.5))
-    honeycomb = gp.Lattice("double", double, ((1 / 6, 2 / 3), (2 / 3, 2 / 3), (1 / 3, 1 / 3), (5 / 6, 1 / 3)))
+    honeycomb = gp.Lattice(
+        "double", double, ((1 / 6, 2 / 3), (2 / 3, 2 / 3), (1 / 3, 1 / 3), (5 / 6, 1 / 3))
+    )
     with pytest.raises(MechanismError, match="gears"):
         gp.ContactLattice.of(honeycomb, 0.84).require_rigid()
 
@@ -253,13 +295,17 @@ def test_bands_at_forty_digits(twin):
     lattice = gp.ContactLattice.of("triangular", ETA)
     with mpmath.workdps(40):
         for q in rng.uniform(-7, 7, (20, 2)):
-            exact = twin.exact_squares(twin.exact_hexagon(), [mpmath.mpf(x) for x in q], mpmath.mpf(ETA))
+            exact = twin.exact_squares(
+                twin.exact_hexagon(), [mpmath.mpf(x) for x in q], mpmath.mpf(ETA)
+            )
             for value, square in zip(lattice.frequencies([q])[0], exact, strict=True):
                 assert abs(value / mpmath.sqrt(square) - 1) < 3e-15
 
 
 def test_square_without_friction_shears_at_no_cost():
-    with pytest.raises(MechanismError, match=r"square is a mechanism.*2xy\) = \(0, 0, 1\).*friction"):
+    with pytest.raises(
+        MechanismError, match=r"square is a mechanism.*2xy\) = \(0, 0, 1\).*friction"
+    ):
         gp.ContactLattice.of("square", 0.0).require_rigid()
 
 
@@ -273,11 +319,18 @@ def test_two_ball_supercell_folds_velocities_and_prestress():
     pair = gp.Lattice("pairs", ((2.0, 0.0), HEXAGON[1]), ((0.0, 0.0), (0.5, 0.0)))
     q = np.array([0.83, 0.41])
     for terms in ((1.0, 0.0), (0.95, 0.02)):
-        one, two = gp.ContactLattice.of("triangular", ETA, *terms), gp.ContactLattice.of(pair, ETA, *terms)
+        one, two = (
+            gp.ContactLattice.of("triangular", ETA, *terms),
+            gp.ContactLattice.of(pair, ETA, *terms),
+        )
         singles = one.modes([q, q + two.reciprocal[0]])
         order = np.argsort(singles.frequencies.ravel())
         modes = two.modes([q])
         assert_allclose(modes.frequencies[0], singles.frequencies.ravel()[order], rtol=1e-13)
-        assert_allclose(modes.group_velocities[0], singles.group_velocities.reshape(-1, 2)[order], atol=1e-12)
-        assert_allclose(modes.rotational_fraction[0], singles.rotational_fraction.ravel()[order], atol=1e-12)
+        assert_allclose(
+            modes.group_velocities[0], singles.group_velocities.reshape(-1, 2)[order], atol=1e-12
+        )
+        assert_allclose(
+            modes.rotational_fraction[0], singles.rotational_fraction.ravel()[order], atol=1e-12
+        )
         assert_allclose(two.gradient_stiffness() / 2, one.gradient_stiffness(), atol=1e-13)

@@ -1,4 +1,6 @@
-"""Cells of hundreds of branches, whose matrices are sparse: against sums over contacts, and against the small cell."""
+"""Cells of hundreds of branches, whose matrices are sparse: against sums over contacts, and against
+the small cell.
+"""
 
 from __future__ import annotations
 
@@ -48,10 +50,15 @@ def test_modes_of_a_sample_are_modes_and_velocities_are_slopes(sample):
     ph = gp.Phonons(sample.network)
     lattice = ph.lattice
     q = lattice.wavevectors([[0.31, 0.17]])
-    modes, matrix = lattice.modes(q), lattice.dynamical_matrix(q)[0]
+    modes = lattice.modes(q)
+    matrix = lattice.dynamical_matrix(q)[0]
     vectors = modes.eigenvectors[0]
     assert_allclose(vectors.conj().T @ vectors, np.eye(len(vectors)), atol=1e-12)
-    assert_allclose(matrix @ vectors, vectors * modes.frequencies[0] ** 2, atol=1e-12 * modes.frequencies.max() ** 2)
+    assert_allclose(
+        matrix @ vectors,
+        vectors * modes.frequencies[0] ** 2,
+        atol=1e-12 * modes.frequencies.max() ** 2,
+    )
     step = 1e-7 * np.eye(2)
     slopes = (lattice.frequencies(q + step) - lattice.frequencies(q - step)).T / 2e-7
     assert_allclose(modes.group_velocities[0], slopes, atol=1e-6)
@@ -60,13 +67,20 @@ def test_modes_of_a_sample_are_modes_and_velocities_are_slopes(sample):
 @pytest.mark.parametrize("lattice", ["triangular", "chain"])
 def test_a_large_cell_of_equal_balls_has_the_branches_of_the_small_one(lattice):
     """It has an inversion, by which D is real, and branches that touch."""
-    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=lattice, motions="all", torsion=0.1)).at_force(10.0)
+    state = gp.AveragedLattice(
+        gp.Packing(STEEL, 8e-3, lattice=lattice, motions="all", torsion=0.1)
+    ).at_force(10.0)
     periods = state.packing.structure.periods
     dim = {1: (61,), 2: (9, 7)}[periods]
-    large, small = gp.Phonons(state, gp.atoms(state).repeat((*dim, *(1,) * (3 - periods)))), gp.Phonons(state)
+    large, small = (
+        gp.Phonons(state, gp.atoms(state).repeat((*dim, *(1,) * (3 - periods)))),
+        gp.Phonons(state),
+    )
     assert large.lattice.n_branches > 300
     for q in ([0.3, 0.2][:periods], [0.0, 0.0][:periods]):
-        cells = np.stack(np.meshgrid(*map(np.arange, dim), indexing="ij"), axis=-1).reshape(-1, periods)
+        cells = np.stack(np.meshgrid(*map(np.arange, dim), indexing="ij"), axis=-1).reshape(
+            -1, periods
+        )
         each = small.frequencies((cells + q) / dim)
         found = large.frequencies([q])[0]
         assert_allclose(found, np.sort(each.ravel()), rtol=1e-10, atol=1e-12 * each.max())
@@ -78,7 +92,9 @@ def test_a_large_cell_of_equal_balls_has_the_branches_of_the_small_one(lattice):
 
 
 def test_loose_balls_and_static_forces(sample):
-    """Rattlers cost nothing at any wave vector; with prestress D is found, and is stable at Gamma."""
+    """Rattlers cost nothing at any wave vector; with prestress D is found, and is stable at
+    Gamma.
+    """
     packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
     sparse = gp.DirectSimulation(packing, shape=(11, 11), seed=0).at_force(0.05).sample.network
     lattice = ContactLattice.from_network(sparse)
@@ -87,12 +103,18 @@ def test_loose_balls_and_static_forces(sample):
         found = lattice.frequencies(lattice.wavevectors([q]))[0]
         assert_allclose(found**2, squares, atol=1e-12 * squares[-1])
         assert np.count_nonzero(found == 0.0) == np.count_nonzero(squares < 1e-12 * squares[-1]) > 2
-    exact = gp.DirectSimulation(packing, shape=(11, 11), seed=0, geometry="exact").at_force(18.446).sample.network
+    exact = (
+        gp.DirectSimulation(packing, shape=(11, 11), seed=0, geometry="exact")
+        .at_force(18.446)
+        .sample.network
+    )
     lattice = ContactLattice.from_network(exact)
     assert lattice.is_prestressed
     for q in POINTS:
         squares = np.linalg.eigvalsh(lattice.dynamical_matrix(lattice.wavevectors([q]))[0])
-        assert_allclose(lattice.frequencies(lattice.wavevectors([q]))[0] ** 2, squares, atol=1e-12 * squares[-1])
+        assert_allclose(
+            lattice.frequencies(lattice.wavevectors([q]))[0] ** 2, squares, atol=1e-12 * squares[-1]
+        )
 
 
 def test_a_cell_beyond_the_memory_is_refused_before_anything_is_made(sample):

@@ -32,20 +32,28 @@ def draw(seed, shape, complex_entries):
 
 
 @given(
-    seed=st.integers(0, 2**31), rows=st.integers(3, 7), complex_entries=st.booleans(),
+    seed=st.integers(0, 2**31),
+    rows=st.integers(3, 7),
+    complex_entries=st.booleans(),
     grades=st.lists(st.floats(-25.0, 5.0), min_size=2, max_size=3),
-)  # fmt: skip
+)
 def test_graded_columns_keep_every_digit(seed, rows, complex_entries, grades):
     a = draw(seed, (rows, len(grades)), complex_entries)
     condition = np.linalg.cond(a / np.linalg.norm(a, axis=0))
     graded = a * 10.0 ** np.array(grades)
     values, _ = jacobi_svd(graded[None])
     for value, exact in zip(values[0], exact_values(graded), strict=True):
-        # Demmel and Veselic: the relative error is rounding times the condition of the unit columns, however graded
+        # Demmel and Veselic: the relative error is rounding times the condition of the unit
+        # columns, however graded
         assert abs(value / exact - 1) < 4e-15 * condition
 
 
-@given(seed=st.integers(0, 2**31), n=st.integers(1, 6), complex_entries=st.booleans(), scale=st.floats(-140, 140))
+@given(
+    seed=st.integers(0, 2**31),
+    n=st.integers(1, 6),
+    complex_entries=st.booleans(),
+    scale=st.floats(-140, 140),
+)
 def test_right_vectors_are_unitary_and_make_orthogonal_columns(seed, n, complex_entries, scale):
     a = draw(seed, (5, 8, n), complex_entries) * 10.0**scale
     values, right = jacobi_svd(a)
@@ -57,7 +65,9 @@ def test_right_vectors_are_unitary_and_make_orthogonal_columns(seed, n, complex_
     assert_allclose(right.conj().swapaxes(1, 2) @ right, one, atol=5e-15)
     assert_allclose(left.conj().swapaxes(1, 2) @ left, one, atol=5e-15 * np.linalg.cond(a).max())
     assert np.all(np.diff(values, axis=1) >= 0.0)
-    assert_allclose(values[:, ::-1], np.linalg.svd(a, compute_uv=False), rtol=0, atol=1e-14 * values.max())
+    assert_allclose(
+        values[:, ::-1], np.linalg.svd(a, compute_uv=False), rtol=0, atol=1e-14 * values.max()
+    )
 
 
 def test_lapack_loses_what_jacobi_keeps():
@@ -75,13 +85,14 @@ def test_dependent_and_empty_columns_give_zero():
     assert_allclose(right.swapaxes(1, 2) @ right, np.broadcast_to(np.eye(3), (2, 3, 3)), atol=1e-15)
 
 
-# -- LAPACK where it loses nothing ------------------------------------------------------------------------------------
+# -- LAPACK where it loses nothing -----------------------------------------------------------------
 
 
 @pytest.fixture
 def counts(monkeypatch):
     """How many matrices were taken for graded ones that LAPACK does not serve."""
-    found, precondition = [], linalg._precondition
+    found = []
+    precondition = linalg._precondition
 
     def counting(matrices):
         found.append(len(matrices))
@@ -93,17 +104,26 @@ def counts(monkeypatch):
 
 def factors(lattice, q):
     """K^1/2 C M^-1/2, or its stand-in under prestress."""
-    return factorise(lattice._compute_frame_matrix(q)) if lattice.is_prestressed else lattice._deforming.compute_rows(q)
+    return (
+        factorise(lattice._compute_frame_matrix(q))
+        if lattice.is_prestressed
+        else lattice._deforming.compute_rows(q)
+    )
 
 
 def kagome(scales, **terms):
     """Factors of kagome at wave vectors of many sizes."""
     rng = np.random.default_rng(5)
-    return factors(gp.ContactLattice.of("kagome", 0.84, **terms), rng.normal(size=(len(scales), 2)) * scales[:, None])
+    return factors(
+        gp.ContactLattice.of("kagome", 0.84, **terms),
+        rng.normal(size=(len(scales), 2)) * scales[:, None],
+    )
 
 
 @pytest.mark.claim("lapack-or-jacobi")
-@pytest.mark.parametrize(("terms", "tolerance"), [({}, 1e-14), ({"spacing": 0.98, "prestress": 0.0136}, 2e-14)])
+@pytest.mark.parametrize(
+    ("terms", "tolerance"), [({}, 1e-14), ({"spacing": 0.98, "prestress": 0.0136}, 2e-14)]
+)
 def test_all_ways_agree_where_they_overlap(terms, tolerance, counts):
     a = kagome(10.0 ** np.linspace(-8, 0.3, 400), **terms)
     values, right = graded_svd(a)
@@ -131,14 +151,17 @@ def test_degenerate_sets_have_one_projector():
     for point, found in enumerate(expected):
         for chosen in np.split(np.arange(9), np.flatnonzero(np.diff(found) > 1e-6 * found[1:]) + 1):
             sets += len(chosen) > 1
-            one, other = (v[point][:, chosen] @ v[point][:, chosen].conj().T for v in (right, vectors))
+            one, other = (
+                v[point][:, chosen] @ v[point][:, chosen].conj().T for v in (right, vectors)
+            )
             assert_allclose(one, other, atol=2e-13)
     assert sets >= 4
 
 
 @pytest.mark.claim("lapack-or-jacobi")
 def test_only_graded_columns_that_lose_digits_are_done_again(counts):
-    # well conditioned; graded; singular though its columns are alike, where the iteration gains nothing
+    # well conditioned; graded; singular though its columns are alike, where the iteration gains
+    # nothing
     plain = draw(7, (3, 12, 6), True)
     graded = plain * [1.0, 1.0, 1e-9, 1.0, 1.0, 1e-5]
     singular = plain.copy()
@@ -148,15 +171,19 @@ def test_only_graded_columns_that_lose_digits_are_done_again(counts):
     values, right = graded_svd(np.concatenate([plain, graded, singular]))
     assert counts == [3]
     assert_allclose(values[3:6], jacobi_svd(graded)[0], rtol=1e-14)
-    assert_allclose(right.conj().swapaxes(1, 2) @ right, np.broadcast_to(np.eye(6), (9, 6, 6)), atol=5e-15)
+    assert_allclose(
+        right.conj().swapaxes(1, 2) @ right, np.broadcast_to(np.eye(6), (9, 6, 6)), atol=5e-15
+    )
     # what a matrix gets does not depend on its company
     assert np.array_equal(values[4], graded_svd(graded[1:2])[0][0])
 
 
 @given(
-    seed=st.integers(0, 2**31), rows=st.integers(3, 16), complex_entries=st.booleans(),
+    seed=st.integers(0, 2**31),
+    rows=st.integers(3, 16),
+    complex_entries=st.booleans(),
     grades=st.lists(st.floats(-25.0, 5.0) | st.sampled_from([-20.0, 0.0]), min_size=4, max_size=8),
-)  # fmt: skip
+)
 def test_many_graded_columns_keep_every_digit(seed, rows, complex_entries, grades):
     n = len(grades)
     a = draw(seed, (1, rows, n), complex_entries)
@@ -181,11 +208,15 @@ def test_cells_of_many_balls_keep_every_digit_near_gamma(m, n, size, counts):
     # 18 and 48 branches: those of one ball, folded
     one = gp.ContactLattice.of("triangular", 0.84)
     sites = [(i / m, j / n) for i in range(m) for j in range(n)]
-    many = gp.ContactLattice.of(gp.Lattice("many", (np.diag([m, n]) @ one.cell).tolist(), sites), 0.84)
+    many = gp.ContactLattice.of(
+        gp.Lattice("many", (np.diag([m, n]) @ one.cell).tolist(), sites), 0.84
+    )
     q = size * np.array([[0.6, 0.8], [-0.3, 0.1], [1.0, 0.0]])
     assert many.n_branches == 3 * m * n
     folds = np.array([(i, j) for i in range(m) for j in range(n)]) @ many.reciprocal
-    expected = np.sort(np.concatenate([one.frequencies(q + fold) for fold in folds], axis=1), axis=1)
+    expected = np.sort(
+        np.concatenate([one.frequencies(q + fold) for fold in folds], axis=1), axis=1
+    )
     found, modes, alone = many.frequencies(q), many.modes(q), one.modes(q)
     assert_allclose(found, expected, rtol=2e-14)
     for sound in (found, modes.frequencies):
@@ -212,7 +243,8 @@ def test_vectors_near_an_avoided_crossing_lose_what_the_gap_takes(part):
 
 
 def test_a_graded_matrix_that_is_singular_too(counts):
-    # frictionless kagome has motions without cost at every wave vector; near Gamma sound is graded besides
+    # frictionless kagome has motions without cost at every wave vector; near Gamma sound is graded
+    # besides
     chosen = gp.ContactLattice.of("kagome", 0.84)
     loose = gp.ContactLattice(chosen.cell, chosen.positions, chosen.contacts, 0.0)
     a = loose._deforming.compute_rows(np.array([[0.6, 0.8], [0.3, -0.1]]) * 1e-12)
@@ -242,7 +274,9 @@ def test_columns_of_zeros_and_few_rows_leave_free_motions(counts):
 
 
 @given(
-    seed=st.integers(0, 2**31), complex_entries=st.booleans(), grades=st.lists(st.floats(-20.0, 5.0), min_size=3, max_size=3)
+    seed=st.integers(0, 2**31),
+    complex_entries=st.booleans(),
+    grades=st.lists(st.floats(-20.0, 5.0), min_size=3, max_size=3),
 )
 def test_cholesky_factor_of_a_graded_matrix(seed, complex_entries, grades):
     a = draw(seed, (6, 3), complex_entries)
@@ -250,7 +284,9 @@ def test_cholesky_factor_of_a_graded_matrix(seed, complex_entries, grades):
     graded = a * 10.0 ** np.array(grades)
     square = graded.conj().T @ graded
     factor = cholesky_factor(square[None])[0]
-    assert_allclose(factor.conj().T @ factor / square.real.max(), square / square.real.max(), atol=1e-14)
+    assert_allclose(
+        factor.conj().T @ factor / square.real.max(), square / square.real.max(), atol=1e-14
+    )
     values, _ = jacobi_svd(factor[None])
     for value, exact in zip(values[0], exact_values(graded), strict=True):
         assert abs(value / exact - 1) < 1e-14 * condition**2

@@ -1,7 +1,9 @@
-"""The local field of lattices on a line and in space, by three independent ways, and the media that rest on it.
+"""The local field of lattices on a line and in space, by three independent ways, and the media that
+rest on it.
 
-The first way is the lattice's Green's function, the second the response of a star in periodic supercells, solved ball by
-ball and extrapolated, the third the law at high load of arrays of random balls.
+The first way is the lattice's Green's function, the second the response of a star in periodic
+supercells, solved ball by ball and extrapolated, the third the law at high load of arrays of random
+balls.
 """
 
 from __future__ import annotations
@@ -41,29 +43,41 @@ def structure(name: str) -> Lattice:
     return {"stacked": STACKED, "ABAC": ABAC}.get(name) or find_lattice(name)
 
 
-# -- the second way: periodic supercells, ball by ball ---------------------------------------------------------------------
+# -- the second way: periodic supercells, ball by ball ---------------------------------------------
 
 
 class Supercell:
-    """Balls of L^p cells on a torus, joined by contacts (i, j, normal); written without the package's rows."""
+    """Balls of L^p cells on a torus, joined by contacts (i, j, normal); written without the
+    package's rows.
+    """
 
     def __init__(self, structure: Lattice, size: int) -> None:
-        table, n, p = structure.contacts, structure.n_balls, structure.periods
+        table = structure.contacts
+        n = structure.n_balls
+        p = structure.periods
         cells = np.stack(np.meshgrid(*[np.arange(size)] * p, indexing="ij"), axis=-1).reshape(-1, p)
 
         def number(cell):
             return np.ravel_multi_index(tuple((cell % size).T), (size,) * p)
 
         self.i = np.concatenate([number(cells) * n + ball for ball in table.i])
-        self.j = np.concatenate([number(cells + s) * n + ball for ball, s in zip(table.j, table.shift, strict=True)])
+        self.j = np.concatenate(
+            [number(cells + s) * n + ball for ball, s in zip(table.j, table.shift, strict=True)]
+        )
         self.normal = np.zeros((len(self.i), 3))
         self.normal[:, : structure.dimension] = np.repeat(table.normal, len(cells), axis=0)
-        self.balls, self.first = n * len(cells), n
+        self.balls = n * len(cells)
+        self.first = n
 
     def rows(self, tail, head, stiffness=1.0):
-        """Sparse rows of a deformation ``head . x_j + tail . x_i``, x = (u, phi): (n_c, r, 6) each."""
-        count, each = len(self.i), tail.shape[1]
-        columns = np.concatenate([6 * self.i[:, None] + np.arange(6), 6 * self.j[:, None] + np.arange(6)], axis=1)
+        """Sparse rows of a deformation ``head . x_j + tail . x_i``, x = (u, phi): (n_c, r, 6)
+        each.
+        """
+        count = len(self.i)
+        each = tail.shape[1]
+        columns = np.concatenate(
+            [6 * self.i[:, None] + np.arange(6), 6 * self.j[:, None] + np.arange(6)], axis=1
+        )
         data = np.sqrt(stiffness) * np.concatenate([tail, head], axis=2)
         where = (np.repeat(np.arange(count * each), 12), np.repeat(columns, each, axis=0).ravel())
         return csr_array((data.ravel(), where), shape=(count * each, 6 * self.balls))
@@ -78,18 +92,27 @@ class Supercell:
         """The sparse stiffness matrix."""
         n = self.normal
         along = n[:, :, None] * n[:, None]
-        across, none = np.eye(3) - along, np.zeros_like(along)
+        across = np.eye(3) - along
+        none = np.zeros_like(along)
         turn = np.cross(np.eye(3)[None], n[:, None]).swapaxes(1, 2)  # turn @ phi = phi x n
         kinds = [
             self.elongations,
-            self.rows(np.concatenate([-across, -0.5 * turn], 2), np.concatenate([across, -0.5 * turn], 2), eta),
+            self.rows(
+                np.concatenate([-across, -0.5 * turn], 2),
+                np.concatenate([across, -0.5 * turn], 2),
+                eta,
+            ),
             self.rows(np.concatenate([none, -along], 2), np.concatenate([none, along], 2), torsion),
-            self.rows(np.concatenate([none, -across], 2), np.concatenate([none, across], 2), bending),
+            self.rows(
+                np.concatenate([none, -across], 2), np.concatenate([none, across], 2), bending
+            ),
         ]
         return csc_array(sum(one.T @ one for one in kinds))
 
     def compliance(self, eta, torsion=0.0, bending=0.0):
-        """Mean elongation of the contacts of one ball under unit tension in them, over all balls of a cell."""
+        """Mean elongation of the contacts of one ball under unit tension in them, over all balls of
+        a cell.
+        """
         free = np.ones((self.balls, 6), bool)
         free[0, :3] = False
         free[:, 3:] = bool(eta or torsion or bending)
@@ -97,7 +120,12 @@ class Supercell:
         matrix = self.stiffness(eta, torsion, bending)[:, free][free]
         # modes that cost nothing, to which the star does not couple, are held by next to nothing
         matrix = csc_array(matrix + 1e-13 * eye_array(matrix.shape[0]))
-        solve = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve
+        solve = splu(
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        ).solve
         rows, response = self.elongations, np.zeros(2)
         for ball in range(self.first):
             star = ((self.i == ball) | (self.j == ball)).astype(float)
@@ -112,7 +140,8 @@ def extrapolated(sizes, values, orders):
     return np.linalg.solve(powers, np.array(values))[0]
 
 
-# sizes are odd where an even supercell has modes that cost nothing, and whose error is of another kind
+# sizes are odd where an even supercell has modes that cost nothing, and whose error is of another
+# kind
 CLUSTERS = [
     ("fcc", 0.0, {}, (4, 6, 8, 10), 5e-5),
     ("fcc", 0.84, {}, (3, 5, 7), 1e-4),
@@ -137,7 +166,9 @@ def test_periodic_clusters_in_space_extrapolate(name, eta, more, sizes, error):
     # images of the star are sums of dipoles, and fall as the inverse volume
     orders = -np.diff(np.log(np.abs(np.array(values) - exact))) / np.diff(np.log(sizes))
     assert 2.9 < orders[-1] < 5.0
-    assert extrapolated(sizes, values, range(3, 2 * len(sizes) + 1, 2)) == pytest.approx(exact, abs=error)
+    assert extrapolated(sizes, values, range(3, 2 * len(sizes) + 1, 2)) == pytest.approx(
+        exact, abs=error
+    )
 
 
 @pytest.mark.claim("local-field-space")
@@ -149,8 +180,9 @@ def test_reference_values(name, eta):
 #: the table of the page: lattice, contacts, Xi without friction, with it, and with bending as well
 TABLE = re.findall(
     r"^\| (\w+) \| (\d+) \| ([\d.]+|none) \| ([\d.]+|none) \| ([\d.]+) \|$",
-    (Path(__file__).parents[2] / "docs" / "explanation" / "ladder.md").read_text(encoding="utf-8"), re.MULTILINE,
-)  # fmt: skip
+    (Path(__file__).parents[2] / "docs" / "explanation" / "ladder.md").read_text(encoding="utf-8"),
+    re.MULTILINE,
+)
 
 
 def test_the_table_of_the_page_has_every_lattice():
@@ -160,11 +192,17 @@ def test_the_table_of_the_page_has_every_lattice():
 
 
 @pytest.mark.claim("local-field-space")
-@pytest.mark.parametrize("name", only(["chain", "triangular", "square", "honeycomb", "kagome", "sc", "fcc"], LATTICES))
+@pytest.mark.parametrize(
+    "name", only(["chain", "triangular", "square", "honeycomb", "kagome", "sc", "fcc"], LATTICES)
+)
 def test_the_table_of_the_page(name):
     ((*_, smooth, rough, held),) = (row for row in TABLE if row[0] == name)
     friction = {"mindlin_ratio": 0.84}
-    for shown, stiffness in ((smooth, {}), (rough, friction), (held, {**friction, "bending": 0.05})):
+    for shown, stiffness in (
+        (smooth, {}),
+        (rough, friction),
+        (held, {**friction, "bending": 0.05}),
+    ):
         if shown == "none":
             with pytest.raises(MechanismError):
                 local_field(name, **stiffness)
@@ -186,7 +224,7 @@ def test_more_points_change_nothing(name, eta):
     assert local_field(name, eta).xi == pytest.approx(finer, rel=1e-9)
 
 
-# -- the third way: arrays of random balls at high load --------------------------------------------------------------------
+# -- the third way: arrays of random balls at high load --------------------------------------------
 
 
 @cache
@@ -195,15 +233,21 @@ def supercell(name, size):
 
 
 def equilibrium_force(name, size, deviations, y):
-    """Mean force f* of an array without friction at the overlap y, by Newton's method; all contacts must be closed."""
+    """Mean force f* of an array without friction at the overlap y, by Newton's method; all contacts
+    must be closed.
+    """
     cell = supercell(name, size)
-    rows = cell.elongations[:, np.arange(6 * cell.balls).reshape(-1, 6)[:, : structure(name).dimension].ravel()]
+    rows = cell.elongations[
+        :, np.arange(6 * cell.balls).reshape(-1, 6)[:, : structure(name).dimension].ravel()
+    ]
     base = y + 0.5 * (deviations[cell.i] + deviations[cell.j])
     motion = np.zeros(rows.shape[1])
     for _ in range(30):
         overlap = base - rows @ motion
         assert overlap.min() > 0.0
-        step_matrix = rows.T @ diags_array(1.5 * np.sqrt(overlap)) @ rows + 1e-9 * np.sqrt(y) * eye_array(rows.shape[1])
+        step_matrix = rows.T @ diags_array(1.5 * np.sqrt(overlap)) @ rows + 1e-9 * np.sqrt(
+            y
+        ) * eye_array(rows.shape[1])
         step = splu(csc_array(step_matrix)).solve(rows.T @ overlap**1.5)
         motion += step
         if np.max(np.abs(step)) < 1e-13:
@@ -212,26 +256,36 @@ def equilibrium_force(name, size, deviations, y):
 
 
 def second_order(name, size, deviations):
-    """The coefficient c of f* = y^(3/2) (1 + c/y^2 + ...) of one array, from its equilibria at three high loads."""
+    """The coefficient c of f* = y^(3/2) (1 + c/y^2 + ...) of one array, from its equilibria at
+    three high loads.
+    """
     y = 20.0 * 2.0 ** np.arange(3)
-    found = [(equilibrium_force(name, size, deviations, one) / one**1.5 - 1.0) * one**2 for one in y]
+    found = [
+        (equilibrium_force(name, size, deviations, one) / one**1.5 - 1.0) * one**2 for one in y
+    ]
     return extrapolated(y, found, (1, 2))
 
 
 @pytest.mark.claim("local-field-space", "second-order-any-lattice")
 @pytest.mark.parametrize(
     ("name", "size"),
-    only([("triangular", 8), ("fcc", 4), ("ABAC", 2)], [("triangular", 8), ("fcc", 4), ("hcp", 3), ("fcc", 6), ("ABAC", 2)]),
+    only(
+        [("triangular", 8), ("fcc", 4), ("ABAC", 2)],
+        [("triangular", 8), ("fcc", 4), ("hcp", 3), ("fcc", 6), ("ABAC", 2)],
+    ),
 )
 def test_high_load_law_of_arrays(name, size):
-    """f* = y^(3/2) (1 + r/(64 y^2)), r = Xi/(1 + Xi), in any lattice: for one array, then for the mean over all arrays.
+    """f* = y^(3/2) (1 + r/(64 y^2)), r = Xi/(1 + Xi), in any lattice: for one array, then for the
+    mean over all arrays.
 
-    To first order overlaps are y + (1 - P) m, with m = (x_i + x_j)/2 of each contact, so that the mean force is y^(3/2) +
+    To first order overlaps are y + (1 - P) m, with m = (x_i + x_j)/2 of each contact, so that the
+    mean force is y^(3/2) +
     (3/8) y^(-1/2) <((1 - P) m)^2>. m is the sum over balls of x/2 times their stars, and <x^2> = 1/12: the mean over arrays
     is (1 - u_1)/24. Of n balls the mean of x is taken off, which leaves 1 - u_1 - 2/n.
     """
     cell = supercell(name, size)
-    count, contacts = cell.balls, len(cell.i)
+    count = cell.balls
+    contacts = len(cell.i)
     dimension = structure(name).dimension
     rows = cell.elongations[:, np.arange(6 * count).reshape(-1, 6)[:, :dimension].ravel()].toarray()
     left = np.linalg.svd(rows, full_matrices=False)
@@ -254,7 +308,8 @@ def test_high_load_law_of_arrays(name, size):
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["triangular", "fcc", "hcp"])
 def test_the_limit_of_many_balls_is_xi(name):
-    # the mean of the second order over arrays, of growing size, tends to r/64 with the Xi of the infinite lattice
+    # the mean of the second order over arrays, of growing size, tends to r/64 with the Xi of the
+    # infinite lattice
     p = find_lattice(name).periods
     sizes = (6, 8, 10, 12, 16) if p == 2 else (4, 6, 8, 10) if name == "fcc" else (3, 4, 5, 6)
     rest = [1.0 - Supercell(find_lattice(name), size).compliance(0.0) for size in sizes]
@@ -263,7 +318,7 @@ def test_the_limit_of_many_balls_is_xi(name):
     assert limit == pytest.approx(field.xi / (1.0 + field.xi), abs=2e-4)
 
 
-# -- what is known without a calculation -----------------------------------------------------------------------------------
+# -- what is known without a calculation -----------------------------------------------------------
 
 
 @pytest.mark.claim("chain-one-force")
@@ -279,24 +334,38 @@ def test_nothing_holds_the_neighbours_on_a_line(eta):
 
 _ROOT = np.sqrt(2.0)
 CELLS = {
-    ("fcc", 0.0, "cube"): Lattice("cube", np.eye(3) * _ROOT, [(0, 0, 0), (0, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 0.5, 0)]),
-    ("fcc", 0.84, "cube"): Lattice("cube", np.eye(3) * _ROOT, [(0, 0, 0), (0, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 0.5, 0)]),
+    ("fcc", 0.0, "cube"): Lattice(
+        "cube", np.eye(3) * _ROOT, [(0, 0, 0), (0, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 0.5, 0)]
+    ),
+    ("fcc", 0.84, "cube"): Lattice(
+        "cube", np.eye(3) * _ROOT, [(0, 0, 0), (0, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 0.5, 0)]
+    ),
     ("fcc", 0.84, "tilted"): Lattice("tilted", [(1, 0, 0), (0, 1, 0), (0.5, 0.5, 0.5 * _ROOT)]),
     ("sc", 0.84, "double"): Lattice("double", np.diag([1.0, 1.0, 2.0]), [(0, 0, 0), (0, 0, 0.5)]),
 }
 
 
-@pytest.mark.parametrize(("name", "eta", "cell"), only([("fcc", 0.0, "cube"), ("fcc", 0.84, "tilted")], CELLS))
+@pytest.mark.parametrize(
+    ("name", "eta", "cell"), only([("fcc", 0.0, "cube"), ("fcc", 0.84, "tilted")], CELLS)
+)
 def test_any_cell_of_a_crystal_gives_the_same(name, eta, cell):
     assert local_field(CELLS[name, eta, cell], eta).xi == pytest.approx(VALUES[name, eta], rel=2e-8)
 
 
 @settings(deadline=None, max_examples=5)
-@given(st.floats(0.3, 3.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.sampled_from(["square", "kagome"]))
+@given(
+    st.floats(0.3, 3.0),
+    st.floats(0.0, 1.0),
+    st.floats(0.0, 1.0),
+    st.sampled_from(["square", "kagome"]),
+)
 def test_stiffer_contacts_make_no_lattice_softer(eta, torsion, bending, name):
     field = local_field(name, eta, torsion=torsion, bending=bending)
     assert 0.0 < field.compliance < 1.0
-    for more in ({"torsion": torsion + 0.1, "bending": bending}, {"torsion": torsion, "bending": bending + 0.1}):
+    for more in (
+        {"torsion": torsion + 0.1, "bending": bending},
+        {"torsion": torsion, "bending": bending + 0.1},
+    ):
         assert local_field(name, eta, **more).xi >= field.xi * (1.0 - 1e-8)
     assert local_field(name, 1.1 * eta, torsion=torsion, bending=bending).xi > field.xi
 
@@ -311,13 +380,16 @@ def test_torsion_and_bending_go_to_zero_smoothly():
     assert local_field("kagome", 0.84, torsion=0.3).xi == local_field("kagome", 0.84).xi
 
 
-# -- what there is not -----------------------------------------------------------------------------------------------------
+# -- what there is not -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["square", "honeycomb", "kagome", "sc", "bcc", "diamond"])
 def test_lattices_that_do_not_hold_a_ball(name):
     held = {"bending": 0.05} if name in ("honeycomb", "diamond") else {}
-    with pytest.raises(MechanismError, match=f"Xi of lattice '{name}' does not exist.*holds the neighbours.*costs? no"):
+    with pytest.raises(
+        MechanismError,
+        match=f"Xi of lattice '{name}' does not exist.*holds the neighbours.*costs? no",
+    ):
         local_field(name)
     if held:
         with pytest.raises(MechanismError, match=r"shift or turn.*Use bending"):
@@ -329,7 +401,8 @@ def test_lattices_that_do_not_hold_a_ball(name):
 @pytest.mark.parametrize("name", only(["kagome", "square"], ["kagome", "square", "sc"]))
 def test_too_little_friction(name):
     with pytest.raises(
-        PrecisionError, match=rf"'{name}' at mindlin_ratio 1e-08, torsion 0, bending 0 .*nearer to that of comp"
+        PrecisionError,
+        match=rf"'{name}' at mindlin_ratio 1e-08, torsion 0, bending 0 .*nearer to that of comp",
     ):
         local_field(name, 1e-8)
 
@@ -350,7 +423,7 @@ def test_stiffness_that_cannot_be(name, value):
         local_field("fcc", **{"mindlin_ratio": 0.84, name: value})
 
 
-# -- the media -------------------------------------------------------------------------------------------------------------
+# -- the media -------------------------------------------------------------------------------------
 
 
 def packing(lattice, **more):
@@ -359,7 +432,9 @@ def packing(lattice, **more):
 
 @pytest.mark.claim("chain-one-force")
 @pytest.mark.parametrize("medium", [gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium])
-@pytest.mark.parametrize("spread", [gp.Uniform(2.04e-6), gp.Normal(5e-5), gp.Discrete([7e-3, 9e-3], [0.5, 0.5]), None])
+@pytest.mark.parametrize(
+    "spread", [gp.Uniform(2.04e-6), gp.Normal(5e-5), gp.Discrete([7e-3, 9e-3], [0.5, 0.5]), None]
+)
 def test_every_medium_gives_hertz_on_a_line(medium, spread):
     balls = gp.Packing(STEEL, 8e-3, spread, lattice="chain")
     force = np.array([1e-6, 1e-2, 1.0, 100.0])
@@ -370,12 +445,15 @@ def test_every_medium_gives_hertz_on_a_line(medium, spread):
     np.testing.assert_array_equal(state.contact_fraction, 1.0)
     np.testing.assert_array_equal(state.force_fluctuation, 0.0)
     assert np.all(state.valid)
-    np.testing.assert_array_equal(gp.sound_velocities(state).longitudinal, gp.sound_velocities(equal).longitudinal)
+    np.testing.assert_array_equal(
+        gp.sound_velocities(state).longitudinal, gp.sound_velocities(equal).longitudinal
+    )
 
 
 @pytest.mark.claim("chain-one-force")
 def test_balls_on_a_line_carry_one_force():
-    # the statement itself: on a ring of random balls in equilibrium every overlap is the same, whatever the diameters
+    # the statement itself: on a ring of random balls in equilibrium every overlap is the same,
+    # whatever the diameters
     deviations = np.random.default_rng(5).uniform(-0.5, 0.5, 40)
     deviations -= deviations.mean()
     assert equilibrium_force("chain", 40, deviations, 3.0) == pytest.approx(3.0**1.5, rel=1e-13)
@@ -388,7 +466,9 @@ def test_second_order_of_the_medium(lattice):
     y = 200.0
     state = medium.at_overlap(y * medium.packing.width)
     xi = medium.local_field.xi
-    assert (state.reduced_force / y**1.5 - 1.0) * 64.0 * y**2 == pytest.approx(xi / (1.0 + xi), rel=1e-4)
+    assert (state.reduced_force / y**1.5 - 1.0) * 64.0 * y**2 == pytest.approx(
+        xi / (1.0 + xi), rel=1e-4
+    )
     # the averaged force is the medium of infinite Xi
     averaged = gp.AveragedForce(medium.packing).at_overlap(y * medium.packing.width)
     assert (averaged.reduced_force / y**1.5 - 1.0) * 64.0 * y**2 == pytest.approx(1.0, rel=1e-4)
@@ -408,7 +488,9 @@ def test_the_packing_says_what_the_local_field_is_made_of():
         gp.EffectiveMedium(packing("triangular", bending=0.1), local_field="paper")
     # which motions are asked for does not change what static forces meet
     for motions in ("in_plane", "out_of_plane", "all"):
-        assert gp.EffectiveMedium(packing("triangular", motions=motions)).local_field.xi == pytest.approx(2.39082, abs=1e-5)
+        assert gp.EffectiveMedium(
+            packing("triangular", motions=motions)
+        ).local_field.xi == pytest.approx(2.39082, abs=1e-5)
 
 
 @pytest.mark.parametrize("lattice", ["fcc", "sc", "kagome"])
@@ -416,10 +498,13 @@ def test_everything_downstream(lattice):
     medium = gp.EffectiveMedium(packing(lattice))
     unit = medium.packing.width_units.force
     state = medium.at_force(np.array([0.1, 1.0]) * unit)
-    factor, d = find_lattice(lattice).pressure_factor, medium.packing.diameter
+    factor = find_lattice(lattice).pressure_factor
+    d = medium.packing.diameter
     p = find_lattice(lattice).periods
     np.testing.assert_allclose(state.pressure, factor * state.force / d ** (p - 1), rtol=1e-14)
-    np.testing.assert_allclose(medium.at_pressure(state.pressure).overlap, state.overlap, rtol=1e-8, atol=1e-14)
+    np.testing.assert_allclose(
+        medium.at_pressure(state.pressure).overlap, state.overlap, rtol=1e-8, atol=1e-14
+    )
     # sound, moduli and bands are those of the lattice of the medium's stiffness
     ideal = gp.AveragedLattice(gp.Packing(STEEL, d, lattice=lattice))
     same = ideal.at_overlap((state.normal_stiffness / (1.5 * ideal.law.coefficient)) ** 2)
@@ -446,8 +531,15 @@ def test_a_line_tells_no_width():
 def test_widths_are_fitted_in_space():
     balls = packing("fcc")
     force = np.geomspace(0.1, 3.0, 8) * balls.width_units.force
-    velocity = gp.sound_velocities(gp.EffectiveMedium(balls).at_force(force), direction=[0, 0, 1]).longitudinal
-    fit = gp.fit_width(gp.Packing(STEEL, 8e-3, gp.Uniform(1e-6), lattice="fcc"), force, velocity, direction=[0, 0, 1])
+    velocity = gp.sound_velocities(
+        gp.EffectiveMedium(balls).at_force(force), direction=[0, 0, 1]
+    ).longitudinal
+    fit = gp.fit_width(
+        gp.Packing(STEEL, 8e-3, gp.Uniform(1e-6), lattice="fcc"),
+        force,
+        velocity,
+        direction=[0, 0, 1],
+    )
     assert fit.width == pytest.approx(2.04e-6, rel=1e-6)
 
 
@@ -470,7 +562,9 @@ def test_the_medium_against_arrays_in_space(name, size):
 
 
 def minimise(rows, base):
-    """Mean force of the array of least energy; contacts may open. Newton's method, held where balls are loose."""
+    """Mean force of the array of least energy; contacts may open. Newton's method, held where balls
+    are loose.
+    """
     motion = np.zeros(rows.shape[1])
 
     def energy(motion):
@@ -484,7 +578,8 @@ def minimise(rows, base):
         matrix = rows.T @ diags_array(1.5 * np.sqrt(overlap)) @ rows
         held = 1e-9 + 1e-2 * np.sqrt(np.mean(force**2)) / np.mean(overlap**1.5)
         step = splu(csc_array(matrix + held * eye_array(rows.shape[1]))).solve(force)
-        length, now = 1.0, energy(motion)
+        length = 1.0
+        now = energy(motion)
         while energy(motion + length * step) > now and length > 1e-6:
             length *= 0.5
         motion += length * step

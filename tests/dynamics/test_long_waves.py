@@ -1,4 +1,6 @@
-"""Long waves: acoustic tensor, velocities, moduli, the optical branch; the paper's limit and the finite overlap."""
+"""Long waves: acoustic tensor, velocities, moduli, the optical branch; the paper's limit and the
+finite overlap.
+"""
 
 from __future__ import annotations
 
@@ -23,25 +25,31 @@ diameters = st.floats(-9.0, 2.0).map(lambda x: 10.0**x)
 angles = st.floats(0.0, 7.0)
 
 
-# -- equations 13, 14, 16, 17, 49 over every size and load ------------------------------------------------------------
+# -- equations 13, 14, 16, 17, 49 over every size and load -----------------------------------------
 
 
 @given(angle=angles, eta=st.floats(0.0, 4 / 3))
 def test_acoustic_tensor_is_isotropic(angle, eta):
     lattice = gp.ContactLattice.of("triangular", eta)
     along = np.array([math.cos(angle), math.sin(angle)])
-    expected = 9 / 8 * (1 + eta / 3) * np.outer(along, along) + 3 / 8 * (1 + eta) * (np.eye(2) - np.outer(along, along))
+    expected = 9 / 8 * (1 + eta / 3) * np.outer(along, along) + 3 / 8 * (1 + eta) * (
+        np.eye(2) - np.outer(along, along)
+    )
     assert_allclose(lattice.acoustic_tensor(along), expected, atol=2e-15)
     velocities, polarisations = lattice.sound_velocities(along)
     assert_allclose(velocities**2, [9 / 8 * (1 + eta / 3), 3 / 8 * (1 + eta)], rtol=2e-15)
     assert_allclose(np.abs(along @ polarisations), [1, 0], atol=1e-14)
 
 
-# -- near Gamma -------------------------------------------------------------------------------------------------------
+# -- near Gamma ------------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("digits-near-gamma")
-@given(exponent=st.floats(-12.0, -6.0), angle=angles, eta=st.one_of(st.just(0.0), st.floats(0.05, 4 / 3)))
+@given(
+    exponent=st.floats(-12.0, -6.0),
+    angle=angles,
+    eta=st.one_of(st.just(0.0), st.floats(0.05, 4 / 3)),
+)
 def test_acoustic_branches_keep_their_digits(exponent, angle, eta):
     q = 10.0**exponent
     lattice = gp.ContactLattice.of("triangular", eta)
@@ -64,7 +72,7 @@ def test_dense_eigenvalues_have_no_digit_left_near_gamma(hexagonal):
         assert np.max(np.abs(hexagonal.frequencies(q * along)[:, :2] / q / exact - 1)) < 4e-15
 
 
-# -- the rotational branch --------------------------------------------------------------------------------------------
+# -- the rotational branch -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("eta", [0.4, ETA, 4 / 3])
@@ -88,7 +96,9 @@ def test_optical_branch_of_other_lattices(lattice, spacing):
         along = np.array([math.cos(angle), math.sin(angle)])
         squared, narrowing = contacts.optical_branch(along)
         q = np.array([0.1, 0.05, 0.025])
-        remainder = contacts.frequencies(q[:, None] * along)[:, 2] ** 2 - squared * (1 - narrowing * q**2)
+        remainder = contacts.frequencies(q[:, None] * along)[:, 2] ** 2 - squared * (
+            1 - narrowing * q**2
+        )
         assert_allclose(np.log2(remainder[:-1] / remainder[1:]), 4.0, atol=0.02)
 
 
@@ -98,21 +108,26 @@ def test_no_single_optical_branch():
             gp.ContactLattice.of(lattice, eta).optical_branch()
 
 
-# -- the square and the kagome lattice --------------------------------------------------------------------------------
+# -- the square and the kagome lattice -------------------------------------------------------------
 
 
 @given(eta=st.floats(0.05, 4 / 3), angle=angles)
 def test_square_lattice_with_friction_in_closed_form(eta, angle):
-    # along an axis the row resists by k alone; in shear the ball turns by half the angle, so half of kappa is left
+    # along an axis the row resists by k alone; in shear the ball turns by half the angle, so half
+    # of kappa is left
     lattice = gp.ContactLattice.of("square", eta)
     assert_allclose(lattice.sound_velocities((1, 0))[0] ** 2, [1.0, eta / 2], rtol=3e-15)
     assert_allclose(lattice.sound_velocities((0, -1))[0] ** 2, [1.0, eta / 2], rtol=3e-15)
-    # along a diagonal both rows are pressed and sheared; across it they are only pressed, alternately
+    # along a diagonal both rows are pressed and sheared; across it they are only pressed,
+    # alternately
     pair = np.sort(lattice.sound_velocities((1, 1))[0] ** 2)
     assert_allclose(pair, [0.5, (1 + eta) / 2], rtol=3e-15)
     # in between: A = [[c^2 + eta s^2/2, eta sc/2], [., s^2 + eta c^2/2]]
     c, s = math.cos(angle), math.sin(angle)
-    tensor = [[c * c + eta * s * s / 2, eta * s * c / 2], [eta * s * c / 2, s * s + eta * c * c / 2]]
+    tensor = [
+        [c * c + eta * s * s / 2, eta * s * c / 2],
+        [eta * s * c / 2, s * s + eta * c * c / 2],
+    ]
     assert_allclose(lattice.acoustic_tensor((c, s)), tensor, atol=2e-15)
 
 
@@ -120,13 +135,20 @@ def test_square_lattice_with_friction_in_closed_form(eta, angle):
 @pytest.mark.parametrize("lattice", ["triangular", "kagome"])
 @pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-12])
 def test_every_branch_near_gamma_at_forty_digits(twin, lattice, size):
-    cell, sites = ((2.0, 0.0), (-1.0, math.sqrt(3.0))), ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
+    cell = ((2.0, 0.0), (-1.0, math.sqrt(3.0)))
+    sites = ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
     contacts = gp.ContactLattice.of(lattice, ETA)
     with mpmath.workdps(40 + 2 * 12):
         neighbours = twin.exact_hexagon()
         if lattice == "kagome":
-            angle = [(i, j, round(math.atan2(y, x) / (math.pi / 3))) for i, j, (x, y) in twin.neighbours(cell, sites)]
-            neighbours = [(i, j, (mpmath.cos(p * mpmath.pi / 3), mpmath.sin(p * mpmath.pi / 3))) for i, j, p in angle]
+            angle = [
+                (i, j, round(math.atan2(y, x) / (math.pi / 3)))
+                for i, j, (x, y) in twin.neighbours(cell, sites)
+            ]
+            neighbours = [
+                (i, j, (mpmath.cos(p * mpmath.pi / 3), mpmath.sin(p * mpmath.pi / 3)))
+                for i, j, p in angle
+            ]
         for way in (0.3, 2.0):
             q = [size * math.cos(way), size * math.sin(way)]
             exact = twin.exact_squares(neighbours, [mpmath.mpf(x) for x in q], mpmath.mpf(ETA))
@@ -140,18 +162,28 @@ def test_every_branch_near_gamma_at_forty_digits(twin, lattice, size):
                     assert abs(value / mpmath.sqrt(square) - 1) < 4e-15
 
 
-# -- finite overlap ---------------------------------------------------------------------------------------------------
+# -- finite overlap --------------------------------------------------------------------------------
 
 
-@given(diameter=diameters, overlap=st.floats(-12, -0.6), sigma=st.floats(-0.99, 0.5), friction=st.booleans(), angle=angles)
+@given(
+    diameter=diameters,
+    overlap=st.floats(-12, -0.6),
+    sigma=st.floats(-0.99, 0.5),
+    friction=st.booleans(),
+    angle=angles,
+)
 def test_prestressed_velocities_in_closed_form(diameter, overlap, sigma, friction, angle):
     packing = gp.Packing(gp.Material(7e10, sigma, 2500.0), diameter, friction=friction)
     state = gp.AveragedLattice(packing).at_overlap(10.0**overlap * diameter, finite_overlap=True)
     velocities = gp.sound_velocities(state, (math.cos(angle), math.sin(angle)))
     with mpmath.workdps(40):
-        f, k, d = mpmath.mpf(state.force), mpmath.mpf(state.normal_stiffness), mpmath.mpf(diameter)
+        f = mpmath.mpf(state.force)
+        k = mpmath.mpf(state.normal_stiffness)
+        d = mpmath.mpf(diameter)
         a = d - mpmath.mpf(state.overlap)
-        p, kappa, mass = f / a, mpmath.mpf(packing.mindlin_ratio) * k, mpmath.mpf(packing.mass)
+        p = f / a
+        kappa = mpmath.mpf(packing.mindlin_ratio) * k
+        mass = mpmath.mpf(packing.mass)
         longitudinal = mpmath.sqrt((9 * k / 8 + 3 * (kappa - p) / 8) / mass) * a
         transverse = mpmath.sqrt((3 * (k + kappa) / 8 - 9 * p / 8) / mass) * a
         assert abs(velocities.longitudinal / longitudinal - 1) < 1e-13
@@ -167,7 +199,10 @@ def test_bulk_modulus_is_minus_area_dp_by_da(steel, friction, overlap):
     with mpmath.workdps(40):
         c, d = mpmath.mpf(packing.law.coefficient), mpmath.mpf(8e-3)
 
-        def pressure(area):  # per layer one diameter thick: sqrt(3) f / a / d at area sqrt(3)/2 a^2 of a ball
+        def pressure(
+            area,
+        ):
+            # per layer one diameter thick: sqrt(3) f / a / d at area sqrt(3)/2 a^2 of a ball
             a = mpmath.sqrt(2 * area / mpmath.sqrt(3))
             return mpmath.sqrt(3) * c * (d - a) ** mpmath.mpf("1.5") / a / d
 
@@ -175,12 +210,15 @@ def test_bulk_modulus_is_minus_area_dp_by_da(steel, friction, overlap):
         area = mpmath.sqrt(3) / 2 * a * a
         exact = -area * mpmath.diff(pressure, area, h=mpmath.mpf("1e-25"))
         assert abs(found.bulk / exact - 1) < 1e-13
-        k, p = mpmath.mpf(state.normal_stiffness), mpmath.mpf(state.force) / a
+        k = mpmath.mpf(state.normal_stiffness)
+        p = mpmath.mpf(state.force) / a
         assert abs(found.bulk / (mpmath.sqrt(3) / 2 * (k + p) / d) - 1) < 1e-14
         # and equation 16 holds at the density of the compressed layer
         velocities = gp.sound_velocities(state)
         density = mpmath.mpf(packing.mass) / (area * d)
-        difference = mpmath.mpf(velocities.longitudinal) ** 2 - mpmath.mpf(velocities.transverse) ** 2
+        difference = (
+            mpmath.mpf(velocities.longitudinal) ** 2 - mpmath.mpf(velocities.transverse) ** 2
+        )
         assert abs(found.bulk / (density * difference) - 1) < 1e-13
         assert abs(found.shear / (density * mpmath.mpf(velocities.transverse) ** 2) - 1) < 1e-13
 
@@ -190,8 +228,12 @@ def test_bulk_modulus_is_minus_area_dp_by_da(steel, friction, overlap):
 def test_finite_overlap_tends_to_the_paper_at_first_order(steel, friction):
     packing = gp.Packing(steel, 8e-3, friction=friction)
     overlaps = np.array([1e-3, 5e-4, 2.5e-4, 1.25e-4]) * 8e-3
-    limit, state = (gp.AveragedLattice(packing).at_overlap(overlaps, finite_overlap=finite) for finite in (False, True))
-    here, there = gp.sound_velocities(limit), gp.sound_velocities(state)
+    limit, state = (
+        gp.AveragedLattice(packing).at_overlap(overlaps, finite_overlap=finite)
+        for finite in (False, True)
+    )
+    here = gp.sound_velocities(limit)
+    there = gp.sound_velocities(state)
     for name in ("longitudinal", "transverse"):
         error = np.abs(getattr(there, name) / getattr(here, name) - 1)
         assert_allclose(np.log2(error[:-1] / error[1:]), 1.0, atol=2e-3)
@@ -201,18 +243,28 @@ def test_finite_overlap_tends_to_the_paper_at_first_order(steel, friction):
 
 
 def test_overlap_that_buckles_the_lattice(smooth, packing):
-    # frictionless: p > k/3 beyond delta = d/3; with friction v_T^2 = 0 at p = (1 + eta)/3, that is delta/d = p/(2/3 + p)
+    # frictionless: p > k/3 beyond delta = d/3; with friction v_T^2 = 0 at p = (1 + eta)/3, that is
+    # delta/d = p/(2/3 + p)
     gp.sound_velocities(gp.AveragedLattice(smooth).at_overlap(0.333 * 8e-3, finite_overlap=True))
-    with pytest.raises(InstabilityError, match=r"lattice triangular buckles: .* velocity in direction .* Lower the load"):
-        gp.sound_velocities(gp.AveragedLattice(smooth).at_overlap(0.334 * 8e-3, finite_overlap=True))
+    with pytest.raises(
+        InstabilityError,
+        match=r"lattice triangular buckles: .* velocity in direction .* Lower the load",
+    ):
+        gp.sound_velocities(
+            gp.AveragedLattice(smooth).at_overlap(0.334 * 8e-3, finite_overlap=True)
+        )
     p = (1 + ETA) / 3
     critical = p / (2 / 3 + p)
-    gp.sound_velocities(gp.AveragedLattice(packing).at_overlap((critical - 1e-3) * 8e-3, finite_overlap=True))
+    gp.sound_velocities(
+        gp.AveragedLattice(packing).at_overlap((critical - 1e-3) * 8e-3, finite_overlap=True)
+    )
     with pytest.raises(InstabilityError):
-        gp.sound_velocities(gp.AveragedLattice(packing).at_overlap((critical + 1e-3) * 8e-3, finite_overlap=True))
+        gp.sound_velocities(
+            gp.AveragedLattice(packing).at_overlap((critical + 1e-3) * 8e-3, finite_overlap=True)
+        )
 
 
-# -- mechanisms -----------------------------------------------------------------------------------------------------------
+# -- mechanisms ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -236,14 +288,15 @@ def test_a_mechanism_without_friction_is_mended_by_friction_where_contacts_bend(
 
 @pytest.mark.parametrize("torsion", [1e-5, 1e-3])
 def test_balls_of_the_honeycomb_that_turn_like_gears_take_part_in_sound(torsion):
-    # torsion does not resist them, and displacements across the plane, which cost nothing either, are no part of them
+    # torsion does not resist them, and displacements across the plane, which cost nothing either,
+    # are no part of them
     motions = allowed_motions(2)["all"]
     for eta in np.linspace(0.7, 1.0, 31):
         lattice = gp.ContactLattice.of("honeycomb", eta, torsion=torsion, motions=motions)
         assert "turn against each other without a cost in energy" in lattice.mechanism
 
 
-# -- balls of two sizes that turn like gears -------------------------------------------------------------------------------
+# -- balls of two sizes that turn like gears -------------------------------------------------------
 
 STEEL_BALL = gp.Ball(gp.Material(193e9, 0.30, 8000.0), 8e-3, name="A")
 ALU_BALL = gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 6e-3, name="B")
@@ -259,8 +312,12 @@ def of_two_sizes(name):
 
 @pytest.mark.parametrize("scale", [1.0, 10.0])
 def test_pressed_rock_salt_of_two_sizes_is_as_stiff_as_in_lammps(scale):
-    """C44 / C33 of granular pairs with mindlin friction, all forces from LAMMPS; gears have radii for arms there."""
-    state = of_two_sizes("NaCl").at_strain(scale * np.array([-2e-5, -2e-5, -3e-5, 0.0, 0.0, 0.0]), finite_overlap=True)
+    """C44 / C33 of granular pairs with mindlin friction, all forces from LAMMPS; gears have radii
+    for arms there.
+    """
+    state = of_two_sizes("NaCl").at_strain(
+        scale * np.array([-2e-5, -2e-5, -3e-5, 0.0, 0.0, 0.0]), finite_overlap=True
+    )
     tensor = gp.moduli(state).tensor
     assert_allclose(tensor[3, 3] / tensor[2, 2], 0.36327, rtol=scale * 3e-5)
     found = gp.sound_velocities(state, (1, 0, 0)).velocities
@@ -268,19 +325,27 @@ def test_pressed_rock_salt_of_two_sizes_is_as_stiff_as_in_lammps(scale):
 
 
 def test_sheared_caesium_chloride_of_two_sizes_has_the_sound_of_its_bands():
-    state = of_two_sizes("CsCl").at_strain([-2e-5, -2e-5, -2e-5, 6e-6, 8e-6, 4e-6], finite_overlap=True)
-    assert_allclose(gp.sound_velocities(state, (1, 0, 0)).velocities, [209.77, 216.77, 292.03], rtol=3e-5)
+    state = of_two_sizes("CsCl").at_strain(
+        [-2e-5, -2e-5, -2e-5, 6e-6, 8e-6, 4e-6], finite_overlap=True
+    )
+    assert_allclose(
+        gp.sound_velocities(state, (1, 0, 0)).velocities, [209.77, 216.77, 292.03], rtol=3e-5
+    )
 
 
 @pytest.mark.claim("gears-stay-behind")
 @pytest.mark.parametrize("name", ["checkerboard", "NaCl", "CsCl"])
 @settings(max_examples=5, deadline=None)
 @given(
-    size=st.floats(-7.0, -4.0), angle=angles, shares=st.lists(st.floats(-0.3, 0.3), min_size=6, max_size=6), data=st.data()
+    size=st.floats(-7.0, -4.0),
+    angle=angles,
+    shares=st.lists(st.floats(-0.3, 0.3), min_size=6, max_size=6),
+    data=st.data(),
 )
 def test_gears_of_uneven_arms_stay_behind_in_sound(name, size, angle, shares, data):
     """Their frequency is of order e; at |q|d = e^1/2 the bands are those of sound to order e."""
-    crystal, e = of_two_sizes(name), 10.0**size
+    crystal = of_two_sizes(name)
+    e = 10.0**size
     p = crystal.periods
     strain = e * (np.diag(shares[:p]) - np.eye(p))
     for (a, b), shear in zip(itertools.combinations(range(p), 2), shares[3:], strict=False):
@@ -311,7 +376,9 @@ def test_gears_of_uneven_arms_stay_behind_in_sound(name, size, angle, shares, da
 @pytest.mark.parametrize("ratio", [1e-12, 1e-9, 1e-7, 1e-5])
 @pytest.mark.parametrize("name", ["NaCl", "CsCl"])
 def test_gears_of_nearly_equal_balls_are_those_of_equal_ones(name, ratio):
-    """At a given strain sound does not depend on the size of balls; by symmetry their difference acts at second order."""
+    """At a given strain sound does not depend on the size of balls; by symmetry their difference
+    acts at second order.
+    """
     aluminium = ALU_BALL.material
     near = ratio**2 + 1e-13
     for strain in (
@@ -320,9 +387,9 @@ def test_gears_of_nearly_equal_balls_are_those_of_equal_ones(name, ratio):
         [-3.32e-6, -3.64e-6, -4.38e-6, 6.3e-8, 3.43e-7, -4.41e-7],
     ):
         equal, nearly = (
-            gp.Crystal.on(name, [gp.Ball(aluminium, 8e-3), gp.Ball(aluminium, 8e-3 * (1.0 - part))]).at_strain(
-                strain, finite_overlap=True
-            )
+            gp.Crystal.on(
+                name, [gp.Ball(aluminium, 8e-3), gp.Ball(aluminium, 8e-3 * (1.0 - part))]
+            ).at_strain(strain, finite_overlap=True)
             for part in (0.0, ratio)
         )
         expected = gp.sound_velocities(equal, (1, 2, 3)).velocities
@@ -345,13 +412,16 @@ def test_moduli_that_are_not_positive_are_an_error(steel):
     p = (1 + packing.mindlin_ratio) / 3
     critical = p / (2 / 3 + p)
     gp.moduli(gp.AveragedLattice(packing).at_overlap((critical - 1e-3) * 8e-3, finite_overlap=True))
-    states = gp.AveragedLattice(packing).at_overlap(np.array([0.01, critical + 1e-3]) * 8e-3, finite_overlap=True)
+    states = gp.AveragedLattice(packing).at_overlap(
+        np.array([0.01, critical + 1e-3]) * 8e-3, finite_overlap=True
+    )
     with pytest.raises(InstabilityError, match=r"\(0, 0, 1\)"):
         _ = gp.moduli(states).tensor
 
 
 def test_inner_motions_that_buckle_are_an_error_where_a_strain_moves_them():
-    # of diamond the two balls of the cell shift against each other with the stiffness 4/3 (1 + 2 eta - 2 p), p the prestress
+    # of diamond the two balls of the cell shift against each other with the stiffness 4/3 (1 + 2
+    # eta - 2 p), p the prestress
     with pytest.raises(InstabilityError, match=r"q = \(0, 0, 0\)"):
         gp.ContactLattice.of("diamond", 0.5, prestress=1.01, bending=0.1).gradient_stiffness()
     gp.ContactLattice.of("diamond", 0.5, prestress=0.99, bending=0.1).gradient_stiffness()
@@ -364,7 +434,14 @@ def exact_longwave(packing, force):
     """v_L, v_T, K, G from the printed formulas, in the present precision of mpmath."""
     material = packing.material
     e, s, rho, d, f = (
-        mpmath.mpf(x) for x in (material.young_modulus, material.poisson_ratio, material.density, packing.diameter, force)
+        mpmath.mpf(x)
+        for x in (
+            material.young_modulus,
+            material.poisson_ratio,
+            material.density,
+            packing.diameter,
+            force,
+        )
     )
     eta = 2 * (1 - s) / (2 - s) if packing.friction else mpmath.mpf(0)
     k = mpmath.cbrt(mpmath.mpf(3) / 2 * (e / (2 * (1 - s**2))) ** 2 * d * f)
@@ -376,12 +453,19 @@ def exact_longwave(packing, force):
 
 
 @pytest.mark.claim("readme-range")
-@given(diameter=diameters, load=loads, sigma=st.floats(-0.99, 0.5), friction=st.booleans(), angle=angles)
+@given(
+    diameter=diameters,
+    load=loads,
+    sigma=st.floats(-0.99, 0.5),
+    friction=st.booleans(),
+    angle=angles,
+)
 def test_velocities_and_moduli_at_every_size_and_load(diameter, load, sigma, friction, angle):
     packing = gp.Packing(gp.Material(7e10, sigma, 2500.0), diameter, friction=friction)
     force = load * 7e10 * diameter**2
     state = gp.AveragedLattice(packing).at_force(force)
-    velocities, moduli = gp.sound_velocities(state), gp.moduli(state)
+    velocities = gp.sound_velocities(state)
+    moduli = gp.moduli(state)
     turned = gp.sound_velocities(state, (math.cos(angle), math.sin(angle)))
     with mpmath.workdps(40):
         longitudinal, transverse, bulk, shear, eta = exact_longwave(packing, force)
@@ -414,7 +498,9 @@ def test_acoustic_branches_at_finite_overlap_keep_eight_digits(eta, q):
 @pytest.mark.parametrize("lattice", ["square", "kagome"])
 def test_prestress_of_other_lattices_against_the_bands(steel, lattice):
     # the slope of the bands at Gamma is the sound velocity
-    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_overlap(0.02 * 8e-3, finite_overlap=True)
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_overlap(
+        0.02 * 8e-3, finite_overlap=True
+    )
     delta = 0.02
     contacts = gp.ContactLattice.of(lattice, ETA, 1 - delta, 2 / 3 * delta / (1 - delta))
     unit = 8e-3 * math.sqrt(state.normal_stiffness / state.packing.mass)

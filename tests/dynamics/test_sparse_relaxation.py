@@ -1,4 +1,6 @@
-"""Moduli and sound of cells of many balls by sparse factors: against dense singular values, and their cells."""
+"""Moduli and sound of cells of many balls by sparse factors: against dense singular values, and
+their cells.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +25,15 @@ def keep(network, kept):
 
 
 def bare(name, shape, part=1.0, slip=True, seed=2):
-    """A part of the contacts of a random network, without torsion and bending, and with slip or not."""
+    """A part of the contacts of a random network, without torsion and bending, and with slip or
+    not.
+    """
     network = random_network(name, shape)
     nothing = np.zeros(network.n_contacts)
     shear = network.shear_stiffness if slip else nothing
-    network = replace(network, shear_stiffness=shear, torsion_stiffness=nothing, bending_stiffness=nothing)
+    network = replace(
+        network, shear_stiffness=shear, torsion_stiffness=nothing, bending_stiffness=nothing
+    )
     return keep(network, np.random.default_rng(seed).uniform(size=network.n_contacts) < part)
 
 
@@ -73,10 +79,12 @@ def find_all(network):
             return f"{type(error).__name__}: {error}"
 
     return {
-        "mechanism": lattice.mechanism, "warnings": lattice.loose_warnings, "part": lattice._with_sound[1],
+        "mechanism": lattice.mechanism,
+        "warnings": lattice.loose_warnings,
+        "part": lattice._with_sound[1],
         "tensor": find(lattice.elastic_tensor),
         "sound": find(lambda: lattice.sound_velocities(np.eye(lattice.periods)[0])[0]),
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.claim("sparse-moduli")
@@ -104,14 +112,19 @@ def test_a_crystal_in_a_large_cell_has_its_moduli_and_velocities():
     state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc", friction=True)).at_force(10.0)
     network = state.network.repeat((4, 4, 4))
     assert ContactLattice.from_network(network)._is_large
-    assert_allclose(gp.moduli(network).tensor, gp.moduli(state.network).tensor, atol=1e-13 * gp.moduli(state).tensor.max())
+    assert_allclose(
+        gp.moduli(network).tensor,
+        gp.moduli(state.network).tensor,
+        atol=1e-13 * gp.moduli(state).tensor.max(),
+    )
     direction = [1.0, 2.0, 0.5]
     wanted = gp.sound_velocities(state.network, direction).velocities
     assert_allclose(gp.sound_velocities(network, direction).velocities, wanted, rtol=1e-13)
 
 
 def test_the_network_keeps_the_factors_and_progress_is_told(monkeypatch):
-    network, steps = random_network("fcc", (4, 4, 4)), []
+    network = random_network("fcc", (4, 4, 4))
+    steps = []
 
     class Told:
         def step(self, label, total=None):
@@ -137,17 +150,22 @@ def test_the_network_keeps_the_factors_and_progress_is_told(monkeypatch):
 
 
 def test_an_inner_motion_that_a_static_force_pushes_over_is_an_error(monkeypatch):
-    # one ball of many: its contacts push it aside more than they hold it, and sound of the others is not what fails
+    # one ball of many: its contacts push it aside more than they hold it, and sound of the others
+    # is not what fails
     monkeypatch.setattr(long_waves, "MANY_COLUMNS", 0)
-    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc", friction=False)).at_force(10.0)
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc", friction=False)).at_force(
+        10.0
+    )
     network = replace(state.network.repeat((3, 3, 3)), lattice=None, shape=None, prestress=True)
     pressed = (network.i == 5) | (network.j == 5)
-    force = np.where(pressed, network.normal_stiffness * network.distance, 1e-3 * network.normal_force)
+    force = np.where(
+        pressed, network.normal_stiffness * network.distance, 1e-3 * network.normal_force
+    )
     with pytest.raises(InstabilityError, match=r"q = \(0, 0, 0\)"):
         gp.sound_velocities(replace(network, normal_force=force), [1.0, 0.0, 0.0])
 
 
-# -- factors ----------------------------------------------------------------------------------------------------------------
+# -- factors ---------------------------------------------------------------------------------------
 
 
 def make_graph(n, seed=0):
@@ -164,13 +182,18 @@ def test_layers_cut_balls_into_halves_that_do_not_touch():
     layers = dissect(places, i, j)
     assert_allclose(np.sort(np.concatenate([layer.balls for layer in layers])), np.arange(300))
     below: list[set[int]] = []
-    touching = [*zip(i.tolist(), j.tolist(), strict=True), *zip(j.tolist(), i.tolist(), strict=True)]
+    touching = [
+        *zip(i.tolist(), j.tolist(), strict=True),
+        *zip(j.tolist(), i.tolist(), strict=True),
+    ]
     for layer in layers:
         inside = set(layer.balls.tolist()).union(*(below[half] for half in layer.halves))
         outside = {other for one, other in touching if one in inside} - inside
         assert set(layer.beyond.tolist()) == outside
         for half in layer.halves:
-            assert set(layers[half].beyond.tolist()).isdisjoint(*(below[other] for other in layer.halves if other != half))
+            assert set(layers[half].beyond.tolist()).isdisjoint(
+                *(below[other] for other in layer.halves if other != half)
+            )
         below.append(inside)
     assert len(layers) > 10
 
@@ -178,7 +201,9 @@ def test_layers_cut_balls_into_halves_that_do_not_touch():
 @pytest.mark.parametrize("rank", [0, 3])
 def test_factors_solve_and_leave_motions_that_cost_nothing(rank):
     places, i, j = make_graph(120)
-    rng, n, count = np.random.default_rng(1), 120, 2
+    rng = np.random.default_rng(1)
+    n = 120
+    count = 2
     rows = np.zeros((4 * len(i), n * count))
     for row in range(len(rows)):
         for end in (i, j):

@@ -26,7 +26,8 @@ def test_means_of_waves_over_the_zone(name):
 
 @pytest.mark.parametrize("name", ["chain", "square", "kagome", "sc", "fcc", "hcp"])
 def test_maxwell(name):
-    # the projector on the range of K^1/2 C has as many directions as the balls have motions, wherever q is
+    # the projector on the range of K^1/2 C has as many directions as the balls have motions,
+    # wherever q is
     medium = ContactLattice.of(name, 0.84)
     trace = 0.0
     for q, weights in divide_zone(medium.reciprocal, 4):
@@ -36,7 +37,9 @@ def test_maxwell(name):
 
 
 def shells(name):
-    """A function of q with the symmetry of the Bravais lattice: a sum of cosines over its shortest vectors."""
+    """A function of q with the symmetry of the Bravais lattice: a sum of cosines over its shortest
+    vectors.
+    """
     cell = find_lattice(name).vectors
     p = len(cell)
     vectors = np.array(list(itertools.product(range(-2, 3), repeat=p))) @ cell[:, :p]
@@ -44,13 +47,24 @@ def shells(name):
     return lambda q: np.cos(q @ near.T).sum(axis=1)
 
 
-# turns and mirrors of the shortest reciprocal vectors among themselves, with -1: all of those of the cube in sc, two mirrors
-# in the hexagonal plane, times those of its axis in hcp, those about the cube's diagonal in fcc and bcc
+# turns and mirrors of the shortest reciprocal vectors among themselves, with -1: all of those of
+# the cube in sc, two mirrors in the hexagonal plane, times those of its axis in hcp, those about
+# the cube's diagonal in fcc and bcc
 @pytest.mark.parametrize(
-    ("name", "count"), [("chain", 2), ("square", 8), ("triangular", 4), ("sc", 48), ("fcc", 12), ("bcc", 12), ("hcp", 8)]
+    ("name", "count"),
+    [
+        ("chain", 2),
+        ("square", 8),
+        ("triangular", 4),
+        ("sc", 48),
+        ("fcc", 12),
+        ("bcc", 12),
+        ("hcp", 8),
+    ],
 )
 def test_symmetries_leave_means_the_same(name, count):
-    function, reciprocal = shells(name), ContactLattice.of(name, 0.0).reciprocal
+    function = shells(name)
+    reciprocal = ContactLattice.of(name, 0.0).reciprocal
     found = find_symmetries(function, reciprocal)
     assert len(found) == count
     assert all(one.after(other) in found for one in found for other in found)
@@ -58,7 +72,9 @@ def test_symmetries_leave_means_the_same(name, count):
     assert sum(weights.sum() for _, weights in parts) == pytest.approx(1.0, rel=1e-13)
     whole = list(divide_zone(reciprocal, 6))
     assert len(parts) <= 2 * len(whole) / count + 1
-    means = [sum(weights @ np.exp(function(q) / 7.0) for q, weights in some) for some in (parts, whole)]
+    means = [
+        sum(weights @ np.exp(function(q) / 7.0) for q, weights in some) for some in (parts, whole)
+    ]
     assert means[0] == pytest.approx(means[1], rel=1e-12)
 
 
@@ -75,12 +91,16 @@ def test_a_function_of_less_symmetry_is_not_folded():
 def test_shortest_vectors_of_skewed_cells():
     skewed = np.array([[1, 0, 0], [3, 1, 0], [-2, 5, 1]]) @ ContactLattice.of("fcc", 0.0).reciprocal
     shortest = shortest_vectors(skewed)
-    np.testing.assert_allclose(np.linalg.norm(shortest, axis=1), np.linalg.norm(ContactLattice.of("fcc", 0.0).reciprocal[0]))
+    np.testing.assert_allclose(
+        np.linalg.norm(shortest, axis=1),
+        np.linalg.norm(ContactLattice.of("fcc", 0.0).reciprocal[0]),
+    )
     assert abs(np.linalg.det(shortest)) == pytest.approx(abs(np.linalg.det(skewed)))
 
 
 def test_a_function_of_the_direction_at_the_points_that_are_their_own_opposites():
-    # (a.q)^2/|q|^2 with lattice waves: bounded, without a limit at Gamma, of mean 1/3 in a cube and 1/2 in a square
+    # (a.q)^2/|q|^2 with lattice waves: bounded, without a limit at Gamma, of mean 1/3 in a cube and
+    # 1/2 in a square
     def ratio(q):
         waves = np.sin(0.5 * q) ** 2
         return waves[:, 0] / waves.sum(axis=1)

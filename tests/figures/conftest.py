@@ -28,7 +28,8 @@ def with_gid(ax, gid):
 
 def assert_inside_page(figure):
     """Nothing sticks out of the page."""
-    tight, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    tight = figure.get_tightbbox()
+    (width, height) = figure.get_size_inches()
     assert min(tight.x0, tight.y0) >= 0.0
     assert tight.x1 <= width
     assert tight.y1 <= height

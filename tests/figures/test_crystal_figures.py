@@ -37,7 +37,7 @@ def chain():
     return gp.Phonons(state_of("chain", motions="all", torsion=0.02, bending=0.01))
 
 
-# -- projection -----------------------------------------------------------------------------------------------------
+# -- projection ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("view", [View(), View(0.0, 0.0), View(33.0, 71.0), View(-120.0, -15.0)])
@@ -62,15 +62,24 @@ def test_what_is_nearer_is_drawn_later(ax):
     drawn = painter.draw(ax, "lines")
     assert_array_equal(drawn.get_edgecolor()[:, :3], [[0.0, 128 / 255, 0.0], [0, 0, 1], [1, 0, 0]])
     painter.draw(ax, "faded", fade=0.5)
-    assert_allclose(with_gid(ax, "faded").get_edgecolor()[:, :3], [[0.5, 0.5 + 64 / 255, 0.5], [0.25, 0.25, 1], [1, 0, 0]])
+    assert_allclose(
+        with_gid(ax, "faded").get_edgecolor()[:, :3],
+        [[0.5, 0.5 + 64 / 255, 0.5], [0.25, 0.25, 1], [1, 0, 0]],
+    )
 
 
-# -- the zone in space ----------------------------------------------------------------------------------------------
+# -- the zone in space -----------------------------------------------------------------------------
 
 
 def volume(faces):
-    """Volume of the body with these faces, anticlockwise as seen from outside: sum of tetrahedra from the origin."""
-    return sum(np.linalg.det([face[0], b, c]) / 6.0 for face in faces for b, c in itertools.pairwise(face[1:]))
+    """Volume of the body with these faces, anticlockwise as seen from outside: sum of tetrahedra
+    from the origin.
+    """
+    return sum(
+        np.linalg.det([face[0], b, c]) / 6.0
+        for face in faces
+        for b, c in itertools.pairwise(face[1:])
+    )
 
 
 @pytest.mark.parametrize(
@@ -101,17 +110,31 @@ def test_the_zone_in_space_is_the_wigner_seitz_cell(cell, corners):
 
 
 def test_the_zone_in_space_is_drawn_with_the_path(fcc, ax):
-    bands, view = fcc.bands("GXWKGL", npoints=3), View(40.0, 20.0)
+    bands = fcc.bands("GXWKGL", npoints=3)
+    view = View(40.0, 20.0)
     assert plot_zone(bands, ax, view=view) is ax
     path = np.array(with_gid(ax, "path").get_segments())
-    corners = np.array([fcc.special_points[name] for name in "GXWKGL"]) @ fcc.lattice.reciprocal / (2.0 * np.pi)
-    assert_allclose(path, np.stack([view.project(corners[:-1]), view.project(corners[1:])], axis=1), atol=1e-12)
-    assert {text.get_text(): tuple(text.xy) for text in ax.texts}.keys() == {"Γ", "X", "W", "K", "L"}
+    corners = (
+        np.array([fcc.special_points[name] for name in "GXWKGL"])
+        @ fcc.lattice.reciprocal
+        / (2.0 * np.pi)
+    )
+    assert_allclose(
+        path, np.stack([view.project(corners[:-1]), view.project(corners[1:])], axis=1), atol=1e-12
+    )
+    assert {text.get_text(): tuple(text.xy) for text in ax.texts}.keys() == {
+        "Γ",
+        "X",
+        "W",
+        "K",
+        "L",
+    }
     assert len(with_gid(ax, "zone").get_paths()) == 14
 
 
 @pytest.mark.parametrize(
-    ("lattice", "path"), [("sc", "GXMGRX,MR"), ("bcc", "GHNGPH,PN"), ("fcc", "GXWKGL"), ("hcp", "GMKGALHA")]
+    ("lattice", "path"),
+    [("sc", "GXMGRX,MR"), ("bcc", "GHNGPH,PN"), ("fcc", "GXWKGL"), ("hcp", "GMKGALHA")],
 )
 def test_the_corners_of_a_path_lie_apart_in_the_drawing_of_the_zone(lattice, path, ax):
     bands = gp.Phonons(state_of(lattice)).bands(path, npoints=2)
@@ -130,11 +153,13 @@ def test_the_zone_of_a_chain_is_a_line(chain, ax):
     assert ax.texts[0].get_text() == "Γ"
 
 
-# -- bands ----------------------------------------------------------------------------------------------------------
+# -- bands -----------------------------------------------------------------------------------------
 
 
 def test_bands_in_space_have_the_zone_in_a_panel_and_draw(fcc, tmp_path):
-    figure = bands_figure(fcc.bands("GXWKGL", npoints=5), fcc.dos((3, 3, 3)), asymptotes=fcc.lattice)
+    figure = bands_figure(
+        fcc.bands("GXWKGL", npoints=5), fcc.dos((3, 3, 3)), asymptotes=fcc.lattice
+    )
     figure.savefig(tmp_path / "bands.png", dpi=50)
     assert [ax for ax in figure.axes if any(a.get_gid() == "zone" for a in ax.get_children())]
     assert not figure.axes[0].child_axes
@@ -160,7 +185,9 @@ def test_names_at_a_jump_stand_one_above_the_other_where_corners_are_close(ax):
 def test_long_waves_in_space_are_three_lines_with_the_velocities_of_their_direction(fcc, ax):
     bands = fcc.bands("GX", npoints=5)
     plot_asymptotes(bands, fcc.lattice, ax)
-    speeds = gp.sound_velocities(fcc.state, fcc.lattice.wavevectors(bands.qpoints[0, -1])).velocities
+    speeds = gp.sound_velocities(
+        fcc.state, fcc.lattice.wavevectors(bands.qpoints[0, -1])
+    ).velocities
     slopes = []
     for line in ax.lines:
         x, y = line.get_data()
@@ -177,7 +204,8 @@ def test_flexural_waves_have_no_long_waves_to_draw(chain, ax):
 
 
 def test_peaks_of_flat_branches_leave_the_rest_to_be_seen(ax):
-    # 3 of 6 branches of the honeycomb out of its plane are zero everywhere, and one is flat; 2 lie from 29.4 to 32.9 kHz
+    # 3 of 6 branches of the honeycomb out of its plane are zero everywhere, and one is flat; 2 lie
+    # from 29.4 to 32.9 kHz
     dos = gp.Phonons(state_of("honeycomb", motions="out_of_plane")).dos((24, 24))
     plot_dos(dos, ax)
     peak = 1e3 * dos.total.max()  # 1/kHz
@@ -192,7 +220,7 @@ def test_peaks_of_flat_branches_leave_the_rest_to_be_seen(ax):
     assert "peaks" not in whole.get_xlabel()
 
 
-# -- slowness -------------------------------------------------------------------------------------------------------
+# -- slowness --------------------------------------------------------------------------------------
 
 
 def drawn_waves(ax):
@@ -208,7 +236,9 @@ def test_slowness_in_the_plane_is_the_inverse_of_the_velocity(ax):
     for points, line in zip(curves, lines, strict=True):
         radius = np.linalg.norm(points, axis=1)
         velocities = gp.sound_velocities(state, points[::7] / radius[::7, None]).velocities
-        assert_allclose(np.abs(velocities * radius[::7, None] / 1e3 - 1.0).min(axis=1), 0.0, atol=1e-9)
+        assert_allclose(
+            np.abs(velocities * radius[::7, None] / 1e3 - 1.0).min(axis=1), 0.0, atol=1e-9
+        )
         assert line.norm.vmax == 1.0
     # the fast wave is longitudinal
     fast = int(np.argmin([np.linalg.norm(points, axis=1).mean() for points in curves]))
@@ -222,9 +252,12 @@ def test_the_cut_through_a_crystal_is_that_of_its_closed_form(ax):
     slowness.plot_slowness(state, ax, plane=((1, 1, 0), (0, 0, 1)))
     curves, lines = drawn_waves(ax)
     assert ax.get_xlabel() == "Slowness, x+y (s/km)"
-    # without friction C11 = 2 C44 and C12 = C44; the wave across the cut has rho v^2 = C44 (cos^2/2 + sin^2)
+    # without friction C11 = 2 C44 and C12 = C44; the wave across the cut has rho v^2 = C44 (cos^2/2
+    # + sin^2)
     c44 = gp.sound_velocities(state, (1, 0, 0)).transverse[0] ** 2
-    dashed = next(points for points, line in zip(curves, lines, strict=True) if len(line.get_segments()) < 360)
+    dashed = next(
+        points for points, line in zip(curves, lines, strict=True) if len(line.get_segments()) < 360
+    )
     radius = np.linalg.norm(dashed, axis=1)
     x, z = (dashed / radius[:, None]).T
     assert_allclose((1e3 / radius) ** 2, c44 * (0.5 * x**2 + z**2), rtol=1e-9)
@@ -247,9 +280,11 @@ def test_a_slowness_figure_draws(tmp_path):
 
 
 def test_surfaces_are_as_far_from_the_middle_as_the_slowness(ax):
-    state, view = state_of("fcc", friction=False), View(0.0, 0.0)
+    state = state_of("fcc", friction=False)
+    view = View(0.0, 0.0)
     slowness.plot_slowness_surface(state, ax, view=view, colorbar=False)
-    # seen along x the outline is the slowest wave at right angles to the sight: along y + z, 1/v of the wave across
+    # seen along x the outline is the slowest wave at right angles to the sight: along y + z, 1/v of
+    # the wave across
     points = np.concatenate([path.vertices for path in with_gid(ax, "surfaces").get_paths()[:-20]])
     along = points @ np.array([1.0, 1.0]) / np.sqrt(2.0)
     slowest = 1e3 / gp.sound_velocities(state, (0, 1, 1)).velocities[0]
@@ -259,10 +294,18 @@ def test_surfaces_are_as_far_from_the_middle_as_the_slowness(ax):
 
 @pytest.mark.parametrize(
     ("direction", "name"),
-    [((1, 0, 0), "x"), ((0, -1, 0), "−y"), ((1, 1, 0), "x+y"), ((1, -2, 0), "x−2y"), ((0.1, 0.0, 0.57), "0.17x+0.98z")],
+    [
+        ((1, 0, 0), "x"),
+        ((0, -1, 0), "−y"),
+        ((1, 1, 0), "x+y"),
+        ((1, -2, 0), "x−2y"),
+        ((0.1, 0.0, 0.57), "0.17x+0.98z"),
+    ],
 )
 def test_names_of_directions(direction, name, ax):
-    slowness.plot_slowness(state_of("fcc", friction=False), ax, plane=(direction, (0.3, 0.2, 0.9)), colorbar=False)
+    slowness.plot_slowness(
+        state_of("fcc", friction=False), ax, plane=(direction, (0.3, 0.2, 0.9)), colorbar=False
+    )
     assert ax.get_xlabel() == f"Slowness, {name} (s/km)"
 
 
@@ -275,8 +318,18 @@ def test_names_of_directions(direction, name, ax):
         (state_of("fcc"), ((1, 0), (0, 1)), InputError, "plane"),
         (state_of("fcc"), 3.0, InputError, "plane"),
         (state_of("sc", friction=False), None, MechanismError, "mechanism"),
-        (state_of("triangular", motions="out_of_plane", bending=0.01), None, InputError, "flexural"),
-        (gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc")).at_force([1.0, 2.0]), None, InputError, "several loads"),
+        (
+            state_of("triangular", motions="out_of_plane", bending=0.01),
+            None,
+            InputError,
+            "flexural",
+        ),
+        (
+            gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc")).at_force([1.0, 2.0]),
+            None,
+            InputError,
+            "several loads",
+        ),
     ],
 )
 def test_what_has_no_slowness_curve_is_refused(state, plane, error, words, ax):
@@ -289,7 +342,7 @@ def test_surfaces_are_those_of_a_crystal_in_space(ax):
         slowness.plot_slowness_surface(state_of("square"), ax)
 
 
-# -- modes ----------------------------------------------------------------------------------------------------------
+# -- modes -----------------------------------------------------------------------------------------
 
 
 def colours_drawn(ax):
@@ -304,13 +357,17 @@ def moved(phonons, q, branch, **options):
 
 
 def test_a_mode_in_space_solves_the_equation_of_motion(fcc):
-    # the contacts of the drawn balls deform as C(q) says: w^2 M u is the force on a ball inside the drawing
-    q, branch = (0.21, 0.13, -0.3), 2
+    # the contacts of the drawn balls deform as C(q) says: w^2 M u is the force on a ball inside the
+    # drawing
+    q = (0.21, 0.13, -0.3)
+    branch = 2
     motion = moved(fcc, q, branch, cells=(3, 3, 3))
-    u, phi = motion.shift, motion.turn
+    u = motion.shift
+    phi = motion.turn
     eta = STEEL.mindlin_ratio
     middle = 13
-    force, torque = np.zeros(3, complex), np.zeros(3, complex)
+    force = np.zeros(3, complex)
+    torque = np.zeros(3, complex)
     partners = [(i, j) for i, j in motion.pairs if middle in (i, j)]
     assert len(partners) == 12
     for i, j in partners:
@@ -384,7 +441,7 @@ def test_an_animation_comes_back_after_a_period(lattice, tmp_path):
         assert image.n_frames == 4
 
 
-# -- sweeps ---------------------------------------------------------------------------------------------------------
+# -- sweeps ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -392,7 +449,13 @@ def test_an_animation_comes_back_after_a_period(lattice, tmp_path):
     [
         ("bcc", {}, [1.0, 100.0], ["$v_{T1}$, $v_{T2}$", "$v_L$"]),  # as fast along [100]
         ("hcp", {"friction": False}, [10.0, 12.0], ["$v_{T1}$", "$v_{T2}$", "$v_L$"]),
-        ("hcp", {"friction": False}, [1.0, 100.0], ["$v_{T1}$, $v_{T2}$", "$v_L$"]),  # close on this scale
+        # close on this scale
+        (
+            "hcp",
+            {"friction": False},
+            [1.0, 100.0],
+            ["$v_{T1}$, $v_{T2}$", "$v_L$"],
+        ),
         ("chain", {"motions": "all"}, [1.0, 100.0], ["$v_L$"]),  # bending waves have no velocity
     ],
 )
@@ -413,7 +476,9 @@ def test_slowness_and_modes_of_a_network_are_those_of_its_state(ax):
     own = [collection.get_segments() for collection in ax.collections]
     ax.clear()
     slowness.plot_slowness(state.network, ax)
-    for one, other in zip(own, [collection.get_segments() for collection in ax.collections], strict=True):
+    for one, other in zip(
+        own, [collection.get_segments() for collection in ax.collections], strict=True
+    ):
         assert_allclose(np.concatenate(other), np.concatenate(one), rtol=1e-12, atol=1e-12)
     assert isinstance(slowness.slowness_figure(state_of("fcc").network), Figure)
     ax.clear()

@@ -1,4 +1,6 @@
-"""Several runs in one figure: what is plotted is read back, and so are the words of legends and of errors."""
+"""Several runs in one figure: what is plotted is read back, and so are the words of legends and of
+errors.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.base.errors import InputError, MissingFileError
 from granphon.cli.commands import main
-from granphon.figures.curves import MOST_LOOKS, Curve, comparison_figure, draw_curve, make_looks, plot_sweep, plot_together
+from granphon.figures.curves import (
+    MOST_LOOKS,
+    Curve,
+    comparison_figure,
+    draw_curve,
+    make_looks,
+    plot_sweep,
+    plot_together,
+)
 from granphon.figures.words import describe_medium, join_facts
 from granphon.fits.fit import fit_width
 from granphon.fits.measurements import Measurements
@@ -56,10 +66,12 @@ def fit():
 
 def texts(ax):
     (legend,) = ax.legends if isinstance(ax, Figure) else [ax.get_legend()]
-    return [text.get_text().replace("\u00a0", " ").replace("\n", " ") for text in legend.get_texts()]
+    return [
+        text.get_text().replace("\u00a0", " ").replace("\n", " ") for text in legend.get_texts()
+    ]
 
 
-# -- curves -----------------------------------------------------------------------------------------------------------
+# -- curves ----------------------------------------------------------------------------------------
 
 
 def test_curves_of_several_sweeps_are_their_numbers(steel, glass, ax):
@@ -67,25 +79,35 @@ def test_curves_of_several_sweeps_are_their_numbers(steel, glass, ax):
     lines = drawn(ax, "longitudinal-all")
     for line, (data, medium) in zip(lines, ((steel, 0), (steel, 1), (glass, 0)), strict=True):
         assert_array_equal(line, np.stack([FORCE, data.longitudinal[:, medium]], axis=1))
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("Contact force (N)", "Longitudinal velocity (m/s)")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (
+        "Contact force (N)",
+        "Longitudinal velocity (m/s)",
+    )
     colours = [line.get_color() for line in ax.lines if line.get_gid() == "longitudinal-all"]
     assert len(set(colours)) == 3
     # the legend says what differs, the title what is shared
     # what has no heading does not stand below that of another
     assert texts(ax)[0] == "E = 70 GPa, ν = 0.22, ρ = 2500 kg/m³, effective medium"
     assert texts(ax)[-3:] == [
-        "E = 211.65 GPa, ν = 0.276, ρ = 7840 kg/m³:", "effective medium", "simulation, 2 samples of 8 x 8 balls",
-    ]  # fmt: skip
-    assert ax.get_title().replace("\u00a0", " ") == "triangular lattice, d = 8 mm, W = 2.04 µm, with friction"
+        "E = 211.65 GPa, ν = 0.276, ρ = 7840 kg/m³:",
+        "effective medium",
+        "simulation, 2 samples of 8 x 8 balls",
+    ]
+    assert (
+        ax.get_title().replace("\u00a0", " ")
+        == "triangular lattice, d = 8 mm, W = 2.04 µm, with friction"
+    )
 
 
 def test_a_run_of_one_curve_stands_below_the_heading_that_it_shares(steel, glass, ax):
     again = gp.sweep(balls(), force=FORCE, media="ala")
     plot_together([again, steel, glass], ax)
     assert texts(ax)[-4:] == [
-        "E = 211.65 GPa, ν = 0.276, ρ = 7840 kg/m³:", "averaged lattice", "effective medium",
+        "E = 211.65 GPa, ν = 0.276, ρ = 7840 kg/m³:",
+        "averaged lattice",
+        "effective medium",
         "simulation, 2 samples of 8 x 8 balls",
-    ]  # fmt: skip
+    ]
     assert "E = 70 GPa, ν = 0.22, ρ = 2500 kg/m³, effective medium" in texts(ax)[:-4]
 
 
@@ -119,20 +141,30 @@ def test_parameters_of_a_sweep_are_facts_like_those_of_a_packing(ax):
 
 
 def test_a_parameter_takes_the_place_of_the_load(ax):
-    kinds = [gp.Ball(gp.Material(193e9, 0.3, 8000.0), d, name=name) for d, name in ((8e-3, "A"), (6e-3, "B"))]
+    kinds = [
+        gp.Ball(gp.Material(193e9, 0.3, 8000.0), d, name=name)
+        for d, name in ((8e-3, "A"), (6e-3, "B"))
+    ]
     values = {"A.mass": [1e-3, 2e-3, 3e-3], "B.mass": [1e-3, 2e-3]}
     data = gp.sweep(gp.Crystal.on("chain", kinds), force=[1.0, 10.0], **values)
-    for draw in (lambda: plot_together([data], ax, x="A.mass"), lambda: plot_sweep(data, ax, x="A.mass")):
+    for draw in (
+        lambda: plot_together([data], ax, x="A.mass"),
+        lambda: plot_sweep(data, ax, x="A.mass"),
+    ):
         ax.clear()
         draw()
         assert ax.get_xlabel() == "A.mass (kg)"
         lines = [line for line in ax.lines if str(line.get_gid()).endswith("-valid")]
         assert len(lines) == 4
-        for line, (mass, force) in zip(lines, [(m, f) for f in range(2) for m in range(2)], strict=True):
+        for line, (mass, force) in zip(
+            lines, [(m, f) for f in range(2) for m in range(2)], strict=True
+        ):
             assert_array_equal(line.get_xdata(), values["A.mass"])
             wanted = data["longitudinal"].isel({"load": force, "B.mass": mass, "medium": 0})
             assert_array_equal(line.get_ydata(), wanted)
-    assert {"force 10 N", "m = 0.002 kg of B"} <= {text.get_text() for text in ax.get_legend().get_texts()}
+    assert {"force 10 N", "m = 0.002 kg of B"} <= {
+        text.get_text() for text in ax.get_legend().get_texts()
+    }
     with pytest.raises(InputError, match=r"'bulk' is no load. Use force, .*, A.mass, B.mass"):
         plot_together([data], ax, x="bulk")
 
@@ -142,15 +174,27 @@ def test_beyond_the_colours_dashes_tell_lines_apart(ax):
     assert len({(look.colour, look.dashes) for look in looks}) == MOST_LOOKS
     assert len({(look.colour, look.marker) for look in looks}) == MOST_LOOKS
     assert all(look.dashes != (3.0, 1.5) for look in looks)  # which are those outside the range
-    many = gp.sweep(balls(), force=[3.0, 4.0], width=np.linspace(1e-6, 2e-6, MOST_LOOKS + 1).tolist())
+    many = gp.sweep(
+        balls(), force=[3.0, 4.0], width=np.linspace(1e-6, 2e-6, MOST_LOOKS + 1).tolist()
+    )
     with pytest.raises(InputError, match="25 curves are too many to be told apart"):
         plot_together([many], ax)
 
 
 def test_dashes_are_not_filled_by_the_line_outside_the_range(ax):
-    curve = Curve("", {}, np.arange(1.0, 7.0), np.arange(1.0, 7.0), np.full(6, np.nan), np.arange(6) > 2, np.zeros(6, bool))
+    curve = Curve(
+        "",
+        {},
+        np.arange(1.0, 7.0),
+        np.arange(1.0, 7.0),
+        np.full(6, np.nan),
+        np.arange(6) > 2,
+        np.zeros(6, bool),
+    )
     draw_curve(ax, curve, make_looks(7)[-1], "y")
-    assert_array_equal(np.isfinite(drawn(ax, "y-outside")[0][:, 1]), [True, True, True, True, False, False])
+    assert_array_equal(
+        np.isfinite(drawn(ax, "y-outside")[0][:, 1]), [True, True, True, True, False, False]
+    )
     assert_array_equal(np.isfinite(drawn(ax, "y-valid")[0][:, 1]), curve.valid)
     (carrier,) = (line for line in ax.lines if line.get_gid() == "y-all")
     assert carrier.get_linestyle() == "None"
@@ -161,7 +205,10 @@ def test_states_that_differ_in_their_load_are_one_set_of_points(tmp_path, glass,
     plot_together([*results, glass], ax)
     (points, _) = drawn(ax, "longitudinal-all")
     assert_array_equal(points[:, 0], [4.0, 9.0])
-    assert_allclose(points[:, 1], gp.sound_velocities(gp.EffectiveMedium(balls()).at_force([4.0, 9.0])).longitudinal)
+    assert_allclose(
+        points[:, 1],
+        gp.sound_velocities(gp.EffectiveMedium(balls()).at_force([4.0, 9.0])).longitudinal,
+    )
     assert len(texts(ax)) == 2
 
 
@@ -175,22 +222,32 @@ def test_fits_bring_their_data(steel, fit, ax):
     assert "data" in texts(ax)
 
 
-# -- measured points --------------------------------------------------------------------------------------------------
+# -- measured points -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("heading", "unit"), [("force (N)", 1.0), ("pressure (kN/m)", 1e-3)])
 @pytest.mark.parametrize("x", ["force", "pressure", "reduced force"])
 def test_data_stand_where_their_load_is(tmp_path, glass, ax, heading, unit, x):
-    known = {"force": glass.force, "pressure": glass.pressure[:, 0], "reduced force": glass.reduced_force[:, 0]}
+    known = {
+        "force": glass.force,
+        "pressure": glass.pressure[:, 0],
+        "reduced force": glass.reduced_force[:, 0],
+    }
     given = np.asarray(known[heading.split()[0]]) * unit
     rows = [f"{load!r},{400 + n} m/s,2 %" for n, load in enumerate(given.tolist())]
-    text = "\n".join([f"{heading},velocity (m/s),sigma (%)", *rows]).replace(" m/s,", ",").replace(" %\n", "\n")
+    text = (
+        "\n".join([f"{heading},velocity (m/s),sigma (%)", *rows])
+        .replace(" m/s,", ",")
+        .replace(" %\n", "\n")
+    )
     (tmp_path / "mine.csv").write_text(text.removesuffix(" %"), encoding="utf-8")
     plot_together([glass], ax, x=x, data=tmp_path / "mine.csv")
     points, _, (bars,) = ax.containers[0].lines
     assert_allclose(points.get_xydata()[:, 0], known[x], rtol=1e-12)
     assert_allclose(points.get_xydata()[:, 1], 400.0 + np.arange(5))
-    assert_allclose([np.ptp(one[:, 1]) for one in bars.get_segments()], 0.04 * (400.0 + np.arange(5)), rtol=1e-9)
+    assert_allclose(
+        [np.ptp(one[:, 1]) for one in bars.get_segments()], 0.04 * (400.0 + np.arange(5)), rtol=1e-9
+    )
     assert points.get_color() == "black"
 
 
@@ -199,7 +256,11 @@ def test_data_that_no_axis_holds(steel, fcc, ax):
     for results, options, told in (
         ([steel], {"y": "bulk"}, "measured velocities share no axis with bulk"),
         ([steel], {"x": "overlap"}, "The overlap of balls was not measured"),
-        ([gp.sweep(balls(), force=[2.0], width=[1e-6, 2e-6])], {"x": "reduced_force"}, "not the same multiple"),
+        (
+            [gp.sweep(balls(), force=[2.0], width=[1e-6, 2e-6])],
+            {"x": "reduced_force"},
+            "not the same multiple",
+        ),
     ):
         with pytest.raises(InputError, match=told):
             plot_together(results, ax, data=data, **options)
@@ -210,18 +271,21 @@ def test_pressures_of_other_balls_are_asked_for_as_forces(tmp_path, steel, ax):
     (tmp_path / "mine.csv").write_text("pressure (N/m),velocity (m/s)\n400,500\n", encoding="utf-8")
     small = gp.sweep(gp.Packing(STEEL, 1e-3, SPREAD), force=FORCE, media="ala")
     with pytest.raises(
-        InputError, match=r"not the same multiple of the contact force .* Give the contact forces in the file"
+        InputError,
+        match=r"not the same multiple of the contact force .* Give the contact forces in the file",
     ):
         plot_together([steel, small], ax, data=tmp_path / "mine.csv")
 
 
-# -- what cannot share an axis ----------------------------------------------------------------------------------------
+# -- what cannot share an axis ---------------------------------------------------------------------
 
 
 def test_what_cannot_share_an_axis_is_named(steel, fcc, fit, ax):
     chain = gp.sweep(gp.Packing(STEEL, 8e-3, lattice="chain"), force=FORCE)
     bands = gp.Phonons(gp.AveragedLattice(balls()).at_force(3.0)).bands("GK", npoints=3)
-    square = gp.Phonons(gp.AveragedLattice(balls(lattice="square")).at_force(3.0)).bands("GX", npoints=3)
+    square = gp.Phonons(gp.AveragedLattice(balls(lattice="square")).at_force(3.0)).bands(
+        "GX", npoints=3
+    )
     for results, options, told in (
         (
             {"a": steel, "b": fcc},
@@ -233,12 +297,24 @@ def test_what_cannot_share_an_axis_is_named(steel, fcc, fit, ax):
             {"y": "transverse"},
             "^b and c hold no transverse. All runs hold .*longitudinal",
         ),
-        ({"a": steel, "b": bands}, {}, "^b holds bands and no velocities. a is a sweep: they cannot share an axis"),
-        ({"a": bands, "b": square}, {}, "^the bands of a and b cannot share an axis: their paths differ. .*G-K.*G-X"),
+        (
+            {"a": steel, "b": bands},
+            {},
+            "^b holds bands and no velocities. a is a sweep: they cannot share an axis",
+        ),
+        (
+            {"a": bands, "b": square},
+            {},
+            "^the bands of a and b cannot share an axis: their paths differ. .*G-K.*G-X",
+        ),
         ({"a": steel, "b": fit}, {"y": "bulk"}, "^b holds no bulk"),
         ({"a": steel}, {"y": "longitudnal"}, "Did you mean longitudinal"),
         ({"a": steel}, {"x": "presure"}, "Did you mean pressure"),
-        ({"a": fcc}, {"x": "reduced_force"}, "^reduced_force of a has no finite value. It is infinite for equal balls"),
+        (
+            {"a": fcc},
+            {"x": "reduced_force"},
+            "^reduced_force of a has no finite value. It is infinite for equal balls",
+        ),
         ({"a": "text"}, {}, "'text' shares no figure with others"),
         ({}, {}, "nothing to draw"),
     ):
@@ -247,18 +323,22 @@ def test_what_cannot_share_an_axis_is_named(steel, fcc, fit, ax):
     assert not ax.lines
 
 
-# -- bands, and densities of states -----------------------------------------------------------------------------------
+# -- bands, and densities of states ----------------------------------------------------------------
 
 
 def test_bands_of_which_nothing_is_known_leave_the_names_of_all(tmp_path, ax):
-    result = run_scene(tmp_path, "bands", "force: 3 N", "medium: ala\nobserve: [bands]\nphonopy: {band_points: 3}")
+    result = run_scene(
+        tmp_path, "bands", "force: 3 N", "medium: ala\nobserve: [bands]\nphonopy: {band_points: 3}"
+    )
     plot_together([result, result.bands], ax)
     assert texts(ax) == ["result 1", "result 2"]
     assert ax.get_title() == ""
 
 
 def test_bands_are_drawn_one_over_the_other(ax):
-    phonons = [gp.Phonons(gp.AveragedLattice(balls(friction=one)).at_force(3.0)) for one in (True, False)]
+    phonons = [
+        gp.Phonons(gp.AveragedLattice(balls(friction=one)).at_force(3.0)) for one in (True, False)
+    ]
     bands = [one.bands("GKMG", npoints=5) for one in phonons]
     plot_together({"rough": bands[0], "smooth": bands[1]}, ax)
     for n, one in enumerate(bands):
@@ -273,7 +353,7 @@ def test_bands_are_drawn_one_over_the_other(ax):
     assert texts(figure) == ["result 1", "result 2"]
 
 
-# -- gp.plot ----------------------------------------------------------------------------------------------------------
+# -- gp.plot ---------------------------------------------------------------------------------------
 
 
 def test_plot_takes_several_results_and_an_axes(steel, glass, ax):
@@ -290,27 +370,64 @@ def test_plot_takes_several_results_and_an_axes(steel, glass, ax):
         gp.plot([steel, glass], variable="bulk")
 
 
-# -- words ------------------------------------------------------------------------------------------------------------
+# -- words -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("medium", "words"),
     [
-        ("ala", "averaged lattice"), ({"ema": {"local_field": "paper"}}, "effective medium, local field of the paper"),
-        ({"simulation": {"shape": (32, 32), "samples": 4}}, "simulation, 4 samples of 32 x 32 balls"),
+        ("ala", "averaged lattice"),
+        ({"ema": {"local_field": "paper"}}, "effective medium, local field of the paper"),
+        (
+            {"simulation": {"shape": (32, 32), "samples": 4}},
+            "simulation, 4 samples of 32 x 32 balls",
+        ),
         ("simulation", "simulation, a sample of 128 x 128 balls"),
-        ({"simulation": {"shape": (8, 8), "seed": 3, "geometry": "exact"}},
-         "simulation, a sample of 8 x 8 balls, exact geometry, seed 3"),
-        ({"simulation": {"shape": (8, 8), "friction_history": True, "friction_coefficient": 0.2, "ordered": True}},
-         "simulation, a sample of 8 x 8 balls, friction coefficient 0.2, loaded with friction, as a path"),
-        ({"simulation": {"shape": (8, 8), "friction_history": True, "friction_coefficient": 0.2, "start": "gas"}},
-         "simulation, a sample of 8 x 8 balls, friction coefficient 0.2, loaded with friction, from the gas"),
-        ({"simulation": {"shape": (8, 8), "friction_history": True, "friction_coefficient": 0.2, "start": 0.6}},
-         "simulation, a sample of 8 x 8 balls, friction coefficient 0.2, loaded with friction, from a* of 0.6"),
-        ({"auto": {"tolerance": 1e-2}}, "automatic medium, error below 1 %"), ({"cluster": {"balls": 7}}, "cluster medium"),
+        (
+            {"simulation": {"shape": (8, 8), "seed": 3, "geometry": "exact"}},
+            "simulation, a sample of 8 x 8 balls, exact geometry, seed 3",
+        ),
+        (
+            {
+                "simulation": {
+                    "shape": (8, 8),
+                    "friction_history": True,
+                    "friction_coefficient": 0.2,
+                    "ordered": True,
+                }
+            },
+            "simulation, a sample of 8 x 8 balls, friction coefficient 0.2, loaded with"
+            " friction, as a path",
+        ),
+        (
+            {
+                "simulation": {
+                    "shape": (8, 8),
+                    "friction_history": True,
+                    "friction_coefficient": 0.2,
+                    "start": "gas",
+                }
+            },
+            "simulation, a sample of 8 x 8 balls, friction coefficient 0.2, loaded with"
+            " friction, from the gas",
+        ),
+        (
+            {
+                "simulation": {
+                    "shape": (8, 8),
+                    "friction_history": True,
+                    "friction_coefficient": 0.2,
+                    "start": 0.6,
+                }
+            },
+            "simulation, a sample of 8 x 8 balls, friction coefficient 0.2, loaded with"
+            " friction, from a* of 0.6",
+        ),
+        ({"auto": {"tolerance": 1e-2}}, "automatic medium, error below 1 %"),
+        ({"cluster": {"balls": 7}}, "cluster medium"),
         ({"cluster": {"balls": 13}}, "cluster medium, 13 balls"),
     ],
-)  # fmt: skip
+)
 def test_media_are_named_in_words(medium, words):
     label = MediumChoice.parse(medium).label
     found = describe_medium(label)
@@ -323,7 +440,10 @@ def test_cells_of_several_balls_are_called_cells():
 
 
 def test_lines_of_a_legend_break_between_facts():
-    assert join_facts(["E = 1 GPa", "ρ = 2500 kg/m³"], 12).replace("\u00a0", " ") == "E = 1 GPa,\nρ = 2500 kg/m³"
+    assert (
+        join_facts(["E = 1 GPa", "ρ = 2500 kg/m³"], 12).replace("\u00a0", " ")
+        == "E = 1 GPa,\nρ = 2500 kg/m³"
+    )
 
 
 def test_an_automatic_medium_shows_which_medium_served(ax):
@@ -334,12 +454,16 @@ def test_an_automatic_medium_shows_which_medium_served(ax):
     for name in set(served):
         there = np.array(served) == name
         marked = drawn(ax, f"longitudinal-served-{name}")
-        assert_array_equal(np.concatenate(marked), np.stack([data.force, data.longitudinal[:, 0]], axis=1)[there])
-    assert len({line.get_marker() for line in ax.lines if "served" in line.get_gid()}) == len(set(served))
+        assert_array_equal(
+            np.concatenate(marked), np.stack([data.force, data.longitudinal[:, 0]], axis=1)[there]
+        )
+    assert len({line.get_marker() for line in ax.lines if "served" in line.get_gid()}) == len(
+        set(served)
+    )
     assert {f"{describe_medium(name)} served" for name in served} <= set(texts(ax))
 
 
-# -- the command ------------------------------------------------------------------------------------------------------
+# -- the command -----------------------------------------------------------------------------------
 
 
 def run_scene(place: Path, name: str, load: str, more: str = "medium: ema"):
@@ -357,7 +481,9 @@ def folders(tmp_path_factory, fit):
     place = tmp_path_factory.mktemp("runs")
     run_scene(place, "sweep", "force: [2 N, 5 N, 20 N]")
     run_scene(place, "one", "side_force: 300 N, balls_per_side: 31")
-    run_scene(place, "bands", "force: 3 N", "medium: ema\nobserve: [bands]\nphonopy: {band_points: 3}")
+    run_scene(
+        place, "bands", "force: 3 N", "medium: ema\nobserve: [bands]\nphonopy: {band_points: 3}"
+    )
     fit.write(place / "fit")
     rows = ["side_force (N),velocity (m/s)", "300,500", "600,600"]
     (place / "side.csv").write_text("\n".join(rows), encoding="utf-8")
@@ -366,7 +492,23 @@ def folders(tmp_path_factory, fit):
 
 def test_the_command_draws_folders_and_files_in_one_figure(folders, monkeypatch, capsys):
     monkeypatch.chdir(folders)
-    assert main(["plot", "sweep", "one", "fit", "--data", "side.csv", "--x", "pressure", "-o", "all.pdf"]) == 0
+    assert (
+        main(
+            [
+                "plot",
+                "sweep",
+                "one",
+                "fit",
+                "--data",
+                "side.csv",
+                "--x",
+                "pressure",
+                "-o",
+                "all.pdf",
+            ]
+        )
+        == 0
+    )
     assert (folders / "all.pdf").read_bytes().startswith(b"%PDF")
     assert main(["plot", "sweep/sweep.nc", "fit/fit.yaml", "one/summary.yaml"]) == 0
     assert "Wrote comparison.png" in capsys.readouterr().out
@@ -376,16 +518,24 @@ def test_the_command_draws_one_folder_over_another_load(folders, monkeypatch):
     monkeypatch.chdir(folders)
     assert main(["plot", "fit", "-o", "only.svg"]) == 0
     assert b"Residual" in (folders / "only.svg").read_bytes()
-    assert main(["plot", "sweep", "--x", "overlap", "--y", "contact_fraction", "-o", "one.svg"]) == 0
+    assert (
+        main(["plot", "sweep", "--x", "overlap", "--y", "contact_fraction", "-o", "one.svg"]) == 0
+    )
     assert b"Fraction of contacts" in (folders / "one.svg").read_bytes()
 
 
-def test_the_command_says_in_one_line_what_is_wrong_and_writes_nothing(folders, monkeypatch, capsys):
+def test_the_command_says_in_one_line_what_is_wrong_and_writes_nothing(
+    folders, monkeypatch, capsys
+):
     monkeypatch.chdir(folders)
     before = sorted(folders.rglob("*"))
     for words, told in (
-        (["sweep", "bands/band.yaml"], "bands/band.yaml holds bands and no velocities. sweep is a sweep: they cannot share"),
-        (["sweep", "nowhere"], "there is no folder nowhere"), (["sweep", "sweep"], "sweep is given twice"),
+        (
+            ["sweep", "bands/band.yaml"],
+            "bands/band.yaml holds bands and no velocities. sweep is a sweep: they cannot share",
+        ),
+        (["sweep", "nowhere"], "there is no folder nowhere"),
+        (["sweep", "sweep"], "sweep is given twice"),
         (["sweep", "one", "--y", "exponnt"], "Did you mean exponent"),
         (["sweep", "one", "-o", "x.txt"], "names no figure format"),
         (["sweep", "fit", "--data", "side.csv"], "side.csv gives side forces"),
@@ -393,7 +543,7 @@ def test_the_command_says_in_one_line_what_is_wrong_and_writes_nothing(folders, 
         (["sweep", "side.csv"], "side.csv is no folder, and no file of results"),
         (["fit", "sweep/sweep.csv"], "sweep/sweep.csv is no folder, and no file of results"),
         (["sweep", "sweep.yaml"], "sweep.yaml is no folder, and no file of results"),
-    ):  # fmt: skip
+    ):
         assert main(["plot", *words, *["-o", "new.png"] * ("-o" not in words)]) == 2, words
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
@@ -405,7 +555,9 @@ def test_a_summary_of_another_schema_is_refused(folders, tmp_path):
     shutil.copytree(folders / "one", tmp_path / "one")
     text = (tmp_path / "one" / "summary.yaml").read_text()
     (tmp_path / "one" / "summary.yaml").write_text(text.replace("schema: 1", "schema: 2"))
-    with pytest.raises(InputError, match=r"summary\.yaml has the schema 2\..*reads and writes schema 1"):
+    with pytest.raises(
+        InputError, match=r"summary\.yaml has the schema 2\..*reads and writes schema 1"
+    ):
         read_run(tmp_path / "one" / "summary.yaml")
 
 

@@ -30,7 +30,9 @@ def test_a_fit_is_drawn_with_data_ideal_lattice_and_residuals(fit, ax):
     assert plot_fit(fit, ax, below) == (ax, below)
     (curve,), (ideal,) = drawn(ax, "fit"), drawn(ax, "ideal")
     assert_allclose(curve[:, 1], fit.velocity_at(curve[:, 0]), rtol=1e-14)
-    assert_allclose(np.diff(np.log(ideal[:, 1])) / np.diff(np.log(ideal[:, 0])), 1.0 / 6.0, rtol=1e-9)
+    assert_allclose(
+        np.diff(np.log(ideal[:, 1])) / np.diff(np.log(ideal[:, 0])), 1.0 / 6.0, rtol=1e-9
+    )
     assert (curve[:, 1] < ideal[:, 1]).all()
     assert_array_equal([curve[0, 0], curve[-1, 0]], [fit.force[0], fit.force[-1]])
     points, bars = (below.containers[0][i] for i in (0, 2))
@@ -38,7 +40,9 @@ def test_a_fit_is_drawn_with_data_ideal_lattice_and_residuals(fit, ax):
     assert_allclose([np.ptp(segment[:, 1]) for segment in bars[0].get_segments()], 2.0, rtol=1e-12)
     data = ax.containers[0]
     assert_array_equal(data[0].get_xydata(), np.column_stack([fit.force, fit.velocity]))
-    assert_allclose([np.ptp(s[:, 1]) for s in data[2][0].get_segments()], 2.0 * fit.sigma, rtol=1e-9)
+    assert_allclose(
+        [np.ptp(s[:, 1]) for s in data[2][0].get_segments()], 2.0 * fit.sigma, rtol=1e-9
+    )
     assert (ax.get_ylabel(), below.get_ylabel()) == ("Longitudinal velocity (m/s)", "Residual / σ")
     assert below.get_xlabel() == "Contact force (N)"
 
@@ -48,12 +52,15 @@ def test_the_figure_of_a_fit_names_width_and_error(fit):
     upper, lower = figure.axes
     data, fitted, equal = texts(upper.get_legend())
     assert (data, equal) == ("data", "equal balls")
-    assert fitted == f"effective\u00a0medium:\nW = {fit.width * 1e6:.3f} ± {fit.stderr * 1e6:.3f} µm"
+    assert (
+        fitted == f"effective\u00a0medium:\nW = {fit.width * 1e6:.3f} ± {fit.stderr * 1e6:.3f} µm"
+    )
     assert upper.get_xlim() == lower.get_xlim()
 
 
 def test_pulses_of_many_frequencies_are_drawn_at_the_data():
-    force, hertz = np.array([2.0, 6.0, 18.0]), np.array([2e3, 3e3, 4e3])
+    force = np.array([2.0, 6.0, 18.0])
+    hertz = np.array([2e3, 3e3, 4e3])
     group = pulse_velocities(EffectiveMedium(PACKING).at_force(force), hertz, (0.0, 1.0)).group[0]
     fit = fit_width(PACKING, force, group, 1.0, hertz)
     upper, _ = fit_figure(fit).axes
@@ -68,4 +75,5 @@ def test_exact_data_have_a_figure_too(tmp_path):
     exact = sound_velocities(EffectiveMedium(PACKING).at_force(force)).longitudinal
     figure = fit_figure(fit_width(PACKING, force, exact))
     figure.savefig(tmp_path / "fit.png")
-    assert texts(figure.axes[0].get_legend())[1] == "effective\u00a0medium:\nW = 2.04 µm"  # its error is not known
+    # its error is not known
+    assert texts(figure.axes[0].get_legend())[1] == "effective\u00a0medium:\nW = 2.04 µm"

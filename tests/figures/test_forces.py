@@ -23,13 +23,19 @@ PACKING = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
 @pytest.fixture(scope="module")
 def simulated():
     """Near the threshold: many contacts are open."""
-    return gp.DirectSimulation(PACKING, (12, 10), seed=3, samples=3).at_overlap(2.04e-6 * (0.45 - 0.5))
+    return gp.DirectSimulation(PACKING, (12, 10), seed=3, samples=3).at_overlap(
+        2.04e-6 * (0.45 - 0.5)
+    )
 
 
 def chains(ax):
     """Segments (n, 2, 2), forces and widths of the contacts drawn."""
     (lines,) = [c for c in ax.collections if c.get_gid() == "forces"]
-    return np.array(lines.get_segments()), np.asarray(lines.get_array()), np.asarray(lines.get_linewidths())
+    return (
+        np.array(lines.get_segments()),
+        np.asarray(lines.get_array()),
+        np.asarray(lines.get_linewidths()),
+    )
 
 
 def wrapped(places, shape):
@@ -44,10 +50,12 @@ def test_every_contact_that_carries_load_is_a_line_between_its_balls(simulated, 
     assert plot_forces(sample, ax) is ax
     segments, values, widths = chains(ax)
     forces = sample.contact_forces / sample.force
-    starts, ways = wrapped(segments[:, 0], (12, 10)), segments[:, 1] - segments[:, 0]
+    starts = wrapped(segments[:, 0], (12, 10))
+    ways = segments[:, 1] - segments[:, 0]
     kinds = np.argmax(ways @ TRIANGULAR.contacts.normal.T, axis=1)
     assert_allclose(ways, TRIANGULAR.contacts.normal[kinds], atol=1e-12)
-    # each line has the force of its contact, and every closed contact has one line, or two if it crosses an edge
+    # each line has the force of its contact, and every closed contact has one line, or two if it
+    # crosses an edge
     assert_allclose(values, forces[starts[:, 0], starts[:, 1], kinds], rtol=1e-12)
     contacts, lines = np.unique(np.column_stack([starts, kinds]), axis=0, return_counts=True)
     assert len(contacts) == np.count_nonzero(forces) < 0.8 * forces.size
@@ -64,7 +72,8 @@ def test_a_contact_across_an_edge_is_drawn_on_both_sides(simulated, ax):
     inside = np.all((segments > [left, bottom]) & (segments < [right, top]), axis=2)
     assert np.all(np.any(inside, axis=1))  # nothing is drawn wholly outside
     middles = segments[~np.all(inside, axis=1)].mean(axis=1)
-    # of the two lines of a contact one is the other moved by a period: (12, 0), or (-5, 10 sqrt(3)/2), or both
+    # of the two lines of a contact one is the other moved by a period: (12, 0), or (-5, 10
+    # sqrt(3)/2), or both
     periods = np.array([(12.0, 0.0), (-5.0, height), (7.0, height), (-17.0, height)])
     moved = (middles[:, None, None] + np.concatenate([periods, -periods])[:, None])[:, :, 0]
     apart = np.linalg.norm(moved[:, :, None] - middles, axis=-1)
@@ -75,7 +84,10 @@ def test_a_contact_across_an_edge_is_drawn_on_both_sides(simulated, ax):
 def test_the_map_says_what_it_shows(simulated):
     ax = plot_forces(simulated.sample)
     state, figure = simulated.sample.equilibrium, ax.get_figure()
-    assert ax.get_title() == f"$f^*$ = {state.force:.3g}, $a^*$ = 0.45, $N_c$ = {simulated.sample.contact_fraction():.3f}"
+    assert (
+        ax.get_title() == f"$f^*$ = {state.force:.3g}, $a^*$ = 0.45, $N_c$ ="
+        f" {simulated.sample.contact_fraction():.3f}"
+    )
     assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("$x/d$", "$y/d$", 1.0)
     assert figure.axes[1].get_xlabel() == "Contact force over its mean"
     assert figure.axes[1].get_xlim() == pytest.approx((0.0, chains(ax)[1].max()))
@@ -96,10 +108,12 @@ def test_of_a_large_array_the_density_of_the_force_is_drawn(wide, ax):
     (mesh,) = ax.collections
     assert mesh.get_gid() == "density"
     corners = np.asarray(mesh.get_coordinates())
-    x, y = corners[0, :, 0], corners[:, 0, 1]
+    x = corners[0, :, 0]
+    y = corners[:, 0, 1]
     assert (len(x) - 1, len(y) - 1) == (16, 3)
     # each contact counts half at each of its balls, those that carry nothing too
-    forces, table = sample.contact_forces / sample.force, TRIANGULAR.contacts
+    forces = sample.contact_forces / sample.force
+    table = TRIANGULAR.contacts
     sums = np.zeros((64, 12))
     for contact, (p, q) in enumerate(table.shift[:, :2]):
         for row, column in np.ndindex(64, 12):
@@ -110,11 +124,14 @@ def test_of_a_large_array_the_density_of_the_force_is_drawn(wide, ax):
         np.searchsorted(x, np.mod(places[..., 0] + 1e-9, 64.0), "right") - 1,
         np.searchsorted(y, places[..., 1], "right") - 1,
     )
-    expected, count = np.zeros((16, 3)), np.zeros((16, 3))
+    expected = np.zeros((16, 3))
+    count = np.zeros((16, 3))
     np.add.at(expected, where, sums)
     np.add.at(count, where, 6.0)
     assert_allclose(np.asarray(mesh.get_array()).T, expected / count, rtol=1e-9)
-    assert "means over 4 x 3.5 $d$" in ax.get_figure().axes[1].get_xlabel().replace("3.5 x 4", "4 x 3.5")
+    assert "means over 4 x 3.5 $d$" in ax.get_figure().axes[1].get_xlabel().replace(
+        "3.5 x 4", "4 x 3.5"
+    )
 
 
 def test_a_window_shows_the_contacts_inside_it(wide, ax):
@@ -136,7 +153,9 @@ def test_the_figure_of_a_large_array_marks_its_window(wide, tmp_path):
     whole, window, distribution = figure.axes[:3]
     (marked,) = [patch for patch in whole.patches if patch.get_gid() == "window"]
     assert window.get_xlim() == pytest.approx((marked.get_x(), marked.get_x() + marked.get_width()))
-    assert window.get_ylim() == pytest.approx((marked.get_y(), marked.get_y() + marked.get_height()))
+    assert window.get_ylim() == pytest.approx(
+        (marked.get_y(), marked.get_y() + marked.get_height())
+    )
     assert distribution.get_ylabel() == "Probability density"
     figure.savefig(tmp_path / "forces.png", dpi=50)
     assert_inside_page(figure)
@@ -145,10 +164,12 @@ def test_the_figure_of_a_large_array_marks_its_window(wide, tmp_path):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"show": "some"}, "allowed: all, window, density, auto"), ({"window": (3.0, 2.0, 1.0, 4.0)}, "left, lower, right"),
-        ({"window": (1.0, 2.0)}, "left, lower, right"), ({"window": (500.0, 0.0, 510.0, 9.0)}, "no ball of the array"),
+        ({"show": "some"}, "allowed: all, window, density, auto"),
+        ({"window": (3.0, 2.0, 1.0, 4.0)}, "left, lower, right"),
+        ({"window": (1.0, 2.0)}, "left, lower, right"),
+        ({"window": (500.0, 0.0, 510.0, 9.0)}, "no ball of the array"),
     ],
-)  # fmt: skip
+)
 def test_forces_that_cannot_be_shown(simulated, ax, options, told):
     with pytest.raises(InputError, match=told):
         plot_forces(simulated.sample, ax, **options)
@@ -157,7 +178,9 @@ def test_forces_that_cannot_be_shown(simulated, ax, options, told):
 def of_packing(name):
     """A network of LAMMPS' disks in a periodic plane, or balls in a periodic space."""
     glass = gp.Material(young_modulus=70e9, poisson_ratio=0.2, density=2500.0)
-    return gp.ContactNetwork.from_lammps(*(packings.FOLDER / f"{name}_{what}.dump" for what in ("atoms", "pairs")), glass)
+    return gp.ContactNetwork.from_lammps(
+        *(packings.FOLDER / f"{name}_{what}.dump" for what in ("atoms", "pairs")), glass
+    )
 
 
 @pytest.mark.parametrize("name", ["disks", "balls"])
@@ -167,13 +190,19 @@ def test_every_contact_of_a_network_is_a_line_as_wide_and_dark_as_its_force(name
     segments, values, widths = chains(ax)
     inside = np.all(network.shift == 0, axis=1)
     assert len(values) == np.count_nonzero(inside) + 2 * np.count_nonzero(~inside)
-    # in the order of the forces: whole lines inside, and across an edge two pieces that end where the balls touch
-    start, end = network.positions[network.i, :2], network.positions[network.j, :2]
+    # in the order of the forces: whole lines inside, and across an edge two pieces that end where
+    # the balls touch
+    start = network.positions[network.i, :2]
+    end = network.positions[network.j, :2]
     at_i = (network.positions[network.i] + network.arm_i[:, None] * network.normal)[:, :2]
     at_j = (network.positions[network.j] - network.arm_j[:, None] * network.normal)[:, :2]
     pieces = [
         np.stack(pair, axis=1)
-        for pair in ((start[inside], end[inside]), (start[~inside], at_i[~inside]), (end[~inside], at_j[~inside]))
+        for pair in (
+            (start[inside], end[inside]),
+            (start[~inside], at_i[~inside]),
+            (end[~inside], at_j[~inside]),
+        )
     ]
     force = network.normal_force
     forces = np.concatenate([force[inside], force[~inside], force[~inside]])
@@ -182,12 +211,15 @@ def test_every_contact_of_a_network_is_a_line_as_wide_and_dark_as_its_force(name
     assert_allclose(segments, np.concatenate(pieces)[order], atol=1e-15)
     assert_allclose(widths / widths[0], np.clip(values / force.mean(), 0.2, 4.0) / 0.2, rtol=1e-12)
     (balls,) = [c for c in ax.collections if c.get_gid() == "balls"]
-    lowest = np.argsort(network.positions[:, 2], kind="stable")  # what is nearer hides what is farther
+    # what is nearer hides what is farther
+    lowest = np.argsort(network.positions[:, 2], kind="stable")
     assert_allclose(balls.get_offsets(), network.positions[lowest, :2])
     assert_allclose(balls.get_widths(), 2.0 * network.radii[lowest])
     assert ax.get_aspect() == 1.0
-    assert ax.get_title() == f"{network.n_balls} balls, {network.n_contacts} contacts" + ", seen along $z$" * (
-        name == "balls"
+    assert (
+        ax.get_title()
+        == f"{network.n_balls} balls, {network.n_contacts} contacts"
+        + ", seen along $z$" * (name == "balls")
     )
 
 
@@ -195,9 +227,15 @@ def test_a_network_is_drawn_with_its_units():
     figure = gp.plot(of_packing("disks"))
     ax, bar = figure.axes
     assert figure.get_size_inches()[0] == 3.4
-    assert (ax.get_xlabel(), ax.get_ylabel(), bar.get_xlabel()) == ("$x$ (mm)", "$y$ (mm)", "Contact force (N)")
+    assert (ax.get_xlabel(), ax.get_ylabel(), bar.get_xlabel()) == (
+        "$x$ (mm)",
+        "$y$ (mm)",
+        "Contact force (N)",
+    )
     figure.canvas.draw()
-    written = dict(zip([one.get_text() for one in ax.get_xticklabels()], ax.get_xticks(), strict=True))
+    written = dict(
+        zip([one.get_text() for one in ax.get_xticklabels()], ax.get_xticks(), strict=True)
+    )
     assert [written[one] for one in ("0", "5", "10")] == pytest.approx([0.0, 5e-3, 10e-3])
     assert bar.get_xlim() == pytest.approx((0.0, of_packing("disks").normal_force.max()))
 
@@ -208,9 +246,15 @@ def test_walls_and_a_row_of_balls_are_drawn(ax):
     (walls,) = [c for c in ax.collections if c.get_gid() == "walls"]
     assert len(walls.get_segments()) == np.count_nonzero(pressed.wall_forces)
     assert ax.get_title().startswith("19 balls, ")
-    chain = gp.DirectSimulation(gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="chain"), shape=(9,)).at_force(2.0)
+    chain = gp.DirectSimulation(
+        gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="chain"), shape=(9,)
+    ).at_force(2.0)
     row = plot_forces(chain.sample.network)
-    assert (row.get_xlabel(), row.get_ylabel(), row.get_yticks().tolist()) == ("$x$ (mm)", "", [0.0])
+    assert (row.get_xlabel(), row.get_ylabel(), row.get_yticks().tolist()) == (
+        "$x$ (mm)",
+        "",
+        [0.0],
+    )
     assert_allclose(chains(row)[1], 2.0)
     assert row.get_figure().get_figheight() < 2.0
 
@@ -220,10 +264,13 @@ def test_of_a_large_network_the_density_or_a_window_is_drawn(wide, ax):
     plot_forces(network, ax)
     (mesh,) = ax.collections
     assert mesh.get_gid() == "density"
-    corners, mean = np.asarray(mesh.get_coordinates()), np.ma.filled(mesh.get_array(), np.nan)
+    corners = np.asarray(mesh.get_coordinates())
+    mean = np.ma.filled(mesh.get_array(), np.nan)
     # each contact counts half at each of its balls
-    places, force = network.positions, network.normal_force
-    sums, counts = np.zeros(mean.shape), np.zeros(mean.shape)
+    places = network.positions
+    force = network.normal_force
+    sums = np.zeros(mean.shape)
+    counts = np.zeros(mean.shape)
     for ball, one in [*zip(network.i, force, strict=True), *zip(network.j, force, strict=True)]:
         column = np.searchsorted(corners[0, :, 0], places[ball, 0], "right") - 1
         row = np.searchsorted(corners[:, 0, 1], places[ball, 1], "right") - 1
@@ -251,7 +298,9 @@ def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated
     (steps,) = [p for p in ax.patches if p.get_gid() == "density"]
     density, edges, _ = steps.get_data()
     assert np.sum(density * np.diff(edges)) == pytest.approx(1.0, rel=1e-12)
-    each = [s.contact_forces[s.contact_forces > 1e-6 * s.force] / s.force for s in simulated.samples]
+    each = [
+        s.contact_forces[s.contact_forces > 1e-6 * s.force] / s.force for s in simulated.samples
+    ]
     expected = [np.histogram(one, edges)[0] / one.size / np.diff(edges) for one in each]
     assert_allclose(density, np.mean(expected, axis=0), rtol=1e-9)
     assert edges[-2] < max(one.max() for one in each) < edges[-1]
@@ -266,8 +315,14 @@ def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated
         (PACKING, (7, 40)),
         (gp.Packing(STEEL, 8e-3), (1, 1)),
         (gp.Packing(STEEL, 8e-3), (40, 7)),
-        *(pytest.param(PACKING, shape, marks=pytest.mark.exhaustive) for shape in [(1, 1), (8, 5), (40, 7)]),
-        *(pytest.param(gp.Packing(STEEL, 8e-3), s, marks=pytest.mark.exhaustive) for s in [(2, 3), (8, 5), (7, 40)]),
+        *(
+            pytest.param(PACKING, shape, marks=pytest.mark.exhaustive)
+            for shape in [(1, 1), (8, 5), (40, 7)]
+        ),
+        *(
+            pytest.param(gp.Packing(STEEL, 8e-3), s, marks=pytest.mark.exhaustive)
+            for s in [(2, 3), (8, 5), (7, 40)]
+        ),
     ],
 )
 def test_a_figure_of_forces_fits_its_page(shape, packing, tmp_path):
@@ -297,7 +352,8 @@ def test_the_layer_that_is_drawn_of_hcp_is_whole():
     hcp = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="hcp")
     ax = plot_forces(gp.DirectSimulation(hcp, (3, 4, 2)).at_force(20.0).sample)
     (balls,) = [one for one in ax.collections if one.get_gid() == "balls"]
-    rows, (low, high) = np.asarray(balls.get_offsets())[:, 1], ax.get_ylim()
+    rows = np.asarray(balls.get_offsets())[:, 1]
+    (low, high) = ax.get_ylim()
     assert len(rows) == 12
     # half a row is left below the lowest and above the highest
     assert_allclose([rows.min() - low, high - rows.max()], 0.25 * 3.0**0.5, rtol=1e-12)

@@ -1,4 +1,6 @@
-"""Balls of several kinds in pictures: one colour a kind, which every eye tells from the others, and a legend of names."""
+"""Balls of several kinds in pictures: one colour a kind, which every eye tells from the others, and
+a legend of names.
+"""
 
 import itertools
 from dataclasses import replace
@@ -15,15 +17,29 @@ from granphon.figures.style import KIND_COLOURS, OTHER_KINDS, colour_kinds
 from tests.figures.conftest import assert_inside_page, texts, with_gid
 
 MATERIAL = gp.Material(193e9, 0.30, 8000.0)
-STEEL, ALUMINIUM = gp.Ball(MATERIAL, 8e-3, name="steel"), gp.Ball(MATERIAL, 8e-3, mass=7e-4, name="aluminium")
+STEEL = gp.Ball(MATERIAL, 8e-3, name="steel")
+ALUMINIUM = gp.Ball(MATERIAL, 8e-3, mass=7e-4, name="aluminium")
 CHAIN = gp.Crystal.on("chain", [STEEL, ALUMINIUM])
-#: what each kind of colour blindness leaves of linear red, green and blue: Machado, Oliveira and Fernandes, IEEE Trans. Vis.
-#: Comput. Graph. 15, 1291 (2009), at severity one, with the eye that sees all
+#: what each kind of colour blindness leaves of linear red, green and blue: Machado, Oliveira and
+#: Fernandes, IEEE Trans. Vis. Comput. Graph. 15, 1291 (2009), at severity one, with the eye that
+#: sees all
 EYES = {
     "all": np.eye(3),
-    "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
-    "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
-    "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+    "protan": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deutan": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritan": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
 }
 
 
@@ -31,16 +47,22 @@ def lab(colour, eye):
     """CIE 1976 L*, a*, b* of a colour (white D65) as an eye sees it."""
     c = np.array(to_rgb(colour))
     linear = np.asarray(EYES[eye]) @ np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ np.clip(linear, 0, 1)
+    xyz = np.array(
+        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    ) @ np.clip(linear, 0, 1)
     x, y, z = np.cbrt(xyz / [0.9505, 1.0, 1.089])
     return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
 
 
 @pytest.mark.parametrize("eye", EYES)
 def test_every_eye_tells_the_kinds_apart(eye):
-    """Two colours of a distance of 2.3 in L*a*b* are just told apart; those of kinds are five times as far."""
+    """Two colours of a distance of 2.3 in L*a*b* are just told apart; those of kinds are five times
+    as far.
+    """
     seen = [lab(colour, eye) for colour in (*KIND_COLOURS, OTHER_KINDS)]
-    assert min(np.linalg.norm(one - other) for one, other in itertools.combinations(seen, 2)) > 5 * 2.3
+    assert (
+        min(np.linalg.norm(one - other) for one, other in itertools.combinations(seen, 2)) > 5 * 2.3
+    )
     assert min(one[0] for one in seen) > 40.0  # black arrows are seen on them
 
 
@@ -65,16 +87,28 @@ def test_the_picture_of_a_state_has_the_colours_and_names_of_its_kinds():
     again = gp.plot(state.network.repeat((3,))).axes[0]  # a network keeps its kinds
     assert faces(again) == faces(ax)[:6]
     assert texts(again.get_legend()) == texts(ax.get_legend())
-    plain = gp.plot(replace(state.network, kinds=None)).axes[0]  # where none are known, balls of each mass have a tint
+    # where none are known, balls of each mass have a tint
+    plain = gp.plot(replace(state.network, kinds=None)).axes[0]
     assert plain.get_legend() is None
     assert gp.plot(gp.Crystal.on("chain", [STEEL]).at_force(20.0)).axes[0].get_legend() is None
 
 
 def test_balls_that_do_not_move_are_grey_and_a_floor_is_no_kind():
-    crystal = gp.Crystal.on("triangular", [STEEL]).repeat((3, 1)).replace(1, ALUMINIUM).cut(1, 3, edges=("floor", "clamped"))
+    crystal = (
+        gp.Crystal.on("triangular", [STEEL])
+        .repeat((3, 1))
+        .replace(1, ALUMINIUM)
+        .cut(1, 3, edges=("floor", "clamped"))
+    )
     state = crystal.at_pressure(10.0)
     assert state.network.kinds == (*["steel", "aluminium", "steel"] * 3, "floor")
-    bulk = gp.Crystal.on("triangular", [STEEL]).repeat((3, 1)).replace(1, ALUMINIUM).at_pressure(10.0).network
+    bulk = (
+        gp.Crystal.on("triangular", [STEEL])
+        .repeat((3, 1))
+        .replace(1, ALUMINIUM)
+        .at_pressure(10.0)
+        .network
+    )
     assert bulk.cut(1, 3, edges=("floor", "clamped")).kinds == state.network.kinds
     ax = gp.plot(state).axes[0]
     assert texts(ax.get_legend()) == ["steel", "aluminium"]
@@ -93,7 +127,9 @@ def test_kinds_of_a_mode_are_those_of_the_cell_wherever_the_drawing_begins(ax):
 
 
 def test_a_mode_of_a_network_is_drawn_as_it_moves():
-    """The local mode of a light ball in a row: neighbours move by the closed form of the decay, (1 - e)/(1 + e)."""
+    """The local mode of a light ball in a row: neighbours move by the closed form of the decay, (1
+    - e)/(1 + e).
+    """
     e = 0.5
     light = gp.Ball(MATERIAL, 8e-3, mass=(1.0 - e) * STEEL.mass, name="light")
     row = gp.Crystal.on("chain", [STEEL]).repeat((41,)).replace(20, light).at_force(10.0)

@@ -29,7 +29,9 @@ def hit(network, ball, velocity, duration, **options):
 @pytest.fixture(scope="module")
 def chain():
     packing = gp.Packing(STEEL, diameter=8e-3, lattice="chain", motions="longitudinal")
-    return hit(gp.AveragedLattice(packing).at_force(1.0).network.cut(0, 12), 0, [0.1, 0.0, 0.0], 2e-4)
+    return hit(
+        gp.AveragedLattice(packing).at_force(1.0).network.cut(0, 12), 0, [0.1, 0.0, 0.0], 2e-4
+    )
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +47,11 @@ def array():
 
 @pytest.fixture(scope="module")
 def grains():
-    network = gp.AveragedLattice(gp.Packing(STEEL, diameter=8e-3, lattice="fcc")).at_force(5.0).network.repeat((2, 2, 2))
+    network = (
+        gp.AveragedLattice(gp.Packing(STEEL, diameter=8e-3, lattice="fcc"))
+        .at_force(5.0)
+        .network.repeat((2, 2, 2))
+    )
     return hit(network, 0, [0.1, 0.0, 0.0], 2e-5)
 
 
@@ -61,9 +67,13 @@ def test_maps_have_a_column_for_each_ball_or_contact_of_a_chain(chain, ax):
 
 
 def test_maps_of_forces_take_the_contacts_between_layers_together(array, ax):
-    """Contacts within a layer and those up to the next make one column, and an oblique cell is folded."""
+    """Contacts within a layer and those up to the next make one column, and an oblique cell is
+    folded.
+    """
     plot_motion(array, ax, show="forces", axis=1)
-    rows = np.round((array.middles[:, 1] - array.network.positions[0, 1]) / (8e-3 * np.sqrt(0.75)) - 0.24).clip(0, 3)
+    rows = np.round(
+        (array.middles[:, 1] - array.network.positions[0, 1]) / (8e-3 * np.sqrt(0.75)) - 0.24
+    ).clip(0, 3)
     change = array.forces - array.forces[0]
     wanted = np.array([change[:, rows == row].mean(axis=1) for row in range(4)]).T
     drawn = ax.collections[0].get_array()
@@ -75,7 +85,8 @@ def test_maps_of_forces_take_the_contacts_between_layers_together(array, ax):
 
 def test_maps_of_an_array_are_means_over_layers(array, ax):
     plot_motion(array, ax)
-    wanted = 1e3 * array.velocities[:, :-1, 1].reshape(41, 4, 5).mean(axis=2)  # the floor is no ball
+    # the floor is no ball
+    wanted = 1e3 * array.velocities[:, :-1, 1].reshape(41, 4, 5).mean(axis=2)
     assert_allclose(ax.collections[0].get_array(), wanted, atol=1e-12)
     assert ax.get_xlabel() == "y (mm)"
 
@@ -84,12 +95,19 @@ def test_energies_add_up(array, ax):
     plot_energies(array, ax)
     total = sum(np.array(line.get_ydata()) for line in ax.lines)
     assert_allclose(total / total[0], 1.0, rtol=1e-3)
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["translation", "rotation", "contacts", "lost"]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == [
+        "translation",
+        "rotation",
+        "contacts",
+        "lost",
+    ]
 
 
 def test_snapshots_colour_each_ball_by_its_speed(array, grains, ax):
     plot_snapshot(array, ax, 10)
-    assert_allclose(ax.collections[0].get_array(), 1e3 * np.linalg.norm(array.velocities[10, :-1], axis=1))
+    assert_allclose(
+        ax.collections[0].get_array(), 1e3 * np.linalg.norm(array.velocities[10, :-1], axis=1)
+    )
     ax.clear()
     plot_snapshot(grains, ax)
     assert len(ax.collections[0].get_array()) == 8

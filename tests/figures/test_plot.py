@@ -32,7 +32,9 @@ DIMER = gp.Lattice("dimer", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5
 
 
 def phonons_of(lattice="triangular", friction=True, cells=1, mass=1.0):
-    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=lattice, friction=friction)).at_force(18.446)
+    state = gp.AveragedLattice(
+        gp.Packing(STEEL, 8e-3, lattice=lattice, friction=friction)
+    ).at_force(18.446)
     if cells == 1:
         return gp.Phonons(state)
     balls = gp.atoms(state).repeat((cells, cells, 1))
@@ -53,19 +55,26 @@ def bands(phonons):
 
 
 def branches(ax, bands):
-    s, b = len(bands.distances), bands.n_branches
+    s = len(bands.distances)
+    b = bands.n_branches
     return [[with_gid(ax, f"band-{i}-{j}") for j in range(b)] for i in range(s)]
 
 
-# -- bands ----------------------------------------------------------------------------------------------------------
+# -- bands -----------------------------------------------------------------------------------------
 
 
 def test_bands_are_the_connected_frequencies_in_the_unit_of_the_label(bands, ax):
     assert plot.plot_bands(bands, ax) is ax
-    drawn = np.array([[np.array(line.get_segments()) for line in row] for row in branches(ax, bands)])
+    drawn = np.array(
+        [[np.array(line.get_segments()) for line in row] for row in branches(ax, bands)]
+    )
     points = drawn[:, :, :, 1]  # (s, b, p, 2): the middle vertex of each piece
-    assert_allclose(points[..., 1], np.moveaxis(bands.connected_frequencies, 2, 1) / 1e3, rtol=1e-15)
-    assert_allclose(points[..., 0], np.broadcast_to(bands.distances[:, None], points.shape[:3]), rtol=1e-15)
+    assert_allclose(
+        points[..., 1], np.moveaxis(bands.connected_frequencies, 2, 1) / 1e3, rtol=1e-15
+    )
+    assert_allclose(
+        points[..., 0], np.broadcast_to(bands.distances[:, None], points.shape[:3]), rtol=1e-15
+    )
     # each piece ends where the next begins, and the line runs from end to end
     assert_array_equal(drawn[:, :, :-1, 2], drawn[:, :, 1:, 0])
     assert_array_equal(drawn[:, :, 0, 0], points[:, :, 0])
@@ -107,14 +116,19 @@ def test_a_path_that_jumps_is_not_joined(phonons, ax):
         assert np.min(np.array(after.get_segments())[..., 0]) >= corner
 
 
-@pytest.mark.parametrize(("label", "shown"), [("G", "Γ"), ("K|M", "K|M"), ("H1", r"$\mathrm{H}_{1}$"), ("G|X", "Γ|X")])
+@pytest.mark.parametrize(
+    ("label", "shown"), [("G", "Γ"), ("K|M", "K|M"), ("H1", r"$\mathrm{H}_{1}$"), ("G|X", "Γ|X")]
+)
 def test_labels_as_they_are_printed(label, shown):
     assert plot.print_label(label) == shown
 
 
 def test_frequencies_in_another_unit(bands, ax):
     plot.plot_bands(bands, ax, unit=HertzPrefix("reduced", bands.scales.frequency))
-    top = max(np.array(line.get_segments())[..., 1].max() for line in itertools.chain(*branches(ax, bands)))
+    top = max(
+        np.array(line.get_segments())[..., 1].max()
+        for line in itertools.chain(*branches(ax, bands))
+    )
     assert_allclose(top, np.sqrt(30.0 * STEEL.mindlin_ratio), rtol=1e-12)
     assert ax.get_ylim()[1] > top
     assert ax.get_ylim()[0] < 0.0
@@ -131,23 +145,28 @@ def test_without_friction_the_colour_is_the_longitudinal_fraction_and_the_bar_sa
     drawn = np.array([[line.get_array() for line in row] for row in rows])
     assert_array_equal(np.moveaxis(drawn, 1, 2), expected)
     ends = rows[0][0].cmap([0.0, 1.0])
-    assert_allclose(ends, [to_rgba(style.TRANSVERSE_COLOUR), to_rgba(style.LONGITUDINAL_COLOUR)], atol=1e-12)
+    assert_allclose(
+        ends, [to_rgba(style.TRANSVERSE_COLOUR), to_rgba(style.LONGITUDINAL_COLOUR)], atol=1e-12
+    )
     # from Gamma the slow branch is transverse and the fast one is longitudinal
     assert_allclose(drawn[0, :, 1], [0.0, 1.0], atol=1e-3)
 
 
 def test_coinciding_branches_are_all_visible(ax):
-    plain = gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)).bands("GKM", npoints=4)
+    plain = gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)).bands(
+        "GKM", npoints=4
+    )
     values = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 3.0], [3.0, 3.0, 3.0], [3.0, 3.5, 4.0]])
     bands = replace(plain, frequencies=np.stack([values, values]), eigenvectors=None)
     plot.plot_bands(bands, ax)
-    # the earlier of two is wider where they stay together, and not where they merely touch (the third, at the ends)
+    # the earlier of two is wider where they stay together, and not where they merely touch (the
+    # third, at the ends)
     for row in branches(ax, bands):
         widths = np.array([line.get_linewidths() for line in row]).T
         assert_allclose(widths / widths.min(), [[2, 1, 1], [2, 1, 1], [2, 1, 1], [1, 1, 1]])
 
 
-# -- long waves -----------------------------------------------------------------------------------------------------
+# -- long waves ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("of_lattice", [True, False])
@@ -160,7 +179,9 @@ def test_long_waves_start_at_gamma_with_the_sound_velocities(phonons, bands, ax,
             wavenumber = 2.0 * np.pi * np.abs(x - gamma) / 8e-3
             assert_allclose(y * 1e3, velocity * wavenumber / (2.0 * np.pi), rtol=1e-12, atol=1e-9)
             assert_allclose(np.ptp(x), 0.5 * np.ptp(bands.distances[s]), rtol=1e-12)
-    assert len([line for line in ax.lines if str(line.get_gid()).startswith("asymptote")]) == (6 if of_lattice else 4)
+    assert len([line for line in ax.lines if str(line.get_gid()).startswith("asymptote")]) == (
+        6 if of_lattice else 4
+    )
 
 
 def test_the_optical_asymptote_agrees_with_the_branch_to_fourth_order(phonons, ax):
@@ -191,11 +212,14 @@ def test_long_waves_of_an_anisotropic_lattice_follow_the_direction(ax):
     plot.plot_bands(phonons.bands("MGX", npoints=11), ax, asymptotes=phonons.lattice)
     for s, direction in ((0, (1, 1)), (1, (0, 1))):
         fast, slow = phonons.lattice.sound_velocities(direction)[0]
-        rise = [np.ptp(with_gid(ax, f"asymptote-{name}-{s}").get_ydata()) for name in ("longitudinal", "transverse")]
+        rise = [
+            np.ptp(with_gid(ax, f"asymptote-{name}-{s}").get_ydata())
+            for name in ("longitudinal", "transverse")
+        ]
         assert_allclose(rise[0] / rise[1], fast / slow, rtol=1e-12)
 
 
-# -- the zone -------------------------------------------------------------------------------------------------------
+# -- the zone --------------------------------------------------------------------------------------
 
 
 def area(corners):
@@ -219,7 +243,8 @@ def test_the_zone_is_the_wigner_seitz_cell(cell, corners):
     reciprocal = np.linalg.inv(cell).T
     polygon = zone_polygon(reciprocal)
     assert len(polygon) == corners
-    assert_allclose(area(polygon), abs(np.linalg.det(reciprocal)), rtol=1e-12)  # anticlockwise: the area is positive
+    # anticlockwise: the area is positive
+    assert_allclose(area(polygon), abs(np.linalg.det(reciprocal)), rtol=1e-12)
     steps = np.stack(np.meshgrid(*[np.arange(-9, 10)] * 2), axis=-1).reshape(-1, 2)
     distance = np.linalg.norm(polygon[:, None] - steps @ reciprocal, axis=2)
     # a corner is nearest to the origin, and as near to two others
@@ -233,7 +258,11 @@ def test_the_zone_is_drawn_with_the_path(bands, ax):
     polygon = with_gid(ax, "zone").get_xy()[:-1]
     assert_allclose(area(polygon), 2.0 / np.sqrt(3.0), rtol=1e-12)
     path = np.array(with_gid(ax, "path").get_segments())
-    assert_allclose(np.linalg.norm(path, axis=2), [[0, 2 / 3], [2 / 3, 1 / np.sqrt(3)], [1 / np.sqrt(3), 0]], atol=1e-15)
+    assert_allclose(
+        np.linalg.norm(path, axis=2),
+        [[0, 2 / 3], [2 / 3, 1 / np.sqrt(3)], [1 / np.sqrt(3), 0]],
+        atol=1e-15,
+    )
     assert {text.get_text(): tuple(text.xy) for text in ax.texts}.keys() == {"Γ", "K", "M"}
 
 
@@ -245,7 +274,8 @@ def test_the_zone_of_a_ribbon_is_a_line(phonons, ax, tmp_path, axis):
     along = gp.Phonons(phonons.state, balls).bands(npoints=5)
     assert along.labels == ("G", "X")
     assert along.pbc == (axis == 0, axis == 1)
-    assert_allclose(along.distances[0, [0, -1]], [0.0, 0.5], atol=1e-15)  # of 1/d, along the ribbon and not across it
+    # of 1/d, along the ribbon and not across it
+    assert_allclose(along.distances[0, [0, -1]], [0.0, 0.5], atol=1e-15)
     plot.plot_zone(along, ax)
     assert_allclose(with_gid(ax, "path").get_segments(), [[[0.0, 0.0], [0.5, 0.0]]], atol=1e-15)
     assert_allclose(with_gid(ax, "zone").get_segments()[0], [[-0.5, 0.0], [0.5, 0.0]], atol=1e-15)
@@ -263,7 +293,7 @@ def test_a_cluster_has_no_zone(phonons, ax):
     assert not plot.bands_figure(flat).axes[0].child_axes
 
 
-# -- the density of states ------------------------------------------------------------------------------------------
+# -- the density of states -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("friction", "states"), [(True, 3.0), (False, 2.0)])
@@ -281,7 +311,10 @@ def test_the_drawn_density_integrates_to_the_branches_of_a_ball(ax, friction, st
     else:
         assert set(drawn) == {"total"}
     labels = {ax.get_ylabel(), ax.get_xlabel()}
-    assert labels == {"Frequency (kHz)", "DOS per ball\n(1/kHz)" if horizontal else "DOS per ball (1/kHz)"}
+    assert labels == {
+        "Frequency (kHz)",
+        "DOS per ball\n(1/kHz)" if horizontal else "DOS per ball (1/kHz)",
+    }
     assert ax.get_ylabel().startswith("Frequency") is horizontal
 
 
@@ -299,23 +332,32 @@ def test_beside_bands_in_a_column_the_density_is_readable(phonons, bands):
     assert_inside_page(figure)
 
 
-# -- figures --------------------------------------------------------------------------------------------------------
+# -- figures ---------------------------------------------------------------------------------------
 
 
 def test_bands_and_dos_share_the_frequency_axis(phonons, bands, tmp_path):
-    figure = plot.bands_figure(bands, phonons.dos((24, 24)), asymptotes=phonons.lattice, title="Steel")
+    figure = plot.bands_figure(
+        bands, phonons.dos((24, 24)), asymptotes=phonons.lattice, title="Steel"
+    )
     left, right, bar = figure.axes
     assert left.get_ylim() == right.get_ylim()
     assert left.get_shared_y_axes().joined(left, right)
     assert bar.get_xlabel() == "Rotational part of the kinetic energy"
     (legend,) = figure.legends
-    assert [t.get_text() for t in legend.get_texts()] == ["translation", "rotation", "total", "long waves"]
+    assert [t.get_text() for t in legend.get_texts()] == [
+        "translation",
+        "rotation",
+        "total",
+        "long waves",
+    ]
     assert figure.get_suptitle() == "Steel"
     for ending in ("png", "pdf", "svg"):
         figure.savefig(tmp_path / f"bands.{ending}", dpi=50)
     # nothing sticks out of the page, and no text is smaller than 7 points
     assert_inside_page(figure)
-    assert min(t.get_fontsize() for t in figure.findobj(matplotlib.text.Text) if t.get_text()) >= 7.0
+    assert (
+        min(t.get_fontsize() for t in figure.findobj(matplotlib.text.Text) if t.get_text()) >= 7.0
+    )
 
 
 @pytest.mark.parametrize(
@@ -342,7 +384,11 @@ def test_every_lattice_draws_and_the_zone_covers_no_line(balls, path, tmp_path):
     assert not np.any((x > box.x0) & (x < box.x1) & (y > box.y0) & (y < box.y1))
     # a third and less of the axes is empty above the lines
     assert y.max() <= ax.get_ylim()[1] <= 1.4 * y.max()
-    assert_allclose(area(with_gid(inset, "zone").get_xy()[:-1]), 1.0 / np.linalg.det(bands.cell[:2, :2]), rtol=1e-9)
+    assert_allclose(
+        area(with_gid(inset, "zone").get_xy()[:-1]),
+        1.0 / np.linalg.det(bands.cell[:2, :2]),
+        rtol=1e-9,
+    )
 
 
 def test_either_may_be_left_out_and_not_both(phonons, bands):
@@ -356,7 +402,9 @@ def test_either_may_be_left_out_and_not_both(phonons, bands):
 def test_global_state_is_left_alone(bands):
     before = dict(matplotlib.rcParams)
     plot.bands_figure(bands)
-    sweep_figure(gp.sweep(gp.Packing(STEEL, 8e-3, gp.Uniform(1e-6)), force=[1.0, 2.0], media=("afa",))).canvas.draw()
+    sweep_figure(
+        gp.sweep(gp.Packing(STEEL, 8e-3, gp.Uniform(1e-6)), force=[1.0, 2.0], media=("afa",))
+    ).canvas.draw()
     assert dict(matplotlib.rcParams) == before
 
 
@@ -383,11 +431,22 @@ print(dict.__getitem__(matplotlib.rcParams, "backend"))
         pytest.param("bands", "svg", "svg", marks=pytest.mark.exhaustive),
     ],
 )
-def test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names(tmp_path, module, backend, kept):
+def test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names(
+    tmp_path, module, backend, kept
+):
     run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", MADE.format(module=module), str(tmp_path / "bands.png")],
-        env={**os.environ, "MPLBACKEND": backend}, capture_output=True, text=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-W",
+            "error",
+            "-c",
+            MADE.format(module=module),
+            str(tmp_path / "bands.png"),
+        ],
+        env={**os.environ, "MPLBACKEND": backend},
+        capture_output=True,
+        text=True,
+    )
     assert run.stderr == ""
     pyplot, found = run.stdout.splitlines()
     assert pyplot == "False"
@@ -403,7 +462,9 @@ def test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names
         ("x", {}, "bands.xyz", "xyz"),
     ],
 )
-def test_what_cannot_be_drawn_is_one_error_and_leaves_no_file(tmp_path, monkeypatch, label, settings, name, told):
+def test_what_cannot_be_drawn_is_one_error_and_leaves_no_file(
+    tmp_path, monkeypatch, label, settings, name, told
+):
     monkeypatch.setenv("PATH", str(tmp_path))  # without LaTeX
     with matplotlib.rc_context(settings):
         figure = Figure(layout="constrained")
@@ -432,7 +493,7 @@ def test_what_the_file_system_refuses_is_its_own_error(ax, tmp_path):
         style.save_figure(ax.get_figure(), tmp_path / "none" / "bands.png")
 
 
-# -- modes ----------------------------------------------------------------------------------------------------------
+# -- modes -----------------------------------------------------------------------------------------
 
 
 def drawn_mode(ax):
@@ -465,7 +526,8 @@ def test_a_mode_is_the_real_part_of_its_wave(phonons, ax, branch, phase):
     assert_allclose(drawn, scale * wave, atol=1e-12)
     # the largest in a period is 0.4 d
     period = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 2001))[:, None]
-    u, w = (e[:2] * period).real, np.abs(e[2])
+    u = (e[:2] * period).real
+    w = np.abs(e[2])
     assert scale * max(np.linalg.norm(u, axis=1).max(), w) == pytest.approx(0.4, rel=1e-5)
 
 

@@ -17,7 +17,9 @@ STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
 @pytest.mark.parametrize("ratio", [1.01, 1.3, 1.9, 2.4, 3.9, 4.1, 6.0, 20.0, 300.0])
 @pytest.mark.parametrize("least", [0.013, 0.92, 1.01, 2.4, 351.0, 880.0])
-def test_an_axis_of_loads_or_velocities_has_four_labels_or_more_and_few_with_ticks_between(ax, least, ratio):
+def test_an_axis_of_loads_or_velocities_has_four_labels_or_more_and_few_with_ticks_between(
+    ax, least, ratio
+):
     ax.plot([1.0, 2.0], [least, ratio * least])
     scales.scale_axis(ax, "y", np.array([least, ratio * least]))
     ax.set_ylim(least, ratio * least)
@@ -45,11 +47,17 @@ def test_an_axis_of_values_that_differ_by_rounding_goes_a_twentieth_to_either_si
 @pytest.mark.parametrize(
     ("values", "unit", "label", "size"),
     [
-        ([2e8, 3e9], "Pa", "y (GPa)", 1e9), ([1e3, 3e9], "Pa", "y (GPa)", 1e9), ([-1e-6, 2e-6], "m", "y (µm)", 1e-6),
-        ([1e-5, 2e-4], "N", "y (µN)", 1e-6), ([0.2, 20.0], "N", "y (N)", 1.0), ([2.0, 9e4], "N/m", "y (N/m)", 1.0),
-        ([2.0, 9e7], "Hz", "y (Hz)", 1.0), ([0.0, 0.0], "m", "y (m)", 1.0), ([1e6, 2e6], "", "y", 1.0),
+        ([2e8, 3e9], "Pa", "y (GPa)", 1e9),
+        ([1e3, 3e9], "Pa", "y (GPa)", 1e9),
+        ([-1e-6, 2e-6], "m", "y (µm)", 1e-6),
+        ([1e-5, 2e-4], "N", "y (µN)", 1e-6),
+        ([0.2, 20.0], "N", "y (N)", 1.0),
+        ([2.0, 9e4], "N/m", "y (N/m)", 1.0),
+        ([2.0, 9e7], "Hz", "y (Hz)", 1.0),
+        ([0.0, 0.0], "m", "y (m)", 1.0),
+        ([1e6, 2e6], "", "y", 1.0),
     ],
-)  # fmt: skip
+)
 def test_a_unit_with_a_prefix_divides_what_is_written_at_the_ticks(ax, values, unit, label, size):
     ax.plot([1.0, 2.0], values)
     scales.scale_axis(ax, "y", np.array(values))
@@ -59,7 +67,10 @@ def test_a_unit_with_a_prefix_divides_what_is_written_at_the_ticks(ax, values, u
     ax.figure.canvas.draw()
     written = [text.get_text().replace("\N{MINUS SIGN}", "-") for text in ax.get_yticklabels()]
     powers = [re.fullmatch(r"\$\\mathdefault\{10\^\{([-\d]+)\}\}\$", one) for one in written]
-    found = [10.0 ** int(power[1]) if power else float(one) for power, one in zip(powers, written, strict=True)]
+    found = [
+        10.0 ** int(power[1]) if power else float(one)
+        for power, one in zip(powers, written, strict=True)
+    ]
     if size != 1.0:
         assert_allclose(np.array(found) * size, ax.get_yticks(), rtol=1e-9, atol=1e-15)
         assert max(map(len, written)) < 6 or all(powers)
@@ -67,5 +78,7 @@ def test_a_unit_with_a_prefix_divides_what_is_written_at_the_ticks(ax, values, u
 
 @pytest.mark.parametrize("values", [[1.0, 1e300], [1e-300, 1.0]])
 def test_an_axis_that_would_reach_beyond_floating_point_is_refused(ax, values):
-    with pytest.raises(InputError, match=r"the x axis cannot reach from .* to .* Look at the units"):
+    with pytest.raises(
+        InputError, match=r"the x axis cannot reach from .* to .* Look at the units"
+    ):
         scales.scale_axis(ax, "x", np.array(values))

@@ -29,7 +29,9 @@ def media():
 
 @pytest.fixture(scope="module")
 def widths():
-    return sweep(PACKING, pressure=np.geomspace(200.0, 9000.0, 5), media=("ala", "ema"), width=[1e-6, 4e-6])
+    return sweep(
+        PACKING, pressure=np.geomspace(200.0, 9000.0, 5), media=("ala", "ema"), width=[1e-6, 4e-6]
+    )
 
 
 def test_lines_are_the_variable_in_order_of_the_load(media, ax):
@@ -41,7 +43,12 @@ def test_lines_are_the_variable_in_order_of_the_load(media, ax):
         assert_array_equal(line[:, 1], media["normal_stiffness"].sel(medium=name).values[::-1])
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("Contact force (N)", "Normal stiffness (MN/m)")
-    assert texts(ax.get_legend()) == ["averaged lattice", "averaged force", "effective medium", "outside its range"]
+    assert texts(ax.get_legend()) == [
+        "averaged lattice",
+        "averaged force",
+        "effective medium",
+        "outside its range",
+    ]
 
 
 def test_solid_lines_end_where_the_medium_is_no_longer_valid(media, ax):
@@ -69,27 +76,52 @@ def test_values_of_a_parameter_are_shades_of_the_medium(widths, ax):
 
 
 def test_other_combinations_of_parameters_are_lines_too(ax):
-    dataset = sweep(PACKING, force=FORCE, media=("ema",), width=[1e-6, 2e-6], friction=[True, False], density=[7840.0])
+    dataset = sweep(
+        PACKING,
+        force=FORCE,
+        media=("ema",),
+        width=[1e-6, 2e-6],
+        friction=[True, False],
+        density=[7840.0],
+    )
     plot_sweep(dataset, ax, "transverse")
     assert len(drawn(ax, "transverse-all")) == 4
     # widths have the colours, and what is with friction or without the shades
-    assert texts(ax.get_legend())[:4] == ["W = 1 µm", "W = 2 µm", "with friction", "without friction"]
-    many = sweep(PACKING, force=[3.0, 4.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist())
+    assert texts(ax.get_legend())[:4] == [
+        "W = 1 µm",
+        "W = 2 µm",
+        "with friction",
+        "without friction",
+    ]
+    many = sweep(
+        PACKING, force=[3.0, 4.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist()
+    )
     *named, last = texts(plot_sweep(many, Figure().subplots()).get_legend())
     assert len(named) == 8
     assert re.fullmatch(r"8 of [0-9]+ are named", last)
     # at one load alone they lie over the parameter
     (line,) = [
-        one for one in plot_sweep(many.isel(load=[0]), Figure().subplots()).lines if one.get_gid() == "longitudinal-all"
+        one
+        for one in plot_sweep(many.isel(load=[0]), Figure().subplots()).lines
+        if one.get_gid() == "longitudinal-all"
     ]
-    assert_array_equal(line.get_xydata(), np.stack([many["width"], many["longitudinal"][0, 0]], axis=1))
+    assert_array_equal(
+        line.get_xydata(), np.stack([many["width"], many["longitudinal"][0, 0]], axis=1)
+    )
 
 
 @pytest.mark.parametrize(
-    ("variable", "samples"), [("transverse", 3), ("transverse", 1), ("exponent", 1), ("contact_fraction", 1)]
+    ("variable", "samples"),
+    [("transverse", 3), ("transverse", 1), ("exponent", 1), ("contact_fraction", 1)],
 )
-def test_a_simulation_is_points_and_several_samples_have_bars_of_their_standard_error(ax, variable, samples):
-    data = sweep(PACKING, force=[2.0, 9.0, 4.0], media=("ema", {"simulation": {"shape": (8, 8), "samples": samples}}))
+def test_a_simulation_is_points_and_several_samples_have_bars_of_their_standard_error(
+    ax, variable, samples
+):
+    data = sweep(
+        PACKING,
+        force=[2.0, 9.0, 4.0],
+        media=("ema", {"simulation": {"shape": (8, 8), "samples": samples}}),
+    )
     plot_sweep(data, ax, variable)
     there = data.isel(medium=1).sortby("force")
     if samples == 1:
@@ -105,23 +137,34 @@ def test_a_simulation_is_points_and_several_samples_have_bars_of_their_standard_
     assert_array_equal(points.get_xydata(), np.stack([there.force, there[variable]], axis=1))
     # points are not joined, and lines have no points
     assert (line.get_linestyle(), line.get_marker()) == ("--", "")
-    assert {one.get_linestyle() for one in ax.lines if one.get_color() == points.get_color()} == {"None"}
+    assert {one.get_linestyle() for one in ax.lines if one.get_color() == points.get_color()} == {
+        "None"
+    }
     assert points.get_marker() == "o"
     assert [one.get_linestyle() for one in ax.get_legend().get_lines()][:2] == ["-", "None"]
 
 
-LOADED = {"shape": (4, 4), "friction_history": True, "friction_coefficient": 0.5, "seed": 3, "samples": 2}
+LOADED = {
+    "shape": (4, 4),
+    "friction_history": True,
+    "friction_coefficient": 0.5,
+    "seed": 3,
+    "samples": 2,
+}
 
 
 @pytest.mark.parametrize(
-    "media", [("ema", {"simulation": {"shape": (8, 8), "samples": 3}}), ({"simulation": LOADED},)], ids=["two", "a long one"]
+    "media",
+    [("ema", {"simulation": {"shape": (8, 8), "samples": 3}}), ({"simulation": LOADED},)],
+    ids=["two", "a long one"],
 )
 def test_long_labels_stand_below_each_other(media):
     data = sweep(PACKING, force=[2.0, 9.0], media=media)
     figure = sweep_figure(data)
     figure.draw_without_rendering()
     (legend,) = figure.legends
-    box, width = legend.get_window_extent(), figure.bbox.width
+    box = legend.get_window_extent()
+    width = figure.bbox.width
     assert box.x0 >= 0.0
     assert box.x1 <= width
 
@@ -134,7 +177,11 @@ def test_an_axis_with_zeros_or_negative_values_is_linear(media, ax):
 
 @pytest.mark.parametrize(
     ("variable", "words"),
-    [("velocity", "no variable 'velocity'"), ("regime", "not one number"), ("medium", "not one number")],
+    [
+        ("velocity", "no variable 'velocity'"),
+        ("regime", "not one number"),
+        ("medium", "not one number"),
+    ],
 )
 def test_what_cannot_be_drawn_is_named(media, ax, variable, words):
     with pytest.raises(InputError, match=words):
@@ -143,11 +190,14 @@ def test_what_cannot_be_drawn_is_named(media, ax, variable, words):
 
 def test_the_exponent_is_that_of_the_longitudinal_velocity(ax):
     force = 4.0 * np.exp(STEP * np.array([-1.0, 0.0, 1.0]))
-    data = sweep(PACKING, force=force, media=("ema", {"simulation": {"shape": (16, 16), "samples": 2}}))
+    data = sweep(
+        PACKING, force=force, media=("ema", {"simulation": {"shape": (16, 16), "samples": 2}})
+    )
     plot_exponent(data, ax)
     assert ax.get_ylabel() == "d log $v_L$ / d log $P$"
     longitudinal, transverse = (
-        np.log(data[name][2] / data[name][0]).values / np.log(data.pressure[2] / data.pressure[0]).values
+        np.log(data[name][2] / data[name][0]).values
+        / np.log(data.pressure[2] / data.pressure[0]).values
         for name in ("longitudinal", "transverse")
     )
     assert_allclose([line[1, 1] for line in drawn(ax, "exponent-all")], longitudinal, rtol=2e-3)
@@ -199,7 +249,11 @@ def test_the_figure_of_one_variable_and_of_a_sweep_without_exponents(widths):
 
 @pytest.mark.parametrize(
     ("load", "label"),
-    [({"force": [2.0, 9.0]}, "(N)"), ({"pressure": [1e5, 1e6]}, "(MPa)"), ({"overlap": [2e-6, 4e-6]}, "(µm)")],
+    [
+        ({"force": [2.0, 9.0]}, "(N)"),
+        ({"pressure": [1e5, 1e6]}, "(MPa)"),
+        ({"overlap": [2e-6, 4e-6]}, "(µm)"),
+    ],
 )
 def test_the_axis_of_a_sweep_is_the_load_that_was_given(load, label):
     data = sweep(gp.Packing(STEEL, 8e-3, lattice="fcc"), **load)
@@ -209,51 +263,79 @@ def test_the_axis_of_a_sweep_is_the_load_that_was_given(load, label):
         assert_array_equal(ax.lines[0].get_xdata(), values)
     assert figure.axes[-1].get_xlabel().endswith(label)
     assert kind in figure.axes[-1].get_xlabel().lower()
-    assert_array_equal(sweep_figure(data, "normal_stiffness").axes[0].lines[0].get_xdata(), data.normal_stiffness[:, 0])
+    assert_array_equal(
+        sweep_figure(data, "normal_stiffness").axes[0].lines[0].get_xdata(),
+        data.normal_stiffness[:, 0],
+    )
     assert_array_equal(plot_exponent(data, Figure().subplots()).lines[0].get_xdata(), values)
 
 
 def test_names_of_a_path_stand_beside_the_right_ends_of_its_lines():
-    history = {"shape": (4, 4), "friction_history": True, "friction_coefficient": 0.2, "ordered": True}
+    history = {
+        "shape": (4, 4),
+        "friction_history": True,
+        "friction_coefficient": 0.2,
+        "ordered": True,
+    }
     data = sweep(PACKING, force=[2.0, 40.0, 5.0], media=[{"simulation": history}])
     upper, _ = sweep_figure(data).axes
     heights = {text.get_text(): text.xy[1] for text in upper.texts}
     greatest = data.isel(load=int(np.argmax(data["force"].values)), medium=0)
-    assert heights == {"$v_L$": float(greatest["longitudinal"]), "$v_T$": float(greatest["transverse"])}
+    assert heights == {
+        "$v_L$": float(greatest["longitudinal"]),
+        "$v_T$": float(greatest["transverse"]),
+    }
 
 
 def test_slow_and_fast_transverse_waves_are_told_apart():
     packing = gp.Packing(STEEL, 8e-3, lattice="hcp")
-    both = sweep(packing, force=[20.0, 40.0], media=("ala", {"simulation": {"shape": (2, 2, 2)}}), direction=(1, 0, 0.5))
+    both = sweep(
+        packing,
+        force=[20.0, 40.0],
+        media=("ala", {"simulation": {"shape": (2, 2, 2)}}),
+        direction=(1, 0, 0.5),
+    )
     for media in ([0], [1], [0, 1]):
         figure = sweep_figure(both.isel(medium=media))
         lines = figure.axes[0].lines
         looks = [
-            {(str(line._unscaled_dash_pattern), line.get_marker()) for line in lines if line.get_gid() == name}
+            {
+                (str(line._unscaled_dash_pattern), line.get_marker())
+                for line in lines
+                if line.get_gid() == name
+            }
             for name in ("transverse_slow-valid", "transverse_fast-valid")
         ]
         assert len(looks[0]) == len(looks[1]) == len(media)
         assert looks[0].isdisjoint(looks[1])
         assert {"$v_{T1}$", "$v_{T2}$"} <= set(texts(figure.legends[0]))
-    assert not any("T1" in text for text in texts(sweep_figure(sweep(PACKING, force=[20.0, 40.0])).legends[0]))
+    assert not any(
+        "T1" in text for text in texts(sweep_figure(sweep(PACKING, force=[20.0, 40.0])).legends[0])
+    )
 
 
 @pytest.fixture(scope="module")
 def directions():
     fcc = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="fcc")
     long_name = {"simulation": {"shape": (1, 1, 1), "samples": 2}}
-    return sweep(fcc, force=FORCE[:3], media=("ala", "afa", long_name), direction=[(1, 0, 0), (1, 1, 0)])
+    return sweep(
+        fcc, force=FORCE[:3], media=("ala", "afa", long_name), direction=[(1, 0, 0), (1, 1, 0)]
+    )
 
 
 def test_what_is_the_same_in_all_directions_has_the_colours_of_the_media(directions):
     for figure in (sweep_figure(directions, variable="bulk"), sweep_figure(directions)):
-        ax, legend = figure.axes[-1], figure.legends[0]
+        ax = figure.axes[-1]
+        legend = figure.legends[0]
         named = {
-            text.get_text(): line.get_color() for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+            text.get_text(): line.get_color()
+            for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
         }
         media = ("averaged lattice", "averaged force", "simulation, 2 samples of 1 x 1 x 1 balls")
         wanted = [to_rgb(named[name]) for name in media]
-        drawn = [to_rgb(line.get_color()) for line in ax.lines if (line.get_gid() or "").endswith("-all")]
+        drawn = [
+            to_rgb(line.get_color()) for line in ax.lines if (line.get_gid() or "").endswith("-all")
+        ]
         assert drawn == wanted
         # directions are named where they are drawn
         assert any(name.startswith("along") for name in named) == (len(figure.axes) == 2)

@@ -1,4 +1,6 @@
-"""Fits of the width: exact on exact data, right on average on noisy ones, and refused where the data do not say."""
+"""Fits of the width: exact on exact data, right on average on noisy ones, and refused where the
+data do not say.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,13 @@ import granphon as gp
 from granphon.balls.packing import change_packing
 from granphon.base.errors import InputError, UnreachableFrequencyError
 from granphon.base.text import plain_yaml
-from granphon.fits.fit import WidthFit, compute_leverages, convert_pressure, find_rounding, fit_width
+from granphon.fits.fit import (
+    WidthFit,
+    compute_leverages,
+    convert_pressure,
+    find_rounding,
+    fit_width,
+)
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VelocityModel, Waves
 from granphon.media.choice import MediumChoice
@@ -48,10 +56,13 @@ TRUE = spread_over(WIDTH)
 EXACT = {medium: velocities(TRUE, medium) for medium in ("afa", "ema")}
 
 
-# -- exact data -----------------------------------------------------------------------------------------------------
+# -- exact data ------------------------------------------------------------------------------------
 
 
-@given(st.floats(np.log(0.3e-6), np.log(20e-6)), st.sampled_from(["afa", "ema", {"ema": {"local_field": "paper"}}]))
+@given(
+    st.floats(np.log(0.3e-6), np.log(20e-6)),
+    st.sampled_from(["afa", "ema", {"ema": {"local_field": "paper"}}]),
+)
 @settings(max_examples=20)
 def test_exact_data_give_the_width_to_rounding(log, medium):
     width = float(np.exp(log))
@@ -62,7 +73,9 @@ def test_exact_data_give_the_width_to_rounding(log, medium):
     assert fit.medium == MediumChoice.parse(medium).label
 
 
-@pytest.mark.parametrize("spread", [gp.Normal(1e-6), gp.Normal(1e-6, 1.5), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5))])
+@pytest.mark.parametrize(
+    "spread", [gp.Normal(1e-6), gp.Normal(1e-6, 1.5), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5))]
+)
 def test_the_shape_is_that_of_the_spread_and_its_width_does_not_matter(spread):
     truth = spread_over(WIDTH, spread)
     fit = fit_width(replace(BALLS, spread=spread), FORCE, velocities(truth, "afa"), medium="afa")
@@ -77,13 +90,22 @@ def test_the_start_does_not_matter(start):
     assert_allclose(fit.width, WIDTH, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("width", "sigma", "lowest"), [(60e-6, (1.0, 3.0), 1), (100e-6, (10.0, 50.0), 0)])
+@pytest.mark.parametrize(
+    ("width", "sigma", "lowest"), [(60e-6, (1.0, 3.0), 1), (100e-6, (10.0, 50.0), 0)]
+)
 def test_of_two_minima_the_deeper_is_found(width, sigma, lowest):
     # some data ask for a small width and many for a large one
-    force, sigmas = np.repeat([2.0, 30.0], [3, 40]), np.repeat(sigma, [3, 40])
-    wanted = np.where(force < 3.0, velocities(spread_over(0.5e-6), force=force), velocities(spread_over(width), force=force))
+    force = np.repeat([2.0, 30.0], [3, 40])
+    sigmas = np.repeat(sigma, [3, 40])
+    wanted = np.where(
+        force < 3.0,
+        velocities(spread_over(0.5e-6), force=force),
+        velocities(spread_over(width), force=force),
+    )
     widths = np.geomspace(0.1e-6, 300e-6, 200)
-    squares = np.array([np.sum(((velocities(spread_over(w), force=force) - wanted) / sigmas) ** 2) for w in widths])
+    squares = np.array(
+        [np.sum(((velocities(spread_over(w), force=force) - wanted) / sigmas) ** 2) for w in widths]
+    )
     minima = np.flatnonzero((squares[1:-1] < squares[:-2]) & (squares[1:-1] < squares[2:])) + 1
     assert len(minima) == 2
     assert np.argmin(squares) == minima[lowest]
@@ -97,14 +119,22 @@ def test_of_two_minima_the_deeper_is_found(width, sigma, lowest):
 def test_a_second_parameter_is_found_from_far_away(name):
     truth = change_packing(TRUE, {name: {"young_modulus": 150e9, "diameter": 6e-3}[name]})
     fit = fit_width(BALLS, FORCE, velocities(truth), parameters=("width", name))
-    assert_allclose(fit.values, [WIDTH, {"young_modulus": 150e9, "diameter": 6e-3}[name]], rtol=1e-8)
+    assert_allclose(
+        fit.values, [WIDTH, {"young_modulus": 150e9, "diameter": 6e-3}[name]], rtol=1e-8
+    )
     assert_allclose(velocities(fit.packing), velocities(truth), rtol=1e-10)
     assert fit.parameters == ("width", name)
 
 
 def test_listed_diameters_move_along_with_their_mean():
     balls = gp.Packing(STEEL, KINDS.mean, KINDS)
-    fit = fit_width(balls, FORCE, velocities(balls, "afa") * 1.01, medium="afa", parameters=("diameter", "width"))
+    fit = fit_width(
+        balls,
+        FORCE,
+        velocities(balls, "afa") * 1.01,
+        medium="afa",
+        parameters=("diameter", "width"),
+    )
     assert_allclose(fit.packing.diameter, fit.values[0], rtol=1e-14)
     assert_allclose(fit.packing.width, fit.width, rtol=1e-9)
     assert fit.packing.spread.fractions == KINDS.fractions
@@ -122,15 +152,19 @@ def test_a_lattice_with_velocities_of_its_own_in_each_direction():
     square = replace(BALLS, lattice="square")
     state = gp.EffectiveMedium(spread_over(WIDTH, packing=square)).at_force(FORCE)
     for direction in ((1.0, 0.0), (1.0, 1.0)):
-        found = fit_width(square, FORCE, sound_velocities(state, direction).longitudinal, direction=direction)
+        found = fit_width(
+            square, FORCE, sound_velocities(state, direction).longitudinal, direction=direction
+        )
         assert_allclose(found.width, WIDTH, rtol=1e-9)
 
 
-# -- derivatives ----------------------------------------------------------------------------------------------------
+# -- derivatives -----------------------------------------------------------------------------------
 
 
 def require_derivatives(model, logs, step, rtol, atol):
-    """Compare the derivatives of a model with differences of the logarithms of its velocities, of fourth order."""
+    """Compare the derivatives of a model with differences of the logarithms of its velocities, of
+    fourth order.
+    """
     slopes = model(logs)[1]
     for column, move in enumerate(step * np.eye(len(logs))):
         logged = [np.log(model(logs + n * move)[0]) for n in (-2, -1, 1, 2)]
@@ -138,15 +172,20 @@ def require_derivatives(model, logs, step, rtol, atol):
         assert_allclose(slopes[:, column], twin, rtol=rtol, atol=atol)
 
 
-@pytest.mark.parametrize(("frequency", "finite", "rtol"), [(None, False, 2e-8), (6500.0, False, 2e-6), (None, True, 1e-3)])
+@pytest.mark.parametrize(
+    ("frequency", "finite", "rtol"),
+    [(None, False, 2e-8), (6500.0, False, 2e-6), (None, True, 1e-3)],
+)
 @pytest.mark.parametrize("medium", ["afa", "ema"])
 def test_derivatives_are_those_of_the_velocities(medium, frequency, finite, rtol):
     waves = Waves("longitudinal", np.array([0.0, 1.0]), frequency, finite)
-    model = VelocityModel(TRUE, ("width", "young_modulus", "diameter"), MediumChoice(medium), FORCE[::3], waves)
+    model = VelocityModel(
+        TRUE, ("width", "young_modulus", "diameter"), MediumChoice(medium), FORCE[::3], waves
+    )
     require_derivatives(model, model.find_start(WIDTH), 1e-4, rtol, 1e-8)
 
 
-# -- noisy data -----------------------------------------------------------------------------------------------------
+# -- noisy data ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sigma", [np.linspace(2.0, 9.0, 12), None])
@@ -154,10 +193,14 @@ def test_width_and_error_are_those_of_a_second_engine(sigma):
     noisy = EXACT["ema"] + np.random.default_rng(5).normal(size=12) * 5.0
 
     def model(_, microns, gigapascal):
-        return velocities(change_packing(BALLS, {"width": microns * 1e-6, "young_modulus": gigapascal * 1e9}))
+        return velocities(
+            change_packing(BALLS, {"width": microns * 1e-6, "young_modulus": gigapascal * 1e9})
+        )
 
     fit = fit_width(BALLS, FORCE, noisy, sigma, parameters=("width", "young_modulus"))
-    best, covariance = curve_fit(model, FORCE, noisy, (2.0, 211.0), sigma, absolute_sigma=sigma is not None)
+    best, covariance = curve_fit(
+        model, FORCE, noisy, (2.0, 211.0), sigma, absolute_sigma=sigma is not None
+    )
     units = np.array([1e-6, 1e9])
     assert_allclose(fit.values, best * units, rtol=1e-5)
     assert_allclose(fit.covariance, covariance * np.outer(units, units), rtol=1e-3)
@@ -166,7 +209,9 @@ def test_width_and_error_are_those_of_a_second_engine(sigma):
 
 
 def repeated(count, errors, seed, **options):
-    """(fit - truth) over its standard error, and the fits, of experiments that differ by their noise."""
+    """(fit - truth) over its standard error, and the fits, of experiments that differ by their
+    noise.
+    """
     exact = EXACT[options["medium"]]
     noise = np.random.default_rng(seed).normal(size=(count, *FORCE.shape)) * errors
     fits = [fit_width(BALLS, FORCE, exact + one, **options) for one in noise]
@@ -175,11 +220,20 @@ def repeated(count, errors, seed, **options):
 
 @pytest.fixture
 def remembered(monkeypatch):
-    """What the model has said of some parameters is not computed again: experiments differ by their noise alone."""
-    said, compute = {}, VelocityModel.__call__
+    """What the model has said of some parameters is not computed again: experiments differ by their
+    noise alone.
+    """
+    said = {}
+    compute = VelocityModel.__call__
 
     def call(model, logs):
-        key = (model.packing, model.names, model.choice.label, model.force.tobytes(), logs.tobytes())
+        key = (
+            model.packing,
+            model.names,
+            model.choice.label,
+            model.force.tobytes(),
+            logs.tobytes(),
+        )
         if key not in said:
             said[key] = compute(model, logs)
         return said[key]
@@ -189,7 +243,9 @@ def remembered(monkeypatch):
 
 @pytest.mark.claim("tutorial-fit")
 @pytest.mark.usefixtures("remembered")
-@pytest.mark.parametrize(("medium", "count"), [("ema", 60), pytest.param("afa", 300, marks=pytest.mark.exhaustive)])
+@pytest.mark.parametrize(
+    ("medium", "count"), [("ema", 60), pytest.param("afa", 300, marks=pytest.mark.exhaustive)]
+)
 def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
     sigma = np.linspace(6.0, 2.0, 12)
     pulls, fits = repeated(count, sigma, 1, medium=medium, sigma=sigma)
@@ -200,41 +256,60 @@ def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
     # p is as likely to have any value, and so few fits are warned of
     assert kstest([fit.p for fit in fits], "uniform").pvalue > 0.01
     assert_allclose(fits[0].p, chi2_distribution(11).sf(fits[0].chi2), rtol=1e-10)
-    assert sum(bool(fit.warnings) for fit in fits) <= max(2, 0.01 * count) + (medium == "afa") * count
+    assert (
+        sum(bool(fit.warnings) for fit in fits) <= max(2, 0.01 * count) + (medium == "afa") * count
+    )
 
 
 @pytest.mark.claim("tutorial-fit")
 @pytest.mark.usefixtures("remembered")
 def test_errors_from_the_scatter_follow_student():
-    pulls, fits = [], []
+    pulls = []
+    fits = []
     noise = np.random.default_rng(2).normal(size=(60, 3)) * 4.0
     for one in noise:
         fits.append(fit_width(BALLS, FORCE[::4], EXACT["afa"][::4] + one, medium="afa"))
         pulls.append((fits[-1].width - WIDTH) / fits[-1].stderr)
     assert {fit.dof for fit in fits} == {2}
     assert kstest(pulls, "t", args=(2,)).pvalue > 0.01
-    assert np.mean(np.abs(pulls) > 3.0) > 0.05  # a normal law, which three data are too few for, has 0.3 %
-    assert_allclose(np.mean([fit.sigma[0] ** 2 for fit in fits]), 16.0, rtol=3.0 * np.sqrt(2.0 / (2 * 60)))
+    # a normal law, which three data are too few for, has 0.3 %
+    assert np.mean(np.abs(pulls) > 3.0) > 0.05
+    assert_allclose(
+        np.mean([fit.sigma[0] ** 2 for fit in fits]), 16.0, rtol=3.0 * np.sqrt(2.0 / (2 * 60))
+    )
 
 
 @pytest.mark.usefixtures("remembered")
 def test_the_covariance_of_two_parameters_is_their_scatter():
-    sigma, count = 2.0, 40
-    _, fits = repeated(count, sigma, 3, medium="afa", sigma=sigma, parameters=("width", "young_modulus"))
+    sigma = 2.0
+    count = 40
+    _, fits = repeated(
+        count, sigma, 3, medium="afa", sigma=sigma, parameters=("width", "young_modulus")
+    )
     off = np.array([fit.values for fit in fits]) - [WIDTH, 211.65e9]
     distance = [x @ np.linalg.solve(fit.covariance, x) for x, fit in zip(off, fits, strict=True)]
     assert kstest(distance, chi2_distribution(2).cdf).pvalue > 0.01
-    expected = fit_width(BALLS, FORCE, EXACT["afa"], sigma, medium="afa", parameters=("width", "young_modulus")).covariance
+    expected = fit_width(
+        BALLS, FORCE, EXACT["afa"], sigma, medium="afa", parameters=("width", "young_modulus")
+    ).covariance
     correlation = expected[0, 1] / np.sqrt(expected[0, 0] * expected[1, 1])
-    assert abs(np.corrcoef(off.T)[0, 1] - correlation) < 4.0 * (1.0 - correlation**2) / np.sqrt(count)
+    assert abs(np.corrcoef(off.T)[0, 1] - correlation) < 4.0 * (1.0 - correlation**2) / np.sqrt(
+        count
+    )
     assert_allclose(off.std(axis=0), np.sqrt(np.diag(expected)), rtol=3.0 / np.sqrt(2.0 * count))
 
 
 def test_one_sigma_is_as_many_and_scales_the_error():
     noisy = EXACT["afa"] + np.random.default_rng(7).normal(size=12)
-    one, many, double = (fit_width(BALLS, FORCE, noisy, s, medium="afa") for s in (3.0, np.full(12, 3.0), 6.0))
+    one, many, double = (
+        fit_width(BALLS, FORCE, noisy, s, medium="afa") for s in (3.0, np.full(12, 3.0), 6.0)
+    )
     assert one == many
-    assert_allclose([double.width, double.stderr, double.chi2], [one.width, 2.0 * one.stderr, one.chi2 / 4.0], rtol=1e-6)
+    assert_allclose(
+        [double.width, double.stderr, double.chi2],
+        [one.width, 2.0 * one.stderr, one.chi2 / 4.0],
+        rtol=1e-6,
+    )
     assert one.dof == 11
 
 
@@ -242,11 +317,13 @@ def test_without_sigma_the_units_of_the_scatter_do_not_matter():
     noisy = EXACT["afa"] + np.random.default_rng(8).normal(size=12) * 3.0
     fit = fit_width(BALLS, FORCE, noisy, medium="afa")
     given = fit_width(BALLS, FORCE, noisy, fit.sigma, medium="afa")
-    assert_allclose([given.width, given.stderr, given.chi2], [fit.width, fit.stderr, 11.0], rtol=1e-6)
+    assert_allclose(
+        [given.width, given.stderr, given.chi2], [fit.width, fit.stderr, 11.0], rtol=1e-6
+    )
     assert fit.chi2 == 11.0
 
 
-# -- pulses ---------------------------------------------------------------------------------------------------------
+# -- pulses ----------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -259,7 +336,8 @@ def test_the_frequency_of_the_pulses_shifts_the_width(pulses):
     assert_allclose(fit.width, WIDTH, rtol=1e-9)
     assert fit.waves.frequency == 6500.0
     assert_allclose(fit.velocity_at(FORCE[3]), pulses[3], rtol=1e-9)
-    # at the 6.5 kHz of the experiment a pulse is up to 4 % slower than long waves are: taken for one, it costs a quarter
+    # at the 6.5 kHz of the experiment a pulse is up to 4 % slower than long waves are: taken for
+    # one, it costs a quarter
     assert_allclose(1.0 - (pulses / EXACT["ema"])[[0, -1]], [0.0435, 0.0163], atol=5e-5)
     naive = fit_width(BALLS, FORCE, pulses)
     assert_allclose(naive.width, 2.61e-6, rtol=5e-3)
@@ -269,14 +347,21 @@ def test_the_frequency_of_the_pulses_shifts_the_width(pulses):
 
 def test_a_frequency_in_another_unit_is_told(pulses):
     """6.5 for 6.5 kHz: a wave of some 75 m, thousands of balls."""
-    told = [line for line in fit_width(BALLS, FORCE, pulses, frequency=6.5).warnings if "6.5 Hz" in line]
+    told = [
+        line for line in fit_width(BALLS, FORCE, pulses, frequency=6.5).warnings if "6.5 Hz" in line
+    ]
     assert len(told) == 1
-    assert not any("Is the frequency" in line for line in fit_width(BALLS, FORCE, pulses, frequency=6500.0).warnings)
+    assert not any(
+        "Is the frequency" in line
+        for line in fit_width(BALLS, FORCE, pulses, frequency=6500.0).warnings
+    )
 
 
 def test_every_pulse_may_have_a_frequency_of_its_own():
     hertz = np.linspace(500.0, 5000.0, 3)
-    group = pulse_velocities(gp.EffectiveMedium(TRUE).at_force(FORCE[::4]), hertz, (1.0, 0.0)).group[0]
+    group = pulse_velocities(
+        gp.EffectiveMedium(TRUE).at_force(FORCE[::4]), hertz, (1.0, 0.0)
+    ).group[0]
     fit = fit_width(BALLS, FORCE[::4], group, frequency=hertz, direction=(1.0, 0.0))
     assert_allclose(fit.width, WIDTH, rtol=1e-9)
     with pytest.raises(InputError, match="many frequencies"):
@@ -287,7 +372,10 @@ def test_a_frequency_above_the_band_is_named():
     state = gp.AveragedLattice(BALLS).at_force(4.0)
     hertz = np.full(12, 6500.0)
     hertz[[2, 4]] = 1e6, 1e5
-    words = r"do not carry the frequency of 2 of 12 data. Datum 3 has 1e\+06 Hz at 2.995 N, where the longitudinal"
+    words = (
+        r"do not carry the frequency of 2 of 12 data. Datum 3 has 1e\+06 Hz at 2.995 N, where the"
+        r" longitudinal"
+    )
     with pytest.raises(UnreachableFrequencyError, match=words):
         fit_width(BALLS, FORCE, EXACT["ema"], frequency=hertz)
     # just below the top that is named a pulse goes, and just above it none
@@ -313,22 +401,28 @@ def test_the_top_of_each_load_with_finite_overlap():
 
 
 def test_a_frequency_too_high_for_the_velocities_is_blamed_and_not_the_material():
-    # long waves of the balls, taken for pulses near the top of the branch, are faster than such pulses can be
-    words = r"above those of pulses of equal balls. They are not above those of long waves. Datum 1 has 22000 Hz at 2 N"
+    # long waves of the balls, taken for pulses near the top of the branch, are faster than such
+    # pulses can be
+    words = (
+        r"above those of pulses of equal balls. They are not above those of long waves. Datum 1"
+        r" has 22000 Hz at 2 N"
+    )
     with pytest.raises(InputError, match=words) as error:
         fit_width(BALLS, FORCE, EXACT["ema"], 3.0, frequency=22e3)
     assert "modulus" not in str(error.value)
     # slower ones ask for so wide a spread that it carries the frequency no longer
     with pytest.raises(
-        InputError, match=r"beyond which the balls do not carry the frequency. Datum 1 has 20000 Hz at 2 N"
+        InputError,
+        match=r"beyond which the balls do not carry the frequency. Datum 1 has 20000 Hz at 2 N",
     ) as error:
         fit_width(BALLS, FORCE, 0.1 * IDEAL, 5.0, frequency=20e3)
     assert "modulus" not in str(error.value)
-    with pytest.raises(InputError, match="Check the Young modulus"):  # too fast for long waves as well
+    with pytest.raises(InputError, match="Check the Young modulus"):
+        # too fast for long waves as well
         fit_width(BALLS, FORCE, 1.1 * IDEAL, 3.0, frequency=6.5e3)
 
 
-# -- data that do not say -------------------------------------------------------------------------------------------
+# -- data that do not say --------------------------------------------------------------------------
 
 IDEAL = velocities(BALLS)
 NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
@@ -345,8 +439,14 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
         ({"sigma": 0.0}, "sigma: found 0.0"),
         ({"force": FORCE.reshape(3, 4)}, "force: found"),
         ({"force": [], "velocity": []}, "force: found"),
-        ({"force": 2.0, "velocity": 500.0}, "found 1 measurement, to which width cannot be fitted. Without sigma one more"),
-        ({"force": 2.0, "velocity": 500.0, "sigma": 1.0, "parameters": ("width", "diameter")}, "width and diameter cannot"),
+        (
+            {"force": 2.0, "velocity": 500.0},
+            "found 1 measurement, to which width cannot be fitted. Without sigma one more",
+        ),
+        (
+            {"force": 2.0, "velocity": 500.0, "sigma": 1.0, "parameters": ("width", "diameter")},
+            "width and diameter cannot",
+        ),
         ({"parameters": ("width", "young_modulu")}, "Did you mean young_modulus"),
         ({"parameters": ()}, "Give one or more"),
         ({"parameters": ("width", "width")}, "at most once"),
@@ -358,15 +458,30 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
         ({"velocity": IDEAL, "sigma": 5.0}, "the width cannot be told from zero"),
         ({"velocity": 1.1 * IDEAL}, "on average 10 % above those of equal balls"),
         ({"velocity": 1.001 * IDEAL, "sigma": 5.0}, "0.1 % above those of equal balls"),
-        ({"velocity": EXACT["ema"] / 20.0}, "no width fits: the sum of squares still falls at .* [mu]m, .* Check the units"),
-        ({"velocity": EXACT["ema"] / 1e3}, "are 0.000888 to 0.000996 times those of equal balls. Check the units"),
-        ({"force": EXACT["ema"], "velocity": FORCE}, "times those of equal balls. .* columns are not swapped"),
+        (
+            {"velocity": EXACT["ema"] / 20.0},
+            "no width fits: the sum of squares still falls at .* [mu]m, .* Check the units",
+        ),
+        (
+            {"velocity": EXACT["ema"] / 1e3},
+            "are 0.000888 to 0.000996 times those of equal balls. Check the units",
+        ),
+        (
+            {"force": EXACT["ema"], "velocity": FORCE},
+            "times those of equal balls. .* columns are not swapped",
+        ),
         ({"velocity": EXACT["ema"][::-1]}, "the width cannot be told from zero"),
-        ({"sigma": 200.0, "parameters": ("width", "young_modulus")}, "its standard error|told from zero"),
-        ({"parameters": ("width", "young_modulus", "diameter"), "sigma": 1.0}, "velocities of long waves depend on"),
+        (
+            {"sigma": 200.0, "parameters": ("width", "young_modulus")},
+            "its standard error|told from zero",
+        ),
+        (
+            {"parameters": ("width", "young_modulus", "diameter"), "sigma": 1.0},
+            "velocities of long waves depend on",
+        ),
         ({"force": np.full(12, 4.0), "parameters": ("width", "diameter")}, "told from zero"),
     ],
-)  # fmt: skip
+)
 def test_data_that_cannot_determine_the_parameters_are_refused(options, words):
     given = {"force": FORCE, "velocity": EXACT["ema"], **options}
     with pytest.raises(InputError, match=words):
@@ -377,22 +492,35 @@ def test_data_that_cannot_determine_the_parameters_are_refused(options, words):
 @pytest.mark.parametrize("sigma", [None, 0.01])
 def test_data_above_the_velocity_of_equal_balls_are_told(sigma):
     """10 % too fast, at loads so low that a width is found all the same."""
-    force, truth = np.geomspace(1.0, 18.446, 12), spread_over(1.5 * WIDTH)
-    exact, ideal = velocities(truth, force=force), velocities(BALLS, "ala", force=force)
+    force = np.geomspace(1.0, 18.446, 12)
+    truth = spread_over(1.5 * WIDTH)
+    exact = velocities(truth, force=force)
+    ideal = velocities(BALLS, "ala", force=force)
     fast = 1.1 * exact
     fit = fit_width(BALLS, force, fast, None if sigma is None else sigma * fast)
     (told,) = [text for text in fit.warnings if "not a width" in text]
     most = int(np.argmax(fast / ideal))
     assert re.match(
-        r"[4-7] of 12 data are above the velocity of equal balls at that load, by up to 8\.9 % \(datum 12, ", told
+        r"[4-7] of 12 data are above the velocity of equal balls at that load, by up to 8\.9"
+        r" % \(datum 12, ",
+        told,
     )
     assert f"{100.0 * (fast[most] / ideal[most] - 1.0):.2g} %" == "8.9 %"
     assert "fit young_modulus as well" in told
-    both = fit_width(BALLS, force, fast, None if sigma is None else sigma * fast, parameters=("width", "young_modulus"))
+    both = fit_width(
+        BALLS,
+        force,
+        fast,
+        None if sigma is None else sigma * fast,
+        parameters=("width", "young_modulus"),
+    )
     assert not any("not a width" in text for text in both.warnings)
     # noise that puts data above equal balls is not told of
     noise = 1.0 + 0.01 * np.random.default_rng(7).normal(size=(20, 12))
-    noisy = [fit_width(BALLS, FORCE, EXACT["ema"] * one, None if sigma is None else sigma * EXACT["ema"]) for one in noise]
+    noisy = [
+        fit_width(BALLS, FORCE, EXACT["ema"] * one, None if sigma is None else sigma * EXACT["ema"])
+        for one in noise
+    ]
     assert sum(bool(np.any(one.velocity > velocities(BALLS, "ala"))) for one in noisy) > 2
     assert sum(any("not a width" in text for text in one.warnings) for one in noisy) <= 1
 
@@ -400,7 +528,9 @@ def test_data_above_the_velocity_of_equal_balls_are_told(sigma):
 def test_a_narrow_range_of_force_does_not_tell_two_parameters():
     force = np.linspace(4.0, 4.2, 12)
     with pytest.raises(InputError, match=r"told from zero|do not determine young_modulus"):
-        fit_width(BALLS, force, velocities(TRUE, force=force), 5.0, parameters=("width", "young_modulus"))
+        fit_width(
+            BALLS, force, velocities(TRUE, force=force), 5.0, parameters=("width", "young_modulus")
+        )
     assert fit_width(BALLS, force, velocities(TRUE, force=force), 5.0).stderr < 0.05 * WIDTH
 
 
@@ -420,27 +550,41 @@ def test_balls_of_one_listed_size_have_no_shape_to_widen():
 def test_loads_outside_the_range_of_the_medium_are_counted():
     force = np.append(FORCE, [0.5, 1.0])
     fit = fit_width(BALLS, force, velocities(TRUE, force=force))
-    assert any("2 of the 14 contact forces are lower, down to 0.5 N" in warning for warning in fit.warnings)
-    assert fit_width(BALLS, FORCE, NOISY, 4.0).warnings == fit_width(BALLS, FORCE, NOISY).warnings == ()
+    assert any(
+        "2 of the 14 contact forces are lower, down to 0.5 N" in warning for warning in fit.warnings
+    )
+    assert (
+        fit_width(BALLS, FORCE, NOISY, 4.0).warnings
+        == fit_width(BALLS, FORCE, NOISY).warnings
+        == ()
+    )
 
 
 def test_a_model_that_does_not_fit_and_loads_too_high_are_said():
     wrong = EXACT["ema"] * (1.0 - 0.05 * np.sin(np.arange(12.0)))
-    assert any("times what sigma says" in warning for warning in fit_width(BALLS, FORCE, wrong, 1.0).warnings)
+    assert any(
+        "times what sigma says" in warning
+        for warning in fit_width(BALLS, FORCE, wrong, 1.0).warnings
+    )
     soft = change_packing(BALLS, {"young_modulus": 1e6})
     force = FORCE * 1e-2
     heavy = velocities(spread_over(100e-6, packing=soft), force=force)
-    assert any("radius of a contact" in warning for warning in fit_width(soft, force, heavy).warnings)
+    assert any(
+        "radius of a contact" in warning for warning in fit_width(soft, force, heavy).warnings
+    )
 
 
-# -- how far a fit is to be trusted ---------------------------------------------------------------------------------
+# -- how far a fit is to be trusted ----------------------------------------------------------------
 
 
 def test_with_no_degrees_of_freedom_nothing_is_said_of_the_fit():
     fit = fit_width(BALLS, 4.0, 550.0, 5.0)
     assert fit.dof == 0
     assert np.isnan(fit.p)
-    assert any("0 degrees of freedom: nothing can be said of how well" in warning for warning in fit.warnings)
+    assert any(
+        "0 degrees of freedom: nothing can be said of how well" in warning
+        for warning in fit.warnings
+    )
     assert not any("times what sigma says" in warning for warning in fit.warnings)
     assert_allclose(fit.velocities, 550.0, rtol=1e-9)
     # the derivative of the velocity takes the error of the datum to that of the width
@@ -454,7 +598,9 @@ def test_residuals_too_large_or_too_small_for_sigma_are_said_with_p(factor):
     p = chi2_distribution(11).sf(fit.chi2)
     assert_allclose(fit.p, p, rtol=1e-9)
     assert not 1e-3 < p < 0.999
-    words = "the model does not fit, or sigma is too small" if factor < 1.0 else "sigma is too large"
+    words = (
+        "the model does not fit, or sigma is too small" if factor < 1.0 else "sigma is too large"
+    )
     (warning,) = fit.warnings
     assert f"p = {p:.2g}" in warning
     assert words in warning
@@ -468,7 +614,9 @@ def test_a_sigma_far_below_the_scatter_is_accepted_as_the_minimum_is_found():
     assert any("p = 0" in warning for warning in fit.warnings)
     with pytest.raises(InputError, match=r"sigma is as small as .* relative errors of 1e-12"):
         fit_width(BALLS, FORCE, noisy, 1e-10)
-    with pytest.raises(InputError, match=r"sigma is as large as .* No measurement has such an error"):
+    with pytest.raises(
+        InputError, match=r"sigma is as large as .* No measurement has such an error"
+    ):
         fit_width(BALLS, FORCE, noisy, 1e16)
 
 
@@ -489,9 +637,13 @@ def test_errors_that_rest_on_rounding_are_not_known(speeds, tmp_path):
 
 def test_the_unit_of_the_last_decimal():
     for values, unit in (
-        ([480.0, 490.0], 10.0), ([480.12, 480.1], 0.01), ([1.5e-3, 2e-3], 1e-4), ([1e3, 2e3], 1e3),
-        ([0.3048 * 1601, 0.3048 * 1603], 1e-4), ([np.pi, 3.0], 1e-11 * np.pi),
-    ):  # fmt: skip
+        ([480.0, 490.0], 10.0),
+        ([480.12, 480.1], 0.01),
+        ([1.5e-3, 2e-3], 1e-4),
+        ([1e3, 2e3], 1e3),
+        ([0.3048 * 1601, 0.3048 * 1603], 1e-4),
+        ([np.pi, 3.0], 1e-11 * np.pi),
+    ):
         assert_allclose(find_rounding(np.array(values)), unit, rtol=1e-12)
 
 
@@ -503,22 +655,33 @@ def test_leverages_are_the_diagonal_of_the_projection():
 
 
 def test_one_far_load_decides_alone():
-    """Of loads so high that hardly a width is heard, and one low: its leverage is its part of the squares of derivatives."""
+    """Of loads so high that hardly a width is heard, and one low: its leverage is its part of the
+    squares of derivatives.
+    """
     force = np.append(np.linspace(400.0, 500.0, 6), 3.0)
     noise = np.array([1.0, -0.5, 0.7, -1.1, 0.3, -0.4, 0.0])
     fit = fit_width(BALLS, force, velocities(TRUE, force=force) + 2.0 * noise, 2.0)
-    low, high = (velocities(spread_over(fit.width * factor), force=force) for factor in (0.999, 1.001))
+    low, high = (
+        velocities(spread_over(fit.width * factor), force=force) for factor in (0.999, 1.001)
+    )
     leverage = ((high - low) ** 2 / np.sum((high - low) ** 2))[-1]
     assert leverage > 0.9
-    assert [w for w in fit.warnings if w.startswith("datum 7") and f"its leverage is {leverage:.4g}"[:-1] in w]
+    assert [
+        w
+        for w in fit.warnings
+        if w.startswith("datum 7") and f"its leverage is {leverage:.4g}"[:-1] in w
+    ]
     several = fit_width(BALLS, FORCE, NOISY, 4.0)
     assert not any("leverage" in warning for warning in several.warnings)
 
 
-@pytest.mark.parametrize(("sigma", "factor", "rtol"), [(None, 0.95, 0.02), (4.0, 0.9, 0.05), (0.4, 0.9, 0.05)])
+@pytest.mark.parametrize(
+    ("sigma", "factor", "rtol"), [(None, 0.95, 0.02), (4.0, 0.9, 0.05), (0.4, 0.9, 0.05)]
+)
 def test_a_wild_datum_is_named(sigma, factor, rtol):
     """By its sigma where the others agree with theirs, else by the scatter of the others."""
-    wild, others = NOISY.copy(), np.arange(12) != 5
+    wild = NOISY.copy()
+    others = np.arange(12) != 5
     wild[5] *= factor
     fit = fit_width(BALLS, FORCE, wild, sigma)
     assert sigma is None or fit.p < 1e-3
@@ -528,8 +691,17 @@ def test_a_wild_datum_is_named(sigma, factor, rtol):
     left = fit_width(BALLS, FORCE[others], wild[others], sigma)
     assert sigma is None or (left.p > 0.05) == (sigma == 4.0)
     error = np.sqrt(left.chi2 / left.dof) if sigma == 0.4 else 1.0
-    slope = np.ptp([velocities(spread_over(left.width + step), force=FORCE[5]) for step in (-1e-9, 1e-9)]) / 2e-9
-    distance = (left.velocity_at(FORCE[5]) - wild[5]) / np.hypot(left.sigma[0], slope * left.stderr) / error
+    slope = (
+        np.ptp(
+            [velocities(spread_over(left.width + step), force=FORCE[5]) for step in (-1e-9, 1e-9)]
+        )
+        / 2e-9
+    )
+    distance = (
+        (left.velocity_at(FORCE[5]) - wild[5])
+        / np.hypot(left.sigma[0], slope * left.stderr)
+        / error
+    )
     assert float(re.search(r"lies (\S+)", warning)[1]) == pytest.approx(distance, rel=rtol)
 
 
@@ -537,14 +709,23 @@ def test_an_error_as_large_as_the_width_is_said():
     large = fit_width(BALLS, FORCE, EXACT["ema"] * (1.0 + 0.15 * np.array([1.0, -1.0] * 6)))
     part = large.stderr / large.width
     assert part > 0.5
-    assert any(f"the standard error of width is {part:.2g} of its value" in warning for warning in large.warnings)
+    assert any(
+        f"the standard error of width is {part:.2g} of its value" in warning
+        for warning in large.warnings
+    )
 
 
 @pytest.mark.usefixtures("remembered")
 @pytest.mark.parametrize("sigma", [None, 4.0])
 def test_a_datum_is_seldom_called_wild_by_chance(sigma):
     fits = [
-        fit_width(BALLS, FORCE, EXACT["afa"] + 4.0 * np.random.default_rng(s).normal(size=12), sigma, medium="afa")
+        fit_width(
+            BALLS,
+            FORCE,
+            EXACT["afa"] + 4.0 * np.random.default_rng(s).normal(size=12),
+            sigma,
+            medium="afa",
+        )
         for s in range(25)
     ]
     assert sum("off the fit of the others" in w for fit in fits for w in fit.warnings) <= 1
@@ -552,17 +733,28 @@ def test_a_datum_is_seldom_called_wild_by_chance(sigma):
 
 @pytest.mark.parametrize("spread", [None, gp.Uniform(1e-6), gp.Normal(1e-6), KINDS])
 def test_the_standard_deviation_is_that_of_the_fitted_spread(spread):
-    packing = BALLS if spread is None else replace(BALLS, spread=spread, diameter=spread.mean or 8e-3)
+    packing = (
+        BALLS if spread is None else replace(BALLS, spread=spread, diameter=spread.mean or 8e-3)
+    )
     fit = fit_width(packing, FORCE, NOISY, 4.0, medium="afa")
-    assert_allclose([fit.std, fit.std_stderr], np.array([fit.width, fit.stderr]) / np.sqrt(12.0), rtol=1e-14)
+    assert_allclose(
+        [fit.std, fit.std_stderr], np.array([fit.width, fit.stderr]) / np.sqrt(12.0), rtol=1e-14
+    )
     assert_allclose(fit.packing.spread.rms, fit.std, rtol=1e-9)
 
 
-# -- the result -----------------------------------------------------------------------------------------------------
+# -- the result ------------------------------------------------------------------------------------
 
 
 def test_the_result_is_plain_data_and_frozen(tmp_path):
-    fit = fit_width(BALLS, FORCE, EXACT["ema"] + 1.0, 2.0, parameters=("width", "young_modulus"), medium={"ema": None})
+    fit = fit_width(
+        BALLS,
+        FORCE,
+        EXACT["ema"] + 1.0,
+        2.0,
+        parameters=("width", "young_modulus"),
+        medium={"ema": None},
+    )
     assert WidthFit.from_dict(fit.to_dict()) == fit
     with pytest.raises(ValueError, match="read-only"):
         fit.values[0] = 1.0
@@ -574,7 +766,9 @@ def test_the_result_is_plain_data_and_frozen(tmp_path):
     np.testing.assert_array_equal(again.sigma, fit.sigma)
     text = (tmp_path / "fit.yaml").read_text(encoding="utf-8")
     for name in ("width", "stderr", "std", "std_stderr", "p"):
-        assert re.search(rf"^{name}: {getattr(fit, name)!r}$".replace("+", r"\+"), text, re.MULTILINE)
+        assert re.search(
+            rf"^{name}: {getattr(fit, name)!r}$".replace("+", r"\+"), text, re.MULTILINE
+        )
     data = yaml.safe_load(text)
     assert WidthFit.from_dict(data) == WidthFit.from_dict(plain_yaml(text, "fit.yaml")) == fit
     data["velocity"][3] *= 1.0000001
@@ -586,7 +780,7 @@ def test_the_result_is_plain_data_and_frozen(tmp_path):
     assert '  values: "m, Pa"\n  covariance: "m^2, m Pa; Pa m, Pa^2"\n' in text
 
 
-# -- simulations ----------------------------------------------------------------------------------------------------
+# -- simulations -----------------------------------------------------------------------------------
 
 SAMPLES = {"simulation": {"shape": (32, 32), "seed": 1, "geometry": "lattice"}}
 
@@ -599,7 +793,9 @@ def sampled():
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(("branch", "frequency"), [("longitudinal", None), ("transverse", 6500.0)])
 def test_the_width_of_simulated_samples(sampled, branch, frequency):
-    """Found again from the same samples, but for the cusps of their moduli, which the model leaves out."""
+    """Found again from the same samples, but for the cusps of their moduli, which the model leaves
+    out.
+    """
     waves = Waves(branch, np.array([0.0, 1.0]), frequency, False)
     data = waves.velocity(sampled)[0]
     fit = fit_width(BALLS, FORCE, data, medium=SAMPLES, branch=branch, frequency=frequency)
@@ -624,7 +820,9 @@ def test_samples_tell_two_parameters(sampled):
 def test_the_model_of_samples_is_theirs_and_has_its_own_derivatives(sampled, branch):
     names = ("width", "young_modulus", "diameter")
     waves = Waves(branch, np.array([0.0, 1.0]), None, False)
-    model = VelocityModel(replace(BALLS, spread=gp.Uniform(1e-7)), names, MediumChoice.parse(SAMPLES), FORCE, waves)
+    model = VelocityModel(
+        replace(BALLS, spread=gp.Uniform(1e-7)), names, MediumChoice.parse(SAMPLES), FORCE, waves
+    )
     logs = model.find_start(WIDTH)
     assert_allclose(model(logs)[0], getattr(sound_velocities(sampled), branch), rtol=1.5e-3)
     require_derivatives(model, logs, 1e-5, 2e-4, 1e-6)
@@ -643,14 +841,23 @@ def test_samples_of_listed_diameters_move_in_proportion():
     packing = gp.Packing(STEEL, lot.mean, lot)
     choice = {"simulation": {"shape": (8, 8)}}
     model = VelocityModel(
-        packing, ("width",), MediumChoice.parse(choice), FORCE, Waves("longitudinal", np.array([0.0, 1.0]), None, False)
+        packing,
+        ("width",),
+        MediumChoice.parse(choice),
+        FORCE,
+        Waves("longitudinal", np.array([0.0, 1.0]), None, False),
     )
     simulation = model._curve.medium
     own = gp.DirectSimulation(packing, (8, 8))
     assert_allclose(simulation.deviations(0), own.deviations(0), rtol=0, atol=1e-8)
 
 
-PRESSED = {"friction_history": True, "friction_coefficient": 0.3, "shear_response": "stick", "step_tolerance": 1e-2}
+PRESSED = {
+    "friction_history": True,
+    "friction_coefficient": 0.3,
+    "shear_response": "stick",
+    "step_tolerance": 1e-2,
+}
 WIDE = spread_over(0.02 * 8e-3)
 HIGH = WIDE.width_units.force * 10.0 ** (np.arange(-4, 5) / 8.0)
 
@@ -660,7 +867,9 @@ EXACT_SAMPLES = {"simulation": {"shape": (6, 6), "geometry": "exact"}}
 
 @pytest.mark.parametrize(("branch", "frequency"), [("longitudinal", None), ("transverse", 4e4)])
 def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency):
-    """At the places of its own curve; of pulses but for terms of the order of W/d in how they disperse."""
+    """At the places of its own curve; of pulses but for terms of the order of W/d in how they
+    disperse.
+    """
     waves = Waves(branch, np.array([0.0, 1.0]), frequency, True)
     model = VelocityModel(WIDE, ("width",), MediumChoice.parse(EXACT_SAMPLES), HIGH, waves)
     state = gp.DirectSimulation(WIDE, (6, 6), geometry="exact").at_force(HIGH)
@@ -670,21 +879,32 @@ def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency)
 
 @pytest.mark.parametrize(
     ("medium", "frequency"),
-    only([("ema", None), (EXACT_SAMPLES, None)], itertools.product(("ema", EXACT_SAMPLES), (None, 2e4))),
+    only(
+        [("ema", None), (EXACT_SAMPLES, None)],
+        itertools.product(("ema", EXACT_SAMPLES), (None, 2e4)),
+    ),
 )
 def test_derivatives_with_finite_overlap(medium, frequency):
-    """At overlaps of 4 % of the diameter; of pulses but for terms of this order in how they disperse."""
+    """At overlaps of 4 % of the diameter; of pulses but for terms of this order in how they
+    disperse.
+    """
     waves = Waves("longitudinal", np.array([0.0, 1.0]), frequency, True)
     between = 1.1 * HIGH  # the curve of samples bends at its own places
-    model = VelocityModel(WIDE, ("width", "young_modulus", "diameter"), MediumChoice.parse(medium), between, waves)
-    require_derivatives(model, model.find_start(WIDE.width), 1e-3, 1e-5 if frequency is None else 1e-2, 1e-6)
+    model = VelocityModel(
+        WIDE, ("width", "young_modulus", "diameter"), MediumChoice.parse(medium), between, waves
+    )
+    require_derivatives(
+        model, model.find_start(WIDE.width), 1e-3, 1e-5 if frequency is None else 1e-2, 1e-6
+    )
 
 
 def test_two_parameters_are_fitted_with_finite_overlap():
     """At overlaps of 4 % of the diameter, to data that scatter."""
     clean = velocities(WIDE, "ema", HIGH, finite_overlap=True)
     noisy = clean * (1.0 + 0.004 * np.random.default_rng(0).standard_normal(len(HIGH)))
-    fit = fit_width(WIDE, HIGH, noisy, 0.004 * clean, parameters=("width", "young_modulus"), finite_overlap=True)
+    fit = fit_width(
+        WIDE, HIGH, noisy, 0.004 * clean, parameters=("width", "young_modulus"), finite_overlap=True
+    )
     assert np.all(np.abs(fit.values - (WIDE.width, STEEL.young_modulus)) < 3.0 * fit.stderrs)
 
 
@@ -693,12 +913,18 @@ def test_two_parameters_are_fitted_with_finite_overlap():
     [
         {"geometry": "exact"},
         pytest.param({"geometry": "exact", **PRESSED}, marks=pytest.mark.exhaustive),
-        {**PRESSED, "geometry": "lattice", "start": {"force": float(0.08 * WIDE.width_units.force)}},
+        {
+            **PRESSED,
+            "geometry": "lattice",
+            "start": {"force": float(0.08 * WIDE.width_units.force)},
+        },
     ],
     ids=["exact", "exact with friction", "from a load"],
 )
 def test_samples_that_belong_to_one_width_give_it(options):
-    """In the exact geometry of balls this different another width than theirs is found in the limit of small ones."""
+    """In the exact geometry of balls this different another width than theirs is found in the limit
+    of small ones.
+    """
     given = {"simulation": {"shape": (6, 6), **options}}
     data = velocities(WIDE, given, HIGH[2:])
     fit = fit_width(BALLS, HIGH[2:], data, 1.0, medium=given)
@@ -716,7 +942,9 @@ def test_samples_that_belong_to_one_width_give_it(options):
 def test_samples_of_no_width_are_not_simulated_in_the_exact_geometry():
     given = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
     ideal = velocities(BALLS, "ala", HIGH, finite_overlap=True)
-    with pytest.raises(InputError, match=r"% above those of equal balls\. A spread of diameters slows sound"):
+    with pytest.raises(
+        InputError, match=r"% above those of equal balls\. A spread of diameters slows sound"
+    ):
         fit_width(BALLS, HIGH, 1.02 * ideal, 1.0, medium=given)
     with pytest.raises(InputError, match="the width cannot be told from zero"):
         fit_width(BALLS, HIGH, ideal, 1.0, medium=given, parameters=("width", "young_modulus"))
@@ -732,21 +960,29 @@ def test_parameters_that_do_not_settle_are_refused(monkeypatch):
 def test_pressures_in_the_exact_geometry():
     given = EXACT_SAMPLES
     state = MediumChoice.parse(given).of(WIDE).at_force(HIGH[4])
-    assert convert_pressure(WIDE, False, given, ("width",), state.pressure) == pytest.approx(HIGH[4], rel=2e-4)
-    assert abs(convert_pressure(WIDE, False, "ala", ("width",), state.pressure) / HIGH[4] - 1.0) > 1e-2
+    assert convert_pressure(WIDE, False, given, ("width",), state.pressure) == pytest.approx(
+        HIGH[4], rel=2e-4
+    )
+    assert (
+        abs(convert_pressure(WIDE, False, "ala", ("width",), state.pressure) / HIGH[4] - 1.0) > 1e-2
+    )
 
 
 def test_what_a_simulation_is_not_fitted_to():
     data = EXACT["ema"]
     with pytest.raises(InputError, match=r"simulation.* has no terms of finite overlap"):
-        fit_width(BALLS, FORCE, data, medium={"simulation": {"geometry": "lattice"}}, finite_overlap=True)
+        fit_width(
+            BALLS, FORCE, data, medium={"simulation": {"geometry": "lattice"}}, finite_overlap=True
+        )
     with pytest.raises(InputError, match="square lattice is not simulated"):
-        fit_width(replace(BALLS, lattice="square"), FORCE, data, medium="simulation", direction=(1, 0))
+        fit_width(
+            replace(BALLS, lattice="square"), FORCE, data, medium="simulation", direction=(1, 0)
+        )
     with pytest.raises(InputError, match=r"medium\.simulation\.samples: found 0"):
         fit_width(BALLS, FORCE, data, medium={"simulation": {"samples": 0}})
 
 
-# -- the command ----------------------------------------------------------------------------------------------------
+# -- the command -----------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -754,15 +990,18 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     material = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
     for name, spread, load in (
-        ("scene", ", spread: {uniform: 3 um}", "{force: 10 N}"), ("frame", "", "{side_force: 990 N, balls_per_side: 31}"),
-    ):  # fmt: skip
+        ("scene", ", spread: {uniform: 3 um}", "{force: 10 N}"),
+        ("frame", "", "{side_force: 990 N, balls_per_side: 31}"),
+    ):
         text = f"{material}packing: {{diameter: 8 mm{spread}}}\nload: {load}\n"
         (tmp_path / f"{name}.yaml").write_text(text, encoding="utf-8")
     swept = (tmp_path / "scene.yaml").read_text(encoding="utf-8") + "sweep: {width: [1 um, 2 um]}\n"
     (tmp_path / "swept.yaml").write_text(swept, encoding="utf-8")
     rows = list(zip(FORCE.tolist(), EXACT["ema"].tolist(), strict=True))
     table = "\n".join(["force (N),velocity (km/s)", *(f"{f!r},{v / 1e3!r}" for f, v in rows)])
-    flight = "\n".join(["F [kN];t (us)", *(f"{f * 31 * 3**0.5 / 1e3!r};{0.43e6 / v!r}" for f, v in rows)])
+    flight = "\n".join(
+        ["F [kN];t (us)", *(f"{f * 31 * 3**0.5 / 1e3!r};{0.43e6 / v!r}" for f, v in rows)]
+    )
     (tmp_path / "data.csv").write_text(table, encoding="utf-8")
     (tmp_path / "flight.csv").write_text(flight, encoding="utf-8")
     (tmp_path / "bare.csv").write_text("force,velocity\n2,500\n4,600\n", encoding="utf-8")
@@ -784,12 +1023,20 @@ def test_the_command_never_replaces_what_it_reads(folder, capsys):
     (folder / "fit.yaml").write_text("mine")
     assert command("scene.yaml", "flight.csv", "-o", ".", "--force") == 1
     assert "there is no record that granphon wrote it" in capsys.readouterr().err
-    assert ((folder / "fit.csv").read_bytes(), (folder / "fit.yaml").read_text()) == (before, "mine")
+    assert ((folder / "fit.csv").read_bytes(), (folder / "fit.yaml").read_text()) == (
+        before,
+        "mine",
+    )
 
 
 def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     assert command("scene.yaml", "data.csv", "-o", "out") == 0
-    assert sorted(path.name for path in (folder / "out").iterdir()) == [".granphon-files", "fit.csv", "fit.png", "fit.yaml"]
+    assert sorted(path.name for path in (folder / "out").iterdir()) == [
+        ".granphon-files",
+        "fit.csv",
+        "fit.png",
+        "fit.yaml",
+    ]
     printed = capsys.readouterr().out
     assert "width                 2.04 um, error not known" in printed
     assert "standard deviation    588.9 nm, error not known" in printed
@@ -807,9 +1054,12 @@ def test_the_command_writes_table_numbers_and_figure(folder, capsys):
 
 def test_the_range_of_errors_is_said_and_none_of_one_datum(folder, capsys):
     assert command("scene.yaml", "data.csv", "--sigma", "1 %") == 0
-    least, most = EXACT["ema"].min() / 100.0, EXACT["ema"].max() / 100.0
+    least = EXACT["ema"].min() / 100.0
+    most = EXACT["ema"].max() / 100.0
     assert f"each +/- {least:.3g} to {most:.3g} m/s (given)" in capsys.readouterr().out
-    (folder / "one.csv").write_text("force (N),velocity (ft/s),sigma (%)\n4,1800,1\n", encoding="utf-8")
+    (folder / "one.csv").write_text(
+        "force (N),velocity (ft/s),sigma (%)\n4,1800,1\n", encoding="utf-8"
+    )
     assert command("scene.yaml", "one.csv") == 0
     printed = capsys.readouterr()
     assert "each +/- 5.49 m/s (given)" in printed.out
@@ -829,11 +1079,17 @@ def test_pressures_are_contact_forces_of_the_packing(folder, capsys):
     pressure = np.geomspace(600.0, 4000.0, 6)
     state = gp.EffectiveMedium(packing).at_pressure(pressure, finite_overlap=True)
     speeds = sound_velocities(state, (0.0, 1.0)).longitudinal
-    rows = "".join(f"{p!r},{v!r}\n" for p, v in zip(pressure.tolist(), speeds.tolist(), strict=True))
-    (folder / "pressures.csv").write_text("pressure (N/m),velocity (m/s)\n" + rows, encoding="utf-8")
+    rows = "".join(
+        f"{p!r},{v!r}\n" for p, v in zip(pressure.tolist(), speeds.tolist(), strict=True)
+    )
+    (folder / "pressures.csv").write_text(
+        "pressure (N/m),velocity (m/s)\n" + rows, encoding="utf-8"
+    )
     assert command("pressed.yaml", "pressures.csv", "--sigma", "0.1 %", "-o", "out") == 0
     assert "width                 20.0" in capsys.readouterr().out
-    np.testing.assert_allclose(Measurements.read(folder / "out" / "fit.csv").force, state.force, rtol=1e-12)
+    np.testing.assert_allclose(
+        Measurements.read(folder / "out" / "fit.csv").force, state.force, rtol=1e-12
+    )
     assert command("pressed.yaml", "pressures.csv", "--parameter", "diameter") == 2
     assert "the diameter is fitted, and pressures are given" in capsys.readouterr().err
 
@@ -841,8 +1097,12 @@ def test_pressures_are_contact_forces_of_the_packing(folder, capsys):
 def test_the_command_fits_a_simulated_medium(folder, capsys):
     with (folder / "scene.yaml").open("a", encoding="utf-8") as scene:
         scene.write("medium: {simulation: {shape: 16 16}}\n")
-    rows = zip(FORCE.tolist(), velocities(TRUE, {"simulation": {"shape": (16, 16)}}).tolist(), strict=True)
-    (folder / "data.csv").write_text("\n".join(["force (N),velocity (m/s)", *(f"{f!r},{v!r}" for f, v in rows)]))
+    rows = zip(
+        FORCE.tolist(), velocities(TRUE, {"simulation": {"shape": (16, 16)}}).tolist(), strict=True
+    )
+    (folder / "data.csv").write_text(
+        "\n".join(["force (N),velocity (m/s)", *(f"{f!r},{v!r}" for f, v in rows)])
+    )
     assert command("scene.yaml", "data.csv", "-o", "out") == 0
     printed = capsys.readouterr().out
     assert "medium                simulation(geometry=lattice, shape=16 16)" in printed
@@ -852,8 +1112,13 @@ def test_the_command_fits_a_simulated_medium(folder, capsys):
 
 def test_what_a_fit_does_not_take_from_the_scene_is_said(folder, capsys):
     scene = (folder / "frame.yaml").read_text(encoding="utf-8")
-    replaced = "granphon: warning: equal.yaml has the medium ala, which knows no width: the fit takes ema."
-    unused = "granphon: warning: the 3 loads of equal.yaml are not used: a fit takes the loads of data.csv\n"
+    replaced = (
+        "granphon: warning: equal.yaml has the medium ala, which knows no width: the fit takes ema."
+    )
+    unused = (
+        "granphon: warning: the 3 loads of equal.yaml are not used: a fit takes the loads of"
+        " data.csv\n"
+    )
     loads = ("load: {side_force: 990 N, balls_per_side: 31}", "load: {force: [10 N, 20 N, 30 N]}")
     for medium, several in (("ala", False), ("ema", True), ("ala", True)):
         text = scene.replace(*loads) if several else scene
@@ -867,7 +1132,18 @@ def test_what_a_fit_does_not_take_from_the_scene_is_said(folder, capsys):
 
 def test_side_forces_and_times_of_flight(folder, capsys):
     columns = ("--column", "side_force=F", "--column", "time=t")
-    assert command("frame.yaml", "flight.csv", *columns, "--distance", "43 cm", "--parameter", "young_modulus") == 0
+    assert (
+        command(
+            "frame.yaml",
+            "flight.csv",
+            *columns,
+            "--distance",
+            "43 cm",
+            "--parameter",
+            "young_modulus",
+        )
+        == 0
+    )
     printed = capsys.readouterr().out
     assert "2.04 um" in printed
     assert "Young modulus         211.65 GPa" in printed
@@ -886,17 +1162,35 @@ def test_the_width_may_be_named_among_the_parameters(folder, capsys):
         (("scene.yaml", "none.csv"), "none.csv cannot be read"),
         (("none.yaml", "data.csv"), "no such file"),
         (("scene.yaml", "flight.csv"), "no column named 'force'"),
-        (("scene.yaml", "flight.csv", "--column", "side_force=F"), "Give the scene's load as side_force"),
+        (
+            ("scene.yaml", "flight.csv", "--column", "side_force=F"),
+            "Give the scene's load as side_force",
+        ),
         (("scene.yaml", "data.csv", "--column", "forse=F"), "Did you mean force"),
-        (("scene.yaml", "data.csv", "--frequency", "6.5"), "--frequency: found '6.5', without a unit"),
+        (
+            ("scene.yaml", "data.csv", "--frequency", "6.5"),
+            "--frequency: found '6.5', without a unit",
+        ),
         (("scene.yaml", "data.csv", "--parameter", "density"), "'density' cannot be fitted"),
-        (("scene.yaml", "data.csv", *2 * ("--parameter", "diameter")), "--parameter diameter is given 2 times. Give it"),
+        (
+            ("scene.yaml", "data.csv", *2 * ("--parameter", "diameter")),
+            "--parameter diameter is given 2 times. Give it",
+        ),
         (("scene.yaml", "data.csv", "--no-width", "--parameter", "width"), "Leave one out."),
         (("scene.yaml", "bare.csv"), "no unit for 'force' and 'velocity'."),
         (("scene.yaml", "data.csv", "-o", ""), "--out is empty"),
-        (("scene.yaml", "data.csv", "--sigma", "1 N"), "--sigma: found '1 N', whose unit is not a unit of velocity"),
-        (("swept.yaml", "data.csv"), "swept.yaml sweeps width. A fit is for one packing. Leave the block 'sweep' out."),
-        (("scene.yaml", "data.csv", "--column", "velocity=velocity (mm/s)", "-o", "out"), "times those of equal balls"),
+        (
+            ("scene.yaml", "data.csv", "--sigma", "1 N"),
+            "--sigma: found '1 N', whose unit is not a unit of velocity",
+        ),
+        (
+            ("swept.yaml", "data.csv"),
+            "swept.yaml sweeps width. A fit is for one packing. Leave the block 'sweep' out.",
+        ),
+        (
+            ("scene.yaml", "data.csv", "--column", "velocity=velocity (mm/s)", "-o", "out"),
+            "times those of equal balls",
+        ),
     ],
 )
 def test_one_error_and_nothing_written(folder, capsys, words, told):

@@ -1,4 +1,6 @@
-"""Measured velocities as experiments give them: forces or side forces, velocities or times of flight."""
+"""Measured velocities as experiments give them: forces or side forces, velocities or times of
+flight.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +33,12 @@ def test_force_and_velocity(tmp_path):
 
 
 def test_everything_by_its_own_name(tmp_path):
-    data = read(tmp_path, "Force (N),Velocity (m/s),Sigma (mm/us),Frequency (kHz)\n2,500,0.004,6.5\n")
-    assert_array_equal([data.force, data.velocity, data.sigma, data.frequency], [[2.0], [500.0], [4.0], [6500.0]])
+    data = read(
+        tmp_path, "Force (N),Velocity (m/s),Sigma (mm/us),Frequency (kHz)\n2,500,0.004,6.5\n"
+    )
+    assert_array_equal(
+        [data.force, data.velocity, data.sigma, data.frequency], [[2.0], [500.0], [4.0], [6500.0]]
+    )
 
 
 def test_side_force_and_time_of_flight(tmp_path):
@@ -48,9 +54,13 @@ def test_side_force_and_time_of_flight(tmp_path):
 def test_errors_in_per_cent_are_those_of_each_row(tmp_path, unit):
     data = read(tmp_path, f"force (N),velocity (m/s),sigma ({unit})\n2,500,1\n4,600,0.5\n")
     assert_allclose(data.sigma, [5.0, 3.0], rtol=1e-15)
-    flight = read(tmp_path, f"force (N),time (ms),distance (m),time_sigma ({unit})\n2,1,0.5,1\n4,1,0.6,0.5\n")
+    flight = read(
+        tmp_path, f"force (N),time (ms),distance (m),time_sigma ({unit})\n2,1,0.5,1\n4,1,0.6,0.5\n"
+    )
     assert_allclose(flight.sigma, [5.0, 3.0], rtol=1e-15)
-    named = read(tmp_path, "force (N),velocity (m/s),err\n2,500,1\n", columns={"sigma": f"err ({unit})"})
+    named = read(
+        tmp_path, "force (N),velocity (m/s),err\n2,500,1\n", columns={"sigma": f"err ({unit})"}
+    )
     assert_allclose(named.sigma, [5.0], rtol=1e-15)
     assert_allclose(read_sigma(f"0.5 {unit}", data.velocity), [2.5, 3.0], rtol=1e-15)
     assert read_sigma("5 m/s", data.velocity) == 5.0
@@ -60,14 +70,24 @@ def test_errors_in_per_cent_are_those_of_each_row(tmp_path, unit):
 
 
 def test_pressures_become_contact_forces(tmp_path):
-    data = read(tmp_path, "pressure (kN/m),velocity (ft/s)\n2,1000\n4,2000\n", pressed=lambda p: 8e-3 * p / np.sqrt(3.0))
+    data = read(
+        tmp_path,
+        "pressure (kN/m),velocity (ft/s)\n2,1000\n4,2000\n",
+        pressed=lambda p: 8e-3 * p / np.sqrt(3.0),
+    )
     assert_allclose(data.force, np.array([16.0, 32.0]) / np.sqrt(3.0), rtol=1e-15)
     assert_array_equal(data.velocity, [304.8, 609.6])
 
 
-@pytest.mark.parametrize(("unit", "metres"), [("ft/s", 0.3048), ("mph", 0.44704), ("km/h", 1 / 3.6), ("fps", 0.3048)])
+@pytest.mark.parametrize(
+    ("unit", "metres"), [("ft/s", 0.3048), ("mph", 0.44704), ("km/h", 1 / 3.6), ("fps", 0.3048)]
+)
 def test_units_of_velocity(tmp_path, unit, metres):
-    assert_allclose(read(tmp_path, f"force (N),velocity ({unit})\n2,1000\n").velocity, 1000.0 * metres, rtol=1e-15)
+    assert_allclose(
+        read(tmp_path, f"force (N),velocity ({unit})\n2,1000\n").velocity,
+        1000.0 * metres,
+        rtol=1e-15,
+    )
 
 
 def test_one_distance_for_all_and_units_by_option(tmp_path):
@@ -85,7 +105,9 @@ def test_a_distance_goes_with_the_times_that_are_named(tmp_path):
 
 def test_a_named_column_goes_before_one_found(tmp_path):
     text = "force (N),side_force (N),velocity (m/s),time (s)\n2,100,500,1\n"
-    assert read(tmp_path, text, columns={"force": "force", "velocity": "velocity"}).velocity == [500.0]
+    assert read(tmp_path, text, columns={"force": "force", "velocity": "velocity"}).velocity == [
+        500.0
+    ]
 
 
 @pytest.mark.parametrize(
@@ -94,7 +116,8 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         (
             "force (N),v (m/s)\n2,5\n",
             {},
-            "granphon fit takes --column 'velocity=NAME (m/s)', Python columns={'velocity': 'NAME (m/s)'}",
+            "granphon fit takes --column 'velocity=NAME (m/s)', Python columns={'velocity':"
+            " 'NAME (m/s)'}",
         ),
         (
             "force,velocity\n2,5\n",
@@ -102,19 +125,56 @@ def test_a_named_column_goes_before_one_found(tmp_path):
             "has no unit for 'force' and 'velocity'. Its columns are 'force', 'velocity'."
             " Head the columns 'force (N)' and 'velocity (m/s)', each with its unit in brackets",
         ),
-        ("v (m/s),F\n2,5\n", {}, "has no column named 'force' and none named 'velocity'. Its columns are 'v (m/s)', 'F'."),
+        (
+            "v (m/s),F\n2,5\n",
+            {},
+            "has no column named 'force' and none named 'velocity'. Its columns are 'v"
+            " (m/s)', 'F'.",
+        ),
         ("F,time (s)\n2,5\n", {}, "no column named 'force' and none named 'distance'"),
-        ("pressure,time\n2,5\n", {"distance": 1.0, "pressed": float}, "no unit for 'pressure' and 'time'"),
+        (
+            "pressure,time\n2,5\n",
+            {"distance": 1.0, "pressed": float},
+            "no unit for 'pressure' and 'time'",
+        ),
         ("force,time (s)\n2,5\n", {}, "has no column named 'distance', and no unit for 'force'"),
         ("force (N),velocity (m/s),sigma\n2,5,1\n", {}, "has no unit for 'sigma'"),
-        ("force (N),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both force and side_force. Keep one of them"),
-        ("pressure (N/m),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both side_force and pressure. Keep one of them"),
-        ("pressure (N/m),velocity (m/s)\n2,3\n", {}, "gives pressures. The contact forces depend on the packing too"),
-        ("pressure (Pa),velocity (m/s)\n2,3\n", {"pressed": float}, "whose unit is not a unit of force per length"),
-        ("force (N),velocity (m/s),sigma (%)\n2,3,-1\n", {}, "data.csv:2: sigma: found '-1 %', which is negative"),
+        (
+            "force (N),side_force (N),velocity (m/s)\n2,3,5\n",
+            {},
+            "both force and side_force. Keep one of them",
+        ),
+        (
+            "pressure (N/m),side_force (N),velocity (m/s)\n2,3,5\n",
+            {},
+            "both side_force and pressure. Keep one of them",
+        ),
+        (
+            "pressure (N/m),velocity (m/s)\n2,3\n",
+            {},
+            "gives pressures. The contact forces depend on the packing too",
+        ),
+        (
+            "pressure (Pa),velocity (m/s)\n2,3\n",
+            {"pressed": float},
+            "whose unit is not a unit of force per length",
+        ),
+        (
+            "force (N),velocity (m/s),sigma (%)\n2,3,-1\n",
+            {},
+            "data.csv:2: sigma: found '-1 %', which is negative",
+        ),
         ("force (N),velocity (m/s),time (s)\n2,3,5\n", {}, "has both velocity and time"),
-        ("force (N),velocity (m/s),sigma (m/s),time_sigma (s)\n2,3,5,1\n", {}, "has both sigma and time_sigma"),
-        ("side_force (N),velocity (m/s)\n2,3\n", {}, "gives side forces. The contact forces depend on the number of balls"),
+        (
+            "force (N),velocity (m/s),sigma (m/s),time_sigma (s)\n2,3,5,1\n",
+            {},
+            "has both sigma and time_sigma",
+        ),
+        (
+            "side_force (N),velocity (m/s)\n2,3\n",
+            {},
+            "gives side forces. The contact forces depend on the number of balls",
+        ),
         (
             "force (N),velocity (m/s)\n2,3\n",
             {"columns": {"velocty": "v"}},
@@ -126,14 +186,38 @@ def test_a_named_column_goes_before_one_found(tmp_path):
             "Use force, side_force, pressure, velocity, time, distance",
         ),
         ("force (N),time (s)\n2,3\n", {"distance": -1.0}, "distance: found -1.0"),
-        ("force (N),time (s),distance (m)\n2,3,4\n", {"distance": 0.5}, "a distance column, and a distance is given too"),
-        ("force (N),t (s),L (m)\n2,3,4\n", {"columns": {"time": "t", "distance": "L"}, "distance": 4.0}, "Leave it out"),
-        ("force (N),velocity (m/s)\n2,3\n", {"distance": 0.5}, "has a velocity column, and a distance is given too"),
-        ("force (N),v (m/s)\n2,3\n", {"columns": {"velocity": "v"}, "distance": 0.5}, "Leave it out, or name"),
+        (
+            "force (N),time (s),distance (m)\n2,3,4\n",
+            {"distance": 0.5},
+            "a distance column, and a distance is given too",
+        ),
+        (
+            "force (N),t (s),L (m)\n2,3,4\n",
+            {"columns": {"time": "t", "distance": "L"}, "distance": 4.0},
+            "Leave it out",
+        ),
+        (
+            "force (N),velocity (m/s)\n2,3\n",
+            {"distance": 0.5},
+            "has a velocity column, and a distance is given too",
+        ),
+        (
+            "force (N),v (m/s)\n2,3\n",
+            {"columns": {"velocity": "v"}, "distance": 0.5},
+            "Leave it out, or name",
+        ),
         ("force (N),v (m/s)\n2,3\n", {"distance": 0.5}, "no column named 'velocity'"),
         ("force (N),velocity (m/s),time_sigma (s)\n2,3,1\n", {}, "no column named 'time'"),
-        ("force (N),velocity (N)\n2,3\n", {}, "data.csv:2: velocity: found '3 N', whose unit is not a unit of velocity"),
-        ("force (N),velocity (m/s)\n2,1e300\n", {}, "data.csv: velocity is 1e+300 m/s, more than the velocity of light"),
+        (
+            "force (N),velocity (N)\n2,3\n",
+            {},
+            "data.csv:2: velocity: found '3 N', whose unit is not a unit of velocity",
+        ),
+        (
+            "force (N),velocity (m/s)\n2,1e300\n",
+            {},
+            "data.csv: velocity is 1e+300 m/s, more than the velocity of light",
+        ),
     ],
 )
 def test_what_is_missing_or_said_twice_is_named(tmp_path, text, options, words):
@@ -147,31 +231,51 @@ def test_arrays_are_checked_and_frozen():
     with pytest.raises(ValueError, match="read-only"):
         data.force[0] = 1.0
     assert Measurements.from_dict(data.to_dict()) == data
-    for wrong in (([1.0], [1.0, 2.0]), ([1.0, 2.0], [1.0, 2.0], [1.0]), ([1.0, 2.0], [1.0, 2.0], None, [1.0] * 3)):
+    for wrong in (
+        ([1.0], [1.0, 2.0]),
+        ([1.0, 2.0], [1.0, 2.0], [1.0]),
+        ([1.0, 2.0], [1.0, 2.0], None, [1.0] * 3),
+    ):
         with pytest.raises(InputError, match="Give the same number of each"):
             Measurements(*wrong)
-    for wrong in (([np.inf], [1.0]), ([1.0], [-1.0]), ([1.0], [1.0], 0.0), ([True], [1.0]), ([None], [1.0])):
+    for wrong in (
+        ([np.inf], [1.0]),
+        ([1.0], [-1.0]),
+        ([1.0], [1.0], 0.0),
+        ([True], [1.0]),
+        ([None], [1.0]),
+    ):
         with pytest.raises(InputError):
             Measurements(*wrong)
 
 
-@pytest.mark.parametrize(("lattice", "length"), [("chain", np.pi), ("triangular", 2.0 * np.pi * 3.0**0.5 / 4.0)])
+@pytest.mark.parametrize(
+    ("lattice", "length"), [("chain", np.pi), ("triangular", 2.0 * np.pi * 3.0**0.5 / 4.0)]
+)
 def test_cutoffs_become_velocities_of_long_waves(tmp_path, steel, lattice, length):
-    """2 (k/M)^(1/2) on a chain, 6^(1/2) (k/M)^(1/2) from row to row of a triangular lattice without friction."""
+    """2 (k/M)^(1/2) on a chain, 6^(1/2) (k/M)^(1/2) from row to row of a triangular lattice without
+    friction.
+    """
     packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6), lattice=lattice, friction=False)
     carried = partial(convert_cutoff, packing, "longitudinal", None, False, ("width",))
-    data = read(tmp_path, "force (N),cutoff (kHz),cutoff_sigma (Hz)\n5,20,200\n10,24,120\n", carried=carried)
+    data = read(
+        tmp_path, "force (N),cutoff (kHz),cutoff_sigma (Hz)\n5,20,200\n10,24,120\n", carried=carried
+    )
     assert_allclose(data.velocity, length * 8e-3 * np.array([20e3, 24e3]), rtol=1e-9)
     assert_allclose(data.sigma / data.velocity, [0.01, 0.005], rtol=1e-12)
 
 
 def test_the_cutoffs_of_a_medium_give_its_width(steel):
-    packing, force = gp.Packing(steel, 8e-3, gp.Uniform(2e-6)), np.geomspace(2.0, 20.0, 6)
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
+    force = np.geomspace(2.0, 20.0, 6)
     states = gp.EffectiveMedium(packing).at_force(force)
-    edge = np.array([[0.5, 0.0]])  # M, where the longitudinal branch ends; bands of Phonons share no code with the fit
+    # M, where the longitudinal branch ends; bands of Phonons share no code with the fit
+    edge = np.array([[0.5, 0.0]])
     cutoffs = np.array([gp.Phonons(states[i]).modes(edge) for i in range(6)], object)
     tops = [float(one.frequencies[0][np.argmax(one.longitudinal_fraction[0])]) for one in cutoffs]
-    velocity = convert_cutoff(packing, "longitudinal", (0, 1), False, ("width",), force, np.array(tops))
+    velocity = convert_cutoff(
+        packing, "longitudinal", (0, 1), False, ("width",), force, np.array(tops)
+    )
     assert_allclose(gp.fit_width(packing, force, velocity, sigma=1.0).width, 2e-6, rtol=1e-6)
 
 
@@ -186,12 +290,24 @@ def test_the_cutoffs_of_a_medium_give_its_width(steel):
 )
 def test_cutoffs_that_cannot_be_converted_are_refused(tmp_path, steel, text, fitted, words):
     packing = gp.Packing(steel, 8e-3)
-    carried = None if fitted is None else partial(convert_cutoff, packing, "longitudinal", None, False, fitted)
+    carried = (
+        None
+        if fitted is None
+        else partial(convert_cutoff, packing, "longitudinal", None, False, fitted)
+    )
     with pytest.raises(InputError, match=words):
         read(tmp_path, text, carried=carried)
     if fitted == ():
         with pytest.raises(InputError, match="no transverse wave"):
-            convert_cutoff(gp.Packing(steel, 8e-3, lattice="chain"), "transverse", None, False, (), np.ones(1), np.ones(1))
+            convert_cutoff(
+                gp.Packing(steel, 8e-3, lattice="chain"),
+                "transverse",
+                None,
+                False,
+                (),
+                np.ones(1),
+                np.ones(1),
+            )
 
 
 MEASURED = sorted((Path(__file__).parents[2] / "examples" / "measured").glob("*.csv"))
@@ -210,7 +326,12 @@ def test_measured_data_have_a_source_and_a_scene(table):
     data = Measurements.read(table, frame=frame, carried=carried)
     sigma = 0.01 * data.velocity if data.sigma is None else data.sigma
     fit = gp.fit_width(
-        scene.packing, data.force, data.velocity, sigma, data.frequency, parameters=("young_modulus",),
+        scene.packing,
+        data.force,
+        data.velocity,
+        sigma,
+        data.frequency,
+        parameters=("young_modulus",),
         direction=None if scene.direction is None else scene.directions[0],
-    )  # fmt: skip
+    )
     assert 0.5 < fit.values[0] / scene.packing.material.young_modulus < 2.0

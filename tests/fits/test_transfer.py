@@ -1,4 +1,6 @@
-"""Fits of damping to transfer functions: synthetic data, the closed form of a chain fitted by SciPy, and bad tables."""
+"""Fits of damping to transfer functions: synthetic data, the closed form of a chain fitted by
+SciPy, and bad tables.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,18 @@ from granphon.scene.redraw import redraw
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
 OMEGA = UNITS.angular_frequency
 HERTZ = np.linspace(0.1, 2.2, 40) * OMEGA / (2.0 * math.pi)
-TAU, ETA, COUNT = 0.05 / OMEGA, 0.02, 6
+TAU = 0.05 / OMEGA
+ETA = 0.02
+COUNT = 6
 
 
 def chain(stiffer=1.0):
     """A chain of six balls on a clamped one, ball 0."""
-    network = gp.ContactLattice.of("chain", 0.0).contact_network(UNITS).cut(0, COUNT + 1, ("clamped", "free"))
+    network = (
+        gp.ContactLattice.of("chain", 0.0)
+        .contact_network(UNITS)
+        .cut(0, COUNT + 1, ("clamped", "free"))
+    )
     return replace(network, normal_stiffness=stiffer * network.normal_stiffness)
 
 
@@ -48,7 +56,8 @@ def fit(measured, network=None, **more):
 @pytest.mark.claim("fit-damping")
 @pytest.mark.parametrize("known", ["magnitude and phase", "magnitude"])
 def test_fit_is_that_of_scipy_to_the_closed_form(known):
-    data, phase = measure(closed_form(TAU, ETA)), known != "magnitude"
+    data = measure(closed_form(TAU, ETA))
+    phase = known != "magnitude"
     size = np.abs(data)
     found = fit(
         gp.TransferFunction(HERTZ, size, np.angle(data) if phase else None, 0.02 * size),
@@ -60,7 +69,9 @@ def test_fit_is_that_of_scipy_to_the_closed_form(known):
         return np.concatenate([np.abs(values) / size, np.angle(values / data)][: 1 + phase])
 
     wanted = np.concatenate([np.ones(size.size), np.zeros(size.size)][: 1 + phase])
-    best, covariance = curve_fit(model, None, wanted, (1.0, 1.0), 0.02 * np.ones(wanted.size), absolute_sigma=True)
+    best, covariance = curve_fit(
+        model, None, wanted, (1.0, 1.0), 0.02 * np.ones(wanted.size), absolute_sigma=True
+    )
     unit = np.array([TAU, ETA])
     assert_allclose(found.values, best * unit, rtol=1e-6)
     assert_allclose(found.covariance, covariance * np.outer(unit, unit), rtol=1e-3)
@@ -71,7 +82,9 @@ def test_fit_is_that_of_scipy_to_the_closed_form(known):
     assert not found.warnings
     assert_allclose(found.damping, found.values[0])
     assert_allclose(found.magnitude, np.abs(closed_form(*found.values)), rtol=1e-9)
-    assert_allclose(np.exp(1j * found.phase), np.exp(1j * np.angle(closed_form(*found.values))), rtol=1e-9)
+    assert_allclose(
+        np.exp(1j * found.phase), np.exp(1j * np.angle(closed_form(*found.values))), rtol=1e-9
+    )
 
 
 def test_stiffness_load_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter():
@@ -84,22 +97,44 @@ def test_stiffness_load_and_gain_are_found_with_the_damping_and_errors_follow_fr
     assert_allclose(found.measured.phase_sigma, 0.02, rtol=0.3)
     assert math.isnan(found.p)
     assert found.chi2 == found.dof
-    loaded = fit(gp.TransferFunction(HERTZ, np.abs(data) / 3.0, np.angle(data)), parameters=("damping", "load"))
+    loaded = fit(
+        gp.TransferFunction(HERTZ, np.abs(data) / 3.0, np.angle(data)),
+        parameters=("damping", "load"),
+    )
     assert loaded.values[1] == pytest.approx(found.values[1] ** 3, rel=0.01)
     assert gp.DampingFit.from_dict(found.to_dict()) == found
 
 
 def test_a_load_multiplies_all_static_forces():
-    """By 1.5, and stiffnesses by its cubic root: static forces of 3 % of k d, across contacts too."""
-    network = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS).repeat((3, 1)).cut(1, 3, ("clamped", "free"))
+    """By 1.5, and stiffnesses by its cubic root: static forces of 3 % of k d, across contacts
+    too.
+    """
+    network = (
+        gp.ContactLattice.of("triangular", 0.8)
+        .contact_network(UNITS)
+        .repeat((3, 1))
+        .cut(1, 3, ("clamped", "free"))
+    )
     force = np.full(network.n_contacts, 0.03 * UNITS.force)
     aside = 0.5 * force[:, None] * np.cross([0.0, 0.0, 1.0], network.normal)
-    places = {"source": (0, "x"), "receiver": (network.n_balls - 1, "y"), "quantity": "transmissibility"}
+    places = {
+        "source": (0, "x"),
+        "receiver": (network.n_balls - 1, "y"),
+        "quantity": "transmissibility",
+    }
     held, loaded = (
-        replace(network, prestress=True, normal_force=load * force, tangential_force=load * aside, **{
-            name: load ** (1.0 / 3.0) * getattr(network, name) for name in ("normal_stiffness", "shear_stiffness")
-        }) for load in (1.0, 1.5)
-    )  # fmt: skip
+        replace(
+            network,
+            prestress=True,
+            normal_force=load * force,
+            tangential_force=load * aside,
+            **{
+                name: load ** (1.0 / 3.0) * getattr(network, name)
+                for name in ("normal_stiffness", "shear_stiffness")
+            },
+        )
+        for load in (1.0, 1.5)
+    )
     data = gp.Waves(loaded).response(HERTZ[::5], damping=TAU, **places).coherent
     measured = gp.TransferFunction(HERTZ[::5], np.abs(data), np.angle(data))
     found = gp.fit_damping(held, measured, **places, parameters=("load",), damping=TAU)
@@ -107,8 +142,14 @@ def test_a_load_multiplies_all_static_forces():
 
 
 def test_damping_of_normal_and_other_motion_are_told_apart_in_the_plane():
-    network = gp.ContactLattice.of("triangular", 0.7).contact_network(UNITS).repeat((2, 1)).cut(1, 3, ("clamped", "free"))
-    places, hertz = ((0, "x"), (3, "x")), np.linspace(0.1, 2.0, 30) * OMEGA / (2.0 * math.pi)
+    network = (
+        gp.ContactLattice.of("triangular", 0.7)
+        .contact_network(UNITS)
+        .repeat((2, 1))
+        .cut(1, 3, ("clamped", "free"))
+    )
+    places = ((0, "x"), (3, "x"))
+    hertz = np.linspace(0.1, 2.0, 30) * OMEGA / (2.0 * math.pi)
     places = ((2, "x"), (5, "x"))
     values = gp.Waves(network).response(hertz, *places, damping=(TAU, 3.0 * TAU)).values[:, 0]
     found = gp.fit_damping(
@@ -122,7 +163,10 @@ def test_damping_of_normal_and_other_motion_are_told_apart_in_the_plane():
 
 def test_what_does_not_matter_is_told(tmp_path):
     data = measure(closed_form(TAU, 0.0))
-    found = fit(gp.TransferFunction(HERTZ, np.abs(data), np.angle(data)), parameters=("damping", "loss_factor"))
+    found = fit(
+        gp.TransferFunction(HERTZ, np.abs(data), np.angle(data)),
+        parameters=("damping", "loss_factor"),
+    )
     assert any("loss_factor" in one and "hardly be told from zero" in one for one in found.warnings)
     wrong = fit(gp.TransferFunction(HERTZ, np.abs(data), np.angle(data), 1e-3 * np.abs(data)))
     assert any("the model does not fit, or sigma is too small" in one for one in wrong.warnings)
@@ -132,7 +176,7 @@ def test_what_does_not_matter_is_told(tmp_path):
     assert_allclose(table.phase_sigma, found.measured.phase_sigma)
 
 
-# -- tables -------------------------------------------------------------------------------------------------------------
+# -- tables ----------------------------------------------------------------------------------------
 
 
 def read(tmp_path, text, **options):
@@ -143,13 +187,17 @@ def read(tmp_path, text, **options):
 
 def test_table_with_units(tmp_path):
     data = read(
-        tmp_path, "Frequency (kHz),H1 (um/N),phase (deg),sigma (%)\n2,5,-90,10\n1,4,0,5\n", columns={"magnitude": "H1"}
+        tmp_path,
+        "Frequency (kHz),H1 (um/N),phase (deg),sigma (%)\n2,5,-90,10\n1,4,0,5\n",
+        columns={"magnitude": "H1"},
     )
     assert_allclose(data.frequencies, [2000.0, 1000.0])
     assert_allclose(data.magnitude, [5e-6, 4e-6])
     assert_allclose(data.phase, [-0.5 * math.pi, 0.0])
     assert_allclose(data.sigma, [5e-7, 2e-7])
-    loud = read(tmp_path, "frequency (Hz),magnitude (dB),sigma (dB)\n2,20,1\n", quantity="transmissibility")
+    loud = read(
+        tmp_path, "frequency (Hz),magnitude (dB),sigma (dB)\n2,20,1\n", quantity="transmissibility"
+    )
     assert_allclose([loud.magnitude[0], loud.sigma[0]], [10.0, math.log(10.0) / 2.0])
     plain = read(tmp_path, "frequency (Hz),magnitude\n2,20\n", quantity="transmissibility")
     assert plain.magnitude.tolist() == [20.0]
@@ -167,7 +215,10 @@ def test_table_with_units(tmp_path):
         ("frequency (Hz),magnitude (m/N),phase (s)\n1,2,3\n", "not in rad or deg"),
         ("frequency (Hz),magnitude (m/N),phase (rad)\n1,2,nan\n", "phase"),
         ("frequency (Hz),magnitude (m/N),phase (rad)\n1,2,up\n", "line 2, phase: found 'up'"),
-        ("frequency (Hz),magnitude (m/N),phase (rad),phase_sigma (rad)\n1,2,1,1\n", "no sigma of the magnitude"),
+        (
+            "frequency (Hz),magnitude (m/N),phase (rad),phase_sigma (rad)\n1,2,1,1\n",
+            "no sigma of the magnitude",
+        ),
         ("frequency (Hz),magnitude (m/N),sigma (m/N)\n1,2,0\n", "sigma"),
         ("frequency (Hz),magnitude (m/N)\n", "no rows"),
         ("", "is empty"),
@@ -201,7 +252,7 @@ def test_bad_input_is_one_error(arguments, said):
         gp.TransferFunction([1.0], [1.0, 2.0])
 
 
-# -- the command --------------------------------------------------------------------------------------------------------
+# -- the command -----------------------------------------------------------------------------------
 
 SCENE = """schema: 1
 balls:
@@ -223,13 +274,17 @@ response:
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    state = gp.Crystal.on("chain", [gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3)]).at_force(20.0)
+    state = gp.Crystal.on("chain", [gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3)]).at_force(
+        20.0
+    )
     hertz = np.linspace(400.0, 14000.0, 30)
     values = gp.Waves(state.network.cut(0, 6, ("floor", "free"))).response(
         hertz, "plane", (0, "x"), 2e-6, 0.01, quantity="transmissibility"
     )
     rows = zip(hertz, values.magnitude[:, 0], np.degrees(values.phase[:, 0]), strict=True)
-    text = "\n".join(["frequency (Hz),H,phase (deg),sigma (%)", *(f"{f},{m},{p},2" for f, m, p in rows)])
+    text = "\n".join(
+        ["frequency (Hz),H,phase (deg),sigma (%)", *(f"{f},{m},{p},2" for f, m, p in rows)]
+    )
     (tmp_path / "data.csv").write_text(text, encoding="utf-8")
     return tmp_path
 
@@ -275,8 +330,12 @@ def test_a_table_without_magnitudes_is_told_so(folder, capsys, observed):
     """Not that the scene has balls of several kinds, which a transfer function may have."""
     from granphon.cli.commands import main
 
-    (folder / "scene.yaml").write_text(SCENE if observed else SCENE[: SCENE.index("observe")], encoding="utf-8")
-    (folder / "data.csv").write_text("frequency (Hz),H\n400,1.1\n500,1.2\n600,1.3\n", encoding="utf-8")
+    (folder / "scene.yaml").write_text(
+        SCENE if observed else SCENE[: SCENE.index("observe")], encoding="utf-8"
+    )
+    (folder / "data.csv").write_text(
+        "frequency (Hz),H\n400,1.1\n500,1.2\n600,1.3\n", encoding="utf-8"
+    )
     assert main(["fit", "scene.yaml", "data.csv"]) == 2
     said = capsys.readouterr().err
     assert "'magnitude'" in said
@@ -289,4 +348,7 @@ def test_numbers_are_read_as_a_transmissibility_if_it_is_named(tmp_path, heading
     path.write_text(f"frequency (Hz),{heading}\n100,1.03\n200,1.1\n")
     with pytest.raises(InputError, match="quantity='transmissibility'"):
         gp.TransferFunction.read(path)
-    assert gp.TransferFunction.read(path, quantity="transmissibility").magnitude.tolist() == [1.03, 1.1]
+    assert gp.TransferFunction.read(path, quantity="transmissibility").magnitude.tolist() == [
+        1.03,
+        1.1,
+    ]

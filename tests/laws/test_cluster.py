@@ -1,4 +1,6 @@
-"""The cluster medium: closed forms, twins by sparse matrices, the simulated array, and its quadrature."""
+"""The cluster medium: closed forms, twins by sparse matrices, the simulated array, and its
+quadrature.
+"""
 
 import os
 
@@ -35,7 +37,12 @@ SKEWED = gp.Discrete((7.999e-3, 8.004e-3), (0.8, 0.2))
 #: what says how many realisations there are: by default, and for tests
 FULL = {
     (module, name): getattr(module, name)
-    for module, name in ((curves, "_POINTS"), (curves, "_ERROR"), (descents, "_FIRST"), (descents, "_LEAST_SET"))
+    for module, name in (
+        (curves, "_POINTS"),
+        (curves, "_ERROR"),
+        (descents, "_FIRST"),
+        (descents, "_LEAST_SET"),
+    )
 }
 FEW = dict(zip(FULL, (128, 1e-3, 1, 2**8), strict=True))
 
@@ -52,7 +59,9 @@ def set_points(values):
 
 @pytest.fixture(scope="module", autouse=True)
 def few_points():
-    """Fewer realisations than by default: a medium then takes two seconds instead of thirty, at ten times the error."""
+    """Fewer realisations than by default: a medium then takes two seconds instead of thirty, at ten
+    times the error.
+    """
     yield from set_points(FEW)
 
 
@@ -75,7 +84,7 @@ def draw(response, points, scrambles, first=0):
 START = (0.19, 0.63, 0.08)
 
 
-# -- the lattice around the cluster -----------------------------------------------------------------------------------
+# -- the lattice around the cluster ----------------------------------------------------------------
 
 
 def test_clusters_are_whole_shells():
@@ -90,23 +99,41 @@ def test_clusters_are_whole_shells():
 @pytest.mark.parametrize(
     ("lattice", "eta", "bending"),
     [
-        (TRIANGULAR, 0.0, 0.0), (TRIANGULAR, 0.84, 0.0), (TRIANGULAR, 0.84, 0.1), (KAGOME, 0.84, 0.0),
-        (FCC, 0.0, 0.0), (HCP, 0.0, 0.0),
+        (TRIANGULAR, 0.0, 0.0),
+        (TRIANGULAR, 0.84, 0.0),
+        (TRIANGULAR, 0.84, 0.1),
+        (KAGOME, 0.84, 0.0),
+        (FCC, 0.0, 0.0),
+        (HCP, 0.0, 0.0),
     ],
-)  # fmt: skip
+)
 def test_a_unit_tension_of_the_star_gives_the_local_field(lattice, eta, bending):
     found = cluster_response(lattice, eta, bending=bending)
-    star = found.response[np.ix_(found.central, found.central)].sum() / np.count_nonzero(found.central)
+    star = found.response[np.ix_(found.central, found.central)].sum() / np.count_nonzero(
+        found.central
+    )
     if lattice.periods == 2:
         assert_allclose(1.0 / star - 1.0, local_field(lattice, eta, bending).xi, rtol=1e-6)
     if not eta:
-        # P is a projection, and the misfit of the star is that of the second order: 2 <s^2> = 1 - u_1
+        # P is a projection, and the misfit of the star is that of the second order: 2 <s^2> = 1 -
+        # u_1
         assert_allclose(2.0 * np.mean(np.diag(found.misfit)[found.central]), 1.0 - star, rtol=1e-5)
-        # all directions are alike: each contact is hindered by the d motions of its ball, shared with z/2 others
-        if len(lattice.contacts) * 2 == lattice.n_balls * found.central.sum() and lattice is not HCP:
-            assert_allclose(np.diag(found.response), 2.0 * lattice.dimension / found.central.sum(), rtol=0.0, atol=5e-6)
+        # all directions are alike: each contact is hindered by the d motions of its ball, shared
+        # with z/2 others
+        if (
+            len(lattice.contacts) * 2 == lattice.n_balls * found.central.sum()
+            and lattice is not HCP
+        ):
+            assert_allclose(
+                np.diag(found.response),
+                2.0 * lattice.dimension / found.central.sum(),
+                rtol=0.0,
+                atol=5e-6,
+            )
         # the ball in the middle can move in all directions without the lattice
-        assert np.count_nonzero(np.linalg.eigvalsh(found.response) > 1.0 - 1e-9) == lattice.dimension
+        assert (
+            np.count_nonzero(np.linalg.eigvalsh(found.response) > 1.0 - 1e-9) == lattice.dimension
+        )
     values = np.linalg.eigvalsh(found.response)
     assert values[0] > -1e-9
     assert values[-1] < 1.0 + 1e-6
@@ -123,14 +150,19 @@ class Array2D:
 
     def __init__(self, side):
         self.side = side
-        cells = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 2)
+        cells = np.stack(
+            np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1
+        ).reshape(-1, 2)
         self.i = np.repeat(np.arange(side**2), 3)
         ends = (cells[:, None] + self.steps) % side
         self.j = (ends[..., 0] * side + ends[..., 1]).ravel()
         self.normal = np.tile(self.normals, (side**2, 1))
         rows = np.arange(3 * side**2)
-        entries = [(rows, 2 * ball + axis, sign * self.normal[:, axis])
-                   for ball, sign in ((self.i, -1.0), (self.j, 1.0)) for axis in (0, 1)]  # fmt: skip
+        entries = [
+            (rows, 2 * ball + axis, sign * self.normal[:, axis])
+            for ball, sign in ((self.i, -1.0), (self.j, 1.0))
+            for axis in (0, 1)
+        ]
         row, column, value = (np.concatenate(parts) for parts in zip(*entries, strict=True))
         self.c = sparse.csr_matrix((value, (row, column)), shape=(3 * side**2, 2 * side**2))
         # one ball is held, as uniform motions cost nothing
@@ -153,7 +185,9 @@ class Array2D:
             balls |= {int(b) for a, b in zip(self.i, self.j, strict=True) if a in balls} | {
                 int(a) for a, b in zip(self.i, self.j, strict=True) if b in balls
             }
-        inside = np.flatnonzero([a in balls and b in balls for a, b in zip(self.i, self.j, strict=True)])
+        inside = np.flatnonzero(
+            [a in balls and b in balls for a, b in zip(self.i, self.j, strict=True)]
+        )
         return inside, (self.i[inside] == middle) | (self.j[inside] == middle)
 
     def response(self, inside):
@@ -163,7 +197,9 @@ class Array2D:
 
 
 def test_response_is_that_of_large_periodic_arrays():
-    """A periodic array differs by a part that falls as its area; two of them give the infinite one."""
+    """A periodic array differs by a part that falls as its area; two of them give the infinite
+    one.
+    """
     found = cluster_response(TRIANGULAR, 0.0, 7)
     tables = []
     for side in (20, 40):
@@ -175,18 +211,30 @@ def test_response_is_that_of_large_periodic_arrays():
         assert_allclose(squares, p, atol=1e-12)
         # s = (1 - P) T x for every ball: its covariance over all x, with T the mean of two ends
         means = sparse.csr_matrix(
-            (np.full(2 * array.i.size, 0.5), (np.tile(np.arange(array.i.size), 2), np.concatenate([array.i, array.j])))
+            (
+                np.full(2 * array.i.size, 0.5),
+                (np.tile(np.arange(array.i.size), 2), np.concatenate([array.i, array.j])),
+            )
         )
         whole = means[inside].toarray() - columns.T @ means
-        tables.append([np.sort(p.ravel()), np.sort((whole @ whole.T).ravel()), np.sort((p - p @ p).ravel())])
-    for mine, coarse, fine in zip((found.response, found.misfit, found.remote), *tables, strict=True):
+        tables.append(
+            [np.sort(p.ravel()), np.sort((whole @ whole.T).ravel()), np.sort((p - p @ p).ravel())]
+        )
+    for mine, coarse, fine in zip(
+        (found.response, found.misfit, found.remote), *tables, strict=True
+    ):
         assert_allclose(np.sort(mine.ravel()), (4.0 * fine - coarse) / 3.0, atol=3e-5)
 
 
 def test_reduced_equilibrium_is_that_of_the_whole_array():
-    """One realisation: a periodic array of which only the cluster is not linear, with given tensions outside."""
+    """One realisation: a periodic array of which only the cluster is not linear, with given
+    tensions outside.
+    """
     rng = np.random.default_rng(4)
-    array, f, kappa, y = Array2D(12), 0.06, 0.3, 0.1
+    array = Array2D(12)
+    f = 0.06
+    kappa = 0.3
+    y = 0.1
     inside, central = array.find_cluster(1)
     x = rng.uniform(-0.5, 0.5, array.side**2)
     outer = 0.05 * rng.normal(size=array.i.size)
@@ -218,31 +266,41 @@ def test_reduced_equilibrium_is_that_of_the_whole_array():
 @pytest.mark.claim("cluster-push")
 @pytest.mark.parametrize(("spacing", "variance"), [(0.7, 1.3e-3), (0.5, 5.4e-3)])
 def test_tensions_outside_push_as_if_they_were_independent(spacing, variance):
-    """In the simulated array itself: what is assumed of contacts outside a cluster, for clusters around all balls."""
-    side, y = 48, spacing - 0.5
+    """In the simulated array itself: what is assumed of contacts outside a cluster, for clusters
+    around all balls.
+    """
+    side = 48
+    y = spacing - 0.5
     sample = gp.DirectSimulation(PACKING, shape=(side, side), seed=2).at_overlap(y * WIDTH).sample
     order = [1, 0, 2]  # of the three contacts of a ball
-    h, force = (values[..., order].ravel() for values in (sample.contact_overlaps / WIDTH, sample.contact_forces / FORCE))
+    h, force = (
+        values[..., order].ravel()
+        for values in (sample.contact_overlaps / WIDTH, sample.contact_forces / FORCE)
+    )
     array = Array2D(side)
     misfit = array.misfit(((sample.diameters - 8e-3) / WIDTH).ravel())
     kappa = np.mean((force - force.mean()) * misfit) / np.mean(misfit**2)
     phi = force - force.mean() - kappa * (h - y)
     answer = array.project(phi)
-    assert_allclose(h, y + misfit - answer / kappa, atol=1e-6)  # the equilibrium, in the words of the theory
+    # the equilibrium, in the words of the theory
+    assert_allclose(h, y + misfit - answer / kappa, atol=1e-6)
     inside, central = array.find_cluster(1)
     p = array.response(inside)[inside]
-    place = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(-1, 1, 2)
+    place = np.stack(np.meshgrid(np.arange(side), np.arange(side), indexing="ij"), axis=-1).reshape(
+        -1, 1, 2
+    )
     cells = (np.stack([inside // 3 // side, inside // 3 % side], axis=-1) + place) % side
     found = 3 * (cells[..., 0] * side + cells[..., 1]) + inside % 3
     push = -(answer[found] - phi[found] @ p) / kappa
-    push, with_it = push[:, central], misfit[found][:, central]
+    push = push[:, central]
+    with_it = misfit[found][:, central]
     assert_allclose(np.mean(push**2), variance, rtol=0.1)
     independent = np.mean(phi**2) / kappa**2 * np.diag(p - p @ p)[central].mean()
     assert_allclose(independent, np.mean(push**2), rtol=0.2)
     assert abs(np.mean(push * with_it)) < 0.05 * np.sqrt(np.mean(push**2) * np.mean(with_it**2))
 
 
-# -- the balance --------------------------------------------------------------------------------------------------------
+# -- the balance -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("many", "room"), [(False, 1e-7), (True, 2e-6)])
@@ -262,7 +320,9 @@ def test_sets_have_the_moments_of_the_array_and_share_no_point(shape, many, room
     # the third moment: zero of the one, and not of the other
     third = np.mean(s**3) / np.mean(s**2) ** 1.5
     assert abs(third) < 1e-6 if shape is FLAT else third > 0.01
-    for part, again in zip(sets[0], PointSource(response, shape, many).draw([1], 512)[0], strict=True):
+    for part, again in zip(
+        sets[0], PointSource(response, shape, many).draw([1], 512)[0], strict=True
+    ):
         assert_array_equal(part, again)
 
 
@@ -300,7 +360,9 @@ def test_the_conditions_hold():
 def test_second_order_at_high_load_is_exact(lattice, balls, shape):
     """f* = y^(3/2) (1 + r/(64 y^2)), r = Xi/(1 + Xi), whatever the number of points."""
     response = cluster_response(lattice, 0.0, balls)
-    star = response.response[np.ix_(response.central, response.central)].sum() / np.count_nonzero(response.central)
+    star = response.response[np.ix_(response.central, response.central)].sum() / np.count_nonzero(
+        response.central
+    )
     if lattice is TRIANGULAR:
         r = local_field(mindlin_ratio=0.0).xi / (1.0 + local_field(mindlin_ratio=0.0).xi)
         assert_allclose(1.0 - star, r, rtol=1e-6)
@@ -319,7 +381,9 @@ def test_second_order_at_high_load_is_exact(lattice, balls, shape):
 
 @pytest.mark.claim("cluster-quadrature")
 def test_quadrature_error_is_that_of_the_points():
-    """Twice: the scatter between scrambles says how far a mean is off, and it falls with the number of points."""
+    """Twice: the scatter between scrambles says how far a mean is off, and it falls with the number
+    of points.
+    """
     response = cluster_response(TRIANGULAR, 0.0)
 
     def solve(points):
@@ -348,7 +412,9 @@ def test_descent_comes_near_the_equilibrium():
         assert np.sqrt(np.mean((after - h)[h > 0.0] ** 2)) < near
         # what the balance is a mean of is the same after the descent, but for a constant
         after = descent._evaluate(found, found.effective, descent._few, (steps,))[0]
-        assert np.std(found.realisations - after[:, 0]) < 2.0 * near * np.std(closed[:, response.central].mean(axis=1))
+        assert np.std(found.realisations - after[:, 0]) < 2.0 * near * np.std(
+            closed[:, response.central].mean(axis=1)
+        )
         means = [found.force, found.force**2 * (1.0 + found.fluctuation**2), found.contacts]
         assert_allclose(after[:, 1:4].mean(axis=0), means, rtol=0.01)
         assert_allclose(after[:, 4:].mean(axis=0), 0.0, atol=2.0 * near * found.force)
@@ -357,7 +423,9 @@ def test_descent_comes_near_the_equilibrium():
 @pytest.mark.claim("cluster-quadrature")
 @pytest.mark.parametrize("lattice", [TRIANGULAR, pytest.param(FCC, marks=pytest.mark.exhaustive)])
 def test_many_realisations_take_the_quadrature_error_off(lattice):
-    """Two runs that share no point: they are as far apart as their errors say, which are those that were asked for."""
+    """Two runs that share no point: they are as far apart as their errors say, which are those that
+    were asked for.
+    """
     response = cluster_response(lattice, 0.0)
 
     def solve(first):
@@ -429,7 +497,9 @@ def test_products_are_held_to_one_thread():
 @pytest.mark.claim("cluster-quadrature")
 def test_curves_that_share_no_point_are_as_far_apart_as_their_errors():
     """At the overlaps where it is solved and at those between."""
-    curves_of = [curves.cluster_curve(FLAT, TRIANGULAR, 0.0, 7, seed=seed) for seed in (0, 100, 200)]
+    curves_of = [
+        curves.cluster_curve(FLAT, TRIANGULAR, 0.0, 7, seed=seed) for seed in (0, 100, 200)
+    ]
     y = np.linspace(-0.05, 1.5, 32)
     force = np.array([curve.value(y, curves.FORCE) for curve in curves_of])
     errors = np.array([np.interp(y, curve.nodes, curve.errors) for curve in curves_of])
@@ -462,7 +532,7 @@ def test_without_the_push_from_outside_the_force_is_too_small():
     assert_allclose(np.divide(off[1], off[0]) - 1.0, [-0.0105, -0.124], rtol=0.15)
 
 
-# -- the medium ---------------------------------------------------------------------------------------------------------
+# -- the medium ------------------------------------------------------------------------------------
 
 
 def test_equal_balls_and_chains_follow_hertz():
@@ -478,10 +548,16 @@ def test_equal_balls_and_chains_follow_hertz():
 
 def test_law_is_the_derivative_of_its_energy(medium):
     law = medium.law
-    join, start = law.curve.far.start, law.curve.start
+    join = law.curve.far.start
+    start = law.curve.start
     y = np.concatenate([np.linspace(start + 0.01, 0.9 * join, 9), [1.1 * join, 30.0]])
-    delta, step = WIDTH * y, 1e-5 * WIDTH * np.maximum(1.0, y)
-    for one, other in ((law.energy, law.force), (law.force, law.stiffness), (law.stiffness, law.stiffness_slope)):
+    delta = WIDTH * y
+    step = 1e-5 * WIDTH * np.maximum(1.0, y)
+    for one, other in (
+        (law.energy, law.force),
+        (law.force, law.stiffness),
+        (law.stiffness, law.stiffness_slope),
+    ):
         slope = (one(delta + step) - one(delta - step)) / (2.0 * step)
         assert_allclose(slope, other(delta), rtol=3e-6)
     assert_allclose(law.overlap(law.force(delta)), delta, rtol=1e-10, atol=1e-13 * WIDTH)
@@ -504,12 +580,16 @@ def test_scales_follow_the_width(medium):
 
 @pytest.mark.claim("cluster-errors")
 def test_force_is_near_that_of_the_simulated_array(medium):
-    """At a* = 0.7 and 0.5 the error is at most a third of the single site's, or 1 %, quadrature included."""
+    """At a* = 0.7 and 0.5 the error is at most a third of the single site's, or 1 %, quadrature
+    included.
+    """
     delta = np.array([0.2, 0.0]) * WIDTH
     array = gp.DirectSimulation(PACKING, shape=(64, 64), seed=3, samples=4).at_overlap(delta)
     cluster, site = (m.at_overlap(delta) for m in (medium, gp.EffectiveMedium(PACKING)))
     error, single = (np.abs(s.force / array.force - 1.0) for s in (cluster, site))
-    chance = 3.0 * (array.mean_errors["force_error"] / array.force + medium.law.quadrature_error(delta))
+    chance = 3.0 * (
+        array.mean_errors["force_error"] / array.force + medium.law.quadrature_error(delta)
+    )
     assert np.all(error < np.maximum(single / 3.0, 0.01) + chance)
     assert np.all(single > [0.015, 0.1])
     assert_allclose(cluster.force_fluctuation, array.force_fluctuation, rtol=0.05)
@@ -518,11 +598,15 @@ def test_force_is_near_that_of_the_simulated_array(medium):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("spread", [gp.Normal(0.6e-6), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5)), SKEWED])
+@pytest.mark.parametrize(
+    "spread", [gp.Normal(0.6e-6), gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5)), SKEWED]
+)
 def test_other_distributions_agree_with_the_effective_medium_at_high_load(spread):
     packing = gp.Packing(STEEL, 8e-3, spread, friction=False)
     delta = packing.width * np.array([6.0, 40.0])
-    cluster, site = (m.at_overlap(delta) for m in (gp.ClusterMedium(packing), gp.EffectiveMedium(packing)))
+    cluster, site = (
+        m.at_overlap(delta) for m in (gp.ClusterMedium(packing), gp.EffectiveMedium(packing))
+    )
     assert_allclose(cluster.force, site.force, rtol=2e-6)
     assert_allclose(cluster.force_fluctuation, site.force_fluctuation, rtol=0.02)
 
@@ -546,7 +630,7 @@ def test_observables_come_from_the_state(medium):
     assert medium.quadrature_error < 0.02
 
 
-# -- bad input ----------------------------------------------------------------------------------------------------------
+# -- bad input -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("balls", [6, 8, 38, 0, -7, True, 7.5, "seven", [7]])
@@ -563,7 +647,9 @@ def test_the_first_shell_is_the_default():
     assert MediumChoice("cluster", (("balls", 19),)).label == "cluster(balls=19)"
 
 
-@pytest.mark.parametrize("name", [name for name in LATTICES if name in ("square", "kagome", "sc", "bcc", "diamond")])
+@pytest.mark.parametrize(
+    "name", [name for name in LATTICES if name in ("square", "kagome", "sc", "bcc", "diamond")]
+)
 def test_mechanisms_are_refused(name):
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice=name, friction=False)
     with pytest.raises(MechanismError, match="mechanism"):
@@ -583,7 +669,9 @@ def test_below_the_curve_is_an_error(medium):
 @pytest.mark.exhaustive
 def test_kinds_too_rare_for_the_realisations_are_an_error():
     mean = 8e-3 + 1e-4 * 5e-6
-    packing = gp.Packing(STEEL, mean, gp.Discrete((8e-3, 8.005e-3), (0.9999, 0.0001)), friction=False)
+    packing = gp.Packing(
+        STEEL, mean, gp.Discrete((8e-3, 8.005e-3), (0.9999, 0.0001)), friction=False
+    )
     with pytest.raises(PrecisionError, match="so rare a kind"):
         gp.ClusterMedium(packing).at_force(1.0)
 
@@ -621,11 +709,16 @@ def test_sweeps_take_it_beside_other_media(medium):
 
 @pytest.mark.parametrize("lattice", ["triangular", "fcc", "hcp"])
 def test_automatic_media_leave_it_out(lattice):
-    """At all loads and tolerances: where one law of 40 s would do, a simulation is cheaper, and better at low load."""
+    """At all loads and tolerances: where one law of 40 s would do, a simulation is cheaper, and
+    better at low load.
+    """
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), friction=False, lattice=lattice)
     chosen = set()
     for tolerance in (0.01, 0.02, 0.05):
         for load in np.geomspace(0.1, 3.0, 5) * FORCE:
-            chosen |= {serving.medium.name for serving in gp.AutoMedium(packing, tolerance).choose("force", load)}
+            chosen |= {
+                serving.medium.name
+                for serving in gp.AutoMedium(packing, tolerance).choose("force", load)
+            }
     assert "cluster" not in chosen
     assert "simulation" in chosen

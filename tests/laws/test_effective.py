@@ -1,8 +1,9 @@
 """The effective medium's curve against solutions of equation (36) that owe nothing to the package.
 
-F^Q, K^Q and the average over Q are written anew; the equation is integrated by scipy, and its residual taken at many places,
-and at thirty digits at some. If rho(y) = G(y, f') - f is the residual of a curve f, its error e obeys
-e' = (e + rho)/G_k with dG/dk = G_k > 0: downwards it is forgotten, and |e| is nowhere above the largest |rho| at higher y.
+F^Q, K^Q and the average over Q are written anew; the equation is integrated by scipy, and its
+residual taken at many places, and at thirty digits at some. If rho(y) = G(y, f') - f is the
+residual of a curve f, its error e obeys e' = (e + rho)/G_k with dG/dk = G_k > 0: downwards it is
+forgotten, and |e| is nowhere above the largest |rho| at higher y.
 """
 
 from __future__ import annotations
@@ -47,12 +48,15 @@ LOTS = {
     **{f"{part:g} large": kinds([0.0, 1.0], [1.0 - part, part]) for part in RARE},
     **{f"{part:g} small": kinds([0.0, 1.0], [part, 1.0 - part]) for part in RARE[1:]},
     "three": kinds([-1.0, 0.0, 2.0], [0.5, 0.3, 0.2]),
-    **{f"two of {part:g}": kinds([-1.0, 0.0, 0.7], [part, 1.0 - 2.0 * part, part]) for part in (1e-2, 1e-3, 1e-4)},
+    **{
+        f"two of {part:g}": kinds([-1.0, 0.0, 0.7], [part, 1.0 - 2.0 * part, part])
+        for part in (1e-2, 1e-3, 1e-4)
+    },
     "0.01 near a large": kinds([0.0, 0.7, 1.0], [0.98, 0.01, 0.01]),
     "ten": kinds(np.random.default_rng(0).normal(size=10), np.ones(10)),
 }
 
-# -- the equation, written anew -----------------------------------------------------------------------------------------
+# -- the equation, written anew --------------------------------------------------------------------
 
 
 def double_exponential(n=97, reach=3.4):
@@ -68,7 +72,8 @@ PART, WEIGHT = double_exponential()
 
 def uniform_ball(s):
     """F^Q, K^Q and the slope of K^Q at s = y + x/2, by the printed powers."""
-    upper, lower = np.maximum(s + 0.25, 0.0), np.maximum(s - 0.25, 0.0)
+    upper = np.maximum(s + 0.25, 0.0)
+    lower = np.maximum(s - 0.25, 0.0)
     return tuple(c * (upper**p - lower**p) for c, p in ((0.8, 2.5), (2.0, 1.5), (3.0, 0.5)))
 
 
@@ -76,7 +81,9 @@ STD = NORMAL.bounds[1] / 3.0
 
 
 def normal_density(x):
-    return np.exp(-0.5 * (x / STD) ** 2) / (STD * math.sqrt(2.0 * math.pi) * math.erf(3.0 / math.sqrt(2.0)))
+    return np.exp(-0.5 * (x / STD) ** 2) / (
+        STD * math.sqrt(2.0 * math.pi) * math.erf(3.0 / math.sqrt(2.0))
+    )
 
 
 def normal_ball(s):
@@ -87,17 +94,28 @@ def normal_ball(s):
     gap = low + length * PART
     weight = 2.0 * length * WEIGHT * normal_density(2.0 * (gap - s[..., None]))
     root = np.sqrt(gap)
-    powers = (gap * root, 1.5 * root, np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0))
+    powers = (
+        gap * root,
+        1.5 * root,
+        np.divide(0.75, root, out=np.zeros_like(root), where=root > 0.0),
+    )
     return tuple(np.sum(weight * p, axis=-1) for p in powers)
 
 
 def density(ball, edge, of_x) -> Callable:
-    """(origin, root) -> weights, F^Q, K^Q and slope for a continuous distribution, at y = origin + root^2."""
+    """(origin, root) -> weights, F^Q, K^Q and slope for a continuous distribution, at y = origin +
+    root^2.
+    """
 
     def mixture(origin, root):
         y = np.asarray(origin + root * root)[..., None]
         half = 0.5 * edge
-        cuts = [y - half, np.clip(-half, y - half, y + half), np.clip(half, y - half, y + half), y + half]
+        cuts = [
+            y - half,
+            np.clip(-half, y - half, y + half),
+            np.clip(half, y - half, y + half),
+            y + half,
+        ]
         s = np.concatenate([a + (b - a) * PART for a, b in itertools.pairwise(cuts)], axis=-1)
         weights = np.concatenate([(b - a) * WEIGHT for a, b in itertools.pairwise(cuts)], axis=-1)
         return weights * 2.0 * of_x(2.0 * (s - y)), *ball(s)
@@ -106,7 +124,9 @@ def density(ball, edge, of_x) -> Callable:
 
 
 def listed(shape) -> Callable:
-    """The same for listed diameters; a contact is open or closed by the interval, not by rounding."""
+    """The same for listed diameters; a contact is open or closed by the interval, not by
+    rounding.
+    """
     x, weights = np.array(shape.positions), np.array(shape.weights)
     opening = -0.5 * (x[:, None] + x)
 
@@ -123,7 +143,9 @@ def listed(shape) -> Callable:
 def mixture_of(shape):
     if shape == UNIFORM:
         return density(uniform_ball, 0.5, np.ones_like)
-    return density(normal_ball, NORMAL.bounds[1], normal_density) if shape == NORMAL else listed(shape)
+    return (
+        density(normal_ball, NORMAL.bounds[1], normal_density) if shape == NORMAL else listed(shape)
+    )
 
 
 def evaluated(curve, y):
@@ -132,12 +154,15 @@ def evaluated(curve, y):
     return law.force(y), law.stiffness(y)
 
 
-# -- independent solutions ----------------------------------------------------------------------------------------------
+# -- independent solutions -------------------------------------------------------------------------
 
 
 def exact_ball(s):
     """F^Q and K^Q of the uniform distribution in the present precision of mpmath."""
-    upper, lower = (mpmath.sqrt(max(s + side, mpmath.mpf(0))) for side in (mpmath.mpf(1) / 4, -mpmath.mpf(1) / 4))
+    upper, lower = (
+        mpmath.sqrt(max(s + side, mpmath.mpf(0)))
+        for side in (mpmath.mpf(1) / 4, -mpmath.mpf(1) / 4)
+    )
     return 4 * (upper**5 - lower**5) / 5, 2 * (upper**3 - lower**3)
 
 
@@ -149,7 +174,9 @@ def exact_normal_ball(s):
 
     def average(n):
         cuts = [low, (low + high) / 2, high]
-        return mpmath.quad(lambda u: 4 * u**n * mpmath.exp(-2 * ((u * u - s) / std) ** 2) / kept, cuts)
+        return mpmath.quad(
+            lambda u: 4 * u**n * mpmath.exp(-2 * ((u * u - s) / std) ** 2) / kept, cuts
+        )
 
     return average(4), mpmath.mpf(3) / 2 * average(2)
 
@@ -158,8 +185,16 @@ def exact_normal_ball(s):
 @pytest.mark.parametrize(
     ("shape", "ball", "places", "digits", "room"),
     [
-        (UNIFORM, exact_ball, [-0.2, -0.05, 1e-6, 0.1, 0.3, 0.499, 0.501, 0.8, 2.0, 5.9], 30, 3e-13),
-        pytest.param(NORMAL, exact_normal_ball, [-0.3, 0.2], 16, 1e-12, marks=pytest.mark.exhaustive),
+        (
+            UNIFORM,
+            exact_ball,
+            [-0.2, -0.05, 1e-6, 0.1, 0.3, 0.499, 0.501, 0.8, 2.0, 5.9],
+            30,
+            3e-13,
+        ),
+        pytest.param(
+            NORMAL, exact_normal_ball, [-0.3, 0.2], 16, 1e-12, marks=pytest.mark.exhaustive
+        ),
     ],
     ids=["uniform", "normal"],
 )
@@ -169,12 +204,20 @@ def test_residual_at_thirty_digits(shape, ball, places, digits, room):
         for y in places:
             f, k = (mpmath.mpf(float(v)) for v in evaluated(effective_curve(shape, xi), y))
             half = mpmath.mpf(shape.bounds[1]) / 2
-            cuts = sorted({mpmath.mpf(y) - half, mpmath.mpf(y) + half, *(c for c in (-half, half) if abs(c - y) < half)})
+            cuts = sorted(
+                {
+                    mpmath.mpf(y) - half,
+                    mpmath.mpf(y) + half,
+                    *(c for c in (-half, half) if abs(c - y) < half),
+                }
+            )
 
             def moved(s, f=f, k=k, y=y):
                 force, stiffness = ball(s)
                 std = mpmath.mpf(STD)
-                weight = 1 if shape == UNIFORM else mpmath.exp(-2 * ((s - mpmath.mpf(y)) / std) ** 2)
+                weight = (
+                    1 if shape == UNIFORM else mpmath.exp(-2 * ((s - mpmath.mpf(y)) / std) ** 2)
+                )
                 part = weight / (stiffness + mpmath.mpf(xi) * k)
                 return part * (force - f) + 1j * part
 
@@ -196,7 +239,7 @@ def test_no_seam_between_steps(shape, xi):
     np.testing.assert_allclose(*slopes, rtol=1e-8)
 
 
-# -- convergence --------------------------------------------------------------------------------------------------------
+# -- convergence -----------------------------------------------------------------------------------
 
 
 def solved(shape, stages=16, order=32, tolerance=1e-12, most=np.inf):
@@ -209,11 +252,14 @@ def solved(shape, stages=16, order=32, tolerance=1e-12, most=np.inf):
     ids=["uniform", "normal", "two kinds"],
 )
 def test_order_at_the_ends_of_steps_is_2s_minus_1(shape, stages, length):
-    # at an opening, the end of a step: lengths are halved, and no other tolerance acts. The equation is stiff at high
-    # pressure only, where the solution is so smooth that no order is lost
+    # at an opening, the end of a step: lengths are halved, and no other tolerance acts. The
+    # equation is stiff at high pressure only, where the solution is so smooth that no order is lost
     place = np.array([-0.5 * sum(shape.bounds)])
     exact = solved(shape, 20, 64, 1e-13).value(place, STIFFNESS)
-    coarse, fine = (solved(shape, stages, 32, np.inf, most).value(place, STIFFNESS) for most in (length, 0.5 * length))
+    coarse, fine = (
+        solved(shape, stages, 32, np.inf, most).value(place, STIFFNESS)
+        for most in (length, 0.5 * length)
+    )
     order = float(np.log2(np.abs(coarse / exact - 1.0) / np.abs(fine / exact - 1.0))[0])
     assert abs(order - (2 * stages - 1)) < 0.8
 
@@ -223,7 +269,12 @@ def test_convergence_in_the_nodes_is_exponential(shape):
     place = np.array([-0.2])
     exact = solved(shape, order=64).value(place, FORCE)
     orders = np.array([8, 10, 12, 14])
-    errors = np.array([np.max(np.abs(solved(shape, order=int(n)).value(place, FORCE) / exact - 1.0)) for n in orders])
+    errors = np.array(
+        [
+            np.max(np.abs(solved(shape, order=int(n)).value(place, FORCE) / exact - 1.0))
+            for n in orders
+        ]
+    )
     assert np.polyfit(orders, np.log10(errors), 1)[0] < -0.4  # decimal digits per node
     np.testing.assert_allclose(solved(shape, order=32).value(place, FORCE), exact, rtol=1e-13)
 
@@ -231,15 +282,24 @@ def test_convergence_in_the_nodes_is_exponential(shape):
 def lot(n, seed, kind):
     """The shape of a random lot of n balls."""
     rng = np.random.default_rng(seed)
-    off = {"flat": rng.uniform(-1.0, 1.0, n), "normal": rng.normal(size=n), "skewed": rng.exponential(size=n)}[kind]
+    off = {
+        "flat": rng.uniform(-1.0, 1.0, n),
+        "normal": rng.normal(size=n),
+        "skewed": rng.exponential(size=n),
+    }[kind]
     return gp.Measured(tuple(8e-3 + 1e-6 * off)).shape
 
 
 FINER = {
-    **{name: (shape, 24, 64, 1e-13, 0.1) for name, shape in DENSITIES.items()}, "ten": (LOTS["ten"], 24, 64, 1e-13, 0.1),
-    **{f"{kind} {n}": (lot(n, 5, kind), 16, 32, 1e-13, 0.01) for kind in ("flat", "normal", "skewed") for n in (66, 100)},
+    **{name: (shape, 24, 64, 1e-13, 0.1) for name, shape in DENSITIES.items()},
+    "ten": (LOTS["ten"], 24, 64, 1e-13, 0.1),
+    **{
+        f"{kind} {n}": (lot(n, 5, kind), 16, 32, 1e-13, 0.01)
+        for kind in ("flat", "normal", "skewed")
+        for n in (66, 100)
+    },
     "flat 128": (lot(128, 5, "flat"), 16, 32, 1e-13, 0.01),
-}  # fmt: skip
+}
 
 
 @pytest.mark.claim("medium-1e-8")
@@ -253,12 +313,13 @@ def test_more_stages_shorter_steps_and_more_nodes_change_nothing(name):
     np.testing.assert_allclose(curve.value(y, STIFFNESS), finer.value(y, STIFFNESS), rtol=1e-9)
 
 
-# -- stability ----------------------------------------------------------------------------------------------------------
+# -- stability -------------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("iteration-diverges")
 def test_plain_iteration_amplifies_noise():
-    # f <- F_ave + F(f') = G(y, f'), as below (40): a wave of small amplitude is multiplied by i q dG/dk each round
+    # f <- F_ave + F(f') = G(y, f'), as below (40): a wave of small amplitude is multiplied by i q
+    # dG/dk each round
     xi, mixture = XI[0.0], mixture_of(UNIFORM)
     spacing = 1e-3
     y = 0.2 + spacing * np.arange(257)
@@ -283,10 +344,12 @@ def test_plain_iteration_amplifies_noise():
         # what a centred difference makes of the wavenumber
         expected = middle * np.sin(q * spacing) / spacing
         np.testing.assert_allclose(grown(q, 3), expected, rtol=0.3)
-    # noise on the grid has waves of all lengths down to two spacings: the finer the grid, the faster it grows
+    # noise on the grid has waves of all lengths down to two spacings: the finer the grid, the
+    # faster it grows
     assert middle * waves[-1] > 5.0
     assert np.all(grown(1200.0, 3) > 5.0)
-    # the other way a disturbed start is forgotten: half as much again at y = 6 leaves nothing at y = 5
+    # the other way a disturbed start is forgotten: half as much again at y = 6 leaves nothing at y
+    # = 5
 
     def slope(y, k):
         _, by_y, by_k = balance(mixture(0.0, np.sqrt(y)), k[0], xi)
@@ -294,16 +357,19 @@ def test_plain_iteration_amplifies_noise():
 
     _, exact = evaluated(effective_curve(UNIFORM, xi), np.array([6.0, 5.0]))
     for disturbed in (0.5, 1.5):
-        out = solve_ivp(slope, (6.0, 5.0), [disturbed * exact[0]], method="Radau", rtol=1e-10, atol=1e-16)
+        out = solve_ivp(
+            slope, (6.0, 5.0), [disturbed * exact[0]], method="Radau", rtol=1e-10, atol=1e-16
+        )
         np.testing.assert_allclose(out.y[0, -1], exact[1], rtol=1e-8)
 
 
-# -- listed diameters ---------------------------------------------------------------------------------------------------
+# -- listed diameters ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", only(["1e-06 small", "0.01 near a large"], LOTS))
 def test_lots_against_an_integration_split_at_the_openings(name):
-    curve, forces = effective_curve(LOTS[name], XI[0.0]), np.geomspace(1e-4, 10.0, 25)
+    curve = effective_curve(LOTS[name], XI[0.0])
+    forces = np.geomspace(1e-4, 10.0, 25)
     assert curve.least_force == LEAST_SOLVED_FORCE
     # LSODA cannot begin where the rarest kind opens
     how = (1e-10, "Radau") if name.startswith("1e-09") else (1e-11, "LSODA")
@@ -313,7 +379,12 @@ def test_lots_against_an_integration_split_at_the_openings(name):
 
 @pytest.mark.claim("api-medium")
 @given(
-    data=st.lists(st.tuples(st.integers(-99, 99), st.floats(-6.0, 0.0)), min_size=2, max_size=5, unique_by=lambda x: x[0]),
+    data=st.lists(
+        st.tuples(st.integers(-99, 99), st.floats(-6.0, 0.0)),
+        min_size=2,
+        max_size=5,
+        unique_by=lambda x: x[0],
+    ),
     xi=st.floats(0.2, 8.0),
 )
 @settings(max_examples=15, deadline=None)
@@ -326,12 +397,15 @@ def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
         origin = max(o for o in shape.openings if o <= y)
         return balance(mixture(origin, np.sqrt(y - origin)), k, xi)
 
-    if curve.least_force > LEAST_SOLVED_FORCE:  # only where the equation itself has no more: k' > 0 at k = 0
+    if curve.least_force > LEAST_SOLVED_FORCE:
+        # only where the equation itself has no more: k' > 0 at k = 0
         assert curve.stiffness_vanishes
         assert curve.least_force < VALID_FORCE
         _, by_y, by_k = state(curve.start, 0.0)
         assert by_y < 0.0 < by_k
-    for y in curve.overlap(np.geomspace(curve.least_force * 1.01, 0.99 * curve.far.value(curve.far.start, FORCE), 25)):
+    for y in curve.overlap(
+        np.geomspace(curve.least_force * 1.01, 0.99 * curve.far.value(curve.far.start, FORCE), 25)
+    ):
         f, _, by_k = state(y, curve.value(np.array([y]), STIFFNESS)[0])
         assert by_k > 0.0
         if f > 1e-4:
@@ -340,13 +414,16 @@ def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
 
 def test_the_medium_takes_every_diameter_of_a_lot(steel):
     sizes = 8e-3 + 1e-6 * np.random.default_rng(2).normal(size=66)
-    law = gp.EffectiveMedium(gp.Packing(steel, float(np.mean(sizes)), spread=gp.Measured(tuple(sizes)))).law
+    law = gp.EffectiveMedium(
+        gp.Packing(steel, float(np.mean(sizes)), spread=gp.Measured(tuple(sizes)))
+    ).law
     assert len(law.shape.positions) == 66
     assert law.curve.places.shape[1] >= 66 * 67 // 2
 
 
 def bounds(curve, points=5):
-    """f and bounds of the relative errors of f and k from f* = 1e-4 on, from the residual rho alone.
+    """f and bounds of the relative errors of f and k from f* = 1e-4 on, from the residual rho
+    alone.
 
     (e + rho)/G_k is the error of k, and e is forgotten downwards as the head of this file says.
     """
@@ -357,17 +434,22 @@ def bounds(curve, points=5):
     y = origin + root * root
     f, k = curve.value(y, FORCE), curve.value(y, STIFFNESS)
     mixture = mixture_of(curve.shape)
-    rho, by_k = np.empty(y.size), np.empty(y.size)
+    rho = np.empty(y.size)
+    by_k = np.empty(y.size)
     for i, (o, u) in enumerate(zip(origin, root, strict=True)):
         exact, _, by_k[i] = balance(mixture(o, u), k[i], curve.xi)
         rho[i] = abs(exact - f[i])
     assert np.all(by_k > 0.0)
-    rest, errors = rho[0], []
+    rest = rho[0]
+    errors = []
     for worst, part in zip(rho, np.exp(-np.abs(np.diff(y, prepend=y[0])) / by_k), strict=True):
         rest = part * rest + (1.0 - part) * worst
         errors.append(max(rest, worst))
     keep = f > 1e-4
-    return tuple((values / size)[keep] for values, size in ((np.array(errors), f), ((np.array(errors) + rho) / by_k, k)))
+    return tuple(
+        (values / size)[keep]
+        for values, size in ((np.array(errors), f), ((np.array(errors) + rho) / by_k, k))
+    )
 
 
 @pytest.mark.claim("medium-1e-8", "api-medium")
@@ -391,7 +473,8 @@ FLAT = kinds([0.0, 0.7, 1.0], [0.998, 1e-3, 1e-3])
 
 @pytest.mark.claim("rare-kinds-end")
 def test_where_rare_kinds_open_the_stiffness_may_fall_to_zero():
-    # k' = (k - G_y)/G_k: at the end of the curve G_y < 0 at k = 0, so that k passes through zero, with a force left
+    # k' = (k - G_y)/G_k: at the end of the curve G_y < 0 at k = 0, so that k passes through zero,
+    # with a force left
     xi, curve = XI[0.0], effective_curve(FLAT, XI[0.0])
     assert curve.stiffness_vanishes
     assert 1e-3 < curve.least_force < 2e-3
@@ -426,7 +509,9 @@ def test_loads_one_by_one_and_all_at_once_are_the_same():
         for order in (ENERGY, FORCE, STIFFNESS, SLOPE):
             parts = np.concatenate([curve.value(part, order) for part in np.split(y, 200)])
             np.testing.assert_allclose(parts, curve.value(y, order), rtol=1e-13)
-        np.testing.assert_allclose(curve.value(y, FORCE), force, rtol=2e-15 * len(curve.tables[FORCE]))
+        np.testing.assert_allclose(
+            curve.value(y, FORCE), force, rtol=2e-15 * len(curve.tables[FORCE])
+        )
 
 
 def test_many_equal_kinds_become_the_uniform_distribution():
@@ -440,7 +525,7 @@ def test_many_equal_kinds_become_the_uniform_distribution():
     assert np.log2(errors[0] / errors[-1]) / 3.0 == pytest.approx(2.0, abs=0.5)
 
 
-# -- what is kept, and where the curve ends ----------------------------------------------------------------------------
+# -- what is kept, and where the curve ends --------------------------------------------------------
 
 
 def test_one_curve_serves_every_packing_of_a_shape_and_friction(steel):
@@ -452,7 +537,9 @@ def test_one_curve_serves_every_packing_of_a_shape_and_friction(steel):
         state = medium.at_force(unit * np.array([0.1, 1.0, 10.0]))
         np.testing.assert_allclose(state.reduced_spacing, [0.67, 1.5, 5.1], atol=0.1)
     assert effective_curve.cache_info().misses == 1
-    gp.EffectiveMedium(gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), friction=False)).at_force(1.0)
+    gp.EffectiveMedium(gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), friction=False)).at_force(
+        1.0
+    )
     assert effective_curve.cache_info().misses == 2
 
 
@@ -469,8 +556,10 @@ def test_below_the_start_of_the_curve_there_is_an_error():
 
 
 def test_a_curve_that_does_not_settle_ends_above(monkeypatch):
-    # steps that cannot be solved: below the limit of validity the curve ends there, above it there is none
-    whole, least = effective._relax, 1e-2
+    # steps that cannot be solved: below the limit of validity the curve ends there, above it there
+    # is none
+    whole = effective._relax
+    least = 1e-2
 
     def step(*given):
         out = whole(*given)
@@ -481,7 +570,9 @@ def test_a_curve_that_does_not_settle_ends_above(monkeypatch):
         curve = solved(shape)
         assert 1e-2 <= curve.least_force < 1.01e-2
         assert not curve.stiffness_vanishes
-        assert float(curve.value(np.array([curve.start]), FORCE)[0]) == pytest.approx(curve.least_force, rel=1e-12)
+        assert float(curve.value(np.array([curve.start]), FORCE)[0]) == pytest.approx(
+            curve.least_force, rel=1e-12
+        )
     least = 1.0
     with pytest.raises(PrecisionError, match="does not converge"):
         solved(UNIFORM)

@@ -1,4 +1,6 @@
-"""Laws of contacts that differ: the series of high pressure, derivatives, inverses and statistics, against closed forms."""
+"""Laws of contacts that differ: the series of high pressure, derivatives, inverses and statistics,
+against closed forms.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,7 @@ def cube(shape):
     return float(np.sum(nodes.weights * nodes.positions**3))
 
 
-# -- high pressure ------------------------------------------------------------------------------------------------------
+# -- high pressure ---------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("high-pressure-orders")
@@ -47,16 +49,23 @@ def cube(shape):
 def test_second_and_third_order_by_hand(name, xi):
     # (36) with F^Q and K^Q expanded in s = x/2 to third order in 1/y, p = 1/(1 + Xi):
     # f* = y^(3/2) (1 + (1 - p)/(64 y^2) + <x^3> (3 p^2 - 1)/(64 y^3) + ...)
-    series, p = high_pressure_series(SHAPES[name], xi), 1.0 / (1.0 + xi)
+    series = high_pressure_series(SHAPES[name], xi)
+    p = 1.0 / (1.0 + xi)
     found = series.mean[:4] * series.scale ** np.arange(4.0)
     exact = [1.0, 0.0, (1.0 - p) / 64.0, cube(SHAPES[name]) * (3.0 * p * p - 1.0) / 64.0]
     np.testing.assert_allclose(found, exact, rtol=1e-12, atol=1e-15)
 
 
 def sum_series(y, xi):
-    """f, k and the ends of s = y + x/2 of the uniform distribution, from its series, in the precision of mpmath."""
-    series, here, quarter = high_pressure_series(UniformShape(), xi), mpmath.mpf(y), mpmath.mpf(1) / 4
-    mean = [mpmath.mpf(c) * (mpmath.mpf(series.scale) / here) ** n for n, c in enumerate(series.mean)]
+    """f, k and the ends of s = y + x/2 of the uniform distribution, from its series, in the
+    precision of mpmath.
+    """
+    series = high_pressure_series(UniformShape(), xi)
+    here = mpmath.mpf(y)
+    quarter = mpmath.mpf(1) / 4
+    mean = [
+        mpmath.mpf(c) * (mpmath.mpf(series.scale) / here) ** n for n, c in enumerate(series.mean)
+    ]
     f = here ** mpmath.mpf(1.5) * sum(mean)
     k = mpmath.sqrt(here) * sum((mpmath.mpf(1.5) - n) * term for n, term in enumerate(mean))
     return f, k, [here - quarter, here, here + quarter]
@@ -69,13 +78,17 @@ def test_the_series_solves_the_equation_at_forty_digits(xi, y):
         f, k, parts = sum_series(y, xi)
 
         def miss(s):
-            # <(F - f)/(K + Xi k)> and <1/(K + Xi k)>: their ratio is by how much f misses equation (36)
+            # <(F - f)/(K + Xi k)> and <1/(K + Xi k)>: their ratio is by how much f misses equation
+            # (36)
             force, stiffness = exact_ball(s)
             return ((force - f) + 1j) / (stiffness + xi * k)
 
         both = mpmath.quad(miss, parts)
         # coefficients in doubles, of powers of scale/y from the first on
-        assert abs(both.real / both.imag / f) < 1e-15 * high_pressure_series(UniformShape(), xi).scale / y
+        assert (
+            abs(both.real / both.imag / f)
+            < 1e-15 * high_pressure_series(UniformShape(), xi).scale / y
+        )
 
 
 @pytest.mark.claim("high-pressure-orders")
@@ -84,7 +97,8 @@ def test_order_of_contact_after_40():
     for name in ("uniform", "normal"):
         for xi in FACTORS:
             averaged, effective = laws(name, xi)
-            r, y = xi / (1.0 + xi), 30.0 * 2.0 ** np.arange(4.0)
+            r = xi / (1.0 + xi)
+            y = 30.0 * 2.0 ** np.arange(4.0)
             square = 1.0 / 12.0 / y**2  # Delta_rms^2 / (d - a)^2
             contact = (effective.force(y) / averaged.force(y) - 1.0) / square
             limit = (4.0 * contact[-1] - contact[-2]) / 3.0  # the next order is the fourth
@@ -93,12 +107,15 @@ def test_order_of_contact_after_40():
             for law, part in ((averaged, 1.0), (effective, r)):
                 hertz = 1.5 * np.cbrt(law.force(y))
                 departure = (law.stiffness(y) / hertz - 1.0) / square
-                assert (4.0 * departure[-1] - departure[-2]) / 3.0 == pytest.approx(-part / 8.0, rel=1e-6)
+                assert (4.0 * departure[-1] - departure[-2]) / 3.0 == pytest.approx(
+                    -part / 8.0, rel=1e-6
+                )
 
 
 @every_shape
 def test_averaged_series_is_the_average_at_large_overlaps(name):
-    averaged, shape = laws(name)[0], SHAPES[name]
+    averaged = laws(name)[0]
+    shape = SHAPES[name]
     series = high_pressure_series(shape, math.inf)
     y = series.start * np.array([1.0, 1.5, 10.0, 1e4, 1e8])
     for values, exact in (
@@ -110,7 +127,7 @@ def test_averaged_series_is_the_average_at_large_overlaps(name):
         np.testing.assert_allclose(values, exact, rtol=1e-14)
 
 
-# -- derivatives and seams ----------------------------------------------------------------------------------------------
+# -- derivatives and seams -------------------------------------------------------------------------
 
 
 def central(f, y, step):
@@ -128,7 +145,11 @@ def test_each_is_the_derivative_of_the_one_before(name, kind):
     for low, high in itertools.pairwise(ends[1:]):
         y = low + (high - low) * np.array([0.4, 0.5, 0.7])
         step = 0.02 * (high - low)
-        for below, above in ((law.energy, law.force), (law.force, law.stiffness), (law.stiffness, law.stiffness_slope)):
+        for below, above in (
+            (law.energy, law.force),
+            (law.force, law.stiffness),
+            (law.stiffness, law.stiffness_slope),
+        ):
             np.testing.assert_allclose(central(below, y, step), above(y), rtol=2e-8)
 
 
@@ -138,12 +159,17 @@ def test_no_seam_where_the_series_begins(name, kind):
     law = laws(name)[kind]
     start = high_pressure_series(SHAPES[name], law.xi).start
     y = np.array([np.nextafter(start, 0.0), start])
-    for of, room in ((law.energy, 2e-14), (law.force, 2e-15), (law.stiffness, 4e-15), (law.stiffness_slope, 1e-10)):
+    for of, room in (
+        (law.energy, 2e-14),
+        (law.force, 2e-15),
+        (law.stiffness, 4e-15),
+        (law.stiffness_slope, 1e-10),
+    ):
         below, above = of(y)
         assert below == pytest.approx(above, rel=room)
 
 
-# -- inverses -----------------------------------------------------------------------------------------------------------
+# -- inverses --------------------------------------------------------------------------------------
 
 
 @every_shape
@@ -159,17 +185,24 @@ def test_overlap_inverts_force(name, kind):
 
 
 @given(
-    part=st.floats(-4.0, 14.0), width=st.floats(-30.0, 2.0), coefficient=st.floats(-30.0, 30.0),
-    name=st.sampled_from(sorted(SHAPES)), kind=st.integers(0, 1),
-)  # fmt: skip
+    part=st.floats(-4.0, 14.0),
+    width=st.floats(-30.0, 2.0),
+    coefficient=st.floats(-30.0, 30.0),
+    name=st.sampled_from(sorted(SHAPES)),
+    kind=st.integers(0, 1),
+)
 def test_laws_scale_with_width_and_coefficient(part, width, coefficient, name, kind):
-    width, coefficient, reduced = 10.0**width, 10.0**coefficient, 10.0**part
+    width = 10.0**width
+    coefficient = 10.0**coefficient
+    reduced = 10.0**part
     law, unit = laws(name, coefficient=coefficient, width=width)[kind], laws(name)[kind]
     y = unit.overlap(reduced)
     scale = coefficient * math.sqrt(width) ** 3
     assert law.overlap(reduced * scale) == pytest.approx(width * y, rel=2e-14)
     assert law.force(width * y) == pytest.approx(scale * unit.force(y), rel=2e-14)
-    assert law.stiffness(width * y) == pytest.approx(coefficient * math.sqrt(width) * unit.stiffness(y), rel=2e-13)
+    assert law.stiffness(width * y) == pytest.approx(
+        coefficient * math.sqrt(width) * unit.stiffness(y), rel=2e-13
+    )
     assert law.energy(width * y) == pytest.approx(scale * width * unit.energy(y), rel=2e-13)
 
 
@@ -202,22 +235,35 @@ def test_open_contacts_exert_nothing():
             np.testing.assert_array_equal(of(y), 0.0)
 
 
-# -- statistics ---------------------------------------------------------------------------------------------------------
+# -- statistics ------------------------------------------------------------------------------------
 
 
 def brute_statistics(law, y, n=40_000):
-    """Delta f / f and N_c / 6 as Section IV prints them, with u^Q of (34), by dense sums over Q; closed form over Q'."""
-    shape, edge = law.shape, law.shape.bounds[1]
+    """Delta f / f and N_c / 6 as Section IV prints them, with u^Q of (34), by dense sums over Q;
+    closed form over Q'.
+    """
+    shape = law.shape
+    edge = law.shape.bounds[1]
     if hasattr(shape, "positions"):
-        x, weights = np.array(shape.positions), np.array(shape.weights)
+        x = np.array(shape.positions)
+        weights = np.array(shape.weights)
     else:
         x = edge * ((2.0 * np.arange(n) + 1.0) / n - 1.0)
-        weights = np.full(n, 1.0 / n) if isinstance(shape, UniformShape) else np.exp(-0.5 * (x * shape.cutoff / edge) ** 2)
+        weights = (
+            np.full(n, 1.0 / n)
+            if isinstance(shape, UniformShape)
+            else np.exp(-0.5 * (x * shape.cutoff / edge) ** 2)
+        )
         weights /= weights.sum()
     force, stiffness = shape.force(y, x), shape.stiffness(y, x)
     f, k = law.force(y), law.stiffness(y)
     moved = (force - f) / (stiffness + law.xi * k)
-    fluctuation = math.sqrt(np.sum(weights * (force - (stiffness * moved if np.any(moved) else 0.0) - f) ** 2)) / f
+    fluctuation = (
+        math.sqrt(
+            np.sum(weights * (force - (stiffness * moved if np.any(moved) else 0.0) - f) ** 2)
+        )
+        / f
+    )
     return fluctuation, float(np.sum(weights * shape.average(y - moved, 0.0, x)))
 
 
@@ -228,14 +274,16 @@ def test_statistics_of_section_4_by_brute_force(name, kind):
     for y in (-0.2, 0.0, 0.25, 0.49, 1.3, 8.0):
         fluctuation, closed = brute_statistics(law, y)
         assert law.force_fluctuation(y) == pytest.approx(fluctuation, rel=1e-8)
-        # a count has a kink at the ball whose corona just touches: 128 nodes on either side leave 1e-6
+        # a count has a kink at the ball whose corona just touches: 128 nodes on either side leave
+        # 1e-6
         assert law.contact_fraction(y) == pytest.approx(closed, abs=2e-6)
 
 
 @every_shape
 @every_kind
 def test_fluctuation_keeps_its_digits_at_any_load(name, kind):
-    # to leading order F^Q - f = (3/4) x y^(1/2), and a fraction 1/(1 + Xi) of the contact's stiffness gives way
+    # to leading order F^Q - f = (3/4) x y^(1/2), and a fraction 1/(1 + Xi) of the contact's
+    # stiffness gives way
     law = laws(name)[kind]
     y = np.array([1e4, 1e6, 1e8, 1e12])
     r = 1.0 if math.isinf(law.xi) else law.xi / (1.0 + law.xi)
@@ -264,21 +312,27 @@ def test_fluctuation_at_forty_digits(y):
 def test_all_contacts_close_at_high_pressure_and_disorder_fades(name, kind):
     law = laws(name)[kind]
     y = np.linspace(-0.2, 4.0, 201)
-    fluctuation, closed = law.force_fluctuation(y), law.contact_fraction(y)
+    fluctuation = law.force_fluctuation(y)
+    closed = law.contact_fraction(y)
     if name != "skew":  # where contacts of few kinds open at once, it may rise
         assert np.all(np.diff(fluctuation) < 0.0)
     assert fluctuation[-1] < 0.1 < fluctuation[0]
     assert np.all(np.diff(closed) > -1e-6)
     assert np.all((closed > 0.0) & (closed < 1.0 + 1e-14))
-    assert np.max(law.contact_fraction(np.geomspace(0.4, 1e3, 400))) == 1.0  # no more are closed than there are
+    # no more are closed than there are
+    assert np.max(law.contact_fraction(np.geomspace(0.4, 1e3, 400))) == 1.0
 
 
-@given(st.lists(st.tuples(st.floats(-1e-4, 1e-4), st.floats(-11.0, 0.0)), min_size=2, max_size=6), st.floats(-9.0, 9.0))
+@given(
+    st.lists(st.tuples(st.floats(-1e-4, 1e-4), st.floats(-11.0, 0.0)), min_size=2, max_size=6),
+    st.floats(-9.0, 9.0),
+)
 def test_averaged_force_of_any_list_is_inverted(balls, load):
     offs, weights = np.array(balls).T
     parts = 10.0**weights
     shape = gp.Discrete(8e-3 + offs, parts / parts.sum()).shape
     if shape.bounds[0] == shape.bounds[1]:
         return
-    law, force = AveragedLaw(1.0, 1.0, shape), 10.0**load
+    law = AveragedLaw(1.0, 1.0, shape)
+    force = 10.0**load
     assert law.force(law.overlap(force)) == pytest.approx(force, rel=1e-10)

@@ -1,4 +1,6 @@
-"""The automatic medium: the cheapest that is within a tolerance, in every place where media are named."""
+"""The automatic medium: the cheapest that is within a tolerance, in every place where media are
+named.
+"""
 
 from __future__ import annotations
 
@@ -59,14 +61,18 @@ def refused(work, capsys, text, *arguments):
     return err
 
 
-# -- the choice ---------------------------------------------------------------------------------------------------------
+# -- the choice ------------------------------------------------------------------------------------
 
 
 @given(
-    st.lists(st.floats(3.1e-3, 1e5), min_size=1, max_size=6), st.floats(-3.5, -0.02), st.booleans(),
+    st.lists(st.floats(3.1e-3, 1e5), min_size=1, max_size=6),
+    st.floats(-3.5, -0.02),
+    st.booleans(),
     st.sampled_from(["force", "pressure"]),
-)  # fmt: skip
-def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exponent, friction, kind):
+)
+def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(
+    places, exponent, friction, kind
+):
     packing = gp.Packing(gp.Material(70e9, 0.2, 2500.0), 1e-3, gp.Normal(3e-7), friction=friction)
     loads = np.array(places) * packing.law.coefficient * packing.width**1.5
     loads *= 3.0**0.5 / packing.diameter if kind == "pressure" else 1.0
@@ -82,7 +88,9 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(places, exp
         return
     first = np.argmax(within, axis=0)
     found = medium.choose(kind, loads)
-    assert sorted(np.concatenate([serving.loads for serving in found]).tolist()) == list(range(len(loads)))
+    assert sorted(np.concatenate([serving.loads for serving in found]).tolist()) == list(
+        range(len(loads))
+    )
     for serving in found:
         assert_array_equal(first[serving.loads], options.index(serving.medium))
         assert_array_equal(serving.errors, errors[first[serving.loads], serving.loads])
@@ -153,7 +161,9 @@ def test_long_lists_are_simulated_where_that_is_cheaper(unit):
     assert gp.AutoMedium(packing, 1e-3).serving("force", load).simulates
 
 
-@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-3, np.nan, np.inf, "0.1", None, [0.1], np.array([0.1, 0.2])])
+@pytest.mark.parametrize(
+    "tolerance", [0.0, 1.0, -1e-3, np.nan, np.inf, "0.1", None, [0.1], np.array([0.1, 0.2])]
+)
 def test_a_tolerance_is_a_number_between_zero_and_one(rough, tolerance):
     with pytest.raises(InputError, match="tolerance: found"):
         gp.AutoMedium(rough, tolerance)
@@ -169,11 +179,18 @@ def test_kinds_of_loads_are_named_and_finite_overlap_is_refused(rough):
 @pytest.mark.parametrize("kind", KINDS)
 def test_its_state_is_that_of_the_medium_that_was_chosen(rough, kind):
     load = {"force": 18.446, "pressure": 4e3, "overlap": 2.05e-6}[kind]
-    for tolerance, expected in ((0.05, gp.AveragedLattice(rough)), (1e-3, gp.EffectiveMedium(rough))):
+    for tolerance, expected in (
+        (0.05, gp.AveragedLattice(rough)),
+        (1e-3, gp.EffectiveMedium(rough)),
+    ):
         state = getattr(gp.AutoMedium(rough, tolerance), f"at_{kind}")(load)
         right = getattr(expected, f"at_{kind}")(load)
         assert state.medium == right.medium
-        assert (state.force, state.overlap, state.normal_stiffness) == (right.force, right.overlap, right.normal_stiffness)
+        assert (state.force, state.overlap, state.normal_stiffness) == (
+            right.force,
+            right.overlap,
+            right.normal_stiffness,
+        )
         assert np.shape(state.force) == ()
 
 
@@ -189,10 +206,14 @@ def test_a_simulation_is_chosen_and_carried_out(rough, unit):
 
 def test_what_was_promised_is_kept_against_a_large_sample(rough, unit):
     forces = np.array([0.5, 2.0, 20.0]) * unit
-    array = gp.sound_velocities(gp.DirectSimulation(rough, (160, 160), 5).at_force(forces)).longitudinal
+    array = gp.sound_velocities(
+        gp.DirectSimulation(rough, (160, 160), 5).at_force(forces)
+    ).longitudinal
     for tolerance in (0.1, 0.02, 0.01):
         for serving in gp.AutoMedium(rough, tolerance).choose("force", forces):
-            found = gp.sound_velocities(serving.medium.of(rough).at_force(forces[serving.loads])).longitudinal
+            found = gp.sound_velocities(
+                serving.medium.of(rough).at_force(forces[serving.loads])
+            ).longitudinal
             assert np.all(np.abs(found / array[serving.loads] - 1.0) <= serving.errors)
             assert np.all(serving.errors <= tolerance)
 
@@ -202,7 +223,8 @@ def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
     with pytest.raises(InputError, match="no medium has an expected error of 1e-05") as error:
         gp.AutoMedium(rough, 1e-5).choose("force", loads)
     best = min(
-        float(one.expected_error(rough, Load("force", loads[1]))) for one in sort_options(rough, Load("force", loads))
+        float(one.expected_error(rough, Load("force", loads[1])))
+        for one in sort_options(rough, Load("force", loads))
     )
     assert f"{best:.2g}, of a simulation of 1,048,576 balls" in str(error.value)
     assert error.value.load_index == 1
@@ -211,13 +233,16 @@ def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
 
 
 def test_below_the_known_loads_it_says_from_where_they_are(rough, unit):
-    with pytest.raises(InputError, match=r"not known at force = .* N, f\* = 0\.001\. They are known from f\* = 0\.003 on"):
+    with pytest.raises(
+        InputError,
+        match=r"not known at force = .* N, f\* = 0\.001\. They are known from f\* = 0\.003 on",
+    ):
         gp.AutoMedium(rough, 0.9).at_force([1.0 * unit, 0.001 * unit])
     with pytest.raises(InputError, match=r"a\* = 0\.4\. They are known from a\* = 0\.42 on"):
         gp.AutoMedium(rough, 0.9).at_overlap(-0.1 * WIDTH)
 
 
-# -- sweeps -------------------------------------------------------------------------------------------------------------
+# -- sweeps ----------------------------------------------------------------------------------------
 
 
 def pieced(packing, kind, loads, tolerance):
@@ -241,20 +266,31 @@ def test_every_load_of_a_sweep_has_its_own_choice(rough, unit):
     for index, force in enumerate(forces):
         (serving,) = gp.AutoMedium(rough, 5e-3).choose("force", force)
         state = serving.medium.of(rough).at_force(force)
-        assert_allclose(chosen["longitudinal"][index], gp.sound_velocities(state).longitudinal, rtol=1e-12)
+        assert_allclose(
+            chosen["longitudinal"][index], gp.sound_velocities(state).longitudinal, rtol=1e-12
+        )
         assert_allclose(chosen["exponent"][index], gp.local_exponent(state), rtol=1e-9)
     # another medium beside it has its own error
     other = ds.sel(medium="ema")
     assert set(other["choice"].values.tolist()) == {"ema"}
-    assert_array_equal(other["expected_error"], MediumChoice("ema").expected_error(rough, Load("force", forces)))
+    assert_array_equal(
+        other["expected_error"], MediumChoice("ema").expected_error(rough, Load("force", forces))
+    )
     assert "contact_force_fluctuation" not in ds
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_parameters_of_a_sweep_change_the_choice(rough, kind):
     loads = {"force": [100.0, 20.0], "pressure": [2e4, 4e3], "overlap": [6e-6, 2e-6]}[kind]
-    widths, frictions = [0.0, 1e-7, 2e-6], [True, False]
-    ds = sweep(rough, **{kind: loads}, media={"auto": {"tolerance": 3e-3}}, width=widths, friction=frictions)
+    widths = [0.0, 1e-7, 2e-6]
+    frictions = [True, False]
+    ds = sweep(
+        rough,
+        **{kind: loads},
+        media={"auto": {"tolerance": 3e-3}},
+        width=widths,
+        friction=frictions,
+    )
     assert ds["choice"].dims == ("load", "medium", "width", "friction")
     for width in widths:
         for friction in frictions:
@@ -262,7 +298,14 @@ def test_parameters_of_a_sweep_change_the_choice(rough, kind):
             point = ds.isel(medium=0).sel(width=width, friction=friction)
             expected = pieced(packing, kind, loads, 3e-3)
             assert (
-                list(zip(point["choice"].values.tolist(), point["expected_error"].values.tolist(), strict=True)) == expected
+                list(
+                    zip(
+                        point["choice"].values.tolist(),
+                        point["expected_error"].values.tolist(),
+                        strict=True,
+                    )
+                )
+                == expected
             )
     assert ds["choice"].sel(width=0.0).values.ravel().tolist() == ["ala"] * 4
     assert not np.any(ds["expected_error"].sel(width=0.0))
@@ -271,7 +314,12 @@ def test_parameters_of_a_sweep_change_the_choice(rough, kind):
 
 def test_a_choice_comes_back_from_its_files(rough, unit, tmp_path):
     forces = (np.array([4.0, 0.3, 0.5]) * unit).tolist()
-    ds = sweep(rough, force=forces, media=["ala", {"auto": {"tolerance": 5e-3}}], path=tmp_path / "sweep.nc")
+    ds = sweep(
+        rough,
+        force=forces,
+        media=["ala", {"auto": {"tolerance": 5e-3}}],
+        path=tmp_path / "sweep.nc",
+    )
     back = load_sweep(tmp_path / "sweep.nc")
     assert_array_equal(back["choice"], ds["choice"])
     assert_array_equal(back["expected_error"], ds["expected_error"])
@@ -282,7 +330,9 @@ def test_a_choice_comes_back_from_its_files(rough, unit, tmp_path):
     place = {name.split(" ")[0]: index for index, name in enumerate(head)}
     table = rows[rows.index(head) + 1 :]
     assert [row[place["choice"]] for row in table] == ds["choice"].values.ravel().tolist()
-    assert [float(row[place["expected_error"]]) for row in table] == ds["expected_error"].values.ravel().tolist()
+    assert [float(row[place["expected_error"]]) for row in table] == ds[
+        "expected_error"
+    ].values.ravel().tolist()
 
 
 def test_bands_of_a_sweep_are_those_of_what_was_chosen(rough, unit):
@@ -291,12 +341,19 @@ def test_bands_of_a_sweep_are_those_of_what_was_chosen(rough, unit):
     for index, force in enumerate(forces):
         (serving,) = gp.AutoMedium(rough, 0.05).choose("force", force)
         right = gp.Phonons(serving.medium.of(rough).at_force(force)).bands("GKMG", npoints=3)
-        assert_allclose(ds["frequencies"][index, 0], right.frequencies, rtol=1e-6, atol=1e-6 * right.frequencies.max())
+        assert_allclose(
+            ds["frequencies"][index, 0],
+            right.frequencies,
+            rtol=1e-6,
+            atol=1e-6 * right.frequencies.max(),
+        )
 
 
 def test_an_error_of_a_sweep_says_at_which_load(rough, unit):
     forces = [30.0 * unit, 1.0 * unit, 0.004 * unit]
-    with pytest.raises(InputError, match=r"auto.*no medium has an expected error of 0\.001") as error:
+    with pytest.raises(
+        InputError, match=r"auto.*no medium has an expected error of 0\.001"
+    ) as error:
         sweep(rough, force=forces, media=["ala", "auto"])
     assert error.value.load_index == 2
 
@@ -319,7 +376,7 @@ def test_a_simulated_piece_that_fails_says_at_which_load_of_the_sweep(rough, uni
     assert error.value.load_index == 3
 
 
-# -- arrays loaded with friction ------------------------------------------------------------------------------------------
+# -- arrays loaded with friction -------------------------------------------------------------------
 
 HISTORY = {"friction_history": True, "friction_coefficient": 0.2, "shear_response": "stick"}
 
@@ -327,7 +384,9 @@ HISTORY = {"friction_history": True, "friction_coefficient": 0.2, "shear_respons
 @pytest.mark.parametrize("lattice", ["triangular", "fcc"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_with_a_history_the_cheapest_against_loaded_arrays_is_taken(rough, unit, kind, lattice):
-    """Of the same media, the simulation at rest without friction, and the one that is loaded with it."""
+    """Of the same media, the simulation at rest without friction, and the one that is loaded with
+    it.
+    """
     packing = replace(rough, lattice=lattice)
     truth = gp.AutoMedium(packing, **HISTORY).truth
     assert str(truth) == "arrays loaded with friction, mu = 0.2, shear_response stick"
@@ -340,26 +399,47 @@ def test_with_a_history_the_cheapest_against_loaded_arrays_is_taken(rough, unit,
     media = set()
     for tolerance in (0.2, 0.05, 0.01, 2e-3):
         found = gp.AutoMedium(packing, tolerance, **HISTORY).choose(kind, loads)
-        media |= {(serving.medium.name, serving.medium.settings.get("friction_history", False)) for serving in found}
+        media |= {
+            (serving.medium.name, serving.medium.settings.get("friction_history", False))
+            for serving in found
+        }
         for serving in found:
             assert serving.truth == truth
             assert np.all(serving.errors <= tolerance)
-            assert_array_equal(np.argmax(errors <= tolerance, axis=0)[serving.loads], options.index(serving.medium))
+            assert_array_equal(
+                np.argmax(errors <= tolerance, axis=0)[serving.loads], options.index(serving.medium)
+            )
     assert media >= {("ala", False), ("afa", False), ("simulation", True)}
 
 
 def test_a_simulation_without_friction_is_off_by_its_chance_and_by_what_friction_does(rough, unit):
     load = Load("force", np.array([0.1, 1.0]) * unit)
     truth = gp.AutoMedium(rough, **HISTORY).truth
-    rest, loaded = (MediumChoice.parse({"simulation": {"shape": (32, 32), **more}}) for more in ({}, HISTORY))
-    friction, chance = accuracy().error("frictionless", rough, load, truth=truth), rest.expected_error(rough, load)
-    # the arrays of the table had another W/d, and leave out another part of half of the shear modulus
-    own, known = (expect_shear_deficit(rough, load, True, ratio) for ratio in (None, accuracy().ratio(rough, truth)))
+    rest, loaded = (
+        MediumChoice.parse({"simulation": {"shape": (32, 32), **more}}) for more in ({}, HISTORY)
+    )
+    friction = accuracy().error("frictionless", rough, load, truth=truth)
+    chance = rest.expected_error(rough, load)
+    # the arrays of the table had another W/d, and leave out another part of half of the shear
+    # modulus
+    own, known = (
+        expect_shear_deficit(rough, load, True, ratio)
+        for ratio in (None, accuracy().ratio(rough, truth))
+    )
     apart = friction + chance + 0.5 * np.abs(own - known)
     assert_allclose(rest.expected_error(rough, load, truth), apart, rtol=1e-12)
-    assert_array_equal(loaded.expected_error(rough, load, truth), accuracy().error("simulation", rough, load, 1024, truth))
-    # one that is loaded in another way, or is compared with arrays at rest without friction, has no known error
-    for other in ({"friction_coefficient": 0.3}, {"shear_response": "slide"}, {"start": 0.6}, {"ordered": True}):
+    assert_array_equal(
+        loaded.expected_error(rough, load, truth),
+        accuracy().error("simulation", rough, load, 1024, truth),
+    )
+    # one that is loaded in another way, or is compared with arrays at rest without friction, has no
+    # known error
+    for other in (
+        {"friction_coefficient": 0.3},
+        {"shear_response": "slide"},
+        {"start": 0.6},
+        {"ordered": True},
+    ):
         one = MediumChoice.parse({"simulation": {"shape": (32, 32), **HISTORY, **other}})
         assert np.all(np.isinf(one.expected_error(rough, load, truth)))
     assert np.all(np.isinf(loaded.expected_error(rough, load)))
@@ -369,8 +449,12 @@ def test_the_options_of_a_history_are_those_of_the_truth(rough):
     auto = gp.AutoMedium(rough, 0.01, **HISTORY)
     assert {name: getattr(auto, name) for name in HISTORY} == HISTORY
     assert {name: auto.truth.options[name] for name in HISTORY} == HISTORY
-    assert repr(auto).endswith("tolerance=0.01, friction_history=True, friction_coefficient=0.2, shear_response='stick')")
-    assert replace(auto, tolerance=0.1).truth == pickle.loads(pickle.dumps(auto)).truth == auto.truth
+    assert repr(auto).endswith(
+        "tolerance=0.01, friction_history=True, friction_coefficient=0.2, shear_response='stick')"
+    )
+    assert (
+        replace(auto, tolerance=0.1).truth == pickle.loads(pickle.dumps(auto)).truth == auto.truth
+    )
     assert replace(auto, tolerance=0.1) != auto == replace(auto)
     assert auto != replace(auto, shear_response="slide")
     assert not gp.AutoMedium(rough).friction_history
@@ -385,7 +469,9 @@ def test_the_options_of_a_history_are_those_of_the_truth(rough):
         pytest.param("fcc", (8, 8, 8), 0.06, "slide", marks=pytest.mark.exhaustive),
     ],
 )
-def test_its_state_with_a_history_is_that_of_the_simulation(rough, unit, lattice, shape, place, response):
+def test_its_state_with_a_history_is_that_of_the_simulation(
+    rough, unit, lattice, shape, place, response
+):
     packing = replace(rough, lattice=lattice)
     history = {"friction_history": True, "friction_coefficient": 0.2, "shear_response": response}
     state = gp.AutoMedium(packing, 0.1, **history).at_force(place * unit)
@@ -398,27 +484,36 @@ def test_its_state_with_a_history_is_that_of_the_simulation(rough, unit, lattice
 
 def test_what_can_be_had_with_a_history_says_against_what(rough, unit):
     auto = gp.AutoMedium(rough, 1e-6, **HISTORY)
-    with pytest.raises(InputError, match=r"against arrays loaded with friction, mu = 0\.2.*1,.* balls"):
+    with pytest.raises(
+        InputError, match=r"against arrays loaded with friction, mu = 0\.2.*1,.* balls"
+    ):
         auto.choose("force", 0.1 * unit)
     with pytest.raises(InputError, match=r"They are known from f\* = 0\.035 on"):
         auto.choose("force", 0.02 * unit)
     with pytest.raises(InputError, match=r"They are known from f\* = 0\.05 on"):
         replace(auto, packing=replace(rough, lattice="fcc")).choose("force", 0.04 * unit)
-    with pytest.raises(InputError, match=r"on the hcp lattice .*; they were on the triangular and fcc lattices"):
+    with pytest.raises(
+        InputError, match=r"on the hcp lattice .*; they were on the triangular and fcc lattices"
+    ):
         replace(auto, packing=replace(rough, lattice="hcp")).choose("force", unit)
     with pytest.raises(InputError, match="friction_coefficient: found -1"):
         replace(auto, friction_coefficient=-1.0)
     with pytest.raises(InputError, match="shear_response"):
         replace(auto, shear_response="slip")
     # if no medium serves both loads, the largest sample of the truth does
-    best = auto.serving("force", 100.0 * unit).expected_error(rough, Load("force", 100.0 * unit), auto.truth)
+    best = auto.serving("force", 100.0 * unit).expected_error(
+        rough, Load("force", 100.0 * unit), auto.truth
+    )
     assert np.isfinite(best)
 
 
 @pytest.mark.parametrize(("truth", "medium"), [("slide", "simulation"), ("stick", "afa")])
 def test_a_scene_names_the_friction_of_the_truth(work, capsys, truth, medium):
     """At f* = 0.1 sound meets arrays that slide as no medium has it."""
-    history = f"friction_history: true, friction_coefficient: 0.2, shear_response: {truth}, tolerance: 0.1"
+    history = (
+        f"friction_history: true, friction_coefficient: 0.2, shear_response: {truth}, tolerance:"
+        f" 0.1"
+    )
     text = SCENE.replace("18.446 N", "2.2 N").replace("tolerance: 2e-3", history)
     (work / "scene.yaml").write_text(text, encoding="utf-8")
     assert main(["check", "scene.yaml"]) == 0
@@ -430,20 +525,29 @@ def test_a_scene_names_the_friction_of_the_truth(work, capsys, truth, medium):
     assert ("friction_history=true" in summary["choice"]) == (medium == "simulation")
     assert told.endswith(summary["truth"])
     assert summary["expected_error"] <= 0.1
-    assert Scene.from_yaml("out/scene.yaml").serving.medium == Scene.from_yaml("scene.yaml").serving.medium
+    assert (
+        Scene.from_yaml("out/scene.yaml").serving.medium
+        == Scene.from_yaml("scene.yaml").serving.medium
+    )
 
 
-# -- scenes and the command line ----------------------------------------------------------------------------------------
+# -- scenes and the command line -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("text", "tolerance"),
     [
-        ("auto", 1e-3), ("{auto: }", 1e-3), ("{auto: {}}", 1e-3), ("[auto]", 1e-3), ("{auto: {tolerance: 1e-3}}", 1e-3),
-        ("{auto: {tolerance: 0.02}}", 0.02), ("{auto: {tolerance: 1.0e-2}}", 0.01), ("[{auto: {tolerance: .05}}]", 0.05),
+        ("auto", 1e-3),
+        ("{auto: }", 1e-3),
+        ("{auto: {}}", 1e-3),
+        ("[auto]", 1e-3),
+        ("{auto: {tolerance: 1e-3}}", 1e-3),
+        ("{auto: {tolerance: 0.02}}", 0.02),
+        ("{auto: {tolerance: 1.0e-2}}", 0.01),
+        ("[{auto: {tolerance: .05}}]", 0.05),
         ("\n  auto:\n    tolerance: 0.9", 0.9),
     ],
-)  # fmt: skip
+)
 def test_spellings_of_a_scene(text, tolerance):
     scene = Scene.from_text(SCENE.replace("{auto: {tolerance: 2e-3}}", text))
     assert scene.media == (MediumChoice("auto", (("tolerance", tolerance),)),)
@@ -479,16 +583,23 @@ def test_a_run_says_what_was_chosen_and_what_is_expected(work, rough):
     assert summary["expected_error"] == serving.errors[0]
     assert summary["units"]["expected_error"] == "1"
     assert summary["truth"] == "arrays at rest without friction"
-    assert summary["longitudinal"] == gp.sound_velocities(gp.EffectiveMedium(rough).at_force(18.446)).longitudinal
+    assert (
+        summary["longitudinal"]
+        == gp.sound_velocities(gp.EffectiveMedium(rough).at_force(18.446)).longitudinal
+    )
     assert summary["local_field"]["xi"] == gp.EffectiveMedium(rough).local_field.xi
     # the scene beside it gives the same again
     assert main(["run", "out/scene.yaml", "-o", "again", "-q", "--no-figures"]) == 0
     again = yaml.safe_load((work / "again" / "summary.yaml").read_text(encoding="utf-8"))
-    assert {k: v for k, v in again.items() if k != "source"} == {k: v for k, v in summary.items() if k != "source"}
+    assert {k: v for k, v in again.items() if k != "source"} == {
+        k: v for k, v in summary.items() if k != "source"
+    }
 
 
 def test_a_run_that_chose_a_simulation_writes_its_sample(work):
-    (work / "scene.yaml").write_text(SCENE.replace("18.446 N", "6 N").replace("2e-3", "0.01"), encoding="utf-8")
+    (work / "scene.yaml").write_text(
+        SCENE.replace("18.446 N", "6 N").replace("2e-3", "0.01"), encoding="utf-8"
+    )
     assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
     summary = yaml.safe_load((work / "out" / "summary.yaml").read_text(encoding="utf-8"))
     assert summary["choice"] == "simulation(shape=32 32)"
@@ -500,7 +611,9 @@ def test_a_check_says_what_would_be_chosen(work, capsys):
     out = capsys.readouterr().out
     assert "ema, expected error 0.0" in out
     assert "against arrays at rest without friction" in out
-    (work / "scene.yaml").write_text(SCENE.replace("spread: {uniform: 2.04 um}", "friction: true"), encoding="utf-8")
+    (work / "scene.yaml").write_text(
+        SCENE.replace("spread: {uniform: 2.04 um}", "friction: true"), encoding="utf-8"
+    )
     assert main(["check", "scene.yaml"]) == 0
     assert "ala, exact for equal balls" in capsys.readouterr().out
     assert main(["check", "sweep.yaml"]) == 0
@@ -512,7 +625,8 @@ def test_the_states_of_a_scene_are_those_that_were_chosen(rough):
     scene = Scene.from_text(SWEEP)
     found = dict(scene.states())
     assert [label.partition(": ")[2] for label in found] == [
-        serving.medium.label for serving in gp.AutoMedium(rough, 5e-3).choose("force", scene.load.values)
+        serving.medium.label
+        for serving in gp.AutoMedium(rough, 5e-3).choose("force", scene.load.values)
     ]
     assert sorted(float(f) for state in found.values() for f in state.force) == [6.0, 18.446, 90.0]
     without = dict(scene.states(quick=True))
@@ -525,7 +639,8 @@ def test_a_tolerance_that_nothing_meets_is_one_line(work, capsys, text):
     for arguments in ((), ("check", "scene.yaml"), ("tradeoff", "scene.yaml", "-o", "out")):
         told = refused(work, capsys, tight, *arguments)
         assert (
-            "scene.yaml:4: medium: found 'auto(tolerance=1e-09)'; allowed: a tolerance that is met at every load; " in told
+            "scene.yaml:4: medium: found 'auto(tolerance=1e-09)'; allowed: a tolerance that"
+            " is met at every load; " in told
         )
         assert "at every load; no medium has an expected error of 1e-09" in told
         assert "The smallest expected error there is" in told
@@ -537,7 +652,9 @@ def test_a_sweep_over_what_is_not_known_is_refused_before_it_begins(work, capsys
 
 
 def test_a_fit_does_not_take_it(work, capsys, rough):
-    (work / "data.csv").write_text("force (N),velocity (m/s)\n2,490\n5,600\n18,780\n", encoding="utf-8")
+    (work / "data.csv").write_text(
+        "force (N),velocity (m/s)\n2,490\n5,600\n18,780\n", encoding="utf-8"
+    )
     told = refused(work, capsys, SCENE, "fit", "scene.yaml", "data.csv", "-o", "out")
     assert "cannot be used in a fit" in told
     with pytest.raises(InputError, match="Name a medium"):
@@ -561,7 +678,8 @@ def test_a_scene_of_several_states_has_no_one_choice():
 
 
 def test_what_was_chosen_is_valid_and_its_medium_is_not_complained_of(rough, unit, tmp_path):
-    medium, force = gp.AutoMedium(rough, tolerance=0.1), 0.3 * unit
+    medium = gp.AutoMedium(rough, tolerance=0.1)
+    force = 0.3 * unit
     state = medium.at_force(force)
     assert state.medium == "ala"
     assert not gp.AveragedLattice(rough).at_force(force).valid
@@ -583,15 +701,24 @@ def test_what_was_chosen_is_valid_and_its_medium_is_not_complained_of(rough, uni
 
 
 def test_a_warning_of_loads_that_different_media_serve_is_one():
-    """Soft balls: the loads of each medium are beyond the limits. What depends on the force alone is as in one medium."""
+    """Soft balls: the loads of each medium are beyond the limits. What depends on the force alone
+    is as in one medium.
+    """
     packing = gp.Packing(gp.Material(70e6, 0.22, 2500.0), 1e-3, gp.Uniform(3e-5))
     ds = sweep(packing, force=[0.1, 0.5, 1.0, 4.0], media=({"auto": {"tolerance": 3e-3}}, "ala"))
     assert len(set(ds.choice.values[:, 0].tolist())) > 1
     told = [text.partition(": ")[::2] for text in json.loads(ds.attrs["warnings"])]
     auto = [text for where, text in told if where.startswith("auto")]
-    assert len({re.sub(r"^At (\d of |all )4 loads ", "", text).partition(" is ")[0].lower() for text in auto}) == len(auto)
+    assert len(
+        {
+            re.sub(r"^At (\d of |all )4 loads ", "", text).partition(" is ")[0].lower()
+            for text in auto
+        }
+    ) == len(auto)
     # both media say these, in one warning
-    of_force = [where for where, text in told if "the radius of a contact" in text or "(f/E" in text]
+    of_force = [
+        where for where, text in told if "the radius of a contact" in text or "(f/E" in text
+    ]
     assert len(of_force) == 2
     assert all(where.startswith("auto") and where.endswith(" and 1 more") for where in of_force)
     assert all(re.match(r"At (all|\d of) 4 loads ", text) for text in auto)

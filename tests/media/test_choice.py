@@ -13,9 +13,12 @@ from granphon.base.errors import InputError
 from granphon.media.choice import MEDIA, MediumChoice
 
 CLASSES = {
-    "ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium, "simulation": gp.DirectSimulation,
+    "ala": gp.AveragedLattice,
+    "afa": gp.AveragedForce,
+    "ema": gp.EffectiveMedium,
+    "simulation": gp.DirectSimulation,
     "auto": gp.AutoMedium,
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", CLASSES)
@@ -23,7 +26,10 @@ def test_a_name_is_the_medium_of_that_class(packing, name):
     assert MEDIA[name] is CLASSES[name]
     assert MediumChoice(name).of(packing) == CLASSES[name](packing)
     assert (
-        MediumChoice.parse(name) == MediumChoice.parse({name: None}) == MediumChoice.parse({name: {}}) == MediumChoice(name)
+        MediumChoice.parse(name)
+        == MediumChoice.parse({name: None})
+        == MediumChoice.parse({name: {}})
+        == MediumChoice(name)
     )
     assert MediumChoice(name).label == name
 
@@ -43,11 +49,16 @@ def test_defaults_are_those_of_the_class_and_are_not_kept(packing, name):
 def test_a_simulation_is_that_of_its_options_however_they_are_given(first, second, seed, samples):
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2e-6))
     shapes = (f"{first} {second}", [first, second], (first, second), np.array([first, second]))
-    found = [MediumChoice.parse({"simulation": {"shape": s, "seed": seed, "samples": samples}}) for s in shapes]
+    found = [
+        MediumChoice.parse({"simulation": {"shape": s, "seed": seed, "samples": samples}})
+        for s in shapes
+    ]
     assert len({hash(one) for one in found}) == 1
     for one in found:
         assert one == found[0] == MediumChoice.parse({"simulation": one.settings})
-        assert one.of(packing) == gp.DirectSimulation(packing, (first, second), seed=seed, samples=samples)
+        assert one.of(packing) == gp.DirectSimulation(
+            packing, (first, second), seed=seed, samples=samples
+        )
         assert one.simulates
 
 
@@ -63,25 +74,38 @@ def test_labels_say_what_is_not_the_default():
     [
         (
             "simulaton",
-            "medium: found 'simulaton'; allowed: ala, afa, ema, cluster, simulation, auto. Did you mean 'simulation'?",
+            "medium: found 'simulaton'; allowed: ala, afa, ema, cluster, simulation, auto."
+            " Did you mean 'simulation'?",
         ),
-        ({"ala": None, "ema": None}, "medium: found a block of keys; allowed: ala, afa, ema, cluster, simulation, auto."),
+        (
+            {"ala": None, "ema": None},
+            "medium: found a block of keys; allowed: ala, afa, ema, cluster, simulation, auto.",
+        ),
         (3, "medium: found 3; allowed: ala, afa, ema, cluster, simulation, auto."),
         ({"afa": {"seed": 1}}, "medium.afa.seed: found an unknown key; allowed: none."),
         (
             {"simulation": {"sampels": 1}},
-            "medium.simulation.sampels: found an unknown key; allowed: shape, seed, samples, geometry, friction_history,",
+            "medium.simulation.sampels: found an unknown key; allowed: shape, seed, samples,"
+            " geometry, friction_history,",
         ),
-        ({"simulation": {"samples": 1.0}}, "medium.simulation.samples: found 1.0; allowed: a whole number from 1 to 10000."),
+        (
+            {"simulation": {"samples": 1.0}},
+            "medium.simulation.samples: found 1.0; allowed: a whole number from 1 to 10000.",
+        ),
         (
             {"simulation": {"shape": (16, 16, 1, 1)}},
-            "shape: found [16, 16, 1, 1]; allowed: one to three whole numbers from 1 to 20000, one for each period of the",
+            "shape: found [16, 16, 1, 1]; allowed: one to three whole numbers from 1 to"
+            " 20000, one for each period of the",
         ),
         (
             {"simulation": 4},
-            "medium.simulation: found 4; allowed: a block of keys: shape, seed, samples, geometry, friction_history,",
+            "medium.simulation: found 4; allowed: a block of keys: shape, seed, samples,"
+            " geometry, friction_history,",
         ),
-        ({"ema": {"local_field": None}}, "medium.ema.local_field: found nothing; allowed: computed, paper."),
+        (
+            {"ema": {"local_field": None}},
+            "medium.ema.local_field: found nothing; allowed: computed, paper.",
+        ),
     ],
 )
 def test_what_is_no_medium(value, told):
@@ -109,7 +133,10 @@ def test_a_named_medium_serves_all_loads_and_its_error_is_what_the_table_says(st
         (serving,) = MediumChoice(name).choose(packing, Load("force", loads))
         assert serving.medium == MediumChoice(name)
         assert serving.loads.tolist() == list(range(loads.size))
-        assert serving.errors.tolist() == accuracy().error(name, packing, Load("force", loads)).ravel().tolist()
+        assert (
+            serving.errors.tolist()
+            == accuracy().error(name, packing, Load("force", loads)).ravel().tolist()
+        )
     # that of a simulation is of all its balls
     several = MediumChoice.parse({"simulation": {"shape": (8, 16), "samples": 3}})
     expected = accuracy().error("simulation", packing, Load("force", loads), 3 * 8 * 16)

@@ -27,11 +27,21 @@ def simulation(shape=(64, 64), friction=True, samples=1):
     return gp.DirectSimulation(packing, shape, samples=samples, geometry="lattice")
 
 
-PLANE = [((128, 128), 1, 1), ((48, 48), 1, 5), ((48, 48), 3, 1), ((128, 128), 1, 24), ((128, 128), 12, 1)]
+PLANE = [
+    ((128, 128), 1, 1),
+    ((48, 48), 1, 5),
+    ((48, 48), 3, 1),
+    ((128, 128), 1, 24),
+    ((128, 128), 12, 1),
+]
 SPACE = [
-    ("fcc", (12, 12, 12), True), ("chain", (20_000,), True), ("fcc", (24, 24, 24), True), ("fcc", (24, 24, 24), False),
-    ("hcp", (9, 9, 9), True), ("hcp", (18, 18, 18), False),
-]  # fmt: skip
+    ("fcc", (12, 12, 12), True),
+    ("chain", (20_000,), True),
+    ("fcc", (24, 24, 24), True),
+    ("fcc", (24, 24, 24), False),
+    ("hcp", (9, 9, 9), True),
+    ("hcp", (18, 18, 18), False),
+]
 MEMORY = [*(("triangular", *one, friction) for one in PLANE for friction in (False, True))]
 MEMORY += [(name, shape, 1, 1, friction) for name, shape, friction in SPACE]
 
@@ -43,10 +53,13 @@ MEMORY += [(name, shape, 1, 1, friction) for name, shape, friction in SPACE]
 )
 def test_memory_is_what_the_arrays_take(lattice, shape, samples, loads, friction):
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice, friction=friction)
-    medium = gp.DirectSimulation(packing, shape, samples=samples, geometry="lattice" if lattice == "triangular" else None)
+    medium = gp.DirectSimulation(
+        packing, shape, samples=samples, geometry="lattice" if lattice == "triangular" else None
+    )
     force = np.linspace(5.0, 6.0, loads)
     guess = estimate(medium, Load("force", force))
-    _ = gp.DirectSimulation(packing, (2,) * len(shape)).at_force(5.0).elastic_tensor  # what is loaded once is not counted
+    # what is loaded once is not counted
+    _ = gp.DirectSimulation(packing, (2,) * len(shape)).at_force(5.0).elastic_tensor
     tracemalloc.start()
     _ = medium.at_force(force).elastic_tensor
     peak = tracemalloc.get_traced_memory()[1]
@@ -70,16 +83,15 @@ def test_the_work_over_loads_is_that_of_the_solver(lattice, shape, force):
     loads = [Load("force", f * balls.width_units.force) for f in force]
     found = [arrays.at(load).sample.equilibrium for load in loads]
     ratio = [
-        (state.conjugate + 4 * state.newton) / estimate(arrays, load).work for state, load in zip(found, loads, strict=True)
+        (state.conjugate + 4 * state.newton) / estimate(arrays, load).work
+        for state, load in zip(found, loads, strict=True)
     ]
     assert max(ratio) / min(ratio) < 3.0
 
 
 def test_every_equilibrium_takes_time():
-    one, many = (
-        estimate(simulation(), Load("force", 5.0)),
-        estimate(simulation(samples=3), Load("force", np.linspace(2.0, 5.0, 10))),
-    )
+    one = estimate(simulation(), Load("force", 5.0))
+    many = estimate(simulation(samples=3), Load("force", np.linspace(2.0, 5.0, 10)))
     assert many.equilibria == 30
     assert many.seconds > 25 * one.seconds
 
@@ -88,7 +100,10 @@ def test_every_equilibrium_takes_time():
 def test_exponents_take_two_states_more_beside_each():
     for friction in (False, True):
         medium = simulation(friction=friction)
-        plain, asked = (estimate(medium, Load("force", [5.0, 20.0]), exponents=exponents) for exponents in (False, True))
+        plain, asked = (
+            estimate(medium, Load("force", [5.0, 20.0]), exponents=exponents)
+            for exponents in (False, True)
+        )
         assert 2.2 < asked.seconds / plain.seconds < 3.0
         assert asked.memory == plain.memory
         assert asked.equilibria == 3 * plain.equilibria
@@ -108,7 +123,9 @@ def test_the_kinds_of_load_agree():
         overlap = (spacing - 0.5) * WIDTH
         state = medium.at_overlap(overlap)
         loads = {"overlap": overlap, "force": state.force, "pressure": state.pressure}
-        force, *rest = [estimate_reduced_force(medium.packing, Load(kind, load)) for kind, load in loads.items()]
+        force, *rest = [
+            estimate_reduced_force(medium.packing, Load(kind, load)) for kind, load in loads.items()
+        ]
         for other in rest:
             assert force == pytest.approx(other, rel=0.02)
             assert other == pytest.approx(state.reduced_force, rel=1e-12)
@@ -119,9 +136,13 @@ def test_time_grows_towards_the_threshold_with_size_and_with_friction():
     assert np.all(np.diff(times[:-1]) > 0.0)
     assert times[-1] > times[-2]  # below the threshold: taken to be at it
     at = (0.5 - 0.5) * WIDTH
-    small, large = (estimate(simulation(shape), Load("overlap", at)) for shape in ((64, 64), (1024, 1024)))
+    small, large = (
+        estimate(simulation(shape), Load("overlap", at)) for shape in ((64, 64), (1024, 1024))
+    )
     # each step takes as long as 2000 balls more
-    assert large.seconds == pytest.approx(256 * small.seconds * (1 + 2000 / 2**20) / (1 + 2000 / 4096))
+    assert large.seconds == pytest.approx(
+        256 * small.seconds * (1 + 2000 / 2**20) / (1 + 2000 / 4096)
+    )
     few = estimate(simulation((8, 8)), Load("overlap", at))
     assert few.seconds > 0.3 * small.seconds
     bare = estimate(simulation(friction=False), Load("overlap", at))
@@ -129,17 +150,30 @@ def test_time_grows_towards_the_threshold_with_size_and_with_friction():
 
 
 def estimate_seconds(spacings):
-    return [estimate(simulation(), Load("overlap", (spacing - 0.5) * WIDTH)).seconds for spacing in spacings]
+    return [
+        estimate(simulation(), Load("overlap", (spacing - 0.5) * WIDTH)).seconds
+        for spacing in spacings
+    ]
 
 
 def test_equal_balls_cost_next_to_nothing():
     medium = gp.DirectSimulation(gp.Packing(STEEL, 8e-3), (64, 64))
-    assert estimate(medium, Load("force", 5.0)).seconds < 0.2 * estimate(simulation(), Load("force", 5.0)).seconds
+    assert (
+        estimate(medium, Load("force", 5.0)).seconds
+        < 0.2 * estimate(simulation(), Load("force", 5.0)).seconds
+    )
 
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(5.8e-5, "less than 0.1 s"), (0.123, "0.12 s"), (100.0, "100 s"), (200.0, "3.3 min"), (1e4, "2.8 h"), (1e6, "12 days")],
+    [
+        (5.8e-5, "less than 0.1 s"),
+        (0.123, "0.12 s"),
+        (100.0, "100 s"),
+        (200.0, "3.3 min"),
+        (1e4, "2.8 h"),
+        (1e6, "12 days"),
+    ],
 )
 def test_durations_are_read_at_a_glance(seconds, text):
     one = cost.Cost(2.5e9 - cost._PYTHON_BYTES, known=seconds, balls=10_000_000, equilibria=1)
@@ -147,43 +181,84 @@ def test_durations_are_read_at_a_glance(seconds, text):
 
 
 def test_the_text_counts_equilibria():
-    assert ", 4 equilibria: about" in estimate(simulation(samples=2), Load("force", [1.0, 2.0])).text
+    assert (
+        ", 4 equilibria: about" in estimate(simulation(samples=2), Load("force", [1.0, 2.0])).text
+    )
 
 
-# -- what is available ---------------------------------------------------------------------------------------------------
+# -- what is available -----------------------------------------------------------------------------
 
 MEMINFO = "MemTotal:       32000000 kB\nMemFree:         1000000 kB\nMemAvailable:    8000000 kB\n"
 LIMITS = "Limit  Soft Limit  Hard Limit  Units\nMax address space  {}  unlimited  bytes\n"
 STATUS = "Name:\tpython\nVmSize:\t 1000000 kB\n"
-V1, V2 = "sys/fs/cgroup/memory", "sys/fs/cgroup"
+V1 = "sys/fs/cgroup/memory"
+V2 = "sys/fs/cgroup"
 LIMITED_1 = {
-    f"{V1}/job/memory.limit_in_bytes": "5000000000\n", f"{V1}/job/memory.usage_in_bytes": "3000000000\n",
+    f"{V1}/job/memory.limit_in_bytes": "5000000000\n",
+    f"{V1}/job/memory.usage_in_bytes": "3000000000\n",
     f"{V1}/job/memory.stat": "inactive_file 1\ntotal_inactive_file 500000000\n",
-}  # fmt: skip
+}
 LIMITED_2 = {
-    f"{V2}/user/job/memory.max": "max\n", f"{V2}/user/job/memory.current": "7\n",
-    f"{V2}/user/memory.max": "3000000000\n", f"{V2}/user/memory.current": "2000000000\n",
-}  # fmt: skip
+    f"{V2}/user/job/memory.max": "max\n",
+    f"{V2}/user/job/memory.current": "7\n",
+    f"{V2}/user/memory.max": "3000000000\n",
+    f"{V2}/user/memory.current": "2000000000\n",
+}
 
 
 @pytest.mark.parametrize(
     ("files", "available"),
     [
         ({"proc/meminfo": MEMINFO}, 8.192e9),
-        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "4:memory:/job\n2:cpu:/\n0::/\n", **LIMITED_1}, 2.5e9),
+        (
+            {
+                "proc/meminfo": MEMINFO,
+                "proc/self/cgroup": "4:memory:/job\n2:cpu:/\n0::/\n",
+                **LIMITED_1,
+            },
+            2.5e9,
+        ),
         ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "7:cpu,memory:/job\n", **LIMITED_1}, 2.5e9),
         # a limit of a group above holds too; one that is larger than what is available does not
         ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/user/job\n", **LIMITED_2}, 1e9),
-        ({"proc/meminfo": MEMINFO.replace("8000000", "80000"), "proc/self/cgroup": "0::/user/job\n", **LIMITED_2}, 81.92e6),
+        (
+            {
+                "proc/meminfo": MEMINFO.replace("8000000", "80000"),
+                "proc/self/cgroup": "0::/user/job\n",
+                **LIMITED_2,
+            },
+            81.92e6,
+        ),
         # in a container the path is that outside of it, and the group is the root
-        ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/docker/0a1b\n", f"{V2}/memory.max": "600000000",
-          f"{V2}/memory.current": "700000000"}, 0.0),
+        (
+            {
+                "proc/meminfo": MEMINFO,
+                "proc/self/cgroup": "0::/docker/0a1b\n",
+                f"{V2}/memory.max": "600000000",
+                f"{V2}/memory.current": "700000000",
+            },
+            0.0,
+        ),
         ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/\nnonsense\n::\n"}, 8.192e9),
         # the addresses of a process may be limited, as by ulimit -v
-        ({"proc/meminfo": MEMINFO, "proc/self/limits": LIMITS.format("6000000000"), "proc/self/status": STATUS}, 4.976e9),
-        ({"proc/meminfo": MEMINFO, "proc/self/limits": LIMITS.format("unlimited"), "proc/self/status": STATUS}, 8.192e9),
+        (
+            {
+                "proc/meminfo": MEMINFO,
+                "proc/self/limits": LIMITS.format("6000000000"),
+                "proc/self/status": STATUS,
+            },
+            4.976e9,
+        ),
+        (
+            {
+                "proc/meminfo": MEMINFO,
+                "proc/self/limits": LIMITS.format("unlimited"),
+                "proc/self/status": STATUS,
+            },
+            8.192e9,
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_available_is_the_least_of_the_machines_and_the_groups(tmp_path, files, available):
     for name, text in files.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -202,12 +277,14 @@ def test_what_is_available_is_the_least_of_the_machines_and_the_groups(tmp_path,
 def test_without_the_files_of_linux_the_system_is_asked(tmp_path, monkeypatch, names, available):
     monkeypatch.setattr("os.sysconf_names", names, raising=False)
     monkeypatch.setattr(
-        "os.sysconf", {"SC_AVPHYS_PAGES": 100, "SC_PHYS_PAGES": 200, "SC_PAGE_SIZE": 4096}.__getitem__, raising=False
+        "os.sysconf",
+        {"SC_AVPHYS_PAGES": 100, "SC_PHYS_PAGES": 200, "SC_PAGE_SIZE": 4096}.__getitem__,
+        raising=False,
     )
     assert available_memory(tmp_path) == available
 
 
-# -- spectra and sweeps --------------------------------------------------------------------------------------------------
+# -- spectra and sweeps ----------------------------------------------------------------------------
 
 SCENE = """\
 material: {{young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}}
@@ -222,21 +299,45 @@ RANGE = "{from: 5 N, to: 9 N, points: 3000}"
 @pytest.mark.parametrize(
     ("lattice", "friction", "load", "observe", "phonopy"),
     [
-        pytest.param("triangular", "true", "5 N", "bands", "band_points: 600", marks=pytest.mark.exhaustive),
+        pytest.param(
+            "triangular", "true", "5 N", "bands", "band_points: 600", marks=pytest.mark.exhaustive
+        ),
         ("triangular", "false", "5 N", "bands", "band_points: 300"),
-        pytest.param("kagome", "true", "5 N", "bands", "band_points: 150", marks=pytest.mark.exhaustive),
-        pytest.param("triangular", "true", "5 N", "dos", "mesh: 200 200 1", marks=pytest.mark.exhaustive),
-        pytest.param("triangular", "true", "5 N", "dos", "mesh: 60 61 1", marks=pytest.mark.exhaustive),
-        pytest.param("triangular", "true", "5 N", "bands", "dim: 16 16 1, band_points: 2", marks=pytest.mark.exhaustive),
+        pytest.param(
+            "kagome", "true", "5 N", "bands", "band_points: 150", marks=pytest.mark.exhaustive
+        ),
+        pytest.param(
+            "triangular", "true", "5 N", "dos", "mesh: 200 200 1", marks=pytest.mark.exhaustive
+        ),
+        pytest.param(
+            "triangular", "true", "5 N", "dos", "mesh: 60 61 1", marks=pytest.mark.exhaustive
+        ),
+        pytest.param(
+            "triangular",
+            "true",
+            "5 N",
+            "bands",
+            "dim: 16 16 1, band_points: 2",
+            marks=pytest.mark.exhaustive,
+        ),
         pytest.param("triangular", "true", RANGE, "velocities", "", marks=pytest.mark.exhaustive),
         ("triangular", "true", RANGE, "velocities, bands", "band_points: 40"),
     ],
 )
-def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattice, friction, load, observe, phonopy):
+def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(
+    tmp_path, lattice, friction, load, observe, phonopy
+):
     scene = gp.Scene.from_text(SCENE.format(lattice, friction, load, observe, phonopy))
     guess = sum((part for _, _, part in scene.parts), cost.Cost())
-    small = SCENE.format(lattice, friction, "[5 N, 6 N]" if load == RANGE else load, observe, "mesh: 4 4 1, band_points: 2")
-    gp.Scene.from_text(small).run(tmp_path / "small", figures=False)  # what is loaded once is not counted
+    small = SCENE.format(
+        lattice,
+        friction,
+        "[5 N, 6 N]" if load == RANGE else load,
+        observe,
+        "mesh: 4 4 1, band_points: 2",
+    )
+    # what is loaded once is not counted
+    gp.Scene.from_text(small).run(tmp_path / "small", figures=False)
     tracemalloc.start()
     scene.run(tmp_path / "out", figures=False)
     peak = tracemalloc.get_traced_memory()[1]
@@ -245,9 +346,18 @@ def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattic
     assert 0.25 < peak / (guess.working + guess.kept) < 1.0
 
 
-HEAD = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\nload: {force: 10 N}\n"
-IMPACT = "observe: [motion]\nmotion: {repeat: %s, duration: %s, frames: 201, drive: {balls: 0, impact: 1 cm/s}}\n"
-DRIVEN = "observe: [response]\nresponse: {repeat: 50 50, source: 0 x, receiver: 5 x, frequencies: [1 kHz, 9 kHz]}\n"
+HEAD = (
+    "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\nload:"
+    " {force: 10 N}\n"
+)
+IMPACT = (
+    "observe: [motion]\nmotion: {repeat: %s, duration: %s, frames: 201, drive: {balls: 0, impact:"
+    " 1 cm/s}}\n"
+)
+DRIVEN = (
+    "observe: [response]\nresponse: {repeat: 50 50, source: 0 x, receiver: 5 x, frequencies: [1"
+    " kHz, 9 kHz]}\n"
+)
 RUN = r"""
 import re, sys, granphon as gp
 gp.Scene.from_text(sys.argv[1]).run(sys.argv[2], figures=False)
@@ -255,17 +365,23 @@ print(re.search(r"VmHWM:\s*(\d+) kB", open("/proc/self/status").read())[1])
 """
 
 
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the system does not tell the peak of a process")
+@pytest.mark.skipif(
+    not Path("/proc/self/status").exists(), reason="the system does not tell the peak of a process"
+)
 @pytest.mark.parametrize(
     ("lattice", "asked"),
     [
-        ("chain", IMPACT % ("1000", "0.1 ms")), ("triangular", IMPACT % ("30 30", "0.1 ms")), ("triangular", DRIVEN),
+        ("chain", IMPACT % ("1000", "0.1 ms")),
+        ("triangular", IMPACT % ("30 30", "0.1 ms")),
+        ("triangular", DRIVEN),
         ("chain", DRIVEN.replace("50 50", "10000")),
-        pytest.param("triangular", DRIVEN.replace("50 50", "100 100"), marks=pytest.mark.exhaustive),
+        pytest.param(
+            "triangular", DRIVEN.replace("50 50", "100 100"), marks=pytest.mark.exhaustive
+        ),
         pytest.param("triangular", IMPACT % ("150 150", "0.1 ms"), marks=pytest.mark.exhaustive),
         pytest.param("fcc", IMPACT % ("16 16 16", "0.05 ms"), marks=pytest.mark.exhaustive),
     ],
-)  # fmt: skip
+)
 def test_memory_of_motions_and_responses_is_what_their_process_takes(tmp_path, lattice, asked):
     text = f"{HEAD}packing: {{lattice: {lattice}, diameter: 8 mm}}\n{asked}"
     guess = sum((part for _, _, part in gp.Scene.from_text(text).parts), cost.Cost())
@@ -281,11 +397,20 @@ def pressed(mu, shape=(20, 20), **more):
 
 
 def test_the_work_of_histories_is_that_of_the_solver():
-    """Iterations of GMRES over the work that is estimated, whatever the friction, the loads and the tolerance."""
+    """Iterations of GMRES over the work that is estimated, whatever the friction, the loads and the
+    tolerance.
+    """
     ratio = []
-    for mu, reduced, tolerance in ((np.inf, (0.6, 0.8, 1.0), 1e-4), (0.2, (0.6, 0.8, 1.0), 1e-4), (0.1, (0.7,), 1e-2)):
-        medium, load = pressed(mu, step_tolerance=tolerance), Load("overlap", (np.array(reduced) - 0.5) * WIDTH)
-        ratio.append(medium.at(load).samples[-1].equilibrium.conjugate / estimate(medium, load).work)
+    for mu, reduced, tolerance in (
+        (np.inf, (0.6, 0.8, 1.0), 1e-4),
+        (0.2, (0.6, 0.8, 1.0), 1e-4),
+        (0.1, (0.7,), 1e-2),
+    ):
+        medium = pressed(mu, step_tolerance=tolerance)
+        load = Load("overlap", (np.array(reduced) - 0.5) * WIDTH)
+        ratio.append(
+            medium.at(load).samples[-1].equilibrium.conjugate / estimate(medium, load).work
+        )
     assert max(ratio) / min(ratio) < 6.0
 
 
@@ -307,16 +432,22 @@ def test_time_of_a_history_grows_as_friction_falls_and_with_its_way():
     assert estimate(pressed(0.2, start="gas"), load).work > 10.0 * usual
     assert estimate(pressed(0.2, geometry="exact"), load).work > 2.0 * usual
     cycle = Load("overlap", np.array([0.2, 0.0, 0.2]) * WIDTH)
-    assert estimate(pressed(0.2, ordered=True), cycle).work > 2.0 * estimate(pressed(0.2), cycle).work
+    assert (
+        estimate(pressed(0.2, ordered=True), cycle).work > 2.0 * estimate(pressed(0.2), cycle).work
+    )
 
 
 @pytest.mark.parametrize(
     ("given", "bounds"),
     [
-        ({}, False), ({"start": "gas"}, True), ({"mu": 0.01}, True), ({"mu": 0.0}, False), ({"mu": np.inf}, False),
+        ({}, False),
+        ({"start": "gas"}, True),
+        ({"mu": 0.01}, True),
+        ({"mu": 0.0}, False),
+        ({"mu": np.inf}, False),
         ({"step_tolerance": 1e-6}, True),
     ],
-)  # fmt: skip
+)
 def test_an_estimate_that_rests_on_no_count_is_a_lower_bound(given, bounds):
     guess = estimate(pressed(**{"mu": 0.2, **given}), Load("overlap", 0.2 * WIDTH))
     assert guess.bounds == bounds
@@ -333,7 +464,8 @@ def test_what_takes_more_than_a_second_or_100_mb_is_told():
 
 
 def test_costs_add_up_to_one_after_the_other():
-    one, two = cost.Cost(3.0, 1.0, 5.0, 7.0, 10, 2, ("a",)), cost.Cost(2.0, 4.0, 6.0, 8.0, 20, 1, ("b",))
+    one = cost.Cost(3.0, 1.0, 5.0, 7.0, 10, 2, ("a",))
+    two = cost.Cost(2.0, 4.0, 6.0, 8.0, 20, 1, ("b",))
     assert one + two == cost.Cost(3.0, 5.0, 11.0, 15.0, 20, 3, ("a", "b"))
     assert (one + two).memory == cost._PYTHON_BYTES + 8.0
     assert one.times(3) == cost.Cost(3.0, 3.0, 15.0, 21.0, 10, 6, ("a",))
@@ -341,7 +473,9 @@ def test_costs_add_up_to_one_after_the_other():
 
 
 def test_bands_of_a_large_cell_go_as_the_cube_of_its_branches_and_take_few_matrices_at_a_time():
-    """The memory is that of the arrays of a cell of 363 branches, with LAPACK's copy, which NumPy counts from 2.5 on."""
+    """The memory is that of the arrays of a cell of 363 branches, with LAPACK's copy, which NumPy
+    counts from 2.5 on.
+    """
     few, many = (cost.bands(60, branches, eigenvectors=False) for branches in (1000, 3000))
     assert 15.0 < many.known / few.known < 30.0
     assert many.memory < 1e9 < cost.bands(60, 3000).memory

@@ -1,4 +1,6 @@
-"""Crystals of several kinds of balls: how they are made, their statics against closed forms and twins, and their errors."""
+"""Crystals of several kinds of balls: how they are made, their statics against closed forms and
+twins, and their errors.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +26,20 @@ from granphon.media import crystal as crystal_module
 
 G = 9.81
 #: Al 6061 and steel 316, balls of 19.05 mm
-STEEL, ALUMINIUM = gp.Material(193e9, 0.30, 8000.0), gp.Material(73.5e9, 0.33, 2700.0)
-S, A = gp.Ball(STEEL, 19.05e-3, mass=28.84e-3), gp.Ball(ALUMINIUM, 19.05e-3, mass=9.75e-3)
+STEEL = gp.Material(193e9, 0.30, 8000.0)
+ALUMINIUM = gp.Material(73.5e9, 0.33, 2700.0)
+S = gp.Ball(STEEL, 19.05e-3, mass=28.84e-3)
+A = gp.Ball(ALUMINIUM, 19.05e-3, mass=9.75e-3)
 PLAIN = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
 SOFT = gp.Ball(gp.Material(70e9, 0.2, 2500.0), 8e-3)
 
 
 def pull_on_balls(state):
-    """(n, d) sum of the contact forces on each ball of a crystal, N, and the virial, from its own table and normals."""
-    crystal, table = state.crystal, state.crystal.contacts
+    """(n, d) sum of the contact forces on each ball of a crystal, N, and the virial, from its own
+    table and normals.
+    """
+    crystal = state.crystal
+    table = state.crystal.contacts
     count = len(table)
     force = state.normal_force[:count, None] * state.normal[:count]
     pull = np.zeros((crystal.n_balls, crystal.dimension))
@@ -45,62 +52,99 @@ def list_contacts(crystal):
     """The contacts of a crystal as a sorted list, each from its first end."""
     table = crystal.contacts
     rows = []
-    for i, j, shift in zip(table.i.tolist(), table.j.tolist(), map(tuple, table.shift.tolist()), strict=True):
+    for i, j, shift in zip(
+        table.i.tolist(), table.j.tolist(), map(tuple, table.shift.tolist()), strict=True
+    ):
         back = tuple(-one for one in shift)
         rows.append(min((i, j, shift), (j, i, back)))
     return sorted(rows)
 
 
-# -- how they are made ------------------------------------------------------------------------------------------------
+# -- how they are made -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", LATTICES)
 @pytest.mark.parametrize("kind", ["force", "pressure", "overlap"])
 def test_equal_balls_are_a_packing(name, kind):
-    packing, crystal = gp.Packing(PLAIN.material, 8e-3, lattice=name), gp.Crystal.on(name, [PLAIN])
+    packing = gp.Packing(PLAIN.material, 8e-3, lattice=name)
+    crystal = gp.Crystal.on(name, [PLAIN])
     values = {"force": [1e-6, 20.0], "pressure": [1e-3, 2e3], "overlap": [1e-12, 1e-6]}[kind]
     for follows in (False, True):
         state = getattr(gp.AveragedLattice(packing), f"at_{kind}")(values, finite_overlap=follows)
         mine = getattr(crystal, f"at_{kind}")(values, finite_overlap=follows)
         count = np.ones(mine.normal_force.shape[1])
-        pairs = {"normal_force": "force"} | {n: n for n in ("overlap", "normal_stiffness", "shear_stiffness")}
+        pairs = {"normal_force": "force"} | {
+            n: n for n in ("overlap", "normal_stiffness", "shear_stiffness")
+        }
         for name_of, other in pairs.items():
-            assert_allclose(getattr(mine, name_of), np.multiply.outer(getattr(state, other), count), rtol=1e-13)
+            assert_allclose(
+                getattr(mine, name_of), np.multiply.outer(getattr(state, other), count), rtol=1e-13
+            )
         pressure = -np.trace(mine.stress, axis1=1, axis2=2) / crystal.periods
         assert_allclose(pressure, state.pressure, rtol=1e-13)
         one = mine[1].scales
-        assert_allclose([one.length, one.stiffness, one.mass], [8e-3, state.normal_stiffness[1], packing.mass], rtol=1e-13)
+        assert_allclose(
+            [one.length, one.stiffness, one.mass],
+            [8e-3, state.normal_stiffness[1], packing.mass],
+            rtol=1e-13,
+        )
 
 
 @pytest.mark.parametrize("follows", [False, True])
 @pytest.mark.parametrize("name", ["triangular", "fcc", "hcp"])
 def test_the_network_of_equal_balls_is_that_of_the_packing(name, follows):
-    packing, crystal = gp.Packing(PLAIN.material, 8e-3, lattice=name), gp.Crystal.on(name, [PLAIN])
+    packing = gp.Packing(PLAIN.material, 8e-3, lattice=name)
+    crystal = gp.Crystal.on(name, [PLAIN])
     wanted = gp.AveragedLattice(packing).at_force(9.0, finite_overlap=follows).network
     found = crystal.at_force(9.0, finite_overlap=follows).network
-    for field in ("cell", "positions", "radii", "masses", "inertias", "normal", *wanted.contact_fields):
-        assert_allclose(getattr(found, field), getattr(wanted, field), rtol=1e-12, atol=1e-14 * 8e-3, err_msg=field)
+    for field in (
+        "cell",
+        "positions",
+        "radii",
+        "masses",
+        "inertias",
+        "normal",
+        *wanted.contact_fields,
+    ):
+        assert_allclose(
+            getattr(found, field),
+            getattr(wanted, field),
+            rtol=1e-12,
+            atol=1e-14 * 8e-3,
+            err_msg=field,
+        )
     assert (found.pbc, found.motions, found.dimension, found.prestress) == (
-        wanted.pbc, wanted.motions, wanted.dimension, wanted.prestress
-    )  # fmt: skip
+        wanted.pbc,
+        wanted.motions,
+        wanted.dimension,
+        wanted.prestress,
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "contacts", "distance"), [("NaCl", 6, 2.0), ("CsCl", 8, 2 / 3**0.5), ("zincblende", 4, None)]
+    ("name", "contacts", "distance"),
+    [("NaCl", 6, 2.0), ("CsCl", 8, 2 / 3**0.5), ("zincblende", 4, None)],
 )
 def test_structures_of_two_kinds(name, contacts, distance):
-    large, small = gp.Ball(STEEL, 10e-3), gp.Ball(ALUMINIUM, 8e-3)
+    large = gp.Ball(STEEL, 10e-3)
+    small = gp.Ball(ALUMINIUM, 8e-3)
     crystal = gp.Crystal.on(name, [large, small])
     table = crystal.contacts
     assert (len(table), crystal.n_balls, crystal.names) == (contacts, 2, ("A", "B"))
     assert set(zip(table.i.tolist(), table.j.tolist(), strict=True)) <= {(0, 1), (1, 0)}
     assert_allclose(np.linalg.norm(table.vector, axis=1), 9e-3, rtol=1e-14)
     if distance:  # the edge of the cube: 2 r or 2 r/sqrt 3
-        assert_allclose(abs(np.linalg.det(crystal.cell)), (distance * 9e-3) ** 3 / {6: 4, 8: 1}[contacts], rtol=1e-12)
+        assert_allclose(
+            abs(np.linalg.det(crystal.cell)),
+            (distance * 9e-3) ** 3 / {6: 4, 8: 1}[contacts],
+            rtol=1e-12,
+        )
     state = crystal.at_pressure(1e4)
     assert_allclose(state.normal_force, state.normal_force[0], rtol=1e-12)
     law = gp.Hertz().between(large, small)
-    assert_allclose(state.normal_stiffness, law.stiffness(law.overlap(state.normal_force)), rtol=1e-13)
+    assert_allclose(
+        state.normal_stiffness, law.stiffness(law.overlap(state.normal_force)), rtol=1e-13
+    )
 
 
 def test_a_chain_takes_any_number_of_kinds():
@@ -113,11 +157,15 @@ def test_a_chain_takes_any_number_of_kinds():
     pairs = [(0, 1), (1, 2), (2, 3), (3, 0)]
     ends = {
         tuple(sorted(pair)): at
-        for at, pair in enumerate(zip(crystal.contacts.i.tolist(), crystal.contacts.j.tolist(), strict=True))
+        for at, pair in enumerate(
+            zip(crystal.contacts.i.tolist(), crystal.contacts.j.tolist(), strict=True)
+        )
     }
     for one, other in pairs:
         law = gp.Hertz().between(balls[one], balls[other])
-        assert_allclose(state.overlap[ends[tuple(sorted((one, other)))]], law.overlap(2.0), rtol=1e-13)
+        assert_allclose(
+            state.overlap[ends[tuple(sorted((one, other)))]], law.overlap(2.0), rtol=1e-13
+        )
     # the cell shortens by all overlaps
     assert_allclose(state.strain[0, 0] * crystal.cell[0, 0], -np.sum(state.overlap), rtol=1e-13)
     assert_allclose(crystal.at_overlap(1e-7).overlap.mean(), 1e-7, rtol=1e-13)
@@ -147,21 +195,29 @@ def test_a_supercell_is_the_same_crystal(name):
     large = crystal.repeat(shape)
     again = gp.Crystal(large.balls, large.cell, large.positions)
     assert list_contacts(large) == list_contacts(again)
-    assert_allclose(large.at_pressure(10.0).normal_force, crystal.at_pressure(10.0).normal_force[0], rtol=1e-12)
+    assert_allclose(
+        large.at_pressure(10.0).normal_force, crystal.at_pressure(10.0).normal_force[0], rtol=1e-12
+    )
 
 
-# -- closed forms -----------------------------------------------------------------------------------------------------
+# -- closed forms ----------------------------------------------------------------------------------
 
 
 def test_a_chain_of_steel_and_aluminium():
     """Its band edges at 20 N, their gap, and its sound."""
     state = gp.Crystal.on("chain", [S, A]).at_force(20.0)
     k = state.normal_stiffness[0]
-    edges = np.sqrt(2 * k * np.array([1 / S.mass, 1 / A.mass, 1 / S.mass + 1 / A.mass])) / (2 * math.pi)
+    edges = np.sqrt(2 * k * np.array([1 / S.mass, 1 / A.mass, 1 / S.mass + 1 / A.mass])) / (
+        2 * math.pi
+    )
     assert_allclose(edges, [4710.53, 8101.49, 9371.40], atol=0.01)
-    assert_allclose(state.crystal.cell[0, 0] * math.sqrt(k / 2 / (S.mass + A.mass)), 487.42, atol=0.01)
+    assert_allclose(
+        state.crystal.cell[0, 0] * math.sqrt(k / 2 / (S.mass + A.mass)), 487.42, atol=0.01
+    )
     phonons = gp.Phonons(state)
-    assert_allclose(phonons.frequencies([[0.5], [0.0]]), [edges[:2], [0.0, edges[2]]], rtol=1e-13, atol=1e-9)
+    assert_allclose(
+        phonons.frequencies([[0.5], [0.0]]), [edges[:2], [0.0, edges[2]]], rtol=1e-13, atol=1e-9
+    )
     assert_allclose(phonons.gaps(), [edges[:2]], rtol=1e-12)
     assert_allclose(gp.sound_velocities(state).longitudinal, 487.42, atol=0.01)
     found = gp.Waves(state.network.repeat((20,))).modes(39).frequencies
@@ -178,17 +234,25 @@ def test_fcc_pressed_along_an_axis_carries_with_eight_of_twelve_contacts():
     assert state.network.n_contacts == 4
     assert_allclose(state.overlap[closed], 8e-3 * 0.5e-4, rtol=1e-12)
     assert_allclose(np.diag(state.stress)[2] / np.diag(state.stress)[:2], 2.0, rtol=1e-12)
-    assert_allclose(crystal.at_strain([0, 0, -1e-4, 0, 0, 0]).normal_force, state.normal_force, rtol=1e-15)
+    assert_allclose(
+        crystal.at_strain([0, 0, -1e-4, 0, 0, 0]).normal_force, state.normal_force, rtol=1e-15
+    )
     # sound along the axis; kappa/6 is the rotation of balls under unequal contacts
-    k, kappa = state.normal_stiffness[closed], state.shear_stiffness[closed]
+    k = state.normal_stiffness[closed]
+    kappa = state.shear_stiffness[closed]
     v = gp.sound_velocities(state, (0, 0, 1))
     unit = 8e-3**2 / PLAIN.mass
     assert_allclose(v.longitudinal**2, (k[0] + kappa[0]) * unit, rtol=1e-12)
     assert_allclose(np.square(v.transverse), (k[0] / 2 + kappa[0] / 6) * unit, rtol=1e-12)
     # the same as a stress, whose sides are those of contacts at 45 degrees
     again = crystal.at_stress(state.stress)
-    assert_allclose(again.normal_force, state.normal_force, rtol=1e-9, atol=1e-9 * state.normal_force.max())
-    with pytest.raises(InputError, match=r"cannot bear the stress .* no such forces add up to it. A pressure of 1e.05 Pa"):
+    assert_allclose(
+        again.normal_force, state.normal_force, rtol=1e-9, atol=1e-9 * state.normal_force.max()
+    )
+    with pytest.raises(
+        InputError,
+        match=r"cannot bear the stress .* no such forces add up to it. A pressure of 1e.05 Pa",
+    ):
         crystal.at_stress([0, 0, -1e5, 0, 0, 0])
 
 
@@ -199,7 +263,11 @@ def test_the_local_exponent_of_a_power_law(exponent):
     low, high = crystal.at_pressure([1.0, 1.001])
     slope = np.log(high.normal_stiffness / low.normal_stiffness) / (2 * np.log(1.001))
     assert_allclose(slope, (exponent - 1) / (2 * exponent), atol=1e-12)
-    assert_allclose(gp.local_exponent(crystal.at_pressure([1.0, 5.0])), 2 * [(exponent - 1) / (2 * exponent)], atol=1e-12)
+    assert_allclose(
+        gp.local_exponent(crystal.at_pressure([1.0, 5.0])),
+        2 * [(exponent - 1) / (2 * exponent)],
+        atol=1e-12,
+    )
 
 
 def test_contacts_of_several_powers_have_no_single_exponent():
@@ -226,36 +294,55 @@ def test_balls_that_adhere_need_no_load(law):
     assert strained.network.n_contacts == np.count_nonzero(strained.normal_stiffness)
     stiff = strained.normal_stiffness > 0.0  # those of DMT have no stiffness where balls only touch
     assert_allclose(strained.network.normal_force, strained.normal_force[stiff], rtol=1e-15)
-    with pytest.raises(InputError, match=r"cannot bear a pressure of .* up to the tension that contacts bear"):
+    with pytest.raises(
+        InputError, match=r"cannot bear a pressure of .* up to the tension that contacts bear"
+    ):
         crystal.at_pressure(-1.1 * 2 * 2**0.5 * most / gel.diameter**2)
 
 
 def test_laws_by_pairs_of_kinds():
-    laws = {("A", "B"): gp.PowerLaw(2.0, 1e12), ("C", "B"): gp.Hertz(), ("A", "C"): gp.PowerLaw(1.0, 1e6)}
+    laws = {
+        ("A", "B"): gp.PowerLaw(2.0, 1e12),
+        ("C", "B"): gp.Hertz(),
+        ("A", "C"): gp.PowerLaw(1.0, 1e6),
+    }
     third = gp.Ball(STEEL, 10e-3)
     crystal = gp.Crystal.on("chain", [S, A, third], law=laws)
     state = crystal.at_force(3.0)
     pairs = {
         tuple(sorted((i, j))): at
-        for at, (i, j) in enumerate(zip(crystal.contacts.i.tolist(), crystal.contacts.j.tolist(), strict=True))
+        for at, (i, j) in enumerate(
+            zip(crystal.contacts.i.tolist(), crystal.contacts.j.tolist(), strict=True)
+        )
     }
     assert_allclose(state.overlap[pairs[0, 1]], (3.0 / 1e12) ** 0.5, rtol=1e-12)
     assert_allclose(state.overlap[pairs[0, 2]], 3e-6, rtol=1e-12)
-    assert_allclose(state.overlap[pairs[1, 2]], gp.Hertz().between(A, third).overlap(3.0), rtol=1e-12)
+    assert_allclose(
+        state.overlap[pairs[1, 2]], gp.Hertz().between(A, third).overlap(3.0), rtol=1e-12
+    )
     with pytest.raises(InputError, match=r"law has none for contacts of \('B', 'C'\)"):
         gp.Crystal.on("chain", [S, A, third], law={("A", "B"): gp.Hertz(), ("A", "C"): gp.Hertz()})
-    with pytest.raises(InputError, match=r"law has none for contacts of \('A', 'B'\). It has \[\('A', 'D'\)\]"):
+    with pytest.raises(
+        InputError, match=r"law has none for contacts of \('A', 'B'\). It has \[\('A', 'D'\)\]"
+    ):
         gp.Crystal.on("chain", [S, A], law={("A", "D"): gp.Hertz()})
 
 
 @pytest.mark.claim("jkr-shear")
 def test_shear_and_torsion_of_balls_that_adhere_by_jkr():
-    """They are those of the contact radius of Johnson, Kendall and Roberts: without a load 0.6 is that of the stiffness."""
-    rubber, w = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3), 0.1
-    shear, r, nu = rubber.material.shear_modulus, 0.5e-3, 0.49
+    """They are those of the contact radius of Johnson, Kendall and Roberts: without a load 0.6 is
+    that of the stiffness.
+    """
+    rubber = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3)
+    w = 0.1
+    shear = rubber.material.shear_modulus
+    r = 0.5e-3
+    nu = 0.49
     star = shear / (1 - nu)
     for pressure in (0.0, 200.0, 5e3):
-        state = gp.Crystal.on("fcc", [rubber], law=gp.JKR(w), torsion="mindlin").at_pressure(pressure)
+        state = gp.Crystal.on("fcc", [rubber], law=gp.JKR(w), torsion="mindlin").at_pressure(
+            pressure
+        )
         reach = 3 * np.pi * w * r
         force = state.normal_force
         radius = np.cbrt(0.75 * r / star * (force + reach + np.sqrt(2 * reach * force + reach**2)))
@@ -271,7 +358,9 @@ def test_shear_and_torsion_of_balls_that_adhere_by_jkr():
     state = gp.Crystal.on("fcc", [rubber], law=gp.JKR(w)).at_pressure(200.0, finite_overlap=True)
     pair = gp.JKR(w).between(rubber, rubber)
     atoms = Atoms("XX", positions=[[0.0] * 3, [2e-3 - float(state.overlap[0]), 0.0, 0.0]])
-    network = gp.HertzMindlin({"X": rubber}, law=gp.JKR(w)).contact_network(atoms, keep_rattlers=True)
+    network = gp.HertzMindlin({"X": rubber}, law=gp.JKR(w)).contact_network(
+        atoms, keep_rattlers=True
+    )
     kappa = 4 * shear / (2 - nu) * pair.contact_radius(state.overlap[0])
     assert_allclose(network.shear_stiffness, kappa, rtol=1e-9)
 
@@ -288,10 +377,13 @@ def test_shear_and_torsion_of_unlike_balls():
     assert_allclose(k, 2 * star * radius, rtol=1e-12)
     kappa = 8 * radius / sum((2 - n) / g for n, g in zip(nu, shear, strict=True))
     assert_allclose(state.shear_stiffness, kappa, rtol=1e-12)
-    assert_allclose(state.torsion_stiffness, 16 / 3 * radius**3 / sum(1 / g for g in shear), rtol=1e-12)
+    assert_allclose(
+        state.torsion_stiffness, 16 / 3 * radius**3 / sum(1 / g for g in shear), rtol=1e-12
+    )
     assert_allclose(state.bending_stiffness, 0.01 * k * 19.05e-3**2, rtol=1e-12)
     packing = gp.Packing(PLAIN.material, 8e-3, lattice="fcc", torsion="mindlin")
-    wanted, found = gp.AveragedLattice(packing).at_force(5.0), gp.Crystal.on("fcc", [PLAIN], torsion="mindlin").at_force(5.0)
+    wanted = gp.AveragedLattice(packing).at_force(5.0)
+    found = gp.Crystal.on("fcc", [PLAIN], torsion="mindlin").at_force(5.0)
     assert_allclose(found.torsion_stiffness, wanted.torsion_stiffness, rtol=1e-12)
 
 
@@ -315,14 +407,17 @@ def test_a_light_impurity_in_a_chain():
     assert_allclose(top**2, 4 * state.normal_stiffness[0] / PLAIN.mass / (1 - e**2), rtol=1e-12)
 
 
-# -- twins ------------------------------------------------------------------------------------------------------------
+# -- twins -----------------------------------------------------------------------------------------
 
 
 @settings(max_examples=25)
 @given(
-    st.lists(st.sampled_from([0, 1, 2]), min_size=6, max_size=6), st.floats(-0.12, 0.12), st.floats(-0.25, 0.25),
-    st.floats(-6.0, 4.0), st.booleans(),
-)  # fmt: skip
+    st.lists(st.sampled_from([0, 1, 2]), min_size=6, max_size=6),
+    st.floats(-0.12, 0.12),
+    st.floats(-0.25, 0.25),
+    st.floats(-6.0, 4.0),
+    st.booleans(),
+)
 def test_balls_and_cell_are_in_balance_under_any_stress(kinds, shear, side, size, follows):
     three = [PLAIN, SOFT, gp.Ball(gp.Material(5e9, 0.45, 1200.0), 8e-3)]
     crystal = gp.Crystal.on("triangular", [PLAIN]).repeat((2, 3))
@@ -340,7 +435,9 @@ def test_balls_and_cell_are_in_balance_under_any_stress(kinds, shear, side, size
     assert np.all(state.normal_force >= 0.0)
     # overlaps are those that displacements and strain make
     table = crystal.contacts
-    moved = state.displacements[table.j] - state.displacements[table.i] + table.vector @ state.strain
+    moved = (
+        state.displacements[table.j] - state.displacements[table.i] + table.vector @ state.strain
+    )
     overlap = -np.einsum("ca,ca->c", table.normal, moved)
     if follows:
         # |v + w| - |v| = (2 v.w + w.w)/(|v + w| + |v|)
@@ -351,12 +448,15 @@ def test_balls_and_cell_are_in_balance_under_any_stress(kinds, shear, side, size
 
 @pytest.mark.parametrize("depth", [1e-4, 1e-2])
 def test_exact_rest_is_the_minimum_of_the_exact_energy(depth):
-    """In a strained cell, whose balls scipy moves; contacts are found anew from the places of the balls."""
+    """In a strained cell, whose balls scipy moves; contacts are found anew from the places of the
+    balls.
+    """
     crystal = gp.Crystal.on("triangular", [PLAIN]).repeat((3, 2)).replace([0, 4], SOFT)
     strain = -depth * np.array([[1.0, 0.15], [0.15, 0.8]])
     state = crystal.at_strain(strain, finite_overlap=True)
     deformed = np.eye(2) + strain
-    cell, places = crystal.cell @ deformed, crystal.positions @ deformed
+    cell = crystal.cell @ deformed
+    places = crystal.positions @ deformed
     steps = np.array(list(itertools.product((-1, 0, 1), repeat=2)))
     law = {(a, b): gp.Hertz().between(a, b) for a in (PLAIN, SOFT) for b in (PLAIN, SOFT)}
     size, mean = float(np.mean(state.overlap)), float(np.mean(state.normal_force))
@@ -386,11 +486,18 @@ def test_exact_rest_is_the_minimum_of_the_exact_energy(depth):
         return total / (mean * size), slope.ravel() / mean
 
     found = minimize(energy, np.zeros(12), jac=True, method="BFGS", options={"gtol": 1e-9})
-    forces = {(i, j, step): pair.force(overlap) for i, j, step, _, pair, overlap in find(found.x.reshape(6, 2) * size)}
+    forces = {
+        (i, j, step): pair.force(overlap)
+        for i, j, step, _, pair, overlap in find(found.x.reshape(6, 2) * size)
+    }
     table = crystal.contacts
     mine = {}
     for i, j, step, force in zip(
-        table.i.tolist(), table.j.tolist(), map(tuple, table.shift.tolist()), state.normal_force, strict=True
+        table.i.tolist(),
+        table.j.tolist(),
+        map(tuple, table.shift.tolist()),
+        state.normal_force,
+        strict=True,
     ):
         back = tuple(-one for one in step)
         mine[(i, j, step) if (i, *step) < (j, *back) else (j, i, back)] = force
@@ -425,7 +532,8 @@ class Spring:
 class Saturating:
     """A user's law whose force is at most F."""
 
-    F, s = 10.0, 1e-4
+    F = 10.0
+    s = 1e-4
 
     def energy(self, overlap):
         h = np.maximum(overlap, 0.0)
@@ -435,7 +543,12 @@ class Saturating:
         return -self.F * np.expm1(-np.maximum(overlap, 0.0) / self.s)
 
     def stiffness(self, overlap):
-        return self.F / self.s * np.exp(-np.maximum(overlap, 0.0) / self.s) * (np.asarray(overlap) > 0.0)
+        return (
+            self.F
+            / self.s
+            * np.exp(-np.maximum(overlap, 0.0) / self.s)
+            * (np.asarray(overlap) > 0.0)
+        )
 
     def stiffness_slope(self, overlap):
         return -self.stiffness(overlap) / self.s
@@ -451,12 +564,16 @@ def test_a_law_with_a_largest_force_is_one_up_to_it():
 
 @pytest.mark.parametrize("finite", [False, True])
 def test_bonds_bear_tension_and_are_stiff_without_a_load(finite):
-    """A triangular lattice of springs: f = P d/3^(1/2), v_L^2 = 9/8 k d^2/m, v_T^2 = 3/8 k d^2/m, under any pressure."""
+    """A triangular lattice of springs: f = P d/3^(1/2), v_L^2 = 9/8 k d^2/m, v_T^2 = 3/8 k d^2/m,
+    under any pressure.
+    """
     crystal = gp.Crystal.on("triangular", [PLAIN], law=Spring(1e6), friction=False)
     assert not np.any(crystal.at_pressure(0.0, finite_overlap=finite).normal_force)
     for pressure in (-10.0, 10.0):
         force = crystal.at_pressure(pressure, finite_overlap=finite).normal_force
-        assert_allclose(force, pressure * PLAIN.diameter / math.sqrt(3.0), rtol=1e-3 if finite else 1e-12)
+        assert_allclose(
+            force, pressure * PLAIN.diameter / math.sqrt(3.0), rtol=1e-3 if finite else 1e-12
+        )
     sheared = crystal.at_stress([-10.0, 10.0, 0.0], finite_overlap=finite)
     assert_allclose(sheared.stress, np.diag([-10.0, 10.0]), atol=1e-9)
     if not finite:
@@ -477,13 +594,26 @@ def test_contacts_that_adhere_have_small_means_of_either_sign_of_their_parts(for
 @pytest.mark.parametrize(
     ("name", "edge", "own", "parts"),
     [
-        ("fcc", math.sqrt(2.0), [(1, 1, 0), (1, 1, 2), (1, 1, 1)], [1.0 / 2.0, math.sqrt(0.5), math.sqrt(3.0) / 4.0]),
-        ("bcc", math.sqrt(4.0 / 3.0), [(1, 1, -1), (0, 0, 1), (1, 1, 1)], [1.0, math.sqrt(0.5), math.sqrt(3.0)]),
+        (
+            "fcc",
+            math.sqrt(2.0),
+            [(1, 1, 0), (1, 1, 2), (1, 1, 1)],
+            [1.0 / 2.0, math.sqrt(0.5), math.sqrt(3.0) / 4.0],
+        ),
+        (
+            "bcc",
+            math.sqrt(4.0 / 3.0),
+            [(1, 1, -1), (0, 0, 1), (1, 1, 1)],
+            [1.0, math.sqrt(0.5), math.sqrt(3.0)],
+        ),
     ],
 )
 def test_the_planes_of_the_cube_have_other_indices_in_a_primitive_cell(name, edge, own, parts):
-    """Area of the cell of a layer, over that of a face of the cube; and indices that the docstring of cut makes."""
-    crystal, face = gp.Crystal.on(name, [PLAIN]), (edge * PLAIN.diameter) ** 2
+    """Area of the cell of a layer, over that of a face of the cube; and indices that the docstring
+    of cut makes.
+    """
+    crystal = gp.Crystal.on(name, [PLAIN])
+    face = (edge * PLAIN.diameter) ** 2
     for plane, indices, part in zip([(0, 0, 1), (1, 1, 0), (1, 1, 1)], own, parts, strict=True):
         made = crystal.cell @ plane
         assert_allclose(np.cross(made, indices), 0.0, atol=1e-9 * np.max(np.abs(made)))
@@ -499,7 +629,11 @@ def test_a_crystal_all_of_whose_balls_are_held_is_pressed_by_its_wall():
 
 def test_four_indices_of_a_hexagonal_cell():
     crystal = gp.Crystal.on("hcp", [PLAIN])
-    for four, three in (((0, 0, 0, 1), (0, 0, 1)), ((1, 0, -1, 0), (1, 0, 0)), ((1, 1, -2, 2), (1, 1, 2))):
+    for four, three in (
+        ((0, 0, 0, 1), (0, 0, 1)),
+        ((1, 0, -1, 0), (1, 0, 0)),
+        ((1, 1, -2, 2), (1, 1, 2)),
+    ):
         assert_allclose(crystal.cut(four, 3).positions, crystal.cut(three, 3).positions)
 
 
@@ -511,7 +645,9 @@ def test_means_of_contacts_that_pull_count_those_that_touch(law):
     assert_allclose(np.mean(state.normal_force[state.normal_stiffness > 0.0]), 1e-6, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("name", "ratio"), [("NaCl", math.sqrt(2.0) - 1.0), ("CsCl", math.sqrt(3.0) - 1.0)])
+@pytest.mark.parametrize(
+    ("name", "ratio"), [("NaCl", math.sqrt(2.0) - 1.0), ("CsCl", math.sqrt(3.0) - 1.0)]
+)
 def test_the_smallest_ball_of_a_structure_touches_like_balls_too(name, ratio):
     """The ratios of radii of Pauling's rules."""
     crystal = gp.Crystal.on(name, [PLAIN, gp.Ball(STEEL, ratio * PLAIN.diameter)])
@@ -520,7 +656,9 @@ def test_the_smallest_ball_of_a_structure_touches_like_balls_too(name, ratio):
         gp.Crystal.on(name, [gp.Ball(STEEL, 0.99 * ratio * PLAIN.diameter), PLAIN])
 
 
-@pytest.mark.parametrize("law", [(1,), (1, 2), ((["A"], gp.Hertz()),), (({}, 1),), {("A",): gp.Hertz()}])
+@pytest.mark.parametrize(
+    "law", [(1,), (1, 2), ((["A"], gp.Hertz()),), (({}, 1),), {("A",): gp.Hertz()}]
+)
 def test_what_is_no_law_is_one_error(law):
     with pytest.raises(InputError, match="law"):
         gp.Crystal([PLAIN], [[8e-3]], [[0.0]], law=law)
@@ -535,15 +673,22 @@ def test_other_balls_are_given_by_their_names(balls):
 def test_balls_in_a_wrong_unit_are_doubted():
     state = gp.Crystal.on("fcc", [gp.Ball(STEEL, 8.0)]).at_force(10.0)
     assert not state.valid
-    assert "diameter is 8 m, more than 1 m: the unit is probably wrong, SI units are expected (ball A)" in state.warnings[0]
+    assert (
+        "diameter is 8 m, more than 1 m: the unit is probably wrong, SI units are expected (ball A)"
+        in state.warnings[0]
+    )
 
 
 def test_a_resonator_on_each_ball_opens_a_gap():
-    """Along its spring, the gap at q = 0 reaches from k_r/m_r to k_r (1/m + 1/m_r); here its upper end."""
+    """Along its spring, the gap at q = 0 reaches from k_r/m_r to k_r (1/m + 1/m_r); here its upper
+    end.
+    """
     small = gp.Ball(STEEL, 4e-3, name="resonator")
     ball = gp.Ball(PLAIN.material, 8e-3, name="ball")
     laws = {("ball", "ball"): gp.Hertz(), ("ball", "resonator"): Spring(1e5)}
-    chain = gp.Crystal([ball, small], [[8e-3, 0.0]], [[0.0, 0.0], [0.0, 6e-3]], law=laws, friction=False)
+    chain = gp.Crystal(
+        [ball, small], [[8e-3, 0.0]], [[0.0, 0.0], [0.0, 6e-3]], law=laws, friction=False
+    )
     state = chain.at_stress(-10.0)
     assert_allclose(np.sort(state.normal_force), [0.0, 10.0], atol=1e-12)
     assert state.network.n_contacts == 2
@@ -557,14 +702,15 @@ def test_exact_statics_tend_to_those_of_small_overlap():
     stress = np.diag([-1.0, -1.1, -1.2])
     off = []
     for size in (1e3, 1e6):
-        small, exact = crystal.at_stress(size * stress), crystal.at_stress(size * stress, finite_overlap=True)
+        small = crystal.at_stress(size * stress)
+        exact = crystal.at_stress(size * stress, finite_overlap=True)
         off.append(np.max(np.abs(exact.normal_force / small.normal_force - 1)))
         strain = float(np.max(np.abs(small.strain)))
         assert 0.01 * strain < off[-1] < 100 * strain
     assert off[1] / off[0] == pytest.approx(100.0, rel=0.1)  # overlaps go with the power 2/3
 
 
-# -- edges, gravity ---------------------------------------------------------------------------------------------------
+# -- edges, gravity --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("follows", [False, True])
@@ -590,21 +736,35 @@ def test_a_column_carries_its_weight(follows):
 def test_gravity_may_be_an_array_that_is_broadcast_with_the_loads():
     column = gp.Crystal.on("chain", [PLAIN]).cut(0, 20, ("floor", "free"))
     weight = 20 * PLAIN.mass * np.array([G, 1.62])
-    assert_allclose(column.at_pressure(0.0, gravity=[-G, -1.62]).normal_force[:, -1], weight, rtol=1e-12)
+    assert_allclose(
+        column.at_pressure(0.0, gravity=[-G, -1.62]).normal_force[:, -1], weight, rtol=1e-12
+    )
     both = column.at_pressure([[1.0], [2.0]], gravity=[-G, -1.62])
     assert_allclose(both.normal_force[..., -1], np.add.outer([1.0, 2.0], weight), rtol=1e-12)
-    assert_allclose(column.at_force([3.0, 4.0], gravity=-G).normal_force.mean(axis=1), [3.0, 4.0], rtol=1e-12)
+    assert_allclose(
+        column.at_force([3.0, 4.0], gravity=-G).normal_force.mean(axis=1), [3.0, 4.0], rtol=1e-12
+    )
     wall = gp.Crystal.on("triangular", [PLAIN]).cut(1, 5, ("floor", "free"))
     fields = np.array([[0.0, -G], [0.0, -1.62]])
     stressed = wall.at_stress([-1.0], gravity=fields)
     strained = wall.at_strain([[-1e-5], [-2e-5]], gravity=fields)
     for number, field in enumerate(fields):
-        assert_allclose(stressed[number].normal_force, wall.at_stress([-1.0], gravity=field).normal_force, rtol=1e-12)
+        assert_allclose(
+            stressed[number].normal_force,
+            wall.at_stress([-1.0], gravity=field).normal_force,
+            rtol=1e-12,
+        )
         one = wall.at_strain([(-1e-5, -2e-5)[number]], gravity=field)
         assert_allclose(strained[number].normal_force, one.normal_force, rtol=1e-12)
     for make, told in (
-        (lambda: wall.at_pressure([1.0, 2.0, 3.0], gravity=fields), r"shape \(2, 2\), and the loads \(3,\)"),
-        (lambda: wall.at_pressure([0.0, 1.0], gravity=[[0.0, 0.0], [0.0, -1.0]]), "pressure is zero"),
+        (
+            lambda: wall.at_pressure([1.0, 2.0, 3.0], gravity=fields),
+            r"shape \(2, 2\), and the loads \(3,\)",
+        ),
+        (
+            lambda: wall.at_pressure([0.0, 1.0], gravity=[[0.0, 0.0], [0.0, -1.0]]),
+            "pressure is zero",
+        ),
         (lambda: wall.at_pressure(0.0, gravity=[[0.0, -G], [1.0, 0.0]]), "acts along x.*repeats"),
     ):
         with pytest.raises(InputError, match=told):
@@ -612,23 +772,34 @@ def test_gravity_may_be_an_array_that_is_broadcast_with_the_loads():
 
 
 def test_modes_of_a_column_are_those_of_a_bessel_function():
-    """The lowest modes of N balls are (5/6) j_n N^(-5/6) (3 g/2 delta_1)^(1/2), with the overlap delta_1 under one weight.
+    """The lowest modes of N balls are (5/6) j_n N^(-5/6) (3 g/2 delta_1)^(1/2), with the overlap
+    delta_1 under one weight.
 
-    The stiffness under depth z goes as z^(1/3): the modes of long waves are u = s^(2/5) J_(-2/5)(s), s = j_n (z/N)^(5/6),
-    with the zeros j_n of J_(-2/5). By the Euler-Maclaurin formula in Rayleigh's quotient they are off by A/N^2 with
+    The stiffness under depth z goes as z^(1/3): the modes of long waves are u = s^(2/5)
+    J_(-2/5)(s), s = j_n (z/N)^(5/6), with the zeros j_n of J_(-2/5). By the Euler-Maclaurin formula
+    in Rayleigh's quotient they are off by A/N^2 with
 
-        A = 5/216 - <u'^2>/24 = 5/216 - (25/432) j^(2/5) int_0^j s^(3/5) J_(3/5)(s)^2 ds / J_(3/5)(j)^2,
+        A = 5/216 - <u'^2>/24 = 5/216 - (25/432) j^(2/5) int_0^j s^(3/5) J_(3/5)(s)^2 ds /
+        J_(3/5)(j)^2,
 
-    as a rigid floor is a mirror, whose contact is twice as stiff. The free end, where k goes as the root, adds N^(-8/3).
+    as a rigid floor is a mirror, whose contact is twice as stiff. The free end, where k goes as the
+    root, adds N^(-8/3).
     """
-    zeros = np.array([brentq(lambda x: jv(-0.4, x), at - 0.3, at + 0.3, xtol=1e-15) for at in (1.75, 4.88, 8.02)])
+    zeros = np.array(
+        [brentq(lambda x: jv(-0.4, x), at - 0.3, at + 0.3, xtol=1e-15) for at in (1.75, 4.88, 8.02)]
+    )
     integral = np.array([quad(lambda x: x**0.6 * jv(0.6, x) ** 2, 0.0, zero)[0] for zero in zeros])
     wanted = 5 / 216 - 25 / 432 * zeros**0.4 * integral / jv(0.6, zeros) ** 2
     law = gp.Hertz().between(PLAIN, PLAIN)
     unit = math.sqrt(G / law.overlap(PLAIN.mass * G))
-    counts, off = np.array([80, 160, 320, 640, 1280])[:, None], []
+    counts = np.array([80, 160, 320, 640, 1280])[:, None]
+    off = []
     for n in counts[:, 0]:
-        state = gp.Crystal.on("chain", [PLAIN]).cut(0, n, ("floor", "free")).at_pressure(0.0, gravity=(-G,))
+        state = (
+            gp.Crystal.on("chain", [PLAIN])
+            .cut(0, n, ("floor", "free"))
+            .at_pressure(0.0, gravity=(-G,))
+        )
         found = gp.Waves(state.network).modes(3).frequencies * 2 * math.pi
         off.append(found / (5 / 6 * math.sqrt(1.5) * zeros * float(n) ** (-5 / 6) * unit) - 1)
     scaled = np.array(off) * counts**2
@@ -638,12 +809,15 @@ def test_modes_of_a_column_are_those_of_a_bessel_function():
     # what is left of A falls as N^(-2/3)
     left = scaled / wanted - 1.0
     assert_allclose(left[:-1] / left[1:], np.full((4, 3), 2 ** (2 / 3)), rtol=0.05)
-    assert_allclose((2 ** (2 / 3) * scaled[1:] - scaled[:-1])[-1] / (2 ** (2 / 3) - 1), wanted, rtol=1e-5)
+    assert_allclose(
+        (2 ** (2 / 3) * scaled[1:] - scaled[:-1])[-1] / (2 ** (2 / 3) - 1), wanted, rtol=1e-5
+    )
 
 
 def test_a_layer_on_a_floor_and_faces_that_are_pressed():
     plane = gp.Crystal.on("triangular", [PLAIN])
-    weight, d = PLAIN.mass * G, 8e-3
+    weight = PLAIN.mass * G
+    d = 8e-3
     layer = plane.cut(1, 5, ("floor", "free"))
     assert (layer.periods, layer.n_balls, layer.n_contacts) == (1, 5, 5 + 8 + 1)
     state = layer.at_pressure(0.0, gravity=(0.0, -G))
@@ -655,7 +829,8 @@ def test_a_layer_on_a_floor_and_faces_that_are_pressed():
     assert state.network.n_contacts == 9
     pressed = layer.at_pressure(100.0, gravity=(0.0, -G))
     assert_allclose(pressed.normal_force[-1], 5 * weight + 100.0 * d, rtol=1e-12)
-    # without gravity the periods are pressed too: contacts across layers carry P d/sqrt 3, as in the bulk
+    # without gravity the periods are pressed too: contacts across layers carry P d/sqrt 3, as in
+    # the bulk
     for edges in ("free", "floor", "clamped", ("floor", "free"), ("clamped", "floor")):
         strip = plane.cut(1, 5, edges).at_pressure(100.0)
         table = strip.crystal.contacts
@@ -709,7 +884,7 @@ def test_a_vacancy_and_a_defect():
     assert list_contacts(again) == list_contacts(hole)
 
 
-# -- extremes, errors -------------------------------------------------------------------------------------------------
+# -- extremes, errors ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("overlap", [1e-14, 1e-9, 1e-2])
@@ -726,7 +901,12 @@ def test_extremes_of_overlap_mass_and_stiffness(overlap, ratio):
         deep = crystal.at_overlap(2e-2 * 8e-3)
         assert not deep.valid
         assert "a contact is 14.14 % of that of a ball" in deep.warnings[0]
-    mixed = gp.Crystal.on("triangular", [PLAIN]).repeat((2, 2)).replace(0, other).at_overlap(overlap * 8e-3)
+    mixed = (
+        gp.Crystal.on("triangular", [PLAIN])
+        .repeat((2, 2))
+        .replace(0, other)
+        .at_overlap(overlap * 8e-3)
+    )
     assert_allclose(mixed.overlap[mixed.normal_force > 0].mean(), overlap * 8e-3, rtol=1e-12)
     assert np.max(np.abs(pull_on_balls(mixed)[0])) < 1e-12 * mixed.normal_force.mean()
 
@@ -761,20 +941,34 @@ def test_doubts_are_said():
 
 @pytest.mark.parametrize(
     "law",
-    [None, {tuple(pair.split()): gp.PowerLaw(1.5, 1e9 * len(pair)) for pair in ("A A", "B A", "B B", "A floor", "floor B")}],
+    [
+        None,
+        {
+            tuple(pair.split()): gp.PowerLaw(1.5, 1e9 * len(pair))
+            for pair in ("A A", "B A", "B B", "A floor", "floor B")
+        },
+    ],
 )
 def test_a_state_is_plain_data_and_back(law):
     other = gp.Ball(PLAIN.material, 8e-3, mass=1e-2, spread=gp.Uniform(1e-6))
     sample = gp.Crystal.on("hcp", [PLAIN, other], law=law).sample((2, 2, 2))
     slab = sample.cut(0, 2, ("floor", "free")).remove(3)
-    for state, unit in ((slab.at_pressure(1e5), "N/m"), (sample.at_pressure([1e5, 2e5], finite_overlap=True), "Pa")):
+    for state, unit in (
+        (slab.at_pressure(1e5), "N/m"),
+        (sample.at_pressure([1e5, 2e5], finite_overlap=True), "Pa"),
+    ):
         back = type(state).from_dict(json.loads(json.dumps(state.to_dict())))
         assert back == state
         assert pickle.loads(pickle.dumps(state)) == state
         assert back.to_dict()["units"]["stress"] == unit
-        assert_allclose(*(one.at_pressure(1e5).normal_force for one in (back.crystal, state.crystal)), rtol=1e-12)
+        assert_allclose(
+            *(one.at_pressure(1e5).normal_force for one in (back.crystal, state.crystal)),
+            rtol=1e-12,
+        )
     with pytest.raises(InputError, match="Saturating"):
-        gp.CrystalState.from_dict(gp.Crystal.on("square", [PLAIN], law=Saturating()).at_force(1e-3).to_dict())
+        gp.CrystalState.from_dict(
+            gp.Crystal.on("square", [PLAIN], law=Saturating()).at_force(1e-3).to_dict()
+        )
 
 
 SQUARE = gp.Crystal.on("square", [PLAIN])
@@ -785,101 +979,191 @@ ERRORS = {
     "turned": (lambda: gp.Crystal([PLAIN], [[0.0, 8e-3]], [[0.0, 0.0]]), "does not lie along x"),
     "flat": (lambda: gp.Crystal([PLAIN], np.zeros((2, 2)), [[0.0, 0.0]]), "has no room for a ball"),
     "nan": (lambda: gp.Crystal([PLAIN], [[math.nan]], [[0.0]]), "is not finite"),
-    "apart": (lambda: gp.Crystal([S, A], [[0.04]], [[0.0], [0.0195]]), "ball 0 of crystal .* touches no other"),
-    "rounded": (lambda: gp.Crystal([S, A], [[0.03811]], [[0.0], [0.01905]]), "nearly touch.* Multiply|with eight digits"),
-    "overlapping": (lambda: gp.Crystal([S, A], [[0.0381]], [[0.0], [0.015]]), "overlap. Balls 0 and 1 are 0.015 m"),
-    "scaled": (lambda: gp.Crystal([PLAIN], 8.001e-3 * np.eye(2), [[0, 0]]), "Multiply the cell and the positions by 0"),
-    "pieces": (lambda: gp.Crystal([PLAIN] * 2, [[8e-3, 0], [0, 0.05]], [[0.0, 0.0], [0.0, 0.02]]), "falls into pieces"),
-    "lattice": (lambda: gp.Crystal.on("cubic", [S]), "unknown lattice 'cubic'. Use chain, .*zincblende"),
+    "apart": (
+        lambda: gp.Crystal([S, A], [[0.04]], [[0.0], [0.0195]]),
+        "ball 0 of crystal .* touches no other",
+    ),
+    "rounded": (
+        lambda: gp.Crystal([S, A], [[0.03811]], [[0.0], [0.01905]]),
+        "nearly touch.* Multiply|with eight digits",
+    ),
+    "overlapping": (
+        lambda: gp.Crystal([S, A], [[0.0381]], [[0.0], [0.015]]),
+        "overlap. Balls 0 and 1 are 0.015 m",
+    ),
+    "scaled": (
+        lambda: gp.Crystal([PLAIN], 8.001e-3 * np.eye(2), [[0, 0]]),
+        "Multiply the cell and the positions by 0",
+    ),
+    "pieces": (
+        lambda: gp.Crystal([PLAIN] * 2, [[8e-3, 0], [0, 0.05]], [[0.0, 0.0], [0.0, 0.02]]),
+        "falls into pieces",
+    ),
+    "lattice": (
+        lambda: gp.Crystal.on("cubic", [S]),
+        "unknown lattice 'cubic'. Use chain, .*zincblende",
+    ),
     "kinds": (lambda: gp.Crystal.on("fcc", [S, A]), "2 kinds of balls do not go on the 1 site"),
     "sizes": (lambda: gp.Crystal.on("hcp", [S, PLAIN]), "cannot all touch on the hcp lattice"),
-    "cage": (lambda: gp.Crystal.on("NaCl", [S, gp.Ball(STEEL, 3e-3)]), "ball B of 0.003 m is too small .* of 0.00789077 m"),
+    "cage": (
+        lambda: gp.Crystal.on("NaCl", [S, gp.Ball(STEEL, 3e-3)]),
+        "ball B of 0.003 m is too small .* of 0.00789077 m",
+    ),
     "names": (
-        lambda: gp.Crystal.on("chain", [gp.Ball(STEEL, 1e-3, name="A"), gp.Ball(STEEL, 2e-3, name="A")]),
+        lambda: gp.Crystal.on(
+            "chain", [gp.Ball(STEEL, 1e-3, name="A"), gp.Ball(STEEL, 2e-3, name="A")]
+        ),
         "two kinds are called 'A'",
     ),
     "law": (lambda: gp.Crystal.on("chain", [S], law=3.0), "contact law 3.0 has no method force"),
-    "motions": (lambda: gp.Crystal.on("chain", [S], motions="up"), "has no motions 'up'. It lies on a line"),
+    "motions": (
+        lambda: gp.Crystal.on("chain", [S], motions="up"),
+        "has no motions 'up'. It lies on a line",
+    ),
     "tension": (lambda: SQUARE.at_pressure(-1.0), "tensile"),
     "zero": (lambda: SQUARE.at_pressure(0.0), "pressure is zero"),
     "no force": (lambda: SQUARE.at_force(0.0), "force is zero"),
     "open": (lambda: SQUARE.at_strain([1e-4, 1e-4, 0.0]), "all contacts are open under the strain"),
-    "deep": (lambda: SQUARE.at_pressure(1e12), "presses the balls together by .* diameters. Balls cannot overlap"),
+    "deep": (
+        lambda: SQUARE.at_pressure(1e12),
+        "presses the balls together by .* diameters. Balls cannot overlap",
+    ),
     "pulled": (lambda: SQUARE.at_stress([1e3, 0.0, 0.0]), "cannot bear the stress"),
-    "sheared": (lambda: SQUARE.at_stress([-1e3, -1e3, 1.0]), "cannot bear the stress .* Press the crystal from the sides"),
+    "sheared": (
+        lambda: SQUARE.at_stress([-1e3, -1e3, 1.0]),
+        "cannot bear the stress .* Press the crystal from the sides",
+    ),
     "skew": (lambda: SQUARE.at_stress([[-1.0, 0.5], [0.0, -1.0]]), "stress is not symmetric"),
     "shape": (lambda: SQUARE.at_stress([-1.0, -1.0]), "stress has the shape"),
-    "falls": (lambda: SQUARE.at_pressure(1.0, gravity=(0.0, -G)), "gravity acts along y, where crystal 'square' repeats"),
+    "falls": (
+        lambda: SQUARE.at_pressure(1.0, gravity=(0.0, -G)),
+        "gravity acts along y, where crystal 'square' repeats",
+    ),
     "no floor": (lambda: SQUARE.cut(1, 3).at_pressure(1.0, gravity=(0.0, -G)), "stands on nothing"),
-    "slides": (lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=(1.0, -G)), "gravity acts along x"),
+    "slides": (
+        lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=(1.0, -G)),
+        "gravity acts along x",
+    ),
     "lifted": (
         lambda: SQUARE.cut(1, 3, ("floor", "free")).at_pressure(0.0, gravity=(0.0, G)),
-        r"cannot bear a pressure of 0 N/m .* along y, away from the floor .* their weight, 7.732 N/m",
+        r"cannot bear a pressure of 0 N/m .* along y, away from the floor .* their weight,"
+        r" 7.732 N/m",
     ),
     "not lifted": (  # by its weight: nothing holds the balls of an oblique cut from the sides
-        lambda: SQUARE.cut((-2, -1), 3, ("free", "floor")).at_pressure(1e6, gravity=(0.0, -G)), "cannot bear .* only push",
+        lambda: SQUARE.cut((-2, -1), 3, ("free", "floor")).at_pressure(1e6, gravity=(0.0, -G)),
+        "cannot bear .* only push",
     ),
     "lifted down": (
-        lambda: SQUARE.cut(1, 3, ("free", "clamped")).at_pressure(1.0, gravity=(0.0, -G)), "along -y, away from the clamped",
+        lambda: SQUARE.cut(1, 3, ("free", "clamped")).at_pressure(1.0, gravity=(0.0, -G)),
+        "along -y, away from the clamped",
     ),
     "pulled as hard": (
-        lambda: gp.Crystal.on("chain", [PLAIN]).at_stress([5.0]), "A pressure above 5 N from all sides in addition would do",
+        lambda: gp.Crystal.on("chain", [PLAIN]).at_stress([5.0]),
+        "A pressure above 5 N from all sides in addition would do",
     ),
-    "no load": (lambda: gp.Phonons(SQUARE), r"has no load. .* Press it, .* crystal.at_force\(...\), in N"),
+    "no load": (
+        lambda: gp.Phonons(SQUARE),
+        r"has no load. .* Press it, .* crystal.at_force\(...\), in N",
+    ),
     "no load of velocities": (lambda: gp.sound_velocities(SQUARE), "has no load"),
     "no load of an exponent": (lambda: gp.local_exponent(SQUARE), "has no load"),
     "no load of a picture": (lambda: gp.plot(SQUARE), "has no load"),
-    "millimetres": (lambda: gp.Crystal([gp.Ball(STEEL, 1e-2)], [[10.0]], [[0.0]]), "is 10 m away.* they look like mm"),
-    "micrometres": (
-        lambda: gp.Crystal([gp.Ball(STEEL, 1e-5)] * 2, 20.0 * np.eye(2), [[0, 0], [10.0, 0]]), "is 10 m .*look like um",
+    "millimetres": (
+        lambda: gp.Crystal([gp.Ball(STEEL, 1e-2)], [[10.0]], [[0.0]]),
+        "is 10 m away.* they look like mm",
     ),
-    "kilometres": (lambda: gp.Crystal([gp.Ball(STEEL, 8.0)] * 2, [], [[0.0], [8e-3]]), "Compare the units: diameters, cell"),
-    "no balls": (lambda: gp.Crystal(None, [[8e-3]], [[0.0]]), "the balls are None. Give a list of granphon.Ball"),
+    "micrometres": (
+        lambda: gp.Crystal([gp.Ball(STEEL, 1e-5)] * 2, 20.0 * np.eye(2), [[0, 0], [10.0, 0]]),
+        "is 10 m .*look like um",
+    ),
+    "kilometres": (
+        lambda: gp.Crystal([gp.Ball(STEEL, 8.0)] * 2, [], [[0.0], [8e-3]]),
+        "Compare the units: diameters, cell",
+    ),
+    "no balls": (
+        lambda: gp.Crystal(None, [[8e-3]], [[0.0]]),
+        "the balls are None. Give a list of granphon.Ball",
+    ),
     "set": (lambda: gp.Crystal.on("chain", {S, A}), "Give a list of granphon.Ball"),
     "called": (lambda: gp.Crystal.on("chain", [S], name=5), "name: found 5; allowed: a name"),
-    "twice": (lambda: gp.Crystal([S, S], [[0.0381]], [[0.0], [0.0381]]), "0 m apart, .* Give each site of the cell once"),
+    "twice": (
+        lambda: gp.Crystal([S, S], [[0.0381]], [[0.0], [0.0381]]),
+        "0 m apart, .* Give each site of the cell once",
+    ),
     "balls of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), S), "Give balls by symbols"),
     "ball of atoms": (lambda: gp.Crystal.from_atoms(Atoms("Na"), {"Na": 5}), "5 is not a ball"),
     "no atoms": (lambda: gp.Crystal.from_atoms(Atoms(), {"Na": S}), "there are no atoms"),
     "no contact": (lambda: SQUARE.repeat((3, 3)).remove(range(8)), "no balls of crystal .* touch"),
     "no load chosen": (lambda: SQUARE.at_force([1.0, 2.0])[[]], "selects none of the loads"),
-    "cluster": (lambda: gp.Crystal([S, S], [], [[0.0], [19.05e-3]]).at_pressure(1.0), "neither periods nor faces"),
+    "cluster": (
+        lambda: gp.Crystal([S, S], [], [[0.0], [19.05e-3]]).at_pressure(1.0),
+        "neither periods nor faces",
+    ),
     "inside out": (
-        lambda: SQUARE.at_strain(-1.5 * np.eye(2), finite_overlap=True), "shortens crystal 'square' by 1.5 of its length",
+        lambda: SQUARE.at_strain(-1.5 * np.eye(2), finite_overlap=True),
+        "shortens crystal 'square' by 1.5 of its length",
     ),
     "moves aside": (
-        lambda: gp.Crystal.on("diamond", [PLAIN], law=gp.PowerLaw(1.0, 1e6)).repeat((2, 2, 2)).remove(0).at_strain(
-            -1e-5 * np.array([1.0, 1.6, 0.2, -0.2, 0.0, 0.5])
-        ), "all contacts are open under the strain",
+        lambda: (
+            gp.Crystal.on("diamond", [PLAIN], law=gp.PowerLaw(1.0, 1e6))
+            .repeat((2, 2, 2))
+            .remove(0)
+            .at_strain(-1e-5 * np.array([1.0, 1.6, 0.2, -0.2, 0.0, 0.5]))
+        ),
+        "all contacts are open under the strain",
     ),
     "no face": (
-        lambda: gp.Crystal.on("square", [PLAIN]).repeat((2, 1)).cut(1, 3, "floor").remove([0, 1]), "no ball is left",
+        lambda: gp.Crystal.on("square", [PLAIN]).repeat((2, 1)).cut(1, 3, "floor").remove([0, 1]),
+        "no ball is left",
     ),
     "held alone": (lambda: SQUARE.cut(0, 1, "clamped").repeat((3,)).remove([0, 1]), "touch"),
-    "four indices": (lambda: gp.Crystal.on("fcc", [PLAIN]).cut((1, 0, -1, 0), 3), "belong to a hexagonal cell.* Give three"),
-    "wrong third": (lambda: gp.Crystal.on("hcp", [PLAIN]).cut((1, 0, 1, 0), 3), "is minus the sum of the first two"),
+    "four indices": (
+        lambda: gp.Crystal.on("fcc", [PLAIN]).cut((1, 0, -1, 0), 3),
+        "belong to a hexagonal cell.* Give three",
+    ),
+    "wrong third": (
+        lambda: gp.Crystal.on("hcp", [PLAIN]).cut((1, 0, 1, 0), 3),
+        "is minus the sum of the first two",
+    ),
     "largest force": (
         lambda: gp.Crystal.on("square", [PLAIN], law=Saturating()).at_force(20.0),
         "a contact law does not reach the forces under a mean force of 20 N.* about 20 N",
     ),
     "moduli apart": (
-        lambda: gp.Crystal.on("chain", [PLAIN, PLAIN, gp.Ball(gp.Material(2e-7, 0.3, 8000.0), 8e-3)]).at_pressure(1e-6),
+        lambda: gp.Crystal.on(
+            "chain", [PLAIN, PLAIN, gp.Ball(gp.Material(2e-7, 0.3, 8000.0), 8e-3)]
+        ).at_pressure(1e-6),
         "stiffnesses of contacts differ by a factor of .* up to 1e.10",
     ),
     "weights apart": (
-        lambda: gp.Crystal.on("fcc", [PLAIN]).repeat((3, 3, 1)).cut((1, 1, 1), 4, ("floor", "free")).at_pressure(
-            3e4, gravity=(0.0, 0.0, -1e-9)
+        lambda: (
+            gp.Crystal.on("fcc", [PLAIN])
+            .repeat((3, 3, 1))
+            .cut((1, 1, 1), 4, ("floor", "free"))
+            .at_pressure(3e4, gravity=(0.0, 0.0, -1e-9))
         ),
         "the forces of the load on balls differ by a factor of .* up to 1e.06",
     ),
-    "vector": (lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=-G), "gravity has the shape"),
-    "axis": (lambda: SQUARE.cut(2, 3), "axis is 2. Give the number of a vector of the cell, 0 to 1"),
-    "edges": (lambda: SQUARE.cut(0, 3, "glued"), "edges: found 'glued'; allowed: free, clamped, floor"),
+    "vector": (
+        lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=-G),
+        "gravity has the shape",
+    ),
+    "axis": (
+        lambda: SQUARE.cut(2, 3),
+        "axis is 2. Give the number of a vector of the cell, 0 to 1",
+    ),
+    "edges": (
+        lambda: SQUARE.cut(0, 3, "glued"),
+        "edges: found 'glued'; allowed: free, clamped, floor",
+    ),
     "index": (lambda: SQUARE.replace(1, S), "indices of balls, 0 to 0, each once"),
     "size": (lambda: SQUARE.replace(0, S), "Its neighbours would overlap or miss it"),
     "last": (lambda: SQUARE.remove(0), "no ball is left"),
-    "hanging": (lambda: gp.Crystal.on("chain", [PLAIN]).repeat((4,)).remove(1), "falls into pieces"),
-}  # fmt: skip
+    "hanging": (
+        lambda: gp.Crystal.on("chain", [PLAIN]).repeat((4,)).remove(1),
+        "falls into pieces",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", ERRORS)
@@ -898,7 +1182,9 @@ def test_a_tree_finds_the_contacts_that_all_pairs_have(seed):
     crystal = gp.Crystal.on(name, [PLAIN])
     large = crystal.repeat({1: (45,), 2: (5, 9), 3: (3, 4, 4)}[crystal.periods])
     order = rng.permutation(large.n_balls)
-    places = (large.positions + rng.integers(-1, 2, (large.n_balls, large.periods)) @ large.cell)[order]
+    places = (large.positions + rng.integers(-1, 2, (large.n_balls, large.periods)) @ large.cell)[
+        order
+    ]
     found = gp.Crystal([PLAIN] * large.n_balls, large.cell, places)
     # every ball has its neighbours, at the right distance, and no contact is there twice
     assert len(set(list_contacts(found))) == found.n_contacts == large.n_contacts
@@ -913,15 +1199,22 @@ def test_a_tree_finds_the_contacts_that_all_pairs_have(seed):
 def test_loads_beyond_double_precision_are_refused(finite):
     crystal = gp.Crystal.on("fcc", [PLAIN])
     for find, value in (
-        (crystal.at_pressure, 1e250), (crystal.at_force, 1e300), (crystal.at_overlap, 1e200),
-        (crystal.at_stress, -1e300 * np.eye(3)), (crystal.at_strain, -1e200 * np.eye(3)),
-    ):  # fmt: skip
-        with pytest.raises(InputError, match=r"beyond double precision|diameter or more|strain above -1"):
+        (crystal.at_pressure, 1e250),
+        (crystal.at_force, 1e300),
+        (crystal.at_overlap, 1e200),
+        (crystal.at_stress, -1e300 * np.eye(3)),
+        (crystal.at_strain, -1e200 * np.eye(3)),
+    ):
+        with pytest.raises(
+            InputError, match=r"beyond double precision|diameter or more|strain above -1"
+        ):
             find(value, finite_overlap=finite)
 
 
 def test_loads_whose_pressure_is_beyond_floats_are_refused_at_once(monkeypatch):
-    """Of what is cut the pressure of a force is greater than the force; where gravity presses more, none is found."""
+    """Of what is cut the pressure of a force is greater than the force; where gravity presses more,
+    none is found.
+    """
     tried = []
     settle = crystal_module.settle
     monkeypatch.setattr(crystal_module, "settle", lambda *given: tried.append(1) or settle(*given))
@@ -946,25 +1239,34 @@ def test_crystals_that_do_not_fit_into_memory_are_refused():
 
 def test_velocities_and_moduli_take_several_loads():
     """Those of each load, with the axes of the load in front."""
-    states = gp.Crystal.on("NaCl", [PLAIN, gp.Ball(ALUMINIUM, PLAIN.diameter)]).at_force([[1.0, 5.0, 20.0]])
+    states = gp.Crystal.on("NaCl", [PLAIN, gp.Ball(ALUMINIUM, PLAIN.diameter)]).at_force(
+        [[1.0, 5.0, 20.0]]
+    )
     ways = [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]
-    sound, elastic = gp.sound_velocities(states, ways), gp.moduli(states)
+    sound = gp.sound_velocities(states, ways)
+    elastic = gp.moduli(states)
     assert sound.velocities.shape == (1, 3, 2, 3)
     assert sound.longitudinal.shape == (1, 3, 2)
     assert elastic.tensor.shape == (1, 3, 6, 6)
     assert elastic.cubic
     for at in range(3):
         alone = states[0, at]
-        assert_allclose(sound.velocities[0, at], gp.sound_velocities(alone, ways).velocities, rtol=1e-15)
+        assert_allclose(
+            sound.velocities[0, at], gp.sound_velocities(alone, ways).velocities, rtol=1e-15
+        )
         assert_allclose(elastic.bulk[0, at], gp.moduli(alone).bulk, rtol=1e-15)
     assert_allclose(
-        sound.longitudinal[0, 1:] / sound.longitudinal[0, :1], [[5 ** (1 / 6)] * 2, [20 ** (1 / 6)] * 2], rtol=1e-12
+        sound.longitudinal[0, 1:] / sound.longitudinal[0, :1],
+        [[5 ** (1 / 6)] * 2, [20 ** (1 / 6)] * 2],
+        rtol=1e-12,
     )
 
 
 def test_balls_without_periods_are_a_cluster():
     side = PLAIN.diameter
-    cluster = gp.Crystal([PLAIN] * 3, [], [[0.0, 0.0], [side, 0.0], [side / 2.0, side * 3.0**0.5 / 2.0]])
+    cluster = gp.Crystal(
+        [PLAIN] * 3, [], [[0.0, 0.0], [side, 0.0], [side / 2.0, side * 3.0**0.5 / 2.0]]
+    )
     assert (cluster.periods, cluster.n_contacts) == (0, 3)
     with pytest.raises(InputError, match="neither periods nor faces"):
         cluster.at_force(1.0)
@@ -982,7 +1284,9 @@ def test_contacts_that_adhere_have_no_mean_force_or_overlap_at_or_below_zero(val
 def test_laws_of_pairs_may_name_a_defect_and_name_each_pair_once():
     one, heavy = gp.Ball(STEEL, 8e-3, name="steel"), gp.Ball(STEEL, 8e-3, mass=0.05, name="heavy")
     laws = {("steel", "steel"): gp.Hertz(), ("heavy", "steel"): gp.PowerLaw(1.0, 1e7)}
-    state = gp.Crystal.on("triangular", [one], law=laws).repeat((3, 3)).replace(4, heavy).at_force(1.0)
+    state = (
+        gp.Crystal.on("triangular", [one], law=laws).repeat((3, 3)).replace(4, heavy).at_force(1.0)
+    )
     assert np.count_nonzero(np.isclose(state.normal_stiffness, 1e7)) == 6
     with pytest.raises(InputError, match="two laws for contacts of"):
         gp.Crystal.on("triangular", [one], law=laws | {("steel", "heavy"): gp.Hertz()})
@@ -990,25 +1294,39 @@ def test_laws_of_pairs_may_name_a_defect_and_name_each_pair_once():
         gp.Crystal.on("triangular", [one], law=gp.Hertz)
 
 
-@pytest.mark.parametrize(("name", "finite"), [("NaCl", True), ("NaCl", False), ("square", True), ("fcc", True)])
+@pytest.mark.parametrize(
+    ("name", "finite"), [("NaCl", True), ("NaCl", False), ("square", True), ("fcc", True)]
+)
 def test_bands_of_a_supercell_without_friction_are_folded(name, finite):
-    """Under finite overlap static forces act across contacts, and only some of the rows of C are there."""
+    """Under finite overlap static forces act across contacts, and only some of the rows of C are
+    there.
+    """
     crystal = gp.Crystal.on(name, [PLAIN, SOFT] if name == "NaCl" else [PLAIN], friction=False)
-    p, q = crystal.periods, np.random.default_rng(3).random((2, crystal.periods))
-    one, many = (gp.Phonons(c.at_force(10.0, finite_overlap=finite)) for c in (crystal, crystal.repeat((2,) * p)))
+    p = crystal.periods
+    q = np.random.default_rng(3).random((2, crystal.periods))
+    one, many = (
+        gp.Phonons(c.at_force(10.0, finite_overlap=finite))
+        for c in (crystal, crystal.repeat((2,) * p))
+    )
     folded = [one.frequencies((q + step) / 2.0) for step in itertools.product((0, 1), repeat=p)]
     assert_allclose(many.frequencies(q), np.sort(np.concatenate(folded, axis=1), axis=1), rtol=1e-9)
 
 
 def twin_energy(crystal, laws, cell_rate):
-    """The energy of small overlaps, contact by contact, as a function of (u of all balls, strain in Voigt order)."""
-    n, d, p = crystal.n_balls, crystal.dimension, crystal.periods
+    """The energy of small overlaps, contact by contact, as a function of (u of all balls, strain in
+    Voigt order).
+    """
+    n = crystal.n_balls
+    d = crystal.dimension
+    p = crystal.periods
     found = []
     radii = [ball.diameter / 2 for ball in crystal.balls]
     for i, j in itertools.product(range(n), repeat=2):
         for step in itertools.product((-1, 0, 1), repeat=p):
             vector = crystal.positions[j] + np.array(step) @ crystal.cell - crystal.positions[i]
-            if (i, *step) < (j, *(-one for one in step)) and abs(np.linalg.norm(vector) - radii[i] - radii[j]) < 1e-8:
+            if (i, *step) < (j, *(-one for one in step)) and abs(
+                np.linalg.norm(vector) - radii[i] - radii[j]
+            ) < 1e-8:
                 found.append((i, j, vector, vector / np.linalg.norm(vector), laws(i, j)))
     pairs = [(a, b) for a in range(p) for b in range(a, p)]
 
@@ -1048,9 +1366,11 @@ CELLS = {
 def test_rest_is_the_minimum_of_the_energy_that_scipy_finds(name, seed):
     lattice, shape, soft = CELLS[name]
     crystal = gp.Crystal.on(lattice, [PLAIN]).repeat(shape).replace(soft, SOFT)
-    p, rng = crystal.periods, np.random.default_rng(seed)
+    p = crystal.periods
+    rng = np.random.default_rng(seed)
     noise = rng.uniform(-1.0, 1.0, (p, p))
-    ring = {"triangular": 0.2, "fcc": 0.2, "bcc": 0.0, "kagome": 0.0}[name]  # the last two have mechanisms
+    # the last two have mechanisms
+    ring = {"triangular": 0.2, "fcc": 0.2, "bcc": 0.0, "kagome": 0.0}[name]
     stress = -(np.eye(p) + ring * (noise + noise.T) / 2) * {2: 2e3, 3: 3e5}[p]
     state = crystal.at_stress(stress)
     kinds = [PLAIN if ball == PLAIN else SOFT for ball in crystal.balls]
@@ -1058,7 +1378,8 @@ def test_rest_is_the_minimum_of_the_energy_that_scipy_finds(name, seed):
 
     def laws(i, j):
         pair = gp.Hertz().between(kinds[i], kinds[j])
-        return gp.HertzLaw(pair.coefficient * size**1.5)  # of overlaps in units of this size, so that numbers are near one
+        # of overlaps in units of this size, so that numbers are near one
+        return gp.HertzLaw(pair.coefficient * size**1.5)
 
     volume = abs(np.linalg.det(crystal.cell))
     # units: overlaps of ``size``, lengths of cells in m; strain times m is a length
@@ -1081,7 +1402,9 @@ def test_rest_is_the_minimum_of_the_energy_that_scipy_finds(name, seed):
     for at, (a, b) in enumerate(pairs):
         strain[a, b] = strain[b, a] = found.x[u.size + at]
     table = crystal.contacts
-    overlap = -np.einsum("ca,ca->c", table.normal, u[table.j] - u[table.i] + table.vector @ strain) * size
+    overlap = (
+        -np.einsum("ca,ca->c", table.normal, u[table.j] - u[table.i] + table.vector @ strain) * size
+    )
     assert_allclose(np.maximum(overlap, 0.0), np.maximum(state.overlap, 0.0), atol=2e-6 * size)
     assert_allclose(np.linalg.norm(pull_on_balls(state)[0], axis=1), 0.0, atol=1e-12 * scale)
     assert_allclose(state.stress, stress, atol=1e-12 * np.abs(stress).max())

@@ -1,4 +1,6 @@
-"""Crystals drawn at random, of any lattice, kinds, laws and loads: their balance and waves against sums over contacts."""
+"""Crystals drawn at random, of any lattice, kinds, laws and loads: their balance and waves against
+sums over contacts.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +28,12 @@ AXES = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}
 def crystals(draw):
     """A crystal, with defects in some, and what it is made of."""
     lattice = draw(st.sampled_from(sorted(LATTICES)))
-    modulus, ratio = st.floats(7.0, 12.0).map(lambda x: 10.0**x), st.floats(0.05, 0.49)
+    modulus = st.floats(7.0, 12.0).map(lambda x: 10.0**x)
+    ratio = st.floats(0.05, 0.49)
     balls = [
-        gp.Ball(gp.Material(draw(modulus), draw(ratio), draw(st.floats(500.0, 2e4))), 8e-3, name=name)
+        gp.Ball(
+            gp.Material(draw(modulus), draw(ratio), draw(st.floats(500.0, 2e4))), 8e-3, name=name
+        )
         for name in "ABC"[: draw(st.sampled_from(LATTICES[lattice]))]
     ]
     laws = st.one_of(
@@ -36,10 +41,14 @@ def crystals(draw):
         st.builds(gp.PowerLaw, st.floats(1.0, 3.0), st.floats(5.0, 9.0).map(lambda x: 10.0**x)),
         st.builds(gp.DMT, st.floats(1e-3, 1.0)),
     )
-    law, space = draw(laws), lattice not in ("chain", "square", "triangular", "honeycomb")
+    law = draw(laws)
+    space = lattice not in ("chain", "square", "triangular", "honeycomb")
     torsions = st.sampled_from([0.0, 0.05, "mindlin"] if space else [0.0])
     if draw(st.booleans()):
-        law = {pair: draw(laws) for pair in itertools.combinations_with_replacement([ball.name for ball in balls], 2)}
+        law = {
+            pair: draw(laws)
+            for pair in itertools.combinations_with_replacement([ball.name for ball in balls], 2)
+        }
     crystal = gp.Crystal.on(lattice, balls, law=law, torsion=draw(torsions))
     if draw(st.booleans()) and crystal.n_balls == 1:
         crystal = crystal.repeat((2,) * crystal.periods)
@@ -48,10 +57,17 @@ def crystals(draw):
 
 @settings(max_examples=25, deadline=None, phases=(Phase.explicit, Phase.generate))
 @given(
-    crystals(), st.floats(-3.0, 3.0), st.lists(st.floats(-0.2, 0.2), min_size=6, max_size=6), st.booleans(), st.booleans()
+    crystals(),
+    st.floats(-3.0, 3.0),
+    st.lists(st.floats(-0.2, 0.2), min_size=6, max_size=6),
+    st.booleans(),
+    st.booleans(),
 )
-def test_any_crystal_is_in_balance_and_its_waves_are_those_of_its_contacts(crystal, size, shear, uneven, follows):
-    p, d = crystal.periods, crystal.dimension
+def test_any_crystal_is_in_balance_and_its_waves_are_those_of_its_contacts(
+    crystal, size, shear, uneven, follows
+):
+    p = crystal.periods
+    d = crystal.dimension
     least = min(ball.material.young_modulus for ball in crystal.kinds)
     pressure = 1e-9 * least * 8e-3 ** (3 - p) * 10.0**size
     wanted = pressure * np.eye(p)
@@ -65,18 +81,22 @@ def test_any_crystal_is_in_balance_and_its_waves_are_those_of_its_contacts(cryst
     except (InputError, InstabilityError):  # such as a stress that contacts do not bear
         return
     # what acts on each ball, and the stress, from the forces along the normals
-    table, force = crystal.contacts, state.normal_force[:, None] * state.normal
+    table = crystal.contacts
+    force = state.normal_force[:, None] * state.normal
     mean = np.mean(np.abs(state.normal_force))
     pull = np.zeros((crystal.n_balls, d))
     np.add.at(pull, table.j, force)
     np.add.at(pull, table.i, -force)
-    scale = max(mean, np.mean(state.normal_stiffness * np.abs(state.overlap)))  # of attraction and repulsion apart
+    # of attraction and repulsion apart
+    scale = max(mean, np.mean(state.normal_stiffness * np.abs(state.overlap)))
     assert np.max(np.abs(pull)) <= 1e-11 * scale
     deformed = np.eye(p) + state.strain * follows
     virial = force[:, :p].T @ (table.vector[:, :p] + 0.0) @ deformed.T
     size = np.max(np.abs(table.vector)) * scale * len(force)
     volume = crystal.measure * np.linalg.det(deformed)
-    assert_allclose(0.5 * (virial + virial.T) / volume, wanted, rtol=0.0, atol=2e-11 * size / volume)
+    assert_allclose(
+        0.5 * (virial + virial.T) / volume, wanted, rtol=0.0, atol=2e-11 * size / volume
+    )
     # its waves, from the matrix of all contacts one by one
     network = state.network
     fractions = np.full(p, 0.21) + 0.1 * np.arange(p)
@@ -103,46 +123,85 @@ def ask(question, *given):
 @st.composite
 def cells_and_repeats(draw):
     """A crystal of few balls in a cell, and a number of its cells along each vector."""
-    lattice = draw(st.sampled_from(["chain", "square", "triangular", "honeycomb", "sc", "fcc", "diamond", "NaCl", "CsCl"]))
-    kinds = [gp.Ball(gp.Material(193e9, 0.30, 8000.0), 8e-3), gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 6e-3)]
-    balls = kinds if lattice in ("chain", "NaCl", "CsCl", "diamond") and draw(st.booleans()) else kinds[:1]
+    lattice = draw(
+        st.sampled_from(
+            ["chain", "square", "triangular", "honeycomb", "sc", "fcc", "diamond", "NaCl", "CsCl"]
+        )
+    )
+    kinds = [
+        gp.Ball(gp.Material(193e9, 0.30, 8000.0), 8e-3),
+        gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 6e-3),
+    ]
+    balls = (
+        kinds
+        if lattice in ("chain", "NaCl", "CsCl", "diamond") and draw(st.booleans())
+        else kinds[:1]
+    )
     motions = {"chain": ["longitudinal", "in_plane", "all"]}.get(lattice, ["all"])
-    motions = ["in_plane", "out_of_plane", "all"] if lattice in ("square", "triangular", "honeycomb") else motions
+    motions = (
+        ["in_plane", "out_of_plane", "all"]
+        if lattice in ("square", "triangular", "honeycomb")
+        else motions
+    )
     crystal = gp.Crystal.on(
-        lattice, balls, law=draw(st.sampled_from([gp.Hertz(), gp.DMT(0.1)])), friction=draw(st.booleans()),
-        motions=draw(st.sampled_from(motions)), torsion=draw(st.sampled_from([0.0, 0.05])),
+        lattice,
+        balls,
+        law=draw(st.sampled_from([gp.Hertz(), gp.DMT(0.1)])),
+        friction=draw(st.booleans()),
+        motions=draw(st.sampled_from(motions)),
+        torsion=draw(st.sampled_from([0.0, 0.05])),
         bending=draw(st.sampled_from([0.0, 0.03])),
-    )  # fmt: skip
+    )
     p = crystal.periods
     repeats = draw(
-        st.sampled_from([one for one in itertools.product((1, 2, 3), repeat=p) if 1 < np.prod(one) <= (3 if p < 3 else 2)])
+        st.sampled_from(
+            [
+                one
+                for one in itertools.product((1, 2, 3), repeat=p)
+                if 1 < np.prod(one) <= (3 if p < 3 else 2)
+            ]
+        )
     )
     return crystal, repeats
 
 
-CHAIN = gp.Crystal.on("chain", [gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)], motions="in_plane")
-LAYER = gp.Crystal.on("square", [gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)], motions="all", torsion=0.05)
+CHAIN = gp.Crystal.on(
+    "chain", [gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)], motions="in_plane"
+)
+LAYER = gp.Crystal.on(
+    "square", [gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)], motions="all", torsion=0.05
+)
 
 
 @settings(max_examples=15, deadline=None)
 @example((CHAIN, (2,)), -4.0, [0.0] * 6, True)
 @example((CHAIN, (2,)), -4.0, [0.0] * 6, False)
 @example((LAYER, (1, 2)), -3.6, [0.0] * 6, True)
-@given(cells_and_repeats(), st.floats(-7.0, -2.5), st.lists(st.floats(-0.3, 0.3), min_size=6, max_size=6), st.booleans())
+@given(
+    cells_and_repeats(),
+    st.floats(-7.0, -2.5),
+    st.lists(st.floats(-0.3, 0.3), min_size=6, max_size=6),
+    st.booleans(),
+)
 def test_a_crystal_and_its_repeats_are_the_same(cells, size, shares, follows):
     crystal, repeats = cells
-    p, e = crystal.periods, 10.0**size
+    p = crystal.periods
+    e = 10.0**size
     strain = e * (np.diag(shares[:p]) - np.eye(p))
     for (a, b), shear in zip(itertools.combinations(range(p), 2), shares[3:], strict=False):
         strain[a, b] = strain[b, a] = e * shear
-    states = [one.at_strain(strain, finite_overlap=follows) for one in (crystal, crystal.repeat(repeats))]
+    states = [
+        one.at_strain(strain, finite_overlap=follows) for one in (crystal, crystal.repeat(repeats))
+    ]
     for direction in np.eye(p)[:1], np.full((1, p), p**-0.5):
         small, large = (ask(gp.sound_velocities, state, direction[0]) for state in states)
         assert type(small) is type(large)
         if isinstance(small, GranphonError):
             assert str(small) == str(large)
             continue
-        assert_allclose(large.velocities, small.velocities, rtol=1e-8, atol=1e-9 * small.velocities.max())
+        assert_allclose(
+            large.velocities, small.velocities, rtol=1e-8, atol=1e-9 * small.velocities.max()
+        )
         assert len(small.warnings) == len(large.warnings)
     small, large = (ask(lambda state: gp.moduli(state).tensor, state) for state in states)
     assert type(small) is type(large)
@@ -164,14 +223,24 @@ def test_a_crystal_and_its_repeats_are_the_same(cells, size, shares, follows):
     )
 
 
-@pytest.mark.parametrize("direction", [(0, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1), (0.3, -0.5, 0.81), (0.9, 0.2, -0.1)])
+@pytest.mark.parametrize(
+    "direction", [(0, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1), (0.3, -0.5, 0.81), (0.9, 0.2, -0.1)]
+)
 def test_sound_of_pressed_fcc_in_any_direction(direction):
-    """The energy of the eight contacts that carry, of which the rotation of the balls takes the least."""
+    """The energy of the eight contacts that carry, of which the rotation of the balls takes the
+    least.
+    """
     ball = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
     state = gp.Crystal.on("fcc", [ball]).at_strain([0.0, 0.0, -1e-4, 0.0, 0.0, 0.0])
     closed = state.normal_force > 0.0
-    along, energy = np.array(direction) / np.linalg.norm(direction), np.zeros((6, 6))  # of u and phi, per ball
-    for n, k, kappa in zip(state.normal[closed], state.normal_stiffness[closed], state.shear_stiffness[closed], strict=True):
+    along = np.array(direction) / np.linalg.norm(direction)
+    energy = np.zeros((6, 6))  # of u and phi, per ball
+    for n, k, kappa in zip(
+        state.normal[closed],
+        state.normal_stiffness[closed],
+        state.shear_stiffness[closed],
+        strict=True,
+    ):
         reach = 8e-3 * (along @ n)
         cross = np.array([[0, n[2], -n[1]], [-n[2], 0, n[0]], [n[1], -n[0], 0]])  # phi x n
         slip = np.hstack([reach * (np.eye(3) - np.outer(n, n)), -8e-3 * cross])
@@ -183,17 +252,23 @@ def test_sound_of_pressed_fcc_in_any_direction(direction):
 
 
 def test_three_balls_in_the_cell_of_a_chain_make_three_bands_and_two_gaps():
-    steel, aluminium = (
-        gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3, mass=28.84e-3),
-        gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 19.05e-3, mass=9.75e-3),
-    )
+    steel = gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3, mass=28.84e-3)
+    aluminium = gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 19.05e-3, mass=9.75e-3)
     state = gp.Crystal.on("chain", [steel, aluminium, steel]).at_force(20.0)
-    table, m, edges = state.crystal.contacts, np.array([28.84e-3, 9.75e-3, 28.84e-3]), []
+    table = state.crystal.contacts
+    m = np.array([28.84e-3, 9.75e-3, 28.84e-3])
+    edges = []
     for sign in (1.0, -1.0):  # q = 0 and the edge of the zone
         ring = np.zeros((3, 3))
-        for i, j, shift, k in zip(table.i, table.j, table.shift[:, 0], state.normal_stiffness, strict=True):
+        for i, j, shift, k in zip(
+            table.i, table.j, table.shift[:, 0], state.normal_stiffness, strict=True
+        ):
             ring[[i, j], [i, j]] += k
             ring[[i, j], [j, i]] -= k * (sign if shift else 1.0)
-        edges.append(np.sqrt(np.maximum(np.linalg.eigvalsh(ring / np.sqrt(np.outer(m, m))), 0.0)) / (2.0 * np.pi))
-    low, high = np.min(edges, axis=0), np.max(edges, axis=0)
+        edges.append(
+            np.sqrt(np.maximum(np.linalg.eigvalsh(ring / np.sqrt(np.outer(m, m))), 0.0))
+            / (2.0 * np.pi)
+        )
+    low = np.min(edges, axis=0)
+    high = np.max(edges, axis=0)
     assert_allclose(gp.Phonons(state).gaps(), np.stack([high[:-1], low[1:]], axis=1), rtol=1e-12)

@@ -1,4 +1,6 @@
-"""Crystals whose balls differ in diameter, ball by ball, against simulated packings, closed forms and brute force."""
+"""Crystals whose balls differ in diameter, ball by ball, against simulated packings, closed forms
+and brute force.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from tests.conftest import only
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 GLASS = gp.Material(young_modulus=70e9, poisson_ratio=0.22, density=2500.0)
-D, WIDTH = 8e-3, 2.04e-6
+D = 8e-3
+WIDTH = 2.04e-6
 BALL = gp.Ball(STEEL, D, spread=gp.Uniform(WIDTH))
 
 
@@ -30,7 +33,9 @@ def square(width):
 def by_contact(network):
     """Force of each contact, by its balls and shift."""
     out = {}
-    for i, j, shift, force in zip(network.i, network.j, network.shift, network.normal_force, strict=True):
+    for i, j, shift, force in zip(
+        network.i, network.j, network.shift, network.normal_force, strict=True
+    ):
         one, other = (int(i), int(j), *map(int, shift)), (int(j), int(i), *map(int, -shift))
         out[min(one, other)] = force
     return out
@@ -42,8 +47,13 @@ def test_a_chain_carries_one_force():
     overlap = gp.Packing(STEEL, D, lattice="chain").law.overlap(12.0)
     assert_allclose(state.overlap, overlap, rtol=1e-12)
     assert_allclose(state.strain[0, 0], -overlap / D, rtol=1e-12)
-    assert_allclose(gp.sound_velocities(state).longitudinal, gp.sound_velocities(
-        gp.Crystal.on("chain", [gp.Ball(STEEL, D)]).at_pressure(12.0)).longitudinal, rtol=1e-12)  # fmt: skip
+    assert_allclose(
+        gp.sound_velocities(state).longitudinal,
+        gp.sound_velocities(
+            gp.Crystal.on("chain", [gp.Ball(STEEL, D)]).at_pressure(12.0)
+        ).longitudinal,
+        rtol=1e-12,
+    )
 
 
 @pytest.mark.claim("crystal-samples")
@@ -51,29 +61,42 @@ def test_a_chain_carries_one_force():
 @pytest.mark.parametrize(
     ("lattice", "shape", "force"),
     [
-        ("triangular", (8, 8), 1e3), ("triangular", (8, 8), 10.0), ("triangular", (8, 8), 1.0), ("fcc", (3, 3, 3), 2.0),
+        ("triangular", (8, 8), 1e3),
+        ("triangular", (8, 8), 10.0),
+        ("triangular", (8, 8), 1.0),
+        ("fcc", (3, 3, 3), 2.0),
         ("hcp", (2, 2, 2), 50.0),
     ],
-)  # fmt: skip
+)
 def test_one_kind_is_a_simulated_packing(lattice, shape, force, geometry):
     simulation = gp.DirectSimulation(
         gp.Packing(STEEL, D, spread=gp.Uniform(WIDTH), lattice=lattice), shape, 3, geometry=geometry
     ).at_force(force)
-    sample, exact = simulation.sample, geometry == "exact"
+    sample = simulation.sample
+    exact = geometry == "exact"
     crystal = gp.Crystal.on(lattice, [gp.Ball(STEEL, D, spread=gp.Uniform(WIDTH))]).sample(shape, 3)
     assert_allclose(2.0 * crystal.radii, sample.diameters.ravel(), rtol=1e-15)
     state = crystal.at_strain(-np.eye(len(shape)) * simulation.overlap / D, finite_overlap=exact)
-    found, wanted = by_contact(state.network), by_contact(sample.network)
+    found = by_contact(state.network)
+    wanted = by_contact(sample.network)
     assert found.keys() == wanted.keys()
     # the array is at rest to 1e-10 of the mean force
-    assert_allclose([found[key] for key in wanted], list(wanted.values()), rtol=0.0, atol=1e-10 * force)
+    assert_allclose(
+        [found[key] for key in wanted], list(wanted.values()), rtol=0.0, atol=1e-10 * force
+    )
     assert_allclose(np.mean(state.normal_force), force, rtol=1e-12)
     assert_allclose(state.network.arm_i.mean(), sample.network.arm_i.mean(), rtol=1e-14)
-    # in the exact geometry the array finds its response by iteration, to 1e-8 and more where loose balls lean on others
+    # in the exact geometry the array finds its response by iteration, to 1e-8 and more where loose
+    # balls lean on others
     limit = (2e-6 if exact else 1e-11) * np.max(sample.elastic_tensor)
     assert_allclose(as_state(state).elastic_tensor, sample.elastic_tensor, rtol=0.0, atol=limit)
     if exact:
-        assert_allclose(as_state(state).elastic_tensor, as_state(sample.network).elastic_tensor, rtol=0.0, atol=1e-6 * limit)
+        assert_allclose(
+            as_state(state).elastic_tensor,
+            as_state(sample.network).elastic_tensor,
+            rtol=0.0,
+            atol=1e-6 * limit,
+        )
 
 
 @pytest.mark.parametrize("follows", [False, True])
@@ -82,36 +105,46 @@ def test_kinds_without_spread_are_a_crystal(kind, follows):
     value = {"pressure": 2e4, "force": 20.0, "overlap": 2e-6}[kind]
     plain = gp.Crystal.on("fcc", [gp.Ball(STEEL, D)])
     drawn = gp.Crystal.on("fcc", [gp.Ball(STEEL, D, spread=gp.Uniform(0.0))]).sample((2, 2, 2))
-    one, two = (getattr(crystal, f"at_{kind}")(value, finite_overlap=follows) for crystal in (plain, drawn))
+    one, two = (
+        getattr(crystal, f"at_{kind}")(value, finite_overlap=follows) for crystal in (plain, drawn)
+    )
     assert_allclose(two.normal_force, np.tile(one.normal_force, 8), rtol=1e-12)
     tensor = as_state(one).elastic_tensor
     assert_allclose(as_state(two).elastic_tensor, tensor, rtol=0.0, atol=1e-12 * np.max(tensor))
     kinds = square(WIDTH)
     means = np.broadcast_to([ball.diameter for ball in kinds.balls], (3, 3, 2))
     equal = kinds.sample(diameters=means).at_pressure(1e4, finite_overlap=follows)
-    bare = gp.Crystal([gp.Ball(STEEL, D), gp.Ball(GLASS, kinds.kinds[1].diameter)], kinds.cell, kinds.positions).at_pressure(
-        1e4, finite_overlap=follows
+    bare = gp.Crystal(
+        [gp.Ball(STEEL, D), gp.Ball(GLASS, kinds.kinds[1].diameter)], kinds.cell, kinds.positions
+    ).at_pressure(1e4, finite_overlap=follows)
+    assert_allclose(
+        equal.normal_force.reshape(9, -1), np.tile(bare.normal_force, (9, 1)), rtol=1e-12
     )
-    assert_allclose(equal.normal_force.reshape(9, -1), np.tile(bare.normal_force, (9, 1)), rtol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("follows", "pressure"), only([(False, 300.0), (True, 300.0)], [(False, 300.0), (True, 300.0), (True, 10.0)])
+    ("follows", "pressure"),
+    only([(False, 300.0), (True, 300.0)], [(False, 300.0), (True, 300.0), (True, 10.0)]),
 )
 def test_balls_of_two_kinds_are_at_rest_where_all_pairs_of_spheres_push(follows, pressure):
     crystal = square(4e-6).sample((4, 4), seed=2)
     state = crystal.at_pressure(pressure, finite_overlap=follows)
     some_open = np.count_nonzero(state.normal_force == 0.0)
     assert some_open
-    n, diameters = crystal.n_balls, 2.0 * crystal.radii
+    n = crystal.n_balls
+    diameters = 2.0 * crystal.radii
     for own in (crystal.kind == 0, crystal.kind == 1):
-        assert_allclose(np.mean(diameters[own]), crystal.balls[np.flatnonzero(own)[0]].diameter, rtol=1e-15)
+        assert_allclose(
+            np.mean(diameters[own]), crystal.balls[np.flatnonzero(own)[0]].diameter, rtol=1e-15
+        )
         assert np.ptp(diameters[own]) > 0.0
     cell = crystal.cell @ (np.eye(2) + state.strain)
     places = crystal.positions @ (np.eye(2) + state.strain) + state.displacements
     means = np.array([ball.diameter for ball in crystal.balls])
     modulus = np.array([ball.material.contact_modulus for ball in crystal.balls])
-    pull, virial, sizes = np.zeros((n, 2)), np.zeros((2, 2)), []
+    pull = np.zeros((n, 2))
+    virial = np.zeros((2, 2))
+    sizes = []
     for i, j in itertools.product(range(n), range(n)):
         for shift in itertools.product((-1, 0, 1), repeat=2):
             rest = crystal.positions[j] + shift @ crystal.cell - crystal.positions[i]
@@ -142,7 +175,10 @@ def test_what_samples_differ_by_goes_as_the_square_of_the_width_at_high_load():
     means = []
     for width in (0.5e-6, 1e-6, 2e-6):
         kinds = [gp.Ball(ball.material, D, spread=gp.Uniform(width)) for ball in salt]
-        each = [gp.Crystal.on("NaCl", kinds).sample((2, 2, 2), seed).at_strain(-1e-3 * np.eye(3)) for seed in range(4)]
+        each = [
+            gp.Crystal.on("NaCl", kinds).sample((2, 2, 2), seed).at_strain(-1e-3 * np.eye(3))
+            for seed in range(4)
+        ]
         means.append(np.mean([one.normal_force for one in each]) / bare - 1.0)
     assert_allclose(np.log2(np.divide(means[1:], means[:-1])), 2.0, atol=1e-2)
 
@@ -166,20 +202,25 @@ def test_a_mean_overlap_is_found_from_far_away(lattice):
 @pytest.mark.parametrize(
     ("lattice", "shape", "seed", "kind", "value"),
     [
-        ("triangular", (8, 8), 1, "pressure", 3162.28), ("triangular", (8, 8), 1, "overlap", 1e-4 * D),
+        ("triangular", (8, 8), 1, "pressure", 3162.28),
+        ("triangular", (8, 8), 1, "overlap", 1e-4 * D),
         ("fcc", (4, 4, 4), 2, "pressure", 562e3),
         pytest.param("triangular", (8, 8), 2, "pressure", 72.0, marks=pytest.mark.exhaustive),
         pytest.param("fcc", (4, 4, 4), 0, "overlap", 1e-4 * D, marks=pytest.mark.exhaustive),
         pytest.param("hcp", (4, 4, 3), 0, "pressure", 1.77828e6, marks=pytest.mark.exhaustive),
         pytest.param("hcp", (4, 4, 3), 1, "overlap", 1e-4 * D, marks=pytest.mark.exhaustive),
     ],
-)  # fmt: skip
+)
 def test_wide_spreads_come_to_rest_in_the_true_geometry(lattice, shape, seed, kind, value):
-    """Newton's method alone goes round in circles here, or back to a saddle: most contacts of some balls are open."""
+    """Newton's method alone goes round in circles here, or back to a saddle: most contacts of some
+    balls are open.
+    """
     ball = gp.Ball(gp.Material(193e9, 0.3, 8000.0), D, spread=gp.Uniform(2.5e-3 * D))
     crystal = gp.Crystal.on(lattice, [ball]).sample(shape, seed=seed)
     state = getattr(crystal, f"at_{kind}")(value, finite_overlap=True)
-    d, table, mean = crystal.dimension, crystal.contacts, np.mean(state.normal_force)
+    d = crystal.dimension
+    table = crystal.contacts
+    mean = np.mean(state.normal_force)
     force = state.normal_force[:, None] * state.normal
     pull = np.zeros((crystal.n_balls, d))
     np.add.at(pull, table.j, force)
@@ -195,7 +236,9 @@ def test_wide_spreads_come_to_rest_in_the_true_geometry(lattice, shape, seed, ki
 def test_a_sample_of_many_balls_does_not_drift():
     crystal = gp.Crystal.on("triangular", [BALL]).sample((34, 34))
     state = crystal.at_overlap(1e-6)
-    i, j, n = crystal.contacts.i, crystal.contacts.j, state.normal
+    i = crystal.contacts.i
+    j = crystal.contacts.j
+    n = state.normal
     apart = state.displacements[j] - state.displacements[i] + crystal.contacts.vector @ state.strain
     size = crystal.radii[i] + crystal.radii[j] - D - np.sum(n * apart, axis=1)
     assert_allclose(size, state.overlap, rtol=0.0, atol=1e-16)
@@ -204,10 +247,13 @@ def test_a_sample_of_many_balls_does_not_drift():
 
 def test_samples_are_those_of_a_seed_and_derive():
     crystal = square(WIDTH)
-    one, two = crystal.sample((5, 4), 7), crystal.sample((5, 4), 7)
+    one = crystal.sample((5, 4), 7)
+    two = crystal.sample((5, 4), 7)
     assert_array_equal(one.radii, two.radii)
     assert np.any(one.radii != crystal.sample((5, 4), 8).radii)
-    assert_allclose(crystal.sample(diameters=2.0 * one.radii.reshape(5, 4, 2)).radii, one.radii, rtol=1e-15)
+    assert_allclose(
+        crystal.sample(diameters=2.0 * one.radii.reshape(5, 4, 2)).radii, one.radii, rtol=1e-15
+    )
     assert_array_equal(one.repeat((2, 1)).radii, np.tile(one.radii, 2))
     assert_array_equal(one.remove(1).radii, np.delete(one.radii, 1))
     assert one.replace(0, gp.Ball(GLASS, D)).radii[0] == 0.5 * D
@@ -235,35 +281,68 @@ def cluster():
     ("make", "told"),
     [
         (lambda: gp.Ball(STEEL, D, spread=1e-6), "spread is 1e-06. Give a granphon.Uniform"),
-        (lambda: gp.Ball(STEEL, D, spread=gp.Uniform(3 * D)), "the smallest ball has a diameter of -0.004 m"),
+        (
+            lambda: gp.Ball(STEEL, D, spread=gp.Uniform(3 * D)),
+            "the smallest ball has a diameter of -0.004 m",
+        ),
         (lambda: square(WIDTH).at_pressure(1e4), r"none are drawn.*crystal\.sample"),
         (lambda: square(WIDTH).at_force(1.0), "none are drawn"),
-        (lambda: gp.Crystal.on("fcc", [gp.Ball(STEEL, D)]).sample((2, 2, 2)), "no ball of crystal 'fcc' has a spread"),
+        (
+            lambda: gp.Crystal.on("fcc", [gp.Ball(STEEL, D)]).sample((2, 2, 2)),
+            "no ball of crystal 'fcc' has a spread",
+        ),
         (lambda: square(WIDTH).sample((2,)), "shape"),
-        (lambda: gp.DirectSimulation(square(WIDTH), (4, 4)), r"drawn by crystal\.sample\(shape, seed\)"),
+        (
+            lambda: gp.DirectSimulation(square(WIDTH), (4, 4)),
+            r"drawn by crystal\.sample\(shape, seed\)",
+        ),
         (lambda: square(WIDTH).sample((2, 2), -1), "seed"),
         (lambda: cluster().sample((2,)), "has no period"),
         (lambda: square(WIDTH).sample((2, 2), diameters=np.full((2, 2, 2), D)), "and no shape"),
-        (lambda: square(WIDTH).sample(diameters=np.full((2, 2), D)), r"Give an array \(L1, L2, 2\)"),
+        (
+            lambda: square(WIDTH).sample(diameters=np.full((2, 2), D)),
+            r"Give an array \(L1, L2, 2\)",
+        ),
         (lambda: square(WIDTH).sample(diameters=np.full((2, 2, 2), np.nan)), "diameters"),
-        (lambda: gp.Crystal.on("NaCl", [BALL, gp.Ball(GLASS, D)]).sample((2, 2, 2)).at_pressure(1e5, finite_overlap=True),
-         "does not stand without friction.*Leave finite_overlap out"),
-        (lambda: gp.Crystal.on("CsCl", [BALL, gp.Ball(GLASS, D)]).sample((3, 3, 3)).at_force(0.1, finite_overlap=True),
-         "does not stand without friction.*Leave finite_overlap out"),
+        (
+            lambda: (
+                gp.Crystal.on("NaCl", [BALL, gp.Ball(GLASS, D)])
+                .sample((2, 2, 2))
+                .at_pressure(1e5, finite_overlap=True)
+            ),
+            "does not stand without friction.*Leave finite_overlap out",
+        ),
+        (
+            lambda: (
+                gp.Crystal.on("CsCl", [BALL, gp.Ball(GLASS, D)])
+                .sample((3, 3, 3))
+                .at_force(0.1, finite_overlap=True)
+            ),
+            "does not stand without friction.*Leave finite_overlap out",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_is_said(make, told):
     with pytest.raises(MechanismError if "stand" in told else InputError, match=told):
         make()
 
 
 @pytest.mark.claim("crystal-samples")
-@pytest.mark.parametrize(("lattice", "stands"), [("sc", False), ("bcc", False), ("fcc", True), ("hcp", True)])
+@pytest.mark.parametrize(
+    ("lattice", "stands"), [("sc", False), ("bcc", False), ("fcc", True), ("hcp", True)]
+)
 def test_samples_stand_in_the_true_geometry_where_a_simulation_does(lattice, stands):
     sample = gp.Crystal.on(lattice, [BALL]).sample((2, 2, 2))
     packing = gp.Packing(STEEL, D, spread=BALL.spread, lattice=lattice)
-    for make in (lambda: gp.DirectSimulation(packing, (2, 2, 2)), lambda: sample.at_pressure(1e6, finite_overlap=True)):
-        with nullcontext() if stands else pytest.raises(MechanismError, match="stand without friction"):
+    for make in (
+        lambda: gp.DirectSimulation(packing, (2, 2, 2)),
+        lambda: sample.at_pressure(1e6, finite_overlap=True),
+    ):
+        with (
+            nullcontext()
+            if stands
+            else pytest.raises(MechanismError, match="stand without friction")
+        ):
             make()
 
 

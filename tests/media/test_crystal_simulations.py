@@ -1,4 +1,6 @@
-"""Simulations of every lattice that stands without friction, through scenes, sweeps, files, fits and calculators."""
+"""Simulations of every lattice that stands without friction, through scenes, sweeps, files, fits
+and calculators.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +25,17 @@ from granphon.scene.scene import Scene
 from tests.conftest import only
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
-WIDTH, D = 2.04e-6, 8e-3
+WIDTH = 2.04e-6
+D = 8e-3
 #: in the directions of the lattice, the limit of small width
 simulate = partial(gp.DirectSimulation, geometry="lattice")
 #: small samples of each lattice
 SHAPES = {"chain": (9,), "triangular": (6, 5), "fcc": (3, 2, 2), "hcp": (2, 2, 2)}
 #: fcc in its cube of four balls
 CUBE = Lattice(
-    "cube of fcc", tuple(map(tuple, np.sqrt(2.0) * np.eye(3))), ((0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5))
+    "cube of fcc",
+    tuple(map(tuple, np.sqrt(2.0) * np.eye(3))),
+    ((0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5)),
 )
 every_lattice = pytest.mark.parametrize("lattice", SHAPES)
 SCENE = """\
@@ -49,7 +54,7 @@ def simulation(lattice, samples=1, **more):
     return simulate(packing(lattice, **more), SHAPES[lattice], samples=samples)
 
 
-# -- scenes -------------------------------------------------------------------------------------------------------------
+# -- scenes ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -65,7 +70,9 @@ def simulation(lattice, samples=1, **more):
 )
 def test_a_shape_has_a_length_for_each_period(lattice, shape, told):
     text = SCENE.format(lattice, f"{{simulation: {{shape: {shape}, samples: 2}}}}")
-    with pytest.raises(SceneError, match=rf"own.yaml:4: medium\.simulation\.shape: found .*; allowed: {told}\.$"):
+    with pytest.raises(
+        SceneError, match=rf"own.yaml:4: medium\.simulation\.shape: found .*; allowed: {told}\.$"
+    ):
         Scene.from_text(text, "own.yaml")
     given = {"simulation": {"shape": tuple(map(int, shape.strip("[]").replace(",", " ").split()))}}
     with pytest.raises(InputError, match=rf"medium\.simulation\.shape: .*allowed: {told}"):
@@ -73,7 +80,10 @@ def test_a_shape_has_a_length_for_each_period(lattice, shape, told):
     with pytest.raises(InputError, match=rf"medium\.simulation\.shape: .*allowed: {told}"):
         gp.fit_width(packing(lattice), [1.0, 2.0, 3.0], [400.0, 450.0, 480.0], medium=given)
     # where the lattice is swept, it is the lattices of the sweep that count
-    swept = SCENE.format("kagome", f"{{simulation: {{shape: {shape}}}}}") + f"sweep: {{lattice: [{lattice}]}}\n"
+    swept = (
+        SCENE.format("kagome", f"{{simulation: {{shape: {shape}}}}}")
+        + f"sweep: {{lattice: [{lattice}]}}\n"
+    )
     with pytest.raises(SceneError, match=told):
         Scene.from_text(swept)
 
@@ -93,12 +103,17 @@ def test_the_default_shape_is_that_of_the_dimension(lattice, default):
     assert scene.case.case.medium.label == "simulation"
     assert scene.cost().balls == np.prod(default) * (2 if lattice == "hcp" else 1)
     # the default of one dimension is no default of another
-    assert MediumChoice.parse({"simulation": {"shape": (128, 128)}}).label == "simulation(shape=128 128)"
+    assert (
+        MediumChoice.parse({"simulation": {"shape": (128, 128)}}).label
+        == "simulation(shape=128 128)"
+    )
 
 
 @pytest.mark.parametrize("lattice", ["sc", "bcc", "diamond", "square", "kagome", "honeycomb"])
 def test_a_mechanism_is_one_error_at_the_medium(lattice):
-    with pytest.raises(SceneError, match=r"own\.yaml:4: medium: .*does not stand without friction") as error:
+    with pytest.raises(
+        SceneError, match=r"own\.yaml:4: medium: .*does not stand without friction"
+    ) as error:
         Scene.from_text(SCENE.format(lattice, "simulation") + "observe: [bands]\n", "own.yaml")
     assert str(error.value).count(f"the {lattice} lattice is not simulated") == 1
     assert "such as triangular or fcc" in str(error.value)
@@ -139,7 +154,7 @@ def test_a_scene_writes_and_reads_its_simulation(tmp_path, lattice):
     assert "radius:R:1" in lines[1]
 
 
-# -- moduli -------------------------------------------------------------------------------------------------------------
+# -- moduli ----------------------------------------------------------------------------------------
 
 
 def test_what_is_cubic():
@@ -160,7 +175,9 @@ def test_anisotropy_of_ideal_lattices(lattice):
     assert not moduli.isotropic
     assert_allclose(moduli.anisotropy, 2.0 * shear / (c[:, 0, 0] - c[:, 0, 1]), rtol=1e-12)
     assert moduli.anisotropy_error is moduli.tensor_error is None
-    if lattice == "fcc":  # every ball is a centre of symmetry and stays where the strain takes it: sums over 12 contacts
+    if lattice == "fcc":
+        # every ball is a centre of symmetry and stays where the strain takes it: sums over 12
+        # contacts
         eta = state.packing.mindlin_ratio
         assert_allclose(moduli.anisotropy, (1.0 + eta) / (0.5 + 1.5 * eta), rtol=1e-12)
     equal = gp.moduli(gp.AveragedLattice(gp.Packing(STEEL, D)).at_force(1.0))
@@ -173,12 +190,14 @@ def test_anisotropy_and_errors_over_samples():
     moduli = gp.moduli(state)
     every = state.over_samples(lambda sample: sample.elastic_tensor)
     assert_allclose(moduli.tensor_error, np.std(every, axis=1, ddof=1) / np.sqrt(5.0), rtol=1e-12)
-    upper, lower = every[..., [3, 4, 5], [3, 4, 5]].mean(-1), _axial(every)
+    upper = every[..., [3, 4, 5], [3, 4, 5]].mean(-1)
+    lower = _axial(every)
     assert_allclose(moduli.anisotropy, upper.mean(1) / lower.mean(1), rtol=1e-12)
     left = [np.delete(upper, i, 1).mean(1) / np.delete(lower, i, 1).mean(1) for i in range(5)]
     assert_allclose(moduli.anisotropy_error, np.sqrt(4.0) * np.std(left, axis=0), rtol=1e-9)
     assert np.all(moduli.anisotropy_error > 0.0)
-    # samples of finite size are not cubic; their means are taken to be, so that there is one bulk modulus
+    # samples of finite size are not cubic; their means are taken to be, so that there is one bulk
+    # modulus
     assert_allclose(moduli.bulk, moduli.voigt.bulk, rtol=1e-14)
     assert moduli.cubic
     alone = gp.moduli(simulation("fcc").at_force(4.0))
@@ -189,7 +208,9 @@ def test_anisotropy_and_errors_over_samples():
 def _axial(tensors):
     """(C11 - C12)/2 of cubic tensors: the mean over x, y, z."""
     c = tensors
-    return (c[..., 0, 0] + c[..., 1, 1] + c[..., 2, 2] - c[..., 0, 1] - c[..., 0, 2] - c[..., 1, 2]) / 6.0
+    return (
+        c[..., 0, 0] + c[..., 1, 1] + c[..., 2, 2] - c[..., 0, 1] - c[..., 0, 2] - c[..., 1, 2]
+    ) / 6.0
 
 
 @pytest.mark.parametrize("lattice", ["hcp", "chain"])
@@ -201,7 +222,7 @@ def test_no_single_anisotropy(lattice):
     assert moduli.tensor_error.shape == moduli.tensor.shape
 
 
-# -- sweeps -------------------------------------------------------------------------------------------------------------
+# -- sweeps ----------------------------------------------------------------------------------------
 
 
 LOADS = [("force", [20.0, 5.0]), ("pressure", [1e3, 500.0]), ("overlap", [2e-6, 1e-6])]
@@ -209,29 +230,51 @@ LOADS = [("force", [20.0, 5.0]), ("pressure", [1e3, 500.0]), ("overlap", [2e-6, 
 
 @pytest.mark.parametrize(
     ("lattice", "load"),
-    only([("fcc", LOADS[2]), ("chain", LOADS[0]), ("triangular", LOADS[1])], itertools.product(SHAPES, LOADS)),
+    only(
+        [("fcc", LOADS[2]), ("chain", LOADS[0]), ("triangular", LOADS[1])],
+        itertools.product(SHAPES, LOADS),
+    ),
 )
 def test_samples_apart_are_samples_together(lattice, load):
-    """Samples are cut from each other and put together again: to the last bit what one simulation gives."""
-    media, (kind, values) = {"simulation": {"shape": SHAPES[lattice], "seed": 2, "samples": 2}}, load
-    ds, p = gp.sweep(packing(lattice), **{kind: values}, media=media), len(SHAPES[lattice])
-    state = getattr(gp.DirectSimulation(packing(lattice), SHAPES[lattice], 2, 2), f"at_{kind}")(values)
+    """Samples are cut from each other and put together again: to the last bit what one simulation
+    gives.
+    """
+    media = {"simulation": {"shape": SHAPES[lattice], "seed": 2, "samples": 2}}
+    (kind, values) = load
+    ds = gp.sweep(packing(lattice), **{kind: values}, media=media)
+    p = len(SHAPES[lattice])
+    state = getattr(gp.DirectSimulation(packing(lattice), SHAPES[lattice], 2, 2), f"at_{kind}")(
+        values
+    )
     found = [gp.sound_velocities(state, np.eye(p)[0]), gp.moduli(state), state]
     for name, variable in ds.data_vars.items():
-        assert_array_equal(variable[:, 0], next(getattr(one, name) for one in found if hasattr(one, name)), name)
+        assert_array_equal(
+            variable[:, 0], next(getattr(one, name) for one in found if hasattr(one, name)), name
+        )
     names = {"longitudinal_error", "exponent_error", "contact_force_fluctuation"}
-    names |= {"transverse_slow_error", "transverse_fast_error", "tensor", "tensor_error"} if p == 3 else {"bulk_error"}
+    names |= (
+        {"transverse_slow_error", "transverse_fast_error", "tensor", "tensor_error"}
+        if p == 3
+        else {"bulk_error"}
+    )
     names |= {"bulk_error", "anisotropy", "anisotropy_error"} if lattice == "fcc" else set()
     names |= {"transverse_error", "shear_error"} if lattice == "triangular" else set()
     assert names <= set(ds)
-    assert ("anisotropy" in ds, "transverse_error" in ds) == (lattice == "fcc", lattice == "triangular")
+    assert ("anisotropy" in ds, "transverse_error" in ds) == (
+        lattice == "fcc",
+        lattice == "triangular",
+    )
     if p == 3:  # M = K + 4G/3 with the averages over directions
         assert np.all(ds["exponent_error"] > 0.0)
         assert ds["tensor_error"].dims[-2:] == ("voigt_row", "voigt_column")
 
 
 def test_directions_lattices_and_media_together(tmp_path):
-    media = ["ala", {"simulation": {"shape": (3, 2, 2), "samples": 2}}, {"simulation": {"shape": (2, 2, 2)}}]
+    media = [
+        "ala",
+        {"simulation": {"shape": (3, 2, 2), "samples": 2}},
+        {"simulation": {"shape": (2, 2, 2)}},
+    ]
     ways = [[1, 0, 0], [1, 1, 0]]
     ds = gp.sweep(
         packing("fcc", friction=False),
@@ -240,17 +283,21 @@ def test_directions_lattices_and_media_together(tmp_path):
         lattice=["fcc", "hcp"],
         direction=ways,
         path=tmp_path / "sweep.nc",
-    )  # fmt: skip
+    )
     for lattice in ("fcc", "hcp"):
-        state = simulate(packing(lattice, friction=False), (3, 2, 2), samples=2).at_force([10.0, 30.0])
+        state = simulate(packing(lattice, friction=False), (3, 2, 2), samples=2).at_force(
+            [10.0, 30.0]
+        )
         v = gp.sound_velocities(state, ways)
         there = ds.sel(lattice=lattice)
         for name in ("longitudinal_error", "transverse_slow_error", "transverse_fast_error"):
             assert_array_equal(there[name][:, 1], getattr(v, name), name)
             assert np.all(there[name][:, 0] == 0.0)  # sampling nothing
-            assert np.all(np.isnan(there[name][:, 2]))  # one sample has an error, which is not known
+            # one sample has an error, which is not known
+            assert np.all(np.isnan(there[name][:, 2]))
         assert_array_equal(there["tensor_error"][:, 1], gp.moduli(state).tensor_error)
-    # hcp has no single bulk modulus in samples of finite size, and no anisotropy: they are left out with their errors
+    # hcp has no single bulk modulus in samples of finite size, and no anisotropy: they are left out
+    # with their errors
     assert not {"bulk", "bulk_error", "shear", "anisotropy", "anisotropy_error"} & set(ds)
     again = gp.load_sweep(tmp_path / "sweep.nc")
     assert again.identical(ds)
@@ -258,14 +305,18 @@ def test_directions_lattices_and_media_together(tmp_path):
     assert "transverse_slow_error (m/s)" in heading
 
 
-# -- fits ---------------------------------------------------------------------------------------------------------------
+# -- fits ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("lattice", "branch", "direction"),
     only(
         [("fcc", "transverse_slow", (1, 1, 0))],
-        [("fcc", "longitudinal", (1, 1, 1)), ("fcc", "transverse_slow", (1, 1, 0)), ("hcp", "transverse_fast", (1, 0, 1))],
+        [
+            ("fcc", "longitudinal", (1, 1, 1)),
+            ("fcc", "transverse_slow", (1, 1, 0)),
+            ("hcp", "transverse_fast", (1, 0, 1)),
+        ],
     ),
 )
 def test_the_model_of_a_fit_is_that_of_the_samples_along_its_direction(lattice, branch, direction):
@@ -279,11 +330,13 @@ def test_the_model_of_a_fit_is_that_of_the_samples_along_its_direction(lattice, 
     state = simulate(packing(lattice), (2, 2, 2), seed=1).at_force(places)
     wanted = getattr(gp.sound_velocities(state, direction), branch)
     assert_allclose(found, wanted, rtol=1e-7)
-    difference = [(np.log(model(logs + s)[0]) - np.log(model(logs - s)[0])) / 2e-5 for s in 1e-5 * np.eye(2)]
+    difference = [
+        (np.log(model(logs + s)[0]) - np.log(model(logs - s)[0])) / 2e-5 for s in 1e-5 * np.eye(2)
+    ]
     assert_allclose(slopes.T, difference, rtol=2e-4, atol=1e-6)
 
 
-# -- calculators --------------------------------------------------------------------------------------------------------
+# -- calculators -----------------------------------------------------------------------------------
 
 
 @every_lattice
@@ -293,18 +346,22 @@ def test_force_constants_of_a_sample_are_differences_of_its_forces(lattice, fric
     state = simulate(packing(lattice, friction=friction), shapes[lattice]).at_force(10.0)
     balls = gp.HertzMindlin(state).adopt(state.sample.atoms())
     balls.calc = gp.HertzMindlin(state)
-    constants, p = balls.calc.get_force_constants(balls), len(shapes[lattice])
+    constants = balls.calc.get_force_constants(balls)
+    p = len(shapes[lattice])
     assert_allclose(constants, constants.transpose(1, 0, 3, 2), rtol=0.0, atol=1e-12)
     step = 1e-4 * 10.0 / (state.normal_stiffness * D)  # a small part of an overlap
     for axis in range(p):
-        ball, sides = len(balls) // 2, []
+        ball = len(balls) // 2
+        sides = []
         for sign in (1.0, -1.0):
             moved = balls.copy()
             moved.calc = gp.HertzMindlin(state)
             moved.positions[ball, axis] += sign * step
             sides.append(moved.get_forces())
         difference = (sides[1] - sides[0]) / (2.0 * step)
-        assert_allclose(constants[:, ball, :p, axis], difference[:, :p], rtol=0.0, atol=1e-6 * np.max(constants))
+        assert_allclose(
+            constants[:, ball, :p, axis], difference[:, :p], rtol=0.0, atol=1e-6 * np.max(constants)
+        )
 
 
 @every_lattice
@@ -317,11 +374,13 @@ def test_atoms_and_phonons_of_a_mean_over_samples(lattice):
     q = np.full((1, p), 0.01) / p
     # long waves of the bands: those of a regular lattice with the mean stiffness
     lattice_waves = gp.Phonons(state).frequencies(q)[0][:p]
-    regular = gp.Phonons(gp.AveragedLattice(dataclasses.replace(state.packing, spread=None)).at_force(10.0)).frequencies(q)
+    regular = gp.Phonons(
+        gp.AveragedLattice(dataclasses.replace(state.packing, spread=None)).at_force(10.0)
+    ).frequencies(q)
     assert_allclose(lattice_waves, regular[0][:p] * np.sqrt(state.stiffness_ratio), rtol=1e-9)
 
 
-# -- extremes -----------------------------------------------------------------------------------------------------------
+# -- extremes --------------------------------------------------------------------------------------
 
 
 def test_rows_that_close_around_the_period_carry_load_where_no_large_sample_does():
@@ -333,7 +392,10 @@ def test_rows_that_close_around_the_period_carry_load_where_no_large_sample_does
 
 
 def test_a_lattice_given_as_data_runs_from_a_scene(tmp_path):
-    block = "{name: cube, cell: [[1.4142135623730951, 0, 0], [0, 1.4142135623730951, 0], [0, 0, 1.4142135623730951]], "
+    block = (
+        "{name: cube, cell: [[1.4142135623730951, 0, 0], [0, 1.4142135623730951, 0], [0, 0,"
+        " 1.4142135623730951]], "
+    )
     block += "sites: [[0, 0, 0], [1/2, 1/2, 0], [1/2, 0, 1/2], [0, 1/2, 1/2]]}"
     scene = Scene.from_text(SCENE.format(block, "{simulation: {shape: 2 2 2, samples: 2}}"))
     assert Scene.from_text(scene.to_yaml()) == scene
@@ -350,7 +412,9 @@ def test_a_lattice_given_as_data_runs_from_a_scene(tmp_path):
 def test_a_chain_at_a_load_that_is_not_simulated_knows_of_no_threshold(load):
     ((kind, value),) = load.items()
     chain = simulate(packing("chain"), shape=(5,))
-    with pytest.raises(InputError, match=r"1e-08, the least that is simulated.*on a line is exact too") as error:
+    with pytest.raises(
+        InputError, match=r"1e-08, the least that is simulated.*on a line is exact too"
+    ) as error:
         getattr(chain, f"at_{kind}")(value)
     assert "threshold" not in str(error.value)
     # where it is simulated it is right down to that load
@@ -366,7 +430,11 @@ def test_a_chain_that_is_not_pressed_is_told_so_by_every_medium():
             medium.at_overlap(-1e-7)
 
 
-@pytest.mark.parametrize(("lattice", "shape"), [("fcc", (10**9,) * 3), ("triangular", (2**31, 2**31))])
+@pytest.mark.parametrize(
+    ("lattice", "shape"), [("fcc", (10**9,) * 3), ("triangular", (2**31, 2**31))]
+)
 def test_a_shape_beyond_all_arrays_is_one_clear_error(lattice, shape):
-    with pytest.raises(InputError, match=r"shape is .* cells\. No memory holds more than 2\.81e\+14\. Give fewer"):
+    with pytest.raises(
+        InputError, match=r"shape is .* cells\. No memory holds more than 2\.81e\+14\. Give fewer"
+    ):
         simulate(packing(lattice), shape=shape)

@@ -1,4 +1,6 @@
-"""Samples that are loaded with friction: their states, moduli, networks, energies, scenes, and what is refused."""
+"""Samples that are loaded with friction: their states, moduli, networks, energies, scenes, and what
+is refused.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +34,18 @@ from granphon.scene.redraw import read_run, redraw
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 PACKING = gp.Packing(STEEL, diameter=8e-3, spread=gp.Uniform(2.04e-6))
 SPACE = gp.Packing(STEEL, diameter=8e-3, spread=gp.Uniform(2.04e-6), lattice="fcc")
-W, ETA = PACKING.width, PACKING.mindlin_ratio
+W = PACKING.width
+ETA = PACKING.mindlin_ratio
 UNITS = PACKING.width_units
 
 
 def simulation(mu=0.2, shape=(6, 6), packing=PACKING, **more):
-    given = {"friction_history": True, "friction_coefficient": mu, "step_tolerance": 1e-2, "geometry": "lattice"} | more
+    given = {
+        "friction_history": True,
+        "friction_coefficient": mu,
+        "step_tolerance": 1e-2,
+        "geometry": "lattice",
+    } | more
     return gp.DirectSimulation(packing, shape, given.pop("seed", 0), **given)
 
 
@@ -52,15 +60,19 @@ def cube():
     return simulation(shape=(3, 3, 3), packing=SPACE, step_tolerance=1.0).at_overlap(0.2 * W)
 
 
-# -- the path -----------------------------------------------------------------------------------------------------------
+# -- the path --------------------------------------------------------------------------------------
 
 
 def test_states_are_those_of_the_history():
     paths = simulation()
     history = LoadingHistory(paths.deviations(0), Stencils((6, 6), ETA), 0.2, 1e-2)
-    for state, known in zip(cycle(), history.path(ReducedLoad(overlap=y) for y in (0.15, 0.3, 0.15, 0.02)), strict=True):
+    for state, known in zip(
+        cycle(), history.path(ReducedLoad(overlap=y) for y in (0.15, 0.3, 0.15, 0.02)), strict=True
+    ):
         forces = np.moveaxis(known.contacts.forces, 0, -1)
-        np.testing.assert_allclose(state.sample.contact_forces, UNITS.force * forces, rtol=1e-12, atol=1e-20)
+        np.testing.assert_allclose(
+            state.sample.contact_forces, UNITS.force * forces, rtol=1e-12, atol=1e-20
+        )
         assert state.force == pytest.approx(UNITS.force * known.force, rel=1e-14)
         assert state.work == pytest.approx(UNITS.energy * known.work, rel=1e-14)
         assert state.dissipated_energy == pytest.approx(UNITS.energy * known.dissipated, rel=1e-14)
@@ -70,7 +82,8 @@ def test_states_are_those_of_the_history():
 
 def test_a_path_keeps_its_order_and_monotonic_loading_sorts():
     overlaps = np.array([0.3, 0.15]) * W
-    sorted_, path = simulation().at_overlap(overlaps), simulation().path(overlap=overlaps[::-1])
+    sorted_ = simulation().at_overlap(overlaps)
+    path = simulation().path(overlap=overlaps[::-1])
     assert sorted_.overlap.tolist() == overlaps.tolist()
     assert sorted_.force.tolist() == path.force[::-1].tolist() == cycle().force[1::-1].tolist()
     down = simulation(ordered=True).at_overlap(overlaps)
@@ -91,7 +104,11 @@ def test_forces_and_pressures_are_loads_too():
 @pytest.mark.parametrize("start", [None, "gas", {"overlap": 0.1e-6}])
 def test_equal_balls_give_back_the_work_of_the_load(start):
     equal = gp.DirectSimulation(
-        gp.Packing(STEEL, 8e-3), (4, 4), friction_history=True, friction_coefficient=0.2, start=start
+        gp.Packing(STEEL, 8e-3),
+        (4, 4),
+        friction_history=True,
+        friction_coefficient=0.2,
+        start=start,
     ).path(overlap=[0.3e-6, 0.5e-6, 0.3e-6])
     stored = 0.4 * equal.force * equal.overlap
     assert np.ptp(equal.work[[0, 2]]) == 0.0
@@ -110,7 +127,9 @@ def test_the_start_may_be_a_load():
         begun = simulation(start=start).at_force(rest.force)
         assert begun.overlap == pytest.approx(0.1 * W, rel=1e-9)
         assert (begun.work, begun.tangential_ratio) == pytest.approx((0.0, 0.0), abs=1e-9)
-    there, usual = (simulation(start=start, step_tolerance=1.0).at_overlap(0.15 * W) for start in (0.6, None))
+    there, usual = (
+        simulation(start=start, step_tolerance=1.0).at_overlap(0.15 * W) for start in (0.6, None)
+    )
     assert there.tangential_ratio < usual.tangential_ratio
 
 
@@ -134,11 +153,13 @@ def test_progress_is_told():
     assert progress.step.return_value.__enter__.return_value.advance.call_count == 2
 
 
-# -- forces -------------------------------------------------------------------------------------------------------------
+# -- forces ----------------------------------------------------------------------------------------
 
 
 def find_imbalance(network):
-    """The largest force on a ball, or torque over the diameter, that the contacts of a network leave; N."""
+    """The largest force on a ball, or torque over the diameter, that the contacts of a network
+    leave; N.
+    """
     force = network.normal_force[:, None] * network.normal + network.tangential_force
     torque = np.cross(network.normal, network.tangential_force)
     pulls, turns = np.zeros((2, network.n_balls, 3))
@@ -154,64 +175,94 @@ def test_forces_and_torques_of_the_network_are_in_balance(find):
     network = state.sample.network
     assert np.max(np.abs(network.tangential_force)) > 0.01 * state.force
     assert find_imbalance(network) < 1e-9 * state.force
-    assert np.max(np.abs(np.einsum("ca,ca->c", network.normal, network.tangential_force))) < 1e-12 * state.force
+    assert (
+        np.max(np.abs(np.einsum("ca,ca->c", network.normal, network.tangential_force)))
+        < 1e-12 * state.force
+    )
 
 
 @pytest.mark.claim("files-balance")
 @pytest.mark.parametrize(
-    ("find", "mu"), [(lambda: cycle()[2], 0.2), (lambda: cycle(math.inf)[1], math.inf), (cube, 0.2)],
+    ("find", "mu"),
+    [(lambda: cycle()[2], 0.2), (lambda: cycle(math.inf)[1], math.inf), (cube, 0.2)],
     ids=["unloaded", "without a limit", "fcc"],
-)  # fmt: skip
+)
 def test_the_forces_in_files_are_those_of_the_state(find, mu, tmp_path):
-    sample, paths = find().sample, (tmp_path / "balls.csv", tmp_path / "contacts.csv")
+    sample = find().sample
+    paths = (tmp_path / "balls.csv", tmp_path / "contacts.csv")
     sample.network.write_tables(*paths)
     read = gp.ContactNetwork.from_table(*paths, keep_rattlers=True)
     assert find_imbalance(read) < 1e-9 * sample.force
     known = sample.contact_forces > 0.0
     np.testing.assert_array_equal(read.normal_force, sample.contact_forces[known])
     periods = PACKING.structure.periods if find is not cube else 3
-    np.testing.assert_array_equal(read.tangential_force[:, :periods], sample.tangential_forces[known])
+    np.testing.assert_array_equal(
+        read.tangential_force[:, :periods], sample.tangential_forces[known]
+    )
     names = {name for name in type(read)._shapes if getattr(read, name) is not None} - {"labels"}
     assert all(np.array_equal(getattr(read, name), getattr(sample.network, name)) for name in names)
     gp.write_extxyz(tmp_path / "sample.extxyz", sample.atoms())
     balls = ase.io.read(tmp_path / "sample.extxyz")
     assert balls.info["friction_coefficient"] == mu
-    np.testing.assert_array_equal(balls.arrays["rotations"], sample.rotations.reshape(balls.arrays["rotations"].shape))
+    np.testing.assert_array_equal(
+        balls.arrays["rotations"], sample.rotations.reshape(balls.arrays["rotations"].shape)
+    )
     ends = np.concatenate([read.i, read.j])
     sizes = np.linalg.norm(read.tangential_force, axis=1)
-    around = np.bincount(ends, np.tile(sizes, 2)) / len(sample.packing.structure.contacts) / 2.0 / sample.force
+    around = (
+        np.bincount(ends, np.tile(sizes, 2))
+        / len(sample.packing.structure.contacts)
+        / 2.0
+        / sample.force
+    )
     np.testing.assert_allclose(balls.arrays["tangential_force"], around, rtol=1e-9)
-    slides = (read.normal_force > 1e-6 * sample.force) & (sizes >= mu * read.normal_force * (1.0 - 1e-9))
-    assert balls.arrays["sliding_contacts"].tolist() == np.bincount(ends, np.tile(slides, 2)).tolist()
+    slides = (read.normal_force > 1e-6 * sample.force) & (
+        sizes >= mu * read.normal_force * (1.0 - 1e-9)
+    )
+    assert (
+        balls.arrays["sliding_contacts"].tolist() == np.bincount(ends, np.tile(slides, 2)).tolist()
+    )
     assert np.any(slides) == (mu < math.inf)
 
 
 def test_tangential_forces_of_a_table_are_across_the_normal():
     network = cycle()[1].sample.network
-    for wrong, why in ((network.normal_force[:, None] * network.normal, "not across"), (math.nan, "not finite")):
-        with pytest.raises(InputError, match=f"contact 0 of the network has a tangential_force that is {why}"):
+    for wrong, why in (
+        (network.normal_force[:, None] * network.normal, "not across"),
+        (math.nan, "not finite"),
+    ):
+        with pytest.raises(
+            InputError, match=f"contact 0 of the network has a tangential_force that is {why}"
+        ):
             replace(network, tangential_force=network.tangential_force + wrong)
 
 
 def test_coulombs_limit_holds_and_is_counted():
     sample = cycle()[1].sample
-    size, limit = np.linalg.norm(sample.tangential_forces, axis=-1), 0.2 * sample.contact_forces
+    size = np.linalg.norm(sample.tangential_forces, axis=-1)
+    limit = 0.2 * sample.contact_forces
     assert np.all(size <= limit * (1.0 + 1e-12))
     part = np.moveaxis(sample.equilibrium.law.mobilise(sample.equilibrium.contacts), 0, -1)
     np.testing.assert_allclose(part * limit, size, rtol=1e-9, atol=1e-12 * sample.force)
     carried = sample.contact_forces > 1e-6 * sample.force
     assert sample.sliding_fraction == np.mean(size[carried] >= limit[carried] * (1.0 - 1e-9))
     assert 0.0 < sample.sliding_fraction < 0.5
-    assert sample.tangential_ratio == pytest.approx(np.mean(size) / np.mean(sample.contact_forces), rel=1e-12)
+    assert sample.tangential_ratio == pytest.approx(
+        np.mean(size) / np.mean(sample.contact_forces), rel=1e-12
+    )
     edges, density = sample.mobilisation_distribution(5)
     assert np.sum(density * np.diff(edges)) == pytest.approx(1.0)
     assert sample.rotations.shape == (6, 6)
     assert cube().sample.rotations.shape == (3, 3, 3, 3)
 
 
-@pytest.mark.parametrize("given", [{}, {"shape": (3, 3, 3), "packing": SPACE}, {"geometry": "exact"}])
+@pytest.mark.parametrize(
+    "given", [{}, {"shape": (3, 3, 3), "packing": SPACE}, {"geometry": "exact"}]
+)
 def test_tangential_over_normal_forces_are_distributed_whatever_the_friction(given):
-    states = simulation(math.inf, samples=2, step_tolerance=1.0, start=0.6, **given).at_overlap(np.array([0.2, 0.4]) * W)
+    states = simulation(math.inf, samples=2, step_tolerance=1.0, start=0.6, **given).at_overlap(
+        np.array([0.2, 0.4]) * W
+    )
     edges, density, error = states.tangential_ratio_distribution(20, 0.6)
     each = []
     for sample in states.samples:
@@ -219,13 +270,22 @@ def test_tangential_over_normal_forces_are_distributed_whatever_the_friction(giv
         carried = normal > 1e-6 * sample.force
         ratios = (np.linalg.norm(sample.tangential_forces, axis=-1)[carried]) / normal[carried]
         assert np.max(ratios) > 0.05
-        each.append([np.mean((ratios >= low) & (ratios < high)) / (high - low) for low, high in itertools.pairwise(edges)])
+        each.append(
+            [
+                np.mean((ratios >= low) & (ratios < high)) / (high - low)
+                for low, high in itertools.pairwise(edges)
+            ]
+        )
     np.testing.assert_allclose(edges, np.linspace(0.0, 0.6, 21), rtol=1e-14)
-    np.testing.assert_allclose([one.tangential_ratio_distribution(20, 0.6)[1] for one in states.samples], each, rtol=1e-9)
+    np.testing.assert_allclose(
+        [one.tangential_ratio_distribution(20, 0.6)[1] for one in states.samples], each, rtol=1e-9
+    )
     pairs = np.reshape(each, (2, 2, 20))
     np.testing.assert_allclose(density, pairs.mean(axis=1), rtol=1e-9)
     np.testing.assert_allclose(error, np.abs(pairs[:, 0] - pairs[:, 1]) / 2.0, atol=1e-12)
-    with pytest.raises(InputError, match=r"no \|T\|/\(mu f\) where mu is inf\. .*Use tangential_ratio_distribution"):
+    with pytest.raises(
+        InputError, match=r"no \|T\|/\(mu f\) where mu is inf\. .*Use tangential_ratio_distribution"
+    ):
         states.mobilisation_distribution()
 
 
@@ -235,7 +295,8 @@ def test_the_distributions_belong_together_where_friction_is_finite():
     parts = state.mobilisation_distribution(10)
     np.testing.assert_allclose(edges, 0.2 * parts[0], rtol=1e-14)
     np.testing.assert_allclose(0.2 * density, parts[1], rtol=1e-12)
-    assert density[-1] * edges[1] >= state.sliding_fraction > 0.0  # those that slide are in the last bin
+    # those that slide are in the last bin
+    assert density[-1] * edges[1] >= state.sliding_fraction > 0.0
     assert np.all(np.isnan(error))  # of one sample
     none = simulation(0.0).at_overlap(0.2 * W)
     edges, density, _ = none.tangential_ratio_distribution(10)
@@ -243,22 +304,29 @@ def test_the_distributions_belong_together_where_friction_is_finite():
     with pytest.raises(InputError, match="where mu is 0"):
         none.sample.mobilisation_distribution()
     rest = gp.DirectSimulation(PACKING, (6, 6), geometry="lattice").at_overlap(0.2 * W)
-    with pytest.raises(InputError, match=r"no tangential_ratio_distribution.*Give friction_history=True"):
+    with pytest.raises(
+        InputError, match=r"no tangential_ratio_distribution.*Give friction_history=True"
+    ):
         rest.tangential_ratio_distribution()
 
 
-# -- the linear response --------------------------------------------------------------------------------------------------
+# -- the linear response ---------------------------------------------------------------------------
 
 
 def dense_tensor(network, packing):
     """The elastic tensor of a network in the plane, from a dense matrix of all its springs; Pa."""
-    n, c = network.n_balls, network.n_contacts
-    rows, strained = np.zeros((2 * c, 3 * n)), np.zeros((2 * c, 3))
+    n = network.n_balls
+    c = network.n_contacts
+    rows = np.zeros((2 * c, 3 * n))
+    strained = np.zeros((2 * c, 3))
     for at in range(c):
         (x, y), i, j = network.normal[at, :2], network.i[at], network.j[at]
         length = network.arm_i[at] + network.arm_j[at]
-        for row, (e, kappa) in enumerate([((x, y), network.normal_stiffness[at]), ((-y, x), network.shear_stiffness[at])]):
-            line, root = np.zeros(3 * n), math.sqrt(kappa)
+        for row, (e, kappa) in enumerate(
+            [((x, y), network.normal_stiffness[at]), ((-y, x), network.shear_stiffness[at])]
+        ):
+            line = np.zeros(3 * n)
+            root = math.sqrt(kappa)
             line[3 * j : 3 * j + 2] += e
             line[3 * i : 3 * i + 2] -= e
             if row:  # lengths of rotations: one arm for each
@@ -276,27 +344,43 @@ def dense_tensor(network, packing):
 def test_moduli_are_those_of_the_springs_that_each_contact_has(response):
     sample = cycle()[1].sample.respond(response)
     network = sample.network
-    np.testing.assert_allclose(sample.elastic_tensor, dense_tensor(network, PACKING), rtol=1e-6, atol=1e-7 * 1e9)
+    np.testing.assert_allclose(
+        sample.elastic_tensor, dense_tensor(network, PACKING), rtol=1e-6, atol=1e-7 * 1e9
+    )
     ratio = network.shear_stiffness / network.normal_stiffness / ETA
     rest = sample.equilibrium
-    part = np.moveaxis(rest.law.mobilise(rest.contacts), 0, -1)[rest.stiffnesses.transpose(1, 2, 0) > 0.0]
+    part = np.moveaxis(rest.law.mobilise(rest.contacts), 0, -1)[
+        rest.stiffnesses.transpose(1, 2, 0) > 0.0
+    ]
     held = (part < 1.0 - 1e-9).astype(float)
-    wanted = {"slide": held, "stick": np.ones_like(part), "partial_slip": held * np.cbrt(1.0 - part)}
+    wanted = {
+        "slide": held,
+        "stick": np.ones_like(part),
+        "partial_slip": held * np.cbrt(1.0 - part),
+    }
     np.testing.assert_allclose(ratio, wanted[response], atol=1e-9)
 
 
 def test_without_friction_the_states_are_those_of_today():
     smooth = gp.DirectSimulation(PACKING, (6, 6), geometry="lattice").at_overlap(0.2 * W)
     none = simulation(0.0, shear_response="slide").at_overlap(0.2 * W)
-    assert none.sliding_fraction == none.sample.equilibrium.resume().sliding_fraction == 1.0  # without a limit, all contacts
-    np.testing.assert_allclose(none.sample.contact_forces, smooth.sample.contact_forces, atol=1e-7 * smooth.force)
+    # without a limit, all contacts
+    assert none.sliding_fraction == none.sample.equilibrium.resume().sliding_fraction == 1.0
+    np.testing.assert_allclose(
+        none.sample.contact_forces, smooth.sample.contact_forces, atol=1e-7 * smooth.force
+    )
     bare = gp.DirectSimulation(replace(PACKING, friction=False), (6, 6)).at_overlap(0.2 * W)
     scale = smooth.elastic_tensor[0, 0]
     np.testing.assert_allclose(none.elastic_tensor, bare.elastic_tensor, atol=1e-6 * scale)
     stuck = none.sample.respond("stick")
     np.testing.assert_allclose(stuck.elastic_tensor, smooth.elastic_tensor, atol=1e-6 * scale)
     assert none.normal_stiffness == pytest.approx(bare.normal_stiffness, rel=1e-6)
-    assert (smooth.sliding_fraction, smooth.work, smooth.dissipated_energy, smooth.tangential_ratio) == (None,) * 4
+    assert (
+        smooth.sliding_fraction,
+        smooth.work,
+        smooth.dissipated_energy,
+        smooth.tangential_ratio,
+    ) == (None,) * 4
 
 
 def test_on_a_way_down_the_slope_of_the_path_is_not_the_stiffness():
@@ -305,7 +389,9 @@ def test_on_a_way_down_the_slope_of_the_path_is_not_the_stiffness():
     for way in (1.0, -1.0):
         for size in (2e-3, 1e-3):
             states = simulation(math.inf).path(overlap=np.array([0.4, 0.4 + way * size]) * W)
-            slopes[way, size] = np.diff(states.force)[0] / (way * size * W) / states.normal_stiffness[0] - 1.0
+            slopes[way, size] = (
+                np.diff(states.force)[0] / (way * size * W) / states.normal_stiffness[0] - 1.0
+            )
     up, down = (2.0 * slopes[way, 1e-3] - slopes[way, 2e-3] for way in (1.0, -1.0))
     assert abs(up) < 1e-5
     assert 1e-3 < down < 1e-2
@@ -313,7 +399,9 @@ def test_on_a_way_down_the_slope_of_the_path_is_not_the_stiffness():
 
 def test_bulk_modulus_is_the_stiffness():
     state = cycle()
-    np.testing.assert_allclose(gp.moduli(state).bulk, math.sqrt(3.0) / 2.0 * state.normal_stiffness / PACKING.diameter)
+    np.testing.assert_allclose(
+        gp.moduli(state).bulk, math.sqrt(3.0) / 2.0 * state.normal_stiffness / PACKING.diameter
+    )
     assert gp.sound_velocities(state).transverse.shape == (4,)
     assert gp.sound_velocities(cube(), [1, 0, 0]).velocities.shape == (3,)
 
@@ -341,21 +429,33 @@ def test_records_average_what_states_do():
     simulated = simulation(samples=2).at_overlap(0.1 * W)
     records = [SampleRecord.of(sample) for sample in simulated.samples]
     recorded = gp.SimulatedState.of(simulated.law.simulation, records, Load("overlap", 0.1 * W))
-    for name in ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy", "normal_stiffness"):
+    for name in (
+        "sliding_fraction",
+        "tangential_ratio",
+        "work",
+        "dissipated_energy",
+        "normal_stiffness",
+    ):
         assert getattr(recorded, name) == getattr(simulated, name)
 
 
 def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
-    """Without springs against slip the shear modulus has no deficit; it is that of the same samples without friction."""
+    """Without springs against slip the shear modulus has no deficit; it is that of the same samples
+    without friction.
+    """
     smooth = replace(PACKING, friction=False)
     names = {}
     for mu, response in ((0.0, "slide"), (0.0, "partial_slip"), (0.0, "stick"), (0.2, "slide")):
         balls = simulation(mu, shear_response=response, step_tolerance=1.0)
         state = balls.at_overlap(0.05 * W)
         names[mu, response] = {check.name for check in gp.validity(state).checks}
-        springs = state.sample.equilibrium.shear_ratios(response)[state.sample.equilibrium.contacts.carried]
+        springs = state.sample.equilibrium.shear_ratios(response)[
+            state.sample.equilibrium.contacts.carried
+        ]
         assert balls.resists_slip == bool(np.any(springs)) == ("shear" in names[mu, response])
-        record = gp.SimulatedState.of(balls, [SampleRecord.of(state.samples[0])], Load("overlap", 0.05 * W))
+        record = gp.SimulatedState.of(
+            balls, [SampleRecord.of(state.samples[0])], Load("overlap", 0.05 * W)
+        )
         assert gp.validity(record).warnings == gp.validity(state).warnings
     assert [found for found in names if "shear" in names[found]] == [(0.0, "stick"), (0.2, "slide")]
     exact = gp.DirectSimulation(smooth, (6, 6), geometry="exact").at_overlap(0.05 * W)
@@ -363,23 +463,29 @@ def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
     assert gp.moduli(slid).shear == pytest.approx(gp.moduli(exact).shear, rel=1e-2)
 
 
-# -- the exact geometry, and other starts ---------------------------------------------------------------------------------
+# -- the exact geometry, and other starts ----------------------------------------------------------
 
 
 @functools.cache
 def exact(width=2.04e-6, reduced=0.2, **more):
     packing = gp.Packing(STEEL, diameter=8e-3, spread=gp.Uniform(width))
-    return gp.DirectSimulation(packing, (6, 6), geometry="exact", **more).at_overlap(reduced * width)
+    return gp.DirectSimulation(packing, (6, 6), geometry="exact", **more).at_overlap(
+        reduced * width
+    )
 
 
-@pytest.mark.parametrize("given", [{}, {"friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 1e-2}])
+@pytest.mark.parametrize(
+    "given", [{}, {"friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 1e-2}]
+)
 def test_the_exact_geometry_is_in_balance_with_its_own_directions(given):
     state = exact(8e-5, 0.2, **given)
     network = state.sample.network
     whole = network if given else replace(network, tangential_force=np.zeros_like(network.normal))
     assert find_imbalance(whole) < 1e-9 * state.force
     np.testing.assert_allclose(network.distance, network.arm_i + network.arm_j, rtol=1e-12)
-    np.testing.assert_allclose(network.normal, network.vector / network.distance[:, None], atol=1e-12)
+    np.testing.assert_allclose(
+        network.normal, network.vector / network.distance[:, None], atol=1e-12
+    )
     overlap = network.radii[network.i] + network.radii[network.j] - network.distance
     np.testing.assert_allclose(PACKING.law.force(overlap), network.normal_force, rtol=1e-6)
     assert network.prestress
@@ -395,7 +501,9 @@ def test_slow_pulses_have_the_speed_of_long_waves_in_the_exact_geometry():
     # frequencies in front of the loads: each frequency of each load is that of one state
     many = gp.pulse_velocities(state, [[1e3], [3e4]], (0.0, 1.0), branches="longitudinal").group
     for place in (0, 1):
-        one = gp.pulse_velocities(state[place], [1e3, 3e4], (0.0, 1.0), branches="longitudinal").group
+        one = gp.pulse_velocities(
+            state[place], [1e3, 3e4], (0.0, 1.0), branches="longitudinal"
+        ).group
         np.testing.assert_allclose(many[0, :, place], one[0], rtol=1e-12)
 
 
@@ -405,9 +513,16 @@ def test_the_exact_geometry_tends_to_the_lattice():
     errors = np.abs(np.array(forces) - limit.reduced_force)
     assert errors[0] > errors[1] > errors[2]
     assert errors[2] < 1e-5 * limit.reduced_force
-    # from a start at which all contacts are closed: places of loose balls differ, however small the width
-    given = {"friction_coefficient": math.inf, "start": 1.1, "friction_history": True, "step_tolerance": 1e-2}
-    near, known = exact(2.04e-7, 0.8, **given), simulation(math.inf, start=1.1).at_overlap(0.8 * W)
+    # from a start at which all contacts are closed: places of loose balls differ, however small the
+    # width
+    given = {
+        "friction_coefficient": math.inf,
+        "start": 1.1,
+        "friction_history": True,
+        "step_tolerance": 1e-2,
+    }
+    near = exact(2.04e-7, 0.8, **given)
+    known = simulation(math.inf, start=1.1).at_overlap(0.8 * W)
     assert near.reduced_force == pytest.approx(known.reduced_force, rel=1e-5)
     scale = 0.1**0.5  # moduli go as the root of the width
     tensor = scale * known.elastic_tensor
@@ -423,24 +538,35 @@ def test_lattices_that_only_friction_holds_start_from_the_gas():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(("lattice", "shape"), [("kagome", (5, 5)), ("sc", (3, 3, 3)), ("bcc", (3, 3, 3))])
+@pytest.mark.parametrize(
+    ("lattice", "shape"), [("kagome", (5, 5)), ("sc", (3, 3, 3)), ("bcc", (3, 3, 3))]
+)
 def test_at_high_load_such_lattices_respond_as_that_of_equal_balls(lattice, shape):
     """What the differences of the balls change goes with their square, over that of the overlap."""
-    packing, loads = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice=lattice), np.array([3.0, 6.0]) * W
+    packing, loads = (
+        gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice=lattice),
+        np.array([3.0, 6.0]) * W,
+    )
     state = simulation(0.5, shape, packing, start="gas", shear_response="stick").path(overlap=loads)
     equal = gp.moduli(gp.AveragedLattice(packing).at_overlap(loads)).tensor
-    apart = np.max(np.abs(symmetrise(state.elastic_tensor, packing.structure) - equal), axis=(-2, -1)) / equal[:, 0, 0]
+    apart = (
+        np.max(np.abs(symmetrise(state.elastic_tensor, packing.structure) - equal), axis=(-2, -1))
+        / equal[:, 0, 0]
+    )
     assert apart[1] < 2e-4
     assert apart[0] / apart[1] == pytest.approx(4.0, rel=0.1)
 
 
-# -- what cannot be done --------------------------------------------------------------------------------------------------
+# -- what cannot be done ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ({"friction_coefficient": -0.1}, "friction_coefficient: found -0.1; allowed: a number, zero or above, or inf"),
+        (
+            {"friction_coefficient": -0.1},
+            "friction_coefficient: found -0.1; allowed: a number, zero or above, or inf",
+        ),
         ({"friction_coefficient": None}, "friction_coefficient: found no friction_coefficient"),
         ({"friction_history": False}, "without friction_history"),
         (
@@ -449,9 +575,15 @@ def test_at_high_load_such_lattices_respond_as_that_of_equal_balls(lattice, shap
         ),
         ({"start": "half"}, "start: found 'half'; allowed: a reduced spacing"),
         ({"start": {"force": -1.0}}, "start.force: found -1.0; allowed: one force in SI"),
-        ({"shear_response": "glue"}, "shear_response: found 'glue'; allowed: stick, slide, partial_slip"),
+        (
+            {"shear_response": "glue"},
+            "shear_response: found 'glue'; allowed: stick, slide, partial_slip",
+        ),
         ({"geometry": "curved"}, "geometry: found 'curved'; allowed: lattice, exact"),
-        ({"geometry": "exact", "packing": gp.Packing(STEEL, 8e-3)}, "exact geometry of equal balls is not simulated"),
+        (
+            {"geometry": "exact", "packing": gp.Packing(STEEL, 8e-3)},
+            "exact geometry of equal balls is not simulated",
+        ),
         ({"start": "liquid"}, "start: found 'liquid'; allowed: a reduced spacing .* or gas"),
     ],
 )
@@ -463,11 +595,18 @@ def test_bad_options(given, why):
 @pytest.mark.parametrize(
     ("start", "why"),
     [
-        ({"force": [1.0, 2.0]}, r"start.force: found \[1.0, 2.0\]; allowed: one force in SI.* A loading starts at one load"),
+        (
+            {"force": [1.0, 2.0]},
+            r"start.force: found \[1.0, 2.0\]; allowed: one force in SI.* A loading starts at"
+            r" one load",
+        ),
         ({"force": []}, r"start.force: found \[\]; allowed: one force"),
         ({}, "start: found an empty block; allowed: one of {force"),
         ({"force": 1.0, "overlap": 1e-7}, "start: found force and overlap; allowed: one of"),
-        ({"overlap": 1e-2}, "start of the loading: overlap = 0.01 m presses the balls together by 1.25 diameters"),
+        (
+            {"overlap": 1e-2},
+            "start of the loading: overlap = 0.01 m presses the balls together by 1.25 diameters",
+        ),
         ({"overlap": -1e-2}, "start of the loading: overlap = -0.01 m: no balls touch"),
         (1e6, "start of the loading: .* presses the balls together"),
         ({"force": 1e-9}, r"start of the loading: a mean contact force of f\* = .* is below 1e-08"),
@@ -481,8 +620,15 @@ def test_a_start_that_no_sample_bears_is_refused_at_once(start, why):
 def test_a_start_of_a_sweep_is_in_si_or_has_its_unit():
     forces = []
     for start in ({"force": 0.5}, {"force": "0.5 N"}, Load("force", 0.5)):
-        given = {"friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 1.0, "start": start}
-        found = gp.sweep(PACKING, overlap=[0.2 * W], media=[{"simulation": {"shape": (4, 4), **given}}])
+        given = {
+            "friction_history": True,
+            "friction_coefficient": 0.2,
+            "step_tolerance": 1.0,
+            "start": start,
+        }
+        found = gp.sweep(
+            PACKING, overlap=[0.2 * W], media=[{"simulation": {"shape": (4, 4), **given}}]
+        )
         forces.append(float(found["force"].squeeze()))
     alone = simulation(shape=(4, 4), step_tolerance=1.0, start={"force": 0.5}, geometry=None)
     assert forces == [alone.at_overlap(0.2 * W).force] * 3
@@ -491,9 +637,21 @@ def test_a_start_of_a_sweep_is_in_si_or_has_its_unit():
 @pytest.mark.parametrize(
     ("packing", "shape", "why"),
     [
-        (gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), friction=False), (4, 4), "needs contacts with friction"),
-        (gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice="chain"), (8,), "a chain has no friction_history"),
-        (gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice="square"), (4, 4), "does not stand without friction"),
+        (
+            gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), friction=False),
+            (4, 4),
+            "needs contacts with friction",
+        ),
+        (
+            gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice="chain"),
+            (8,),
+            "a chain has no friction_history",
+        ),
+        (
+            gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice="square"),
+            (4, 4),
+            "does not stand without friction",
+        ),
     ],
 )
 def test_packings_without_a_history(packing, shape, why):
@@ -504,15 +662,23 @@ def test_packings_without_a_history(packing, shape, why):
 def test_lattices_that_do_not_stand_are_told_what_simulates_them():
     def refuse(lattice, friction=True, **more):
         packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice=lattice, friction=friction)
-        with pytest.raises(MechanismError, match=f"the {lattice} lattice is not simulated") as error:
+        with pytest.raises(
+            MechanismError, match=f"the {lattice} lattice is not simulated"
+        ) as error:
             gp.DirectSimulation(packing, (4,) * packing.structure.periods, **more)
         return str(error.value)
 
     for lattice in ("square", "kagome", "sc"):
-        assert "friction_history: true with a friction_coefficient and start: gas simulates it" in refuse(lattice)
+        assert (
+            "friction_history: true with a friction_coefficient and start: gas simulates it"
+            in refuse(lattice)
+        )
     assert "friction: true of the packing and friction_history" in refuse("square", friction=False)
     history = {"friction_history": True, "friction_coefficient": 0.2}
-    start = "Start the history at the gas (start: gas, and a friction_coefficient above zero), from which friction holds it"
+    start = (
+        "Start the history at the gas (start: gas, and a friction_coefficient above zero), from"
+        " which friction holds it"
+    )
     assert start in refuse("square", **history)
     assert start in refuse("square", friction_history=True, friction_coefficient=0.0, start="gas")
     assert "Friction does not hold it either" in refuse("honeycomb")
@@ -520,7 +686,9 @@ def test_lattices_that_do_not_stand_are_told_what_simulates_them():
 
 
 def test_a_start_below_the_threshold_is_named():
-    with pytest.raises(InputError, match=r"starts below the threshold, at an overlap of -0\.2 widths"):
+    with pytest.raises(
+        InputError, match=r"starts below the threshold, at an overlap of -0\.2 widths"
+    ):
         simulation(start=0.3).at_overlap(0.1 * W)
 
 
@@ -528,7 +696,9 @@ def test_a_start_below_the_threshold_is_named():
 def test_a_load_below_the_start_is_named(kind):
     loads = {"overlap": [0.1 * W, -0.02 * W], "force": [0.5, 0.01]}[kind]
     for start in (None, 0.5, {kind: {"overlap": 0.0, "force": 0.2}[kind]}):
-        with pytest.raises(InputError, match=r"below the start of the loading, (f|a)\* = .* give a lower start") as error:
+        with pytest.raises(
+            InputError, match=r"below the start of the loading, (f|a)\* = .* give a lower start"
+        ) as error:
             getattr(simulation(start=start), f"at_{kind}")(loads)
         assert error.value.load_index == 1
 
@@ -541,10 +711,13 @@ def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read():
     ):
         with pytest.raises(SceneError, match=r":5: load.* below the start of the loading"):
             scene(load=f"{{{load}}}", medium=options(*HISTORY, *[start] * bool(start)))
-    with pytest.raises(SceneError, match=r":5: load.force.1: found '1 N'; .* below the start of the loading"):
+    with pytest.raises(
+        SceneError, match=r":5: load.force.1: found '1 N'; .* below the start of the loading"
+    ):
         scene(load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "start: {force: 1.5 N}"))
     assert not scene(
-        load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "ordered: true", "start: {force: 1.5 N}")
+        load="{force: [2 N, 1 N]}",
+        medium=options(*HISTORY, "ordered: true", "start: {force: 1.5 N}"),
     ).is_single
 
 
@@ -556,9 +729,21 @@ def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read():
             "geometry: lattice, start: {force: 1.5 N}",
             r":5: load.overlap.1: .* below the start of .*, f\* = ",
         ),
-        ("{force: 0.4 N}", "", r":5: load.force: found '0.4 N'; .* below the start of the loading, .* at a\* = 0.5\."),
-        ("{force: 0.4 N}", "geometry: exact", r":5: load.force: found '0.4 N'; .* below the start of the loading"),
-        ("{force: 0.4 N}", "start: 0.345", r":6: medium.simulation.start: found 0.345; .* below the threshold"),
+        (
+            "{force: 0.4 N}",
+            "",
+            r":5: load.force: found '0.4 N'; .* below the start of the loading, .* at a\* = 0.5\.",
+        ),
+        (
+            "{force: 0.4 N}",
+            "geometry: exact",
+            r":5: load.force: found '0.4 N'; .* below the start of the loading",
+        ),
+        (
+            "{force: 0.4 N}",
+            "start: 0.345",
+            r":6: medium.simulation.start: found 0.345; .* below the threshold",
+        ),
     ],
 )
 def test_a_load_below_a_start_of_another_kind_is_refused_when_a_scene_is_read(load, start, where):
@@ -596,13 +781,16 @@ def test_bad_paths(given, why):
 
 
 def test_a_path_is_given_by_keyword_or_as_a_load():
-    forces, balls = [2.0, 1.0], simulation(shape=(4, 4), step_tolerance=1.0)
+    forces = [2.0, 1.0]
+    balls = simulation(shape=(4, 4), step_tolerance=1.0)
     known = balls.path(force=forces)
     assert balls.path(Load("force", forces)) == known
     frame = Load("side_force", np.array(forces) * 31 * math.sqrt(3.0), 31)
     np.testing.assert_allclose(balls.path(frame).overlap, known.overlap, rtol=1e-10)
     for given in (forces, np.array(forces), 2.0, "up"):
-        with pytest.raises(InputError, match=r"a path takes no .* Give force=\[...\] \(N\), pressure=.* overlap="):
+        with pytest.raises(
+            InputError, match=r"a path takes no .* Give force=\[...\] \(N\), pressure=.* overlap="
+        ):
             balls.path(given)
     with pytest.raises(InputError, match="given as a Load and as overlap"):
         balls.path(Load("force", forces), overlap=[0.1 * W])
@@ -620,7 +808,7 @@ def test_what_a_history_does_not_have():
         gp.HertzMindlin(state).calculate(state.sample.atoms())
 
 
-# -- scenes, sweeps, fits -------------------------------------------------------------------------------------------------
+# -- scenes, sweeps, fits --------------------------------------------------------------------------
 
 SCENE = """
 schema: 1
@@ -634,7 +822,9 @@ medium: {simulation: {shape: 4 4, friction_history: true, friction_coefficient: 
 def scene(**more):
     text = SCENE
     for old, new in more.items():
-        text = text.replace({"load": "{force: 2 N}", "medium": text.split("medium: ")[1].strip()}[old], new)
+        text = text.replace(
+            {"load": "{force: 2 N}", "medium": text.split("medium: ")[1].strip()}[old], new
+        )
     return gp.Scene.from_text(text)
 
 
@@ -651,17 +841,32 @@ def test_a_scene_and_its_resolved_form_are_the_simulation(tmp_path):
     again = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
     assert again == given
     medium = gp.DirectSimulation(
-        PACKING, (4, 4), friction_history=True, friction_coefficient=0.2, step_tolerance=0.1, start={"force": 0.4},
+        PACKING,
+        (4, 4),
+        friction_history=True,
+        friction_coefficient=0.2,
+        step_tolerance=0.1,
+        start={"force": 0.4},
         shear_response="stick",
-    )  # fmt: skip
+    )
     state = medium.at_force(2.0)
     tables = [tmp_path / "out" / name for name in ("sample_balls.csv", "sample_contacts.csv")]
     read = gp.ContactNetwork.from_table(*tables, keep_rattlers=True)
     np.testing.assert_array_equal(read.tangential_force, state.sample.network.tangential_force)
     summary = yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())
-    for name in ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy", "overlap", "normal_stiffness"):
+    for name in (
+        "sliding_fraction",
+        "tangential_ratio",
+        "work",
+        "dissipated_energy",
+        "overlap",
+        "normal_stiffness",
+    ):
         assert summary[name] == getattr(state, name)
-    assert {name: summary["units"][name] for name in ("work", "tangential_ratio")} == {"work": "J", "tangential_ratio": "1"}
+    assert {name: summary["units"][name] for name in ("work", "tangential_ratio")} == {
+        "work": "J",
+        "tangential_ratio": "1",
+    }
     assert summary["longitudinal"] == gp.sound_velocities(state).longitudinal
 
 
@@ -674,13 +879,21 @@ def test_the_default_start_is_written_out():
 def test_a_scene_has_finite_overlap_in_the_exact_geometry_alone():
     text = SCENE.replace("2.04 um}", "2.04 um}, finite_overlap: true")
     for geometry in ("", "geometry: exact, "):
-        given = gp.Scene.from_text(text.replace("friction_history: true", f"{geometry}friction_history: true"))
+        given = gp.Scene.from_text(
+            text.replace("friction_history: true", f"{geometry}friction_history: true")
+        )
         assert given.case.state.finite_overlap
     with pytest.raises(InputError, match="no terms of finite overlap"):
-        gp.Scene.from_text(text.replace("friction_history: true", "geometry: lattice, friction_history: true"))
+        gp.Scene.from_text(
+            text.replace("friction_history: true", "geometry: lattice, friction_history: true")
+        )
 
 
-WIDE = SCENE.replace("2.04 um", "100 um").replace("2 N", "300 N").replace("{shape: 4 4", "{geometry: exact, shape: 4 4")
+WIDE = (
+    SCENE.replace("2.04 um", "100 um")
+    .replace("2 N", "300 N")
+    .replace("{shape: 4 4", "{geometry: exact, shape: 4 4")
+)
 
 
 def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monkeypatch):
@@ -690,7 +903,10 @@ def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monke
     assert yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())["finite_overlap"] is True
     resolved = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
     assert resolved == replace(given, source=resolved.source)
-    assert yaml.safe_load((tmp_path / "out" / "scene.yaml").read_text())["packing"]["finite_overlap"] is True
+    assert (
+        yaml.safe_load((tmp_path / "out" / "scene.yaml").read_text())["packing"]["finite_overlap"]
+        is True
+    )
     (facts, _), *_ = describe_lines(read_run(tmp_path / "out").dataset, "force")
     assert "finite overlap" in facts["overlap"]
     known = result.state.contact_lattice()
@@ -702,14 +918,20 @@ def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monke
 
     monkeypatch.setattr("granphon.figures.bands.bands_figure", draw)
     redraw(tmp_path / "out", tmp_path / "x.png", asymptotes=True)
-    assert drawn[0].sound_velocities((1.0, 0.0))[0] == pytest.approx(known.sound_velocities((1.0, 0.0))[0], rel=1e-12)
+    assert drawn[0].sound_velocities((1.0, 0.0))[0] == pytest.approx(
+        known.sound_velocities((1.0, 0.0))[0], rel=1e-12
+    )
 
 
 def test_a_sweep_says_which_media_have_finite_overlap(tmp_path):
-    swept = gp.Scene.from_text(WIDE.replace("300 N", "[200 N, 300 N]")).run(tmp_path / "out", figures=False)
+    swept = gp.Scene.from_text(WIDE.replace("300 N", "[200 N, 300 N]")).run(
+        tmp_path / "out", figures=False
+    )
     assert (swept.dataset.attrs["finite_overlap"], "exponent" in swept.dataset.attrs) == (1, False)
     assert yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())["finite_overlap"] is True
-    mixed = gp.Scene.from_text(WIDE.replace("medium: {", "medium: [ema, {").replace("0.1}}", "0.1}}]"))
+    mixed = gp.Scene.from_text(
+        WIDE.replace("medium: {", "medium: [ema, {").replace("0.1}}", "0.1}}]")
+    )
     assert not mixed.finite_overlap
     found = replace(mixed, load=Load("force", [300.0])).run(tmp_path / "mixed", figures=False)
     assert (found.dataset.attrs["finite_overlap"], found.finite_overlap) == (0, [False, True])
@@ -732,7 +954,8 @@ def test_a_sweep_is_loaded_as_its_scene_says():
     np.testing.assert_array_equal(path["sliding_fraction"].values.ravel(), state.sliding_fraction)
     np.testing.assert_array_equal(path["bulk"].values.ravel(), gp.moduli(state).bulk)
     assert path["dissipated_energy"].attrs["units"] == "J"
-    assert path["overlap"].values.ravel()[1] > loaded.overlap[1]  # balls that are unloaded stay nearer
+    # balls that are unloaded stay nearer
+    assert path["overlap"].values.ravel()[1] > loaded.overlap[1]
 
 
 def end_at(monkeypatch, overlap):
@@ -747,14 +970,21 @@ def end_at(monkeypatch, overlap):
     monkeypatch.setattr(Stepper, "step", fail)
 
 
-@pytest.mark.parametrize(("geometry", "mend"), [("lattice", "Take another seed"), ("exact", 'Take the geometry "lattice"')])
+@pytest.mark.parametrize(
+    ("geometry", "mend"),
+    [("lattice", "Take another seed"), ("exact", 'Take the geometry "lattice"')],
+)
 def test_errors_of_arrays_from_the_gas_advise_no_other_start(monkeypatch, geometry, mend):
     square = replace(PACKING, lattice="square")
     pressed = simulation(0.5, (4, 4), square, start="gas", geometry=geometry)
-    with pytest.raises(InputError, match=r"Pressed from the gas.* Raise the load, or unload along a path"):
+    with pytest.raises(
+        InputError, match=r"Pressed from the gas.* Raise the load, or unload along a path"
+    ):
         pressed.at_overlap(-0.3 * W)
     end_at(monkeypatch, 0.01)
-    with pytest.raises(ConvergenceError, match=rf"pressed from the gas, are not in balance beyond .* {mend}"):
+    with pytest.raises(
+        ConvergenceError, match=rf"pressed from the gas, are not in balance beyond .* {mend}"
+    ):
         pressed.at_overlap(0.4 * W)
 
 
@@ -762,31 +992,45 @@ ENDING = options(*HISTORY, "ordered: true", "samples: 2")
 
 
 def test_a_path_that_ends_early_keeps_the_loads_before(tmp_path, monkeypatch):
-    out, loads = tmp_path / "out", "{overlap: [0.2 um, 0.4 um, 0.01 um, 0.3 um]}"
+    out = tmp_path / "out"
+    loads = "{overlap: [0.2 um, 0.4 um, 0.01 um, 0.3 um]}"
     end_at(monkeypatch, 0.01)
     with pytest.raises(
-        ConvergenceError, match=r":5: load.overlap.2: found '0.01 um'; .*apart.* 2 loads that were reached"
+        ConvergenceError,
+        match=r":5: load.overlap.2: found '0.01 um'; .*apart.* 2 loads that were reached",
     ) as caught:
         scene(load=loads, medium=ENDING).run(out, figures=False)
-    assert sorted(one.name for one in out.iterdir()) == [".granphon-files", "sweep_incomplete.csv", "sweep_incomplete.nc"]
+    assert sorted(one.name for one in out.iterdir()) == [
+        ".granphon-files",
+        "sweep_incomplete.csv",
+        "sweep_incomplete.nc",
+    ]
     before = scene(load="{overlap: [0.2 um, 0.4 um]}", medium=ENDING)
     kept = gp.load_sweep(out / "sweep_incomplete.nc")
     assert kept.identical(caught.value.reached)
     assert "falls apart" in kept.attrs.pop("incomplete")
-    assert kept.identical(before.run(out, figures=False).dataset)  # without force, as no result is lost
+    # without force, as no result is lost
+    assert kept.identical(before.run(out, figures=False).dataset)
     assert not list(out.glob("*incomplete*"))
 
 
 def test_media_of_a_sweep_that_ends_early_have_the_same_loads(tmp_path, monkeypatch):
     end_at(monkeypatch, 0.01)
-    history = {"friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 0.1, "shape": (4, 4)}
+    history = {
+        "friction_history": True,
+        "friction_coefficient": 0.2,
+        "step_tolerance": 0.1,
+        "shape": (4, 4),
+    }
     given = {"overlap": np.array([0.005, 0.1, 0.2]) * W, "packing": PACKING}
     falling, rising = ({"simulation": history | {"ordered": ordered}} for ordered in (True, False))
     with pytest.raises(ConvergenceError, match=r"ordered=true.*falls apart") as caught:
         gp.sweep(media=["ema", falling, rising], path=tmp_path / "x.nc", **given)
     assert caught.value.reached is None  # its first load is not reached
     given["overlap"] = given["overlap"][::-1]
-    with pytest.raises(ConvergenceError, match=r"ordered=true.*falls apart.* are in x_incomplete.nc and x_inc") as caught:
+    with pytest.raises(
+        ConvergenceError, match=r"ordered=true.*falls apart.* are in x_incomplete.nc and x_inc"
+    ) as caught:
         gp.sweep(media=["ema", falling], path=tmp_path / "x.nc", overwrite=True, **given)
     known = gp.sweep(PACKING, media=["ema", falling], overlap=given["overlap"][:2])
     assert caught.value.reached.drop_attrs(deep=False).identical(known.drop_attrs(deep=False))
@@ -796,10 +1040,17 @@ def test_media_of_a_sweep_that_ends_early_have_the_same_loads(tmp_path, monkeypa
 
 @pytest.mark.exhaustive
 def test_a_width_is_fitted_with_friction():
-    # springs at all contacts: without those at sliding contacts, of so few balls, the velocity would jump with the width
-    history = {"friction_history": True, "friction_coefficient": 0.2, "shear_response": "stick", "step_tolerance": 1e-2}
+    # springs at all contacts: without those at sliding contacts, of so few balls, the velocity
+    # would jump with the width
+    history = {
+        "friction_history": True,
+        "friction_coefficient": 0.2,
+        "shear_response": "stick",
+        "step_tolerance": 1e-2,
+    }
     medium = {"simulation": {"shape": (8, 8), **history}}
-    forces = np.array([2.0, 8.0])  # well above the start, also where a width that is tried is too large
+    # well above the start, also where a width that is tried is too large
+    forces = np.array([2.0, 8.0])
     state = MediumChoice.parse(medium).of(PACKING).at_force(forces)
     fit = gp.fit_width(PACKING, forces, gp.sound_velocities(state).longitudinal, 1.0, medium=medium)
     assert fit.width == pytest.approx(W, rel=0.02)
@@ -807,20 +1058,42 @@ def test_a_width_is_fitted_with_friction():
 
 
 def test_a_fit_below_the_start_says_which_datum():
-    medium = {"simulation": {"shape": (4, 4), "friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 0.1}}
-    with pytest.raises(InputError, match=r"datum 2, the lowest, is f\* = 0\.0.* curve .* begins lower: .* below the start"):
+    medium = {
+        "simulation": {
+            "shape": (4, 4),
+            "friction_history": True,
+            "friction_coefficient": 0.2,
+            "step_tolerance": 0.1,
+        }
+    }
+    with pytest.raises(
+        InputError,
+        match=r"datum 2, the lowest, is f\* = 0\.0.* curve .* begins lower: .* below the start",
+    ):
         gp.fit_width(PACKING, [8.0, 0.2, 2.0], [650.0, 250.0, 460.0], 1.0, medium=medium)
 
 
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        (options("friction_history: true"), r"medium.simulation.friction_coefficient: found no friction_coefficient"),
-        (options(*HISTORY, "start: {overlap: 20 mm}"), r"found {overlap: 20 mm}; .* the start of the loading: overlap"),
+        (
+            options("friction_history: true"),
+            r"medium.simulation.friction_coefficient: found no friction_coefficient",
+        ),
+        (
+            options(*HISTORY, "start: {overlap: 20 mm}"),
+            r"found {overlap: 20 mm}; .* the start of the loading: overlap",
+        ),
         (options(*HISTORY, "start: {force: 1}"), "start.force: found 1"),
         (options("friction_histroy: true"), "Did you mean 'friction_history'"),
-        ("{auto: {friction_history: true}}", "medium.auto.friction_coefficient: found no friction_coefficient"),
-        ("{auto: {friction_history: true, friction_coefficient: 0.05}}", "friction coefficients from 0.1 on, not for 0.05"),
+        (
+            "{auto: {friction_history: true}}",
+            "medium.auto.friction_coefficient: found no friction_coefficient",
+        ),
+        (
+            "{auto: {friction_history: true, friction_coefficient: 0.05}}",
+            "friction coefficients from 0.1 on, not for 0.05",
+        ),
     ],
 )
 def test_mistakes_in_a_scene(given, why):
@@ -841,10 +1114,26 @@ LINES = """
 @pytest.mark.parametrize(
     ("load", "start", "where"),
     [
-        ("{force: 2 N}", "0.3", r":12: medium.1.simulation.start: found 0.3; allowed: .* below the threshold"),
-        ("{force: [2 N, 9 N]}", "0.3", r":12: medium.1.simulation.start: found 0.3; allowed: .* below the threshold"),
-        ("{force: 2 N}", "{force: 1 GN}", r":12: medium.1.simulation.start: found {force: 1 GN}; allowed: .* together"),
-        ("{force: 2 N}", "{force: 5 N}", r":5: load.force: found '2 N'; .* is below the start of the loading"),
+        (
+            "{force: 2 N}",
+            "0.3",
+            r":12: medium.1.simulation.start: found 0.3; allowed: .* below the threshold",
+        ),
+        (
+            "{force: [2 N, 9 N]}",
+            "0.3",
+            r":12: medium.1.simulation.start: found 0.3; allowed: .* below the threshold",
+        ),
+        (
+            "{force: 2 N}",
+            "{force: 1 GN}",
+            r":12: medium.1.simulation.start: found {force: 1 GN}; allowed: .* together",
+        ),
+        (
+            "{force: 2 N}",
+            "{force: 5 N}",
+            r":5: load.force: found '2 N'; .* is below the start of the loading",
+        ),
     ],
 )
 def test_mistakes_of_the_start_are_placed_at_the_start(load, start, where, tmp_path):
@@ -858,12 +1147,19 @@ def test_a_start_by_default_that_fails_is_placed_at_the_medium(tmp_path, monkeyp
         raise InputError("it starts below the threshold")
 
     monkeypatch.setattr(LoadingHistory, "begin", fail)
-    with pytest.raises(SceneError, match=r":6: medium: found no start; allowed: .* below the threshold"):
+    with pytest.raises(
+        SceneError, match=r":6: medium: found no start; allowed: .* below the threshold"
+    ):
         scene().run(tmp_path / "out", figures=False)
 
 
 def test_a_path_is_drawn_in_its_order():
-    given = {"friction_history": True, "friction_coefficient": 0.1, "step_tolerance": 0.1, "ordered": True}
+    given = {
+        "friction_history": True,
+        "friction_coefficient": 0.1,
+        "step_tolerance": 0.1,
+        "ordered": True,
+    }
     loads = np.array([0.1, 0.3, 0.2, 0.1]) * W
     media = ["ema", {"simulation": {"shape": (4, 4), **given}}]
     figure = sweep_figure(gp.sweep(PACKING, overlap=loads, media=media))

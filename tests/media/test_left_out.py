@@ -1,4 +1,6 @@
-"""The geometry that simulations have if none is named: that of the lattice where it leaves out next to nothing."""
+"""The geometry that simulations have if none is named: that of the lattice where it leaves out next
+to nothing.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,13 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.cli.commands import main
 from granphon.media.choice import MediumChoice
-from granphon.media.left_out import EXACT, LATTICE, choose_geometries, estimate_open_contacts, expect_shear_deficit
+from granphon.media.left_out import (
+    EXACT,
+    LATTICE,
+    choose_geometries,
+    estimate_open_contacts,
+    expect_shear_deficit,
+)
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 REAL = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
@@ -24,7 +32,9 @@ def unit(packing: gp.Packing) -> float:
 
 
 def narrow(ratio: float, **given: object) -> gp.Packing:
-    """Balls of a W/d so small that terms of the order of the overlap over the diameter do not matter."""
+    """Balls of a W/d so small that terms of the order of the overlap over the diameter do not
+    matter.
+    """
     return gp.Packing(STEEL, 8e-3, gp.Uniform(ratio * 8e-3), **given)
 
 
@@ -38,7 +48,9 @@ def test_each_load_has_its_own_geometry_whatever_the_others_are():
         alone = gp.DirectSimulation(REAL, (8, 8)).at_force(load)
         assert alone.finite_overlap == (place < 2) == together[place].finite_overlap
         for name in ("overlap", "normal_stiffness", "pressure", "effective_density", "exponent"):
-            assert_allclose(np.asarray(getattr(together, name))[place], getattr(alone, name), rtol=1e-7)
+            assert_allclose(
+                np.asarray(getattr(together, name))[place], getattr(alone, name), rtol=1e-7
+            )
         of_one = gp.sound_velocities(alone)
         assert_allclose(velocities.transverse[place], of_one.transverse, rtol=1e-9)
         assert_allclose(velocities.longitudinal[place], of_one.longitudinal, rtol=1e-9)
@@ -50,13 +62,19 @@ def test_the_states_are_those_of_the_geometries_by_word():
     for word, places in ((EXACT, [0, 1]), (LATTICE, [2, 3, 4])):
         named = gp.DirectSimulation(REAL, (8, 8), samples=2, geometry=word).at_force(force[places])
         assert_array_equal(found.overlap[places], named.overlap)
-        assert_allclose(gp.sound_velocities(found[places]).transverse, gp.sound_velocities(named).transverse, rtol=1e-13)
+        assert_allclose(
+            gp.sound_velocities(found[places]).transverse,
+            gp.sound_velocities(named).transverse,
+            rtol=1e-13,
+        )
         assert_allclose(found.pressure[places], named.pressure, rtol=1e-13)
 
 
 @pytest.mark.parametrize("lattice", ["triangular", "fcc"])
 def test_where_the_lattice_is_chosen_it_leaves_out_less_than_a_thousandth(lattice):
-    """The claim itself, against the exact geometry of the same balls, just above the load from which it is chosen."""
+    """The claim itself, against the exact geometry of the same balls, just above the load from
+    which it is chosen.
+    """
     packing = narrow(1e-5, lattice=lattice)
     forces = np.geomspace(0.02, 2.0, 60) * unit(packing)
     words = choose_geometries(packing, Load("force", forces))
@@ -70,7 +88,9 @@ def test_where_the_lattice_is_chosen_it_leaves_out_less_than_a_thousandth(lattic
     assert not here.finite_overlap
     for name in ("normal_stiffness", "overlap"):
         assert_allclose(getattr(here, name), getattr(true, name), rtol=1e-3)
-    assert_allclose(here.elastic_tensor, true.elastic_tensor, rtol=1e-3, atol=1e-3 * np.max(true.elastic_tensor))
+    assert_allclose(
+        here.elastic_tensor, true.elastic_tensor, rtol=1e-3, atol=1e-3 * np.max(true.elastic_tensor)
+    )
 
 
 def test_nothing_is_left_out_without_slip_or_differences():
@@ -132,8 +152,16 @@ def test_check_warns_before_anything_is_simulated_and_tables_mark_it(tmp_path, c
     assert words in " ".join(capsys.readouterr().err.split())
     header, low, high = (tmp_path / "out" / "sweep.csv").read_text().splitlines()
     place = header.split(",").index("valid")
-    assert low.split('"')[2].split(",")[place - 1] == "False" if '"' in low else low.split(",")[place] == "False"
-    assert high.split('"')[2].split(",")[place - 1] == "True" if '"' in high else high.split(",")[place] == "True"
+    assert (
+        low.split('"')[2].split(",")[place - 1] == "False"
+        if '"' in low
+        else low.split(",")[place] == "False"
+    )
+    assert (
+        high.split('"')[2].split(",")[place - 1] == "True"
+        if '"' in high
+        else high.split(",")[place] == "True"
+    )
     scene.write_text(SCENE % "")
     assert main(["check", str(scene)]) == 0
     assert "too small" not in capsys.readouterr().err
@@ -144,7 +172,8 @@ def test_what_a_geometry_leaves_out_belongs_to_the_expected_error():
     shape = ("shape", (1024, 1024))
     by_word = [MediumChoice("simulation", (shape, ("geometry", word))) for word in (LATTICE, EXACT)]
     lattice, exact, chosen = (
-        float(one.expected_error(REAL, load)) for one in (*by_word, MediumChoice("simulation", (shape,)))
+        float(one.expected_error(REAL, load))
+        for one in (*by_word, MediumChoice("simulation", (shape,)))
     )
     deficit = float(expect_shear_deficit(REAL, load)[0])
     assert deficit > 0.02
@@ -152,31 +181,43 @@ def test_what_a_geometry_leaves_out_belongs_to_the_expected_error():
     assert_allclose(lattice - exact, 0.5 * deficit, rtol=1e-12)
     # the truth has true directions: those of the medium are as far from it
     wide, fine = (
-        float(MediumChoice("ema").expected_error(narrow(r), Load("force", 0.01 * unit(narrow(r))))) for r in (1e-3, 1e-9)
+        float(MediumChoice("ema").expected_error(narrow(r), Load("force", 0.01 * unit(narrow(r)))))
+        for r in (1e-3, 1e-9)
     )
     assert wide > fine + 0.04
 
 
 @pytest.mark.parametrize(("geometry", "told"), [(LATTICE, True), (EXACT, False), (None, False)])
-def test_from_the_gas_in_the_directions_of_the_lattice_velocities_depend_on_the_numbering(geometry, told):
+def test_from_the_gas_in_the_directions_of_the_lattice_velocities_depend_on_the_numbering(
+    geometry, told
+):
     given = {**HISTORY, "start": "gas", "step_tolerance": 1.0, "geometry": geometry}
     state = gp.DirectSimulation(REAL, (4, 4), **given).at_force(unit(REAL))
     warnings = [text for text in gp.validity(state).warnings if "numbering" in text]
     assert len(warnings) == told
     assert state.valid == (not told)
     if told:
-        assert warnings[0].startswith("Velocities depend on the numbering of the balls, by some 8 %: loose balls float")
+        assert warnings[0].startswith(
+            "Velocities depend on the numbering of the balls, by some 8 %: loose balls float"
+        )
 
 
 @pytest.mark.claim("friction-numbering")
 def test_reduced_balls_of_another_material_and_size_have_the_same_history():
     """Rounding differs; that of the way is left."""
     found = []
-    for material, diameter in ((STEEL, 8e-3), (gp.Material(7.3e10, STEEL.poisson_ratio, 2450.0), 1.37e-3)):
+    for material, diameter in (
+        (STEEL, 8e-3),
+        (gp.Material(7.3e10, STEEL.poisson_ratio, 2450.0), 1.37e-3),
+    ):
         packing = gp.Packing(material, diameter, gp.Uniform(2.55e-4 * diameter))
-        state = gp.DirectSimulation(packing, (8, 8), **HISTORY).at_force(np.array([0.1, 0.4]) * unit(packing))
+        state = gp.DirectSimulation(packing, (8, 8), **HISTORY).at_force(
+            np.array([0.1, 0.4]) * unit(packing)
+        )
         energy = unit(packing) * packing.width
-        found.append((state.overlap / packing.width, state.work / energy, state.dissipated_energy / energy))
+        found.append(
+            (state.overlap / packing.width, state.work / energy, state.dissipated_energy / energy)
+        )
     for one, other, within in zip(*found, (1e-9, 1e-7, 1e-5), strict=True):
         assert_allclose(one, other, rtol=within)
 
@@ -187,12 +228,23 @@ def test_in_the_exact_geometry_the_numbering_of_the_balls_changes_nothing():
     """An array from the gas, whose balls are numbered from another one on."""
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6), lattice="sc")
     diameters = packing.diameter + packing.width * gp.Uniform(1.0).sample((3, 3, 3), 0)
-    given = {"friction_history": True, "friction_coefficient": 0.3, "start": "gas", "geometry": EXACT}
+    given = {
+        "friction_history": True,
+        "friction_coefficient": 0.3,
+        "start": "gas",
+        "geometry": EXACT,
+    }
     one, other = (
-        gp.DirectSimulation(packing, diameters=np.roll(diameters, shift, (0, 1, 2)), **given).at_force(0.1 * unit(packing))
+        gp.DirectSimulation(
+            packing, diameters=np.roll(diameters, shift, (0, 1, 2)), **given
+        ).at_force(0.1 * unit(packing))
         for shift in ((0, 0, 0), (0, 1, 1))
     )
     assert_allclose(other.overlap, one.overlap, rtol=1e-8)
     for name in ("work", "dissipated_energy"):
-        assert_allclose(getattr(other, name), getattr(one, name), rtol=0.0, atol=1e-8 * float(one.work))
-    assert_allclose(other.elastic_tensor, one.elastic_tensor, rtol=0.0, atol=1e-8 * np.max(one.elastic_tensor))
+        assert_allclose(
+            getattr(other, name), getattr(one, name), rtol=0.0, atol=1e-8 * float(one.work)
+        )
+    assert_allclose(
+        other.elastic_tensor, one.elastic_tensor, rtol=0.0, atol=1e-8 * np.max(one.elastic_tensor)
+    )

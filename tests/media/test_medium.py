@@ -35,7 +35,12 @@ diameters = st.floats(-9.0, 2.0).map(lambda x: 10.0**x)
 loads = st.floats(-30.0, -3.0).map(lambda x: 10.0**x)
 
 
-@given(diameter=diameters, load=loads, lattice=st.sampled_from(["triangular", "square", "kagome"]), friction=st.booleans())
+@given(
+    diameter=diameters,
+    load=loads,
+    lattice=st.sampled_from(["triangular", "square", "kagome"]),
+    friction=st.booleans(),
+)
 def test_round_trips(diameter, load, lattice, friction):
     material = gp.Material(7e10, 0.2, 2500.0)
     medium = gp.AveragedLattice(gp.Packing(material, diameter, lattice=lattice, friction=friction))
@@ -47,14 +52,21 @@ def test_round_trips(diameter, load, lattice, friction):
         assert_allclose(getattr(again, name), getattr(state, name), rtol=5e-16)
 
 
-# -- shapes -----------------------------------------------------------------------------------------------------------
+# -- shapes ----------------------------------------------------------------------------------------
 
 
 def test_scalar_in_float_out(packing):
     medium = gp.AveragedLattice(packing)
     for given_load in (1.0, np.float64(1.0), np.array(1.0), 1):
         state = medium.at_force(given_load)
-        for name in (*SI, "relative_overlap", "reduced_force", "reduced_spacing", "force_fluctuation", "contact_fraction"):
+        for name in (
+            *SI,
+            "relative_overlap",
+            "reduced_force",
+            "reduced_spacing",
+            "force_fluctuation",
+            "contact_fraction",
+        ):
             assert type(getattr(state, name)) is float
         assert state.valid is True
         assert state.shape == ()
@@ -64,7 +76,8 @@ def test_scalar_in_float_out(packing):
 @pytest.mark.parametrize("shape", [(1,), (3,), (2, 3), (2, 1, 2)])
 @pytest.mark.parametrize("name", NAMED)
 @pytest.mark.parametrize(
-    ("make", "width"), [(gp.AveragedLattice, 0.0), (gp.AveragedForce, 2e-6), (gp.EffectiveMedium, 2e-6)]
+    ("make", "width"),
+    [(gp.AveragedLattice, 0.0), (gp.AveragedForce, 2e-6), (gp.EffectiveMedium, 2e-6)],
 )
 def test_attributes_have_the_shape_of_the_load(steel, shape, name, make, width):
     medium = make(gp.Packing(steel, 8e-3, gp.Uniform(width)))
@@ -77,7 +90,9 @@ def test_attributes_have_the_shape_of_the_load(steel, shape, name, make, width):
     for index in np.ndindex(shape):
         alone = getattr(medium, f"at_{name}")(values[index])
         for attribute in SI:
-            assert getattr(state, attribute)[index] == pytest.approx(getattr(alone, attribute), rel=1e-12)
+            assert getattr(state, attribute)[index] == pytest.approx(
+                getattr(alone, attribute), rel=1e-12
+            )
         part = state[index]
         assert part.is_single
         assert part.force == pytest.approx(alone.force, rel=1e-12)
@@ -105,14 +120,22 @@ def test_equal_balls(packing, smooth):
 def test_scales_belong_to_one_load(packing):
     state = gp.AveragedLattice(packing).at_force(18.446)
     scales = state.scales
-    assert (scales.length, scales.stiffness, scales.mass) == (packing.diameter, state.normal_stiffness, packing.mass)
-    assert_allclose(scales.frequency, math.sqrt(state.normal_stiffness / packing.mass) / (2 * math.pi), rtol=1e-15)
+    assert (scales.length, scales.stiffness, scales.mass) == (
+        packing.diameter,
+        state.normal_stiffness,
+        packing.mass,
+    )
+    assert_allclose(
+        scales.frequency,
+        math.sqrt(state.normal_stiffness / packing.mass) / (2 * math.pi),
+        rtol=1e-15,
+    )
     assert_allclose(scales.velocity, 2 * math.pi * scales.frequency * 8e-3, rtol=1e-15)
     with pytest.raises(InputError, match="2 loads"):
         _ = gp.AveragedLattice(packing).at_force([1.0, 2.0]).scales
 
 
-# -- what cannot be ---------------------------------------------------------------------------------------------------
+# -- what cannot be --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMED)
@@ -162,7 +185,7 @@ def test_a_state_does_not_share_the_callers_memory(packing):
     assert_allclose(state.force, [1.0, 2.0])
 
 
-# -- balls that differ --------------------------------------------------------------------------------------------------
+# -- balls that differ -----------------------------------------------------------------------------
 
 SPREADS = {
     "uniform": lambda w: gp.Uniform(w),
@@ -183,9 +206,13 @@ def unit_of_force(packing):
 
 
 @given(
-    part=st.floats(-3.0, 17.0), width=st.floats(-16.0, -1.0), name=st.sampled_from(NAMED), finite=st.booleans(),
-    make=st.sampled_from(LAW_MEDIA), spread=st.sampled_from(["uniform", "normal"]),
-)  # fmt: skip
+    part=st.floats(-3.0, 17.0),
+    width=st.floats(-16.0, -1.0),
+    name=st.sampled_from(NAMED),
+    finite=st.booleans(),
+    make=st.sampled_from(LAW_MEDIA),
+    spread=st.sampled_from(["uniform", "normal"]),
+)
 def test_round_trips_of_balls_that_differ(steel, part, width, name, finite, make, spread):
     packing = differing(steel, 8e-3 * 10.0**width, spread)
     # twenty decades up from f* = 1e-3, as long as balls are not pressed flat
@@ -210,20 +237,29 @@ def test_equal_balls_are_the_limit_of_width_zero(steel, make, spread):
         # k/k_ala - 1 = -r/96 (W/delta)^2, at most 1/96
         room = 4e-15 + 1.1 / 96.0 * (state.packing.width / equal.overlap) ** 2
         assert abs(state.normal_stiffness / equal.normal_stiffness - 1.0) < room
-        assert abs(state.overlap / equal.overlap - 1.0) < 4e-15 + (state.packing.width / equal.overlap) ** 2
-    far = [make(differing(steel, w, spread)).at_force(18.446).stiffness_ratio - 1.0 for w in (4e-7, 2e-7)]
+        assert (
+            abs(state.overlap / equal.overlap - 1.0)
+            < 4e-15 + (state.packing.width / equal.overlap) ** 2
+        )
+    far = [
+        make(differing(steel, w, spread)).at_force(18.446).stiffness_ratio - 1.0
+        for w in (4e-7, 2e-7)
+    ]
     if make is not gp.AveragedLattice:
         assert math.log2(far[0] / far[1]) == pytest.approx(2.0, abs=0.01)
 
 
 @every_law
 def test_a_reduced_force_near_the_end_of_the_floating_range(steel, make):
-    # c W^(3/2) is a normal number for the first width, but W^(3/2) is not; for the second neither is
+    # c W^(3/2) is a normal number for the first width, but W^(3/2) is not; for the second neither
+    # is
     for width, forces in ((1e-210, [1e-304, 1.0]), (1e-218, [1e-100, 1e-30])):
         packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(width))
         state = make(packing).at_force(forces)
         unit = Decimal(packing.law.coefficient) * Decimal(width).sqrt() ** 3
-        assert_allclose(state.reduced_force, [float(Decimal(force) / unit) for force in forces], rtol=2e-15)
+        assert_allclose(
+            state.reduced_force, [float(Decimal(force) / unit) for force in forces], rtol=2e-15
+        )
 
 
 @pytest.mark.parametrize("make", LAW_MEDIA[1:])
@@ -258,12 +294,16 @@ def test_loads_too_low_for_the_medium(steel, make):
 
 def test_validity_and_regime_at_their_borders(steel):
     packing = differing(steel)
-    medium, unit = gp.EffectiveMedium(packing), unit_of_force(packing)
+    medium = gp.EffectiveMedium(packing)
+    unit = unit_of_force(packing)
     state = medium.at_force(unit * np.array([0.0799999, 0.0800001, 100.0]))
     assert state.valid.tolist() == [False, True, True]
-    rms, root = packing.width / math.sqrt(12.0), math.sqrt(10.0)
+    rms = packing.width / math.sqrt(12.0)
+    root = math.sqrt(10.0)
     for make in LAW_MEDIA[:2]:
-        overlaps = rms * np.array([1.0 / root * (1 - 1e-9), 1.0 / root * (1 + 1e-9), root * (1 - 1e-9), root * (1 + 1e-9)])
+        overlaps = rms * np.array(
+            [1.0 / root * (1 - 1e-9), 1.0 / root * (1 + 1e-9), root * (1 - 1e-9), root * (1 + 1e-9)]
+        )
         state = make(packing).at_overlap(overlaps)
         assert state.regime.tolist() == ["low", "intermediate", "intermediate", "high"]
         assert state.valid.tolist() == [False, False, False, True]
@@ -272,7 +312,10 @@ def test_validity_and_regime_at_their_borders(steel):
 def test_states_of_every_medium_and_spread_come_back(steel):
     for spread, make in itertools.product(SPREADS, LAW_MEDIA):
         state = make(differing(steel, spread=spread)).at_force([5.0, 18.446])
-        for again in (gp.ContactState.from_dict(json.loads(json.dumps(state.to_dict()))), pickle.loads(pickle.dumps(state))):
+        for again in (
+            gp.ContactState.from_dict(json.loads(json.dumps(state.to_dict()))),
+            pickle.loads(pickle.dumps(state)),
+        ):
             assert again == state
             assert np.array_equal(again.contact_fraction, state.contact_fraction)
             assert np.array_equal(again.law.force(again.overlap), state.law.force(state.overlap))
@@ -281,7 +324,9 @@ def test_states_of_every_medium_and_spread_come_back(steel):
 @pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
 @pytest.mark.parametrize("name", ["overlap", "force", "normal_stiffness"])
 def test_a_state_without_digest_has_the_numbers_of_its_law(steel, name):
-    """Also of samples, whose mean it is; and an overlap is no more than a diameter, nor less than that of balls apart."""
+    """Also of samples, whose mean it is; and an overlap is no more than a diameter, nor less than
+    that of balls apart.
+    """
     states = [make(differing(steel)).at_force([5.0, 18.446]) for make in LAW_MEDIA[:3]]
     samples = gp.DirectSimulation(differing(steel), shape=(4, 4)).at_force([5.0, 18.446])
     for state in [*states, *([samples] if name != "normal_stiffness" else [])]:
@@ -295,7 +340,7 @@ def test_a_state_without_digest_has_the_numbers_of_its_law(steel, name):
                 type(state).from_dict(data | {name: [values[0], value]})
 
 
-# -- macroscopic properties (47)-(49) -----------------------------------------------------------------------------------
+# -- macroscopic properties (47)-(49) --------------------------------------------------------------
 
 
 @every_law
@@ -330,7 +375,7 @@ def test_the_media_are_ordered(steel):
         assert np.all(np.diff(ratio) > 0.0)
 
 
-# -- the terms of finite overlap, which the state owns --------------------------------------------------------------------
+# -- the terms of finite overlap, which the state owns ---------------------------------------------
 
 
 #: what each function of a state finds, as numbers
@@ -350,8 +395,14 @@ every_function = pytest.mark.parametrize("name", FOUND)
 @every_function
 def test_a_function_reads_finite_overlap_from_the_state(steel, make, name):
     medium = make(differing(steel, 2.04e-5))
-    unset, limit, finite = (medium.at_force(200.0, finite_overlap=given) for given in (None, False, True))
-    assert (unset.finite_overlap, limit.finite_overlap, finite.finite_overlap) == (False, False, True)
+    unset, limit, finite = (
+        medium.at_force(200.0, finite_overlap=given) for given in (None, False, True)
+    )
+    assert (unset.finite_overlap, limit.finite_overlap, finite.finite_overlap) == (
+        False,
+        False,
+        True,
+    )
     assert unset == limit
     find = FOUND[name]
     np.testing.assert_array_equal(find(unset), find(limit))
@@ -365,7 +416,8 @@ def test_equation_16_holds_to_rounding(steel, make, finite, kind):
     medium = make(differing(steel, 2.04e-5))
     loads = np.array([getattr(medium.at_overlap(part * 8e-3), kind) for part in (1e-3, 0.01, 0.1)])
     state = getattr(medium, f"at_{kind}")(loads, finite_overlap=finite)
-    v, m = gp.sound_velocities(state), gp.moduli(state)
+    v = gp.sound_velocities(state)
+    m = gp.moduli(state)
     assert_allclose(state.effective_density * v.longitudinal**2, m.bulk + m.shear, rtol=1e-12)
     assert_allclose(state.effective_density * v.transverse**2, m.shear, rtol=1e-12)
     one = state[1]
@@ -390,17 +442,24 @@ def test_finite_overlap_is_true_or_false(packing, make, flag):
 
 
 MEDIA = [
-    lambda packing: gp.AveragedLattice(packing), lambda packing: gp.AveragedForce(packing),
-    lambda packing: gp.EffectiveMedium(packing), lambda packing: gp.DirectSimulation(packing, (6, 6)),
+    lambda packing: gp.AveragedLattice(packing),
+    lambda packing: gp.AveragedForce(packing),
+    lambda packing: gp.EffectiveMedium(packing),
+    lambda packing: gp.DirectSimulation(packing, (6, 6)),
     lambda packing: gp.AutoMedium(packing, 0.3),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("medium", MEDIA)
-@pytest.mark.parametrize("value", [{"force": 18.0}, {"pressure": [[4e3, 2e3]]}, {"overlap": [2e-6, 3e-6, 4e-6]}])
+@pytest.mark.parametrize(
+    "value", [{"force": 18.0}, {"pressure": [[4e3, 2e3]]}, {"overlap": [2e-6, 3e-6, 4e-6]}]
+)
 def test_a_load_of_any_kind_is_what_names_it(steel, medium, value):
-    """The state at a load is that of the method of its kind, and has its shape; a frame's load is that of its contacts."""
-    medium, ((kind, given),) = medium(differing(steel)), value.items()
+    """The state at a load is that of the method of its kind, and has its shape; a frame's load is
+    that of its contacts.
+    """
+    medium = medium(differing(steel))
+    ((kind, given),) = value.items()
     assert isinstance(medium, gp.Medium)
     state = medium.at(Load(kind, given))
     assert state == getattr(medium, f"at_{kind}")(given)
@@ -425,6 +484,11 @@ def test_loads_are_compared_indexed_and_kept():
     with pytest.raises(ValueError, match="read-only"):
         load.array[0, 0] = 5.0
     assert Load.only(force=None, overlap=-1e-6, pressure=None) == Load("overlap", -1e-6)
-    for wrong in ({"force": None}, {"force": 1.0, "pressure": 2.0}, {"force": [[1.0]]}, {"force": [1.0, 0.0]}):
+    for wrong in (
+        {"force": None},
+        {"force": 1.0, "pressure": 2.0},
+        {"force": [[1.0]]},
+        {"force": [1.0, 0.0]},
+    ):
         with pytest.raises(InputError):
             Load.only(**wrong)

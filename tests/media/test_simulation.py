@@ -1,4 +1,6 @@
-"""Samples as a medium: the contract of its states, statistics over samples, other spreads, other engines, wrong input."""
+"""Samples as a medium: the contract of its states, statistics over samples, other spreads, other
+engines, wrong input.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +30,18 @@ from granphon.base.errors import InputError
 from granphon.dynamics.elasticity import bulk_and_shear
 from granphon.media.simulation import SampleLaw, SimulatedState
 
-WIDTH, D = 2.04e-6, 8e-3
+WIDTH = 2.04e-6
+D = 8e-3
 #: in the directions of the lattice, the limit of small width
 simulate = partial(gp.DirectSimulation, geometry="lattice")
-#: of steel with this spread, by f*: the exponent and its standard error, from 24 samples of 96 x 96, seeds from 9000 on
-EXPONENTS = {0.03: (0.2822, 0.0013), 0.1: (0.2502, 0.0006), 0.3: (0.2111, 0.0002), 1.0: (0.17192, 0.00001)}
+#: of steel with this spread, by f*: the exponent and its standard error, from 24 samples of 96 x
+#: 96, seeds from 9000 on
+EXPONENTS = {
+    0.03: (0.2822, 0.0013),
+    0.1: (0.2502, 0.0006),
+    0.3: (0.2111, 0.0002),
+    1.0: (0.17192, 0.00001),
+}
 FORCES = np.array([[2.0, 5.0], [18.0, 0.5], [5.0, 50.0]])
 
 
@@ -56,7 +65,7 @@ def unit_of_force(packing):
     return packing.law.coefficient * WIDTH**1.5
 
 
-# -- equal balls --------------------------------------------------------------------------------------------------------
+# -- equal balls -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 1), (4, 5)], ids=str)
@@ -67,9 +76,15 @@ def test_equal_balls_are_the_averaged_lattice(packing, shape, force):
     for name in ("force", "overlap", "normal_stiffness", "shear_stiffness", "pressure"):
         assert getattr(state, name) == pytest.approx(getattr(hertz, name), rel=1e-13)
     assert state.reduced_force == state.reduced_spacing == math.inf
-    assert (state.force_fluctuation, state.contact_force_fluctuation, state.contact_fraction) == (0.0, 0.0, 1.0)
+    assert (state.force_fluctuation, state.contact_force_fluctuation, state.contact_fraction) == (
+        0.0,
+        0.0,
+        1.0,
+    )
     one, other = gp.sound_velocities(state), gp.sound_velocities(hertz)
-    assert (one.longitudinal, one.transverse) == pytest.approx((other.longitudinal, other.transverse), rel=1e-13)
+    assert (one.longitudinal, one.transverse) == pytest.approx(
+        (other.longitudinal, other.transverse), rel=1e-13
+    )
     assert gp.moduli(state).shear == pytest.approx(gp.moduli(hertz).shear, rel=1e-13)
     assert gp.local_exponent(state) == pytest.approx(1.0 / 6.0, rel=1e-12)
     pulses = [gp.pulse_velocities(of, 100.0).group for of in (state, hertz)]
@@ -85,7 +100,7 @@ def test_a_spread_without_width_is_none(steel, none):
         simulate(packing, (3, 3)).at_overlap(-1e-9)
 
 
-# -- units --------------------------------------------------------------------------------------------------------------
+# -- units -----------------------------------------------------------------------------------------
 
 
 def test_a_sample_is_its_equilibrium_in_si(spread):
@@ -96,38 +111,67 @@ def test_a_sample_is_its_equilibrium_in_si(spread):
     force = unit_of_force(spread)
     assert sample.force == pytest.approx(force * reduced.force, rel=1e-9)
     assert sample.normal_stiffness == pytest.approx(force / WIDTH * reduced.stiffness, rel=1e-9)
-    assert sample.stiffness_slope == pytest.approx(force / WIDTH**2 * reduced.stiffness_slope, rel=1e-6)
+    assert sample.stiffness_slope == pytest.approx(
+        force / WIDTH**2 * reduced.stiffness_slope, rel=1e-6
+    )
     assert sample.energy == pytest.approx(force * WIDTH * reduced.energy, rel=1e-9)
-    np.testing.assert_allclose(sample.contact_forces, force * np.moveaxis(reduced.forces, 0, -1), atol=1e-8 * sample.force)
+    np.testing.assert_allclose(
+        sample.contact_forces, force * np.moveaxis(reduced.forces, 0, -1), atol=1e-8 * sample.force
+    )
     # contact by contact in SI, from diameters and displacements: the direction of the last axis
-    u, d = sample.displacements, sample.diameters
-    steps = {0: ((0, 1), (-0.5, math.sqrt(0.75))), 1: ((1, 0), (1.0, 0.0)), 2: ((1, 1), (0.5, math.sqrt(0.75)))}
+    u = sample.displacements
+    d = sample.diameters
+    steps = {
+        0: ((0, 1), (-0.5, math.sqrt(0.75))),
+        1: ((1, 0), (1.0, 0.0)),
+        2: ((1, 1), (0.5, math.sqrt(0.75))),
+    }
     for kind, (step, normal) in steps.items():
         other_d, other_u = (np.roll(a, (-step[0], -step[1]), (0, 1)) for a in (d, u))
         h = sample.overlap + 0.5 * (d + other_d) - D - (other_u - u) @ np.array(normal)
-        np.testing.assert_allclose(sample.contact_overlaps[..., kind], h, rtol=0.0, atol=1e-12 * WIDTH + 1e-17)
         np.testing.assert_allclose(
-            sample.contact_forces[..., kind], spread.law.coefficient * np.maximum(h, 0.0) ** 1.5, atol=1e-6 * sample.force
+            sample.contact_overlaps[..., kind], h, rtol=0.0, atol=1e-12 * WIDTH + 1e-17
+        )
+        np.testing.assert_allclose(
+            sample.contact_forces[..., kind],
+            spread.law.coefficient * np.maximum(h, 0.0) ** 1.5,
+            atol=1e-6 * sample.force,
         )
     assert sample.force == pytest.approx(float(np.mean(sample.contact_forces)), rel=1e-13)
     around = np.zeros((7, 6))
     for kind, (step, _) in steps.items():
-        around += sample.contact_forces[..., kind] + np.roll(sample.contact_forces[..., kind], step, (0, 1))
-    assert sample.force_fluctuation == pytest.approx(float(np.std(around / 6.0)) / sample.force, rel=1e-12)
+        around += sample.contact_forces[..., kind] + np.roll(
+            sample.contact_forces[..., kind], step, (0, 1)
+        )
+    assert sample.force_fluctuation == pytest.approx(
+        float(np.std(around / 6.0)) / sample.force, rel=1e-12
+    )
     rms = float(np.std(sample.contact_forces)) / sample.force
     assert sample.contact_force_fluctuation == pytest.approx(rms, rel=1e-12)
 
 
-# -- the contract of a state --------------------------------------------------------------------------------------------
+# -- the contract of a state -----------------------------------------------------------------------
 
 
 def test_shapes_are_those_of_the_load(medium, states):
     assert isinstance(states, gp.ContactState)
     for name in (
-        "force", "pressure", "overlap", "normal_stiffness", "shear_stiffness", "reduced_force", "reduced_spacing", "valid",
-        "force_fluctuation", "contact_force_fluctuation", "contact_fraction", "exponent", "exponent_error", "sample",
+        "force",
+        "pressure",
+        "overlap",
+        "normal_stiffness",
+        "shear_stiffness",
+        "reduced_force",
+        "reduced_spacing",
+        "valid",
+        "force_fluctuation",
+        "contact_force_fluctuation",
+        "contact_fraction",
+        "exponent",
+        "exponent_error",
+        "sample",
         "regime",
-    ):  # fmt: skip
+    ):
         assert np.shape(getattr(states, name)) == FORCES.shape, name
     assert np.array_equal(states.force, FORCES)
     assert states.over_samples(lambda sample: sample.force).shape == (3, 2, 3)
@@ -139,7 +183,14 @@ def test_shapes_are_those_of_the_load(medium, states):
     assert gp.local_exponent(states).shape == (3, 2)
     assert gp.pulse_velocities(states, 100.0).group.shape == (2, 3, 2)
     one = medium.at_force(5.0)
-    for name in ("force", "overlap", "normal_stiffness", "force_fluctuation", "exponent", "exponent_error"):
+    for name in (
+        "force",
+        "overlap",
+        "normal_stiffness",
+        "force_fluctuation",
+        "exponent",
+        "exponent_error",
+    ):
         assert isinstance(getattr(one, name), float), name
     assert isinstance(gp.sound_velocities(one).longitudinal_error, float)
     assert one.sample is one.samples[0]
@@ -153,7 +204,10 @@ def test_order_and_repetition_of_loads_do_not_matter(medium, states):
         assert states.normal_stiffness[index] == pytest.approx(alone.normal_stiffness, rel=1e-8)
         assert states[index].force == FORCES[index]
         np.testing.assert_allclose(
-            states[index].sample.contact_forces, alone.sample.contact_forces, rtol=0.0, atol=1e-8 * FORCES[index]
+            states[index].sample.contact_forces,
+            alone.sample.contact_forces,
+            rtol=0.0,
+            atol=1e-8 * FORCES[index],
         )
     assert states.overlap[0, 1] == pytest.approx(states.overlap[2, 0], rel=1e-12)
 
@@ -169,16 +223,19 @@ def test_indexing(states):
         part = states[some]
         assert part.n_samples == 3
         for name in ("force_fluctuation", "contact_fraction", "exponent", "exponent_error"):
-            np.testing.assert_array_equal(getattr(part, name), np.asarray(getattr(states, name))[some])
+            np.testing.assert_array_equal(
+                getattr(part, name), np.asarray(getattr(states, name))[some]
+            )
     np.testing.assert_array_equal(states.elastic_tensor[2, 1], states[2, 1].elastic_tensor)
     np.testing.assert_array_equal(states.elastic_tensor[:, 1], states[..., 1].elastic_tensor)
 
 
 def test_state_is_plain_data_that_pickles(states):
     for again in (
-        pickle.loads(pickle.dumps(states)), copy.deepcopy(states),
+        pickle.loads(pickle.dumps(states)),
+        copy.deepcopy(states),
         SimulatedState.from_dict(json.loads(json.dumps(states.to_dict()))),
-    ):  # fmt: skip
+    ):
         assert again == states
         assert again.samples == states.samples
         assert not again.samples[0].equilibrium.balls.flags.writeable
@@ -195,10 +252,14 @@ def test_stiffness_is_the_derivative_of_the_means(medium):
     step = 1e-4
     at_force = medium.at_force(5.0)
     ends = medium.at_force(5.0 * np.array([1.0 - step, 1.0 + step]))
-    assert at_force.normal_stiffness == pytest.approx(10.0 * step / np.diff(ends.overlap)[0], rel=1e-6)
+    assert at_force.normal_stiffness == pytest.approx(
+        10.0 * step / np.diff(ends.overlap)[0], rel=1e-6
+    )
     at_overlap = medium.at_overlap(0.3 * WIDTH)
     ends = medium.at_overlap(WIDTH * np.array([0.3 - step, 0.3 + step]))
-    assert at_overlap.normal_stiffness == pytest.approx(np.diff(ends.force)[0] / (2.0 * step * WIDTH), rel=1e-6)
+    assert at_overlap.normal_stiffness == pytest.approx(
+        np.diff(ends.force)[0] / (2.0 * step * WIDTH), rel=1e-6
+    )
 
 
 def test_law_is_that_of_the_samples(medium):
@@ -209,7 +270,9 @@ def test_law_is_that_of_the_samples(medium):
     np.testing.assert_allclose(law.stiffness(state.overlap), state.normal_stiffness, rtol=1e-8)
     slopes = np.mean(state.over_samples(lambda sample: sample.stiffness_slope), axis=-1)
     np.testing.assert_allclose(law.stiffness_slope(state.overlap), slopes, rtol=1e-6)
-    np.testing.assert_allclose(law.force_fluctuation(state.overlap), state.force_fluctuation, rtol=1e-7)
+    np.testing.assert_allclose(
+        law.force_fluctuation(state.overlap), state.force_fluctuation, rtol=1e-7
+    )
     np.testing.assert_array_equal(law.contact_fraction(state.overlap), state.contact_fraction)
     assert isinstance(law.energy(0.5 * WIDTH), float)
     assert law.overlap(5.0) == medium.at_force(5.0).overlap
@@ -221,7 +284,7 @@ def test_law_is_that_of_the_samples(medium):
     assert law.least_overlap == pytest.approx(-(largest - D), rel=1e-9)
 
 
-# -- statistics ---------------------------------------------------------------------------------------------------------
+# -- statistics ------------------------------------------------------------------------------------
 
 
 def test_a_law_is_sent_elsewhere_without_the_samples_that_it_has_found(spread):
@@ -234,7 +297,9 @@ def test_a_law_is_sent_elsewhere_without_the_samples_that_it_has_found(spread):
 def test_seeds_end_where_64_bits_do(spread):
     last = 2**64 - 1
     assert simulate(spread, (2, 2), seed=last).at_force(5.0).sample.seed == last
-    with pytest.raises(InputError, match=f"seed: found {last}; allowed: a whole number from 0 to {last - 1}"):
+    with pytest.raises(
+        InputError, match=f"seed: found {last}; allowed: a whole number from 0 to {last - 1}"
+    ):
         simulate(spread, (2, 2), seed=last, samples=2)
 
 
@@ -246,21 +311,30 @@ def test_the_array_as_a_whole_does_not_move(medium):
 def test_means_and_standard_errors(states):
     every = states.over_samples(lambda sample: sample.overlap)
     np.testing.assert_allclose(states.overlap, every.mean(axis=-1), rtol=1e-15)
-    np.testing.assert_allclose(states.standard_error("overlap"), every.std(axis=-1, ddof=1) / math.sqrt(3.0), rtol=1e-14)
+    np.testing.assert_allclose(
+        states.standard_error("overlap"), every.std(axis=-1, ddof=1) / math.sqrt(3.0), rtol=1e-14
+    )
     k = states.over_samples(lambda sample: sample.normal_stiffness)
     np.testing.assert_allclose(states.normal_stiffness, 3.0 / np.sum(1.0 / k, axis=-1), rtol=1e-14)
     tensor = states.over_samples(lambda sample: sample.elastic_tensor)
-    np.testing.assert_allclose(states.elastic_tensor, tensor.mean(axis=2), rtol=0.0, atol=1e-15 * tensor.max())
+    np.testing.assert_allclose(
+        states.elastic_tensor, tensor.mean(axis=2), rtol=0.0, atol=1e-15 * tensor.max()
+    )
     bulk = (tensor[..., 0, 0] + tensor[..., 1, 1] + 2.0 * tensor[..., 0, 1]) / 4.0
-    shear = ((tensor[..., 0, 0] + tensor[..., 1, 1] - 2.0 * tensor[..., 0, 1]) / 4.0 + tensor[..., 2, 2]) / 2.0
-    moduli, velocities = gp.moduli(states), gp.sound_velocities(states)
+    shear = (
+        (tensor[..., 0, 0] + tensor[..., 1, 1] - 2.0 * tensor[..., 0, 1]) / 4.0 + tensor[..., 2, 2]
+    ) / 2.0
+    moduli = gp.moduli(states)
+    velocities = gp.sound_velocities(states)
     density = np.asarray(states.effective_density)
     for name, values in (("bulk", bulk), ("shear", shear)):
         np.testing.assert_allclose(getattr(moduli, name), values.mean(axis=-1), rtol=1e-13)
         error = values.std(axis=-1, ddof=1) / math.sqrt(3.0)
         np.testing.assert_allclose(getattr(moduli, f"{name}_error"), error, rtol=1e-11)
     for name, values in (("longitudinal", bulk + shear), ("transverse", shear)):
-        np.testing.assert_allclose(getattr(velocities, name), np.sqrt(values.mean(axis=-1) / density), rtol=1e-13)
+        np.testing.assert_allclose(
+            getattr(velocities, name), np.sqrt(values.mean(axis=-1) / density), rtol=1e-13
+        )
         error = np.sqrt(values / density[..., None]).std(axis=-1, ddof=1) / math.sqrt(3.0)
         np.testing.assert_allclose(getattr(velocities, f"{name}_error"), error, rtol=1e-11)
 
@@ -289,7 +363,12 @@ def test_contacts_above_a_threshold(spread):
     parts = sample.contact_forces / sample.force
     for threshold in (0.0, 1e-9, 1e-6, 0.5, 1.0):
         assert sample.contact_fraction(threshold) == np.count_nonzero(parts > threshold) / 1200.0
-    assert sample.contact_fraction() == sample.contact_fraction(1e-6) == sample.contact_fraction(1e-8) < 0.7
+    assert (
+        sample.contact_fraction()
+        == sample.contact_fraction(1e-6)
+        == sample.contact_fraction(1e-8)
+        < 0.7
+    )
     assert sample.contact_fraction(10.0 * float(parts.max())) == 0.0
 
 
@@ -302,20 +381,30 @@ def test_distribution_of_forces_integrates_to_one(spread):
     # forces beyond the last edge are counted in the norm
     edges, density = sample.force_distribution(bins=10, largest=1.0)
     live = sample.contact_forces[sample.contact_forces > 1e-6 * sample.force]
-    assert np.sum(density * np.diff(edges)) == pytest.approx(np.mean(live <= sample.force), abs=1e-12)
-    for wrong in ({"bins": -3}, {"bins": 2.5}, {"largest": 0.0}, {"largest": math.nan}, {"least": 7.0}):
+    assert np.sum(density * np.diff(edges)) == pytest.approx(
+        np.mean(live <= sample.force), abs=1e-12
+    )
+    for wrong in (
+        {"bins": -3},
+        {"bins": 2.5},
+        {"largest": 0.0},
+        {"largest": math.nan},
+        {"least": 7.0},
+    ):
         with pytest.raises(InputError, match="bins"):
             sample.force_distribution(**wrong)
 
 
-# -- the same numbers, however they are found ---------------------------------------------------------------------------
+# -- the same numbers, however they are found ------------------------------------------------------
 
 
 def test_executors_and_threads_change_no_digit(spread, medium, states):
     mediums = []
     with ThreadPoolExecutor(2) as threads, ProcessPoolExecutor(1) as processes:
         for executor, workers in ((threads, 1), (processes, 1), (None, 2)):
-            mediums.append(simulate(spread, (9, 8), seed=5, samples=3, executor=executor, workers=workers))
+            mediums.append(
+                simulate(spread, (9, 8), seed=5, samples=3, executor=executor, workers=workers)
+            )
             assert mediums[-1] == medium
             assert hash(mediums[-1]) == hash(medium)
             again = mediums[-1].at_force(FORCES)
@@ -366,17 +455,20 @@ def test_given_diameters(spread, packing):
     # a packing without a spread takes theirs
     own = simulate(packing, diameters=drawn.sample.diameters + 1e-5)
     assert own.packing.diameter == pytest.approx(D, rel=1e-15)
-    assert own.packing.width == pytest.approx(math.sqrt(12.0) * float(np.std(drawn.sample.diameters)), rel=1e-9)
+    assert own.packing.width == pytest.approx(
+        math.sqrt(12.0) * float(np.std(drawn.sample.diameters)), rel=1e-9
+    )
     again = own.at_force(5.0)
     assert again.overlap == pytest.approx(drawn.overlap, rel=1e-9)
-    assert again.reduced_spacing != pytest.approx(drawn.reduced_spacing, rel=1e-3)  # its W is the sample's own
+    # its W is the sample's own
+    assert again.reduced_spacing != pytest.approx(drawn.reduced_spacing, rel=1e-3)
     assert SimulatedState.from_dict(json.loads(json.dumps(again.to_dict()))) == again
     assert own == simulate(packing, diameters=drawn.sample.diameters + 1e-5)
     assert own != simulate(packing, diameters=drawn.sample.diameters[::-1])
     assert own != simulate(packing, (5, 6))
 
 
-# -- other spreads and shapes -------------------------------------------------------------------------------------------
+# -- other spreads and shapes ----------------------------------------------------------------------
 
 SPREADS = {
     "normal": gp.Normal(0.6e-6),
@@ -400,17 +492,23 @@ def test_any_spread(steel, name):
     assert state.contact_fraction[-1] == 1.0
     medium = gp.EffectiveMedium(dataclasses.replace(packing, friction=False)).at_force(5000.0)
     finite = state.standard_error("normal_stiffness")[-1]
-    assert state.normal_stiffness[-1] == pytest.approx(medium.normal_stiffness, abs=4.0 * finite, rel=2e-5)
+    assert state.normal_stiffness[-1] == pytest.approx(
+        medium.normal_stiffness, abs=4.0 * finite, rel=2e-5
+    )
 
 
 @pytest.mark.claim("readme-sizes")
 @settings(max_examples=20)
 @given(
-    st.tuples(st.integers(1, 11), st.integers(1, 11)), st.integers(0, 2**64 - 1), st.floats(-1.0, 20.0),
+    st.tuples(st.integers(1, 11), st.integers(1, 11)),
+    st.integers(0, 2**64 - 1),
+    st.floats(-1.0, 20.0),
     st.booleans(),
-)  # fmt: skip
+)
 def test_any_shape_seed_and_load(shape, seed, decade, friction):
-    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), D, gp.Uniform(1e-16), friction=friction)
+    packing = gp.Packing(
+        gp.Material(211.65e9, 0.276, 7840.0), D, gp.Uniform(1e-16), friction=friction
+    )
     force = 10.0**decade * packing.law.coefficient * 1e-24
     state = simulate(packing, shape, seed).at_force(force)
     assert state.force == force
@@ -429,10 +527,15 @@ def test_very_high_loads_are_hertzs(steel):
     medium = simulate(gp.Packing(steel, D, gp.Uniform(width)), (8, 8))
     spacings = np.array([1e4, 1e7, 1e12])
     states = medium.at_overlap((spacings - 0.5) * width)
-    hertz = gp.AveragedLattice(dataclasses.replace(medium.packing, spread=None)).at_overlap(states.overlap)
+    hertz = gp.AveragedLattice(dataclasses.replace(medium.packing, spread=None)).at_overlap(
+        states.overlap
+    )
     np.testing.assert_allclose(states.reduced_spacing, spacings, rtol=1e-14)
     # what disorder does to means falls as 1/x^2, to single contacts as 1/x; no digit of it is lost
-    for one, other in ((states.force, hertz.force), (gp.moduli(states).shear, gp.moduli(hertz).shear)):
+    for one, other in (
+        (states.force, hertz.force),
+        (gp.moduli(states).shear, gp.moduli(hertz).shear),
+    ):
         assert np.all(np.abs(one / other - 1.0) < 0.2 / spacings**2 + 1e-14)
     scaled = states.contact_force_fluctuation * (spacings - 0.5)
     np.testing.assert_allclose(scaled, scaled[-1], rtol=1e-4)
@@ -441,29 +544,42 @@ def test_very_high_loads_are_hertzs(steel):
 
 
 def test_friction_does_not_touch_statics(spread, medium, states):
-    smooth = simulate(dataclasses.replace(spread, friction=False), (9, 8), seed=5, samples=3).at_force(FORCES)
+    smooth = simulate(
+        dataclasses.replace(spread, friction=False), (9, 8), seed=5, samples=3
+    ).at_force(FORCES)
     np.testing.assert_array_equal(smooth.overlap, states.overlap)
     assert np.all(gp.moduli(states).shear > gp.moduli(smooth).shear)
-    np.testing.assert_allclose(gp.moduli(smooth).bulk, math.sqrt(0.75) / D * smooth.over_samples(
-        lambda sample: sample.normal_stiffness).mean(axis=-1), rtol=1e-9)  # fmt: skip
+    np.testing.assert_allclose(
+        gp.moduli(smooth).bulk,
+        math.sqrt(0.75)
+        / D
+        * smooth.over_samples(lambda sample: sample.normal_stiffness).mean(axis=-1),
+        rtol=1e-9,
+    )
 
 
-# -- the local exponent -------------------------------------------------------------------------------------------------
+# -- the local exponent ----------------------------------------------------------------------------
 
 
 @pytest.mark.claim("exponent-two-loads", "exponent-in-files", "api-exponent")
 @pytest.mark.parametrize(("reduced", "friction"), [(1.0, True), (0.03, False)])
 def test_the_exponent_of_a_sample_is_the_difference_of_log_v_over_log_p(spread, reduced, friction):
     packing = dataclasses.replace(spread, friction=friction)
-    medium, force = simulate(packing, (9, 8), seed=3), reduced * unit_of_force(spread)
+    medium = simulate(packing, (9, 8), seed=3)
+    force = reduced * unit_of_force(spread)
     state, ends = medium.at_force(force), medium.at_force(force * np.exp([-STEP, STEP]))
     np.testing.assert_allclose(ends.force / force, [0.95, 1.05], atol=0.002)  # as the pages say
-    expected = np.diff(np.log(gp.sound_velocities(ends).longitudinal))[0] / np.diff(np.log(ends.pressure))[0]
+    expected = (
+        np.diff(np.log(gp.sound_velocities(ends).longitudinal))[0]
+        / np.diff(np.log(ends.pressure))[0]
+    )
     alike = [
-        state, medium.at_pressure(state.pressure), medium.at_overlap(state.overlap),
+        state,
+        medium.at_pressure(state.pressure),
+        medium.at_overlap(state.overlap),
         medium.at_force([force, 2.0 * force])[0],
         simulate(packing, diameters=state.sample.diameters).at_force(force),
-    ]  # fmt: skip
+    ]
     for one in alike:
         assert gp.local_exponent(one) == one.exponent == pytest.approx(expected, rel=1e-6)
         assert math.isnan(one.exponent_error)
@@ -484,12 +600,21 @@ def test_the_bias_of_the_step_is_of_second_order(spread, kind, reduced):
     forces = [getattr(one, f"at_{kind}")(load).force for one in alone]
 
     def exponent(step):
-        ends = [one.at_force(force * np.exp([-step, step])) for one, force in zip(alone, forces, strict=True)]
-        return np.mean([np.diff(np.log(gp.sound_velocities(both).longitudinal)) / (2.0 * step) for both in ends])
+        ends = [
+            one.at_force(force * np.exp([-step, step]))
+            for one, force in zip(alone, forces, strict=True)
+        ]
+        return np.mean(
+            [
+                np.diff(np.log(gp.sound_velocities(both).longitudinal)) / (2.0 * step)
+                for both in ends
+            ]
+        )
 
     middle, narrow = (exponent(step) for step in (0.2, 0.1))
     curvature = (middle - narrow) / (0.2**2 - 0.1**2)
-    if reduced > 1.0:  # of the step that is taken it is less than the standard error of a million balls
+    if reduced > 1.0:
+        # of the step that is taken it is less than the standard error of a million balls
         assert abs(curvature) * STEP**2 < 5e-6
         assert (exponent(0.4) - middle) / (middle - narrow) == pytest.approx(4.0, rel=0.05)
     else:  # where chance is least
@@ -521,36 +646,55 @@ def test_at_high_loads_the_exponent_is_that_of_the_exact_law(steel):
     above = 6.0 * (0.5 * np.log(high / low) / (2.0 * STEP)) - 1.0
     np.testing.assert_allclose(above * x**2, r / 24.0, rtol=0.05)
     # but for the chance of the samples, which is in their forces too
-    np.testing.assert_allclose(24.0 * above, 64.0 * (states.reduced_force / x**1.5 - 1.0), rtol=0.005)
+    np.testing.assert_allclose(
+        24.0 * above, 64.0 * (states.reduced_force / x**1.5 - 1.0), rtol=0.005
+    )
     # that of v_L has another coefficient, as G is not in proportion to K, and the same power
     scaled = (6.0 * states.exponent - 1.0) * x**2
     np.testing.assert_allclose(scaled, scaled[-1], rtol=0.01)
-    np.testing.assert_allclose(states.exponent_error * x**2, states.exponent_error[-1] * x[-1] ** 2, rtol=0.05)
+    np.testing.assert_allclose(
+        states.exponent_error * x**2, states.exponent_error[-1] * x[-1] ** 2, rtol=0.05
+    )
 
 
 @pytest.fixture(scope="module")
 def small(spread):
     """Two dozen samples at the loads of EXPONENTS."""
-    return simulate(spread, (8, 8), seed=400, samples=24).at_force(np.array(list(EXPONENTS)) * unit_of_force(spread))
+    return simulate(spread, (8, 8), seed=400, samples=24).at_force(
+        np.array(list(EXPONENTS)) * unit_of_force(spread)
+    )
 
 
 @pytest.mark.claim("exponent-errors")
 @pytest.mark.exhaustive
 def test_errors_of_exponents_are_what_repeated_experiments_differ_by(small):
-    """Six experiments of four samples at each of four loads: differences from the truth over errors are Student's t."""
+    """Six experiments of four samples at each of four loads: differences from the truth over errors
+    are Student's t.
+    """
     truth = np.array([value for value, _ in EXPONENTS.values()])
-    groups = [[part(state, range(n, n + 4)) for n in range(0, 24, 4)] for state in (small[place] for place in range(4))]
+    groups = [
+        [part(state, range(n, n + 4)) for n in range(0, 24, 4)]
+        for state in (small[place] for place in range(4))
+    ]
     found, errors = (
-        np.array([[getattr(one, name) for one in row] for row in groups]) for name in ("exponent", "exponent_error")
+        np.array([[getattr(one, name) for one in row] for row in groups])
+        for name in ("exponent", "exponent_error")
     )
     t = np.abs(found - truth[:, None]) / errors
     students = stats.t(3).ppf(0.5 + 0.5 * (np.arange(1000) + 0.5) / 1000)
-    # their logarithms, which a wrong factor of the error shifts; and how many are within the quantile of 90 %
+    # their logarithms, which a wrong factor of the error shifts; and how many are within the
+    # quantile of 90 %
     logs = np.log(students)
-    assert np.mean(np.log(t)) == pytest.approx(np.mean(logs), abs=2.5 * np.std(logs) / math.sqrt(t.size))
-    assert np.mean(t < stats.t(3).ppf(0.95)) == pytest.approx(0.9, abs=2.5 * math.sqrt(0.9 * 0.1 / t.size))
+    assert np.mean(np.log(t)) == pytest.approx(
+        np.mean(logs), abs=2.5 * np.std(logs) / math.sqrt(t.size)
+    )
+    assert np.mean(t < stats.t(3).ppf(0.95)) == pytest.approx(
+        0.9, abs=2.5 * math.sqrt(0.9 * 0.1 / t.size)
+    )
     # and all samples together
-    off = (small.exponent - truth) / np.hypot(small.exponent_error, [error for _, error in EXPONENTS.values()])
+    off = (small.exponent - truth) / np.hypot(
+        small.exponent_error, [error for _, error in EXPONENTS.values()]
+    )
     assert np.max(np.abs(off)) < 3.0
 
 
@@ -560,12 +704,15 @@ def test_the_error_falls_as_the_root_of_the_number_of_samples(small):
     # which that of a variance without bound would not
     for state in (small[place] for place in range(4)):
         few = [part(state, range(first, first + 4)).exponent_error for first in range(0, 24, 4)]
-        assert math.sqrt(np.mean(np.square(few))) / state.exponent_error == pytest.approx(math.sqrt(6.0), rel=0.3)
+        assert math.sqrt(np.mean(np.square(few))) / state.exponent_error == pytest.approx(
+            math.sqrt(6.0), rel=0.3
+        )
 
 
 @pytest.mark.claim("exponent-neighbours")
 def test_neighbouring_loads_have_neighbouring_exponents(spread):
-    # derivatives at these very loads are 0.394, 0.284, 0.271: at the first a contact is about to open
+    # derivatives at these very loads are 0.394, 0.284, 0.271: at the first a contact is about to
+    # open
     force = 0.06 * np.array([1.0, 1.01, 1.02]) * unit_of_force(spread)
     states = simulate(spread, (8, 8), seed=400, samples=4).at_force(force)
     assert np.ptp(states.exponent) < 0.01
@@ -573,46 +720,65 @@ def test_neighbouring_loads_have_neighbouring_exponents(spread):
 
 
 def test_next_to_the_least_force_the_exponent_is_there(spread):
-    # where one contact more or less decides, nothing changes over the step but all overlaps in proportion
+    # where one contact more or less decides, nothing changes over the step but all overlaps in
+    # proportion
     state = simulate(spread, (5, 5), samples=2).at_force(1.01e-8 * unit_of_force(spread))
     assert state.exponent == pytest.approx(1.0 / 6.0, rel=1e-6)
 
 
-# -- files --------------------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 
 
 def test_atoms_of_a_sample(spread):
     state = simulate(spread, (5, 4)).at_overlap(0.05 * WIDTH)
-    atoms, sample = state.sample.atoms(), state.sample
-    np.testing.assert_allclose(2.0 * D * atoms.arrays["radius"], sample.diameters.ravel(), rtol=1e-14)
+    atoms = state.sample.atoms()
+    sample = state.sample
+    np.testing.assert_allclose(
+        2.0 * D * atoms.arrays["radius"], sample.diameters.ravel(), rtol=1e-14
+    )
     np.testing.assert_allclose(atoms.get_masses(), (sample.diameters.ravel() / D) ** 3, rtol=1e-14)
-    np.testing.assert_allclose(D * atoms.arrays["displacements"][:, :2], sample.displacements.reshape(-1, 2), atol=1e-20)
+    np.testing.assert_allclose(
+        D * atoms.arrays["displacements"][:, :2], sample.displacements.reshape(-1, 2), atol=1e-20
+    )
     assert np.mean(atoms.arrays["contact_force"]) == pytest.approx(1.0, rel=1e-12)
-    assert np.std(atoms.arrays["contact_force"]) == pytest.approx(sample.force_fluctuation, rel=1e-9)
-    assert np.sum(atoms.arrays["contacts"]) == 2 * np.count_nonzero(sample.contact_forces > 1e-6 * sample.force)
+    assert np.std(atoms.arrays["contact_force"]) == pytest.approx(
+        sample.force_fluctuation, rel=1e-9
+    )
+    assert np.sum(atoms.arrays["contacts"]) == 2 * np.count_nonzero(
+        sample.contact_forces > 1e-6 * sample.force
+    )
     # neighbours sit a diameter apart, but for displacements
     sites = atoms.positions - atoms.arrays["displacements"]
     distances = ase.Atoms("Fe20", sites, cell=atoms.cell, pbc=atoms.pbc).get_all_distances(mic=True)
     assert np.sort(distances, axis=1)[:, 1] == pytest.approx(1.0, rel=1e-12)
 
 
-# -- wrong input --------------------------------------------------------------------------------------------------------
+# -- wrong input -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("keywords", "words"),
     [
-        ({"shape": (0, 3)}, r"shape: found \[0, 3\]"), ({"shape": (2.0, 3)}, r"shape: found \[2.0, 3\]"),
-        ({"shape": (1, 2, 3)}, "two whole"), ({"shape": "ab"}, "shape: found 'ab'"), ({"seed": -1}, "seed: found -1"),
-        ({"seed": 0.5}, "seed: found 0.5"), ({"samples": 0}, "samples: found 0"), ({"samples": True}, "samples: found true"),
-        ({"workers": 0}, "workers: found 0"), ({"executor": 5}, "executor is 5"),
-        ({"diameters": [1.0, 2.0]}, "array \\(L1, L2\\)"), ({"diameters": np.zeros((2, 2))}, "above zero"),
-        ({"diameters": [[1.0, math.nan]]}, "finite"), ({"diameters": np.zeros((0, 2))}, "array"),
-        ({"diameters": [["a"]]}, "array"), ({"diameters": np.full((2, 2), D), "samples": 2}, "Leave samples out"),
+        ({"shape": (0, 3)}, r"shape: found \[0, 3\]"),
+        ({"shape": (2.0, 3)}, r"shape: found \[2.0, 3\]"),
+        ({"shape": (1, 2, 3)}, "two whole"),
+        ({"shape": "ab"}, "shape: found 'ab'"),
+        ({"seed": -1}, "seed: found -1"),
+        ({"seed": 0.5}, "seed: found 0.5"),
+        ({"samples": 0}, "samples: found 0"),
+        ({"samples": True}, "samples: found true"),
+        ({"workers": 0}, "workers: found 0"),
+        ({"executor": 5}, "executor is 5"),
+        ({"diameters": [1.0, 2.0]}, "array \\(L1, L2\\)"),
+        ({"diameters": np.zeros((2, 2))}, "above zero"),
+        ({"diameters": [[1.0, math.nan]]}, "finite"),
+        ({"diameters": np.zeros((0, 2))}, "array"),
+        ({"diameters": [["a"]]}, "array"),
+        ({"diameters": np.full((2, 2), D), "samples": 2}, "Leave samples out"),
         ({"diameters": np.full((2, 2), D), "shape": (3, 3)}, "Leave shape out"),
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_what_a_simulation_cannot_be(spread, keywords, words):
     with pytest.raises(InputError, match=words):
         simulate(spread, **keywords)
@@ -668,7 +834,9 @@ def test_given_balls_may_differ_by_more_than_their_spread(spread):
 
 
 def test_terms_of_finite_overlap_are_not_known(steel):
-    """Moduli of the paper's limit over the density of the shrunk array gave 1692.7 m/s for 1701.5 m/s at one force."""
+    """Moduli of the paper's limit over the density of the shrunk array gave 1692.7 m/s for 1701.5
+    m/s at one force.
+    """
     medium = simulate(gp.Packing(steel, D, gp.Uniform(20e-6)), (8, 8))
     state = medium.at_overlap(0.005 * D)
     for kind in ("force", "pressure", "overlap"):
@@ -677,14 +845,18 @@ def test_terms_of_finite_overlap_are_not_known(steel):
     with pytest.raises(InputError, match="no terms of finite overlap"):
         dataclasses.replace(state, finite_overlap=True)
     again = medium.at_pressure(state.pressure, finite_overlap=False)
-    assert gp.sound_velocities(again).longitudinal == pytest.approx(gp.sound_velocities(state).longitudinal, rel=1e-9)
+    assert gp.sound_velocities(again).longitudinal == pytest.approx(
+        gp.sound_velocities(state).longitudinal, rel=1e-9
+    )
     assert again.effective_density == medium.packing.effective_density
 
 
 @pytest.mark.exhaustive
 @pytest.mark.claim("shear-deficit", "ratio-small-width")
 def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
-    """By the part that open contacts and W/d let expect; what is measured is in test_true_geometry."""
+    """By the part that open contacts and W/d let expect; what is measured is in
+    test_true_geometry.
+    """
     overlaps = np.array([[0.38, 0.4, 0.45], [0.5, 0.7, 2.0]]) - 0.5
 
     def expected(width, friction=True):
@@ -694,17 +866,22 @@ def test_a_shear_modulus_that_is_too_small_is_warned_of(steel):
 
     state, report = expected(2.04e-6)
     value = report["shear"].value
-    np.testing.assert_allclose(value, 36.0 * (1.0 - state.contact_fraction) ** 3.5 * (2.04e-6 / D) ** 0.3, rtol=1e-12)
+    np.testing.assert_allclose(
+        value, 36.0 * (1.0 - state.contact_fraction) ** 3.5 * (2.04e-6 / D) ** 0.3, rtol=1e-12
+    )
     assert report["shear"].ok.tolist() == [[False, False, False], [False, True, True]]
     (text,) = report.warnings
     worst = value.max()
     assert text == (
-        f"At 4 of 6 loads the simulated shear modulus is too small, by up to about {100.0 * worst:.2g} %"
+        f"At 4 of 6 loads the simulated shear modulus is too small, by up to about"
+        f" {100.0 * worst:.2g} %"
         f" (v_T by {100.0 * (1.0 - math.sqrt(1.0 - worst)):.2g} %):"
         " contacts of loose balls are left out. Use geometry: exact."
     )
     # the limit of no width is reached as (W/d)^0.3
-    np.testing.assert_allclose(expected(2.04e-9)[1]["shear"].value[0], 1e-3**0.3 * value[0], rtol=1e-12)
+    np.testing.assert_allclose(
+        expected(2.04e-9)[1]["shear"].value[0], 1e-3**0.3 * value[0], rtol=1e-12
+    )
     packing = gp.Packing(steel, D, gp.Uniform(2.04e-6))
     for without in (
         expected(2.04e-6, friction=False)[1],

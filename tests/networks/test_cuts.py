@@ -1,4 +1,6 @@
-"""Ribbons, slabs and flakes that are cut out of a network: closed forms, and a twin that finds the contacts anew."""
+"""Ribbons, slabs and flakes that are cut out of a network: closed forms, and a twin that finds the
+contacts anew.
+"""
 
 from __future__ import annotations
 
@@ -24,27 +26,45 @@ def bulk(lattice, motions=None, **options):
 
 
 def chain(masses, springs):
-    """A chain of two balls in the cell: the first spring within the cell, the second to the next one, and to a floor."""
-    network = gp.Crystal.on("chain", [BALL, BALL], law=gp.PowerLaw(1.0, springs[1])).at_force(10.0).network
+    """A chain of two balls in the cell: the first spring within the cell, the second to the next
+    one, and to a floor.
+    """
+    network = (
+        gp.Crystal.on("chain", [BALL, BALL], law=gp.PowerLaw(1.0, springs[1]))
+        .at_force(10.0)
+        .network
+    )
     crossing = np.any(network.shift != 0, axis=1).astype(int)
     return replace(network, masses=masses, normal_stiffness=np.array(springs)[crossing])
 
 
 def squares(network, q=(), still=0):
-    """Squared angular frequencies of a cut, (n_q, b) at wave vectors; of a flake without the ``still`` modes at zero."""
+    """Squared angular frequencies of a cut, (n_q, b) at wave vectors; of a flake without the
+    ``still`` modes at zero.
+    """
     if any(network.pbc):
         return (2.0 * np.pi * gp.Phonons(network).frequencies(q)) ** 2
     return (
-        2.0 * np.pi * gp.Waves(network).modes(network.ball_motions.count * int(np.sum(network.moving)) - still).frequencies
+        2.0
+        * np.pi
+        * gp.Waves(network)
+        .modes(network.ball_motions.count * int(np.sum(network.moving)) - still)
+        .frequencies
     ) ** 2
 
 
 def twin(network, q):
-    """Squared frequencies of equal balls with one shear stiffness, from the energy of each pair that touches."""
+    """Squared frequencies of equal balls with one shear stiffness, from the energy of each pair
+    that touches.
+    """
     p = int(np.sum(network.pbc))
-    cell, n, half = network.cell[:p], network.n_balls, 0.5 * D
-    k, kappa = network.normal_stiffness[0], network.shear_stiffness[0]
-    mass, inertia = network.masses[0], network.inertias[0]
+    cell = network.cell[:p]
+    n = network.n_balls
+    half = 0.5 * D
+    k = network.normal_stiffness[0]
+    kappa = network.shear_stiffness[0]
+    mass = network.masses[0]
+    inertia = network.inertias[0]
     matrix = np.zeros((6 * n, 6 * n), complex)
     for i, j in itertools.product(range(n), repeat=2):
         for step in itertools.product((-2, -1, 0, 1, 2), repeat=p):
@@ -61,21 +81,27 @@ def twin(network, q):
             rows[3:, 6 * i + 3 : 6 * i + 6] -= half * cross
             rows[3:, 6 * j + 3 : 6 * j + 6] -= half * cross * phase
             slip = across @ rows[:3] + rows[3:]
-            matrix += 0.5 * (k * np.outer((normal @ rows[:3]).conj(), normal @ rows[:3]) + kappa * slip.conj().T @ slip)
+            matrix += 0.5 * (
+                k * np.outer((normal @ rows[:3]).conj(), normal @ rows[:3])
+                + kappa * slip.conj().T @ slip
+            )
     weight = np.tile(np.repeat([mass, inertia], 3), n) ** -0.5
     return np.linalg.eigvalsh(weight[:, None] * matrix * weight)
 
 
-# -- closed forms -----------------------------------------------------------------------------------------------------
+# -- closed forms ----------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("zigzag-edge")
 def test_edge_modes_of_a_zigzag_ribbon_at_the_end_of_the_zone():
     ribbon = bulk("honeycomb", "out_of_plane").cut(1, 10)
-    assert np.sum(np.bincount(np.concatenate([ribbon.i, ribbon.j])) == 2) == 2  # one ball of each rim has two contacts
+    # one ball of each rim has two contacts
+    assert np.sum(np.bincount(np.concatenate([ribbon.i, ribbon.j])) == 2) == 2
     found = squares(ribbon, [[0.5]])[0] * ribbon.masses[0] / ribbon.shear_stiffness[0]
     # a slip for each contact; the two of each rim that join no other row are at 7, too
-    expected = np.concatenate([np.zeros(60 - 29), *([level] * times for level, times in ((6.5, 9), (7.0, 11), (7.5, 9)))])
+    expected = np.concatenate(
+        [np.zeros(60 - 29), *([level] * times for level, times in ((6.5, 9), (7.0, 11), (7.5, 9)))]
+    )
     assert_allclose(found, expected, atol=1e-12 * 7.5)
 
 
@@ -93,25 +119,40 @@ def test_edge_states_of_an_alternating_chain_between_walls(edges, weak_first):
 
 @pytest.mark.claim("chain-edge")
 def test_edge_state_of_a_chain_with_a_light_end_ball():
-    light, heavy, k = 9.75e-3, 28.84e-3, 2e7
+    light = 9.75e-3
+    heavy = 28.84e-3
+    k = 2e7
     free = chain([light, heavy], (k, k)).cut(0, 41)
     found = squares(free, still=1)
     assert np.min(np.abs(found / (k * (1.0 / light + 1.0 / heavy)) - 1.0)) < 1e-12
-    assert np.min(np.abs(squares(chain([heavy, light], (k, k)).cut(0, 41), still=1) / found - 1.0)) < 1e-9  # the other end
+    # the other end
+    assert (
+        np.min(np.abs(squares(chain([heavy, light], (k, k)).cut(0, 41), still=1) / found - 1.0))
+        < 1e-9
+    )
 
 
-# -- a twin that shares no code ------------------------------------------------------------------------------------------
+# -- a twin that shares no code --------------------------------------------------------------------
 
 
 @pytest.mark.claim("cut-twin")
 @pytest.mark.parametrize(
     ("lattice", "axis", "layers"),
     [
-        ("honeycomb", 1, 4), ("honeycomb", (1, 1), 3), ("square", 0, 5), ("square", (1, 1), 4), ("triangular", 1, 5),
-        ("triangular", (1, 1), 4), ("fcc", (1, 1, 0), 4), ("fcc", (1, 1, 1), 4), ("fcc", (1, 1, 2), 5), ("hcp", 2, 3),
-        ("sc", 2, 4), ("bcc", (1, 2, 0), 4),
+        ("honeycomb", 1, 4),
+        ("honeycomb", (1, 1), 3),
+        ("square", 0, 5),
+        ("square", (1, 1), 4),
+        ("triangular", 1, 5),
+        ("triangular", (1, 1), 4),
+        ("fcc", (1, 1, 0), 4),
+        ("fcc", (1, 1, 1), 4),
+        ("fcc", (1, 1, 2), 5),
+        ("hcp", 2, 3),
+        ("sc", 2, 4),
+        ("bcc", (1, 2, 0), 4),
     ],
-)  # fmt: skip
+)
 def test_bands_of_a_cut_against_the_energy_of_its_pairs(lattice, axis, layers):
     network = bulk(lattice, "all")
     cut = network.cut(axis, layers)
@@ -134,7 +175,9 @@ def test_sites_of_a_cell_that_lie_several_layers_apart(axis):
     assert_allclose(squares(cut, [q])[0], expected, atol=1e-12 * expected[-1])
     heights = cut.positions[:, 2].reshape(5, 2)
     assert np.all(np.ptp(heights, axis=1) < heights[1, 0] - heights[0, 0])
-    assert_allclose(np.sort(crystal.cut(axis, 5).positions[:, 2]), np.sort(heights.ravel()), atol=1e-12 * D)
+    assert_allclose(
+        np.sort(crystal.cut(axis, 5).positions[:, 2]), np.sort(heights.ravel()), atol=1e-12 * D
+    )
     # a thick slab has the waves of the half space, twice
     waves = gp.Surface(network, axis).branches([q])
     slab = gp.Phonons(network.cut(axis, 24)).frequencies([q])[0]
@@ -146,10 +189,15 @@ def test_sites_of_a_cell_that_lie_several_layers_apart(axis):
 def test_balls_that_stick_out_of_a_turned_slab(layers):
     # some motions have coefficients that are nothing but rounding, and some that cost nothing
     aluminium = gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), D)
-    slab = gp.Crystal.on("zincblende", [BALL, aluminium], friction=True).at_pressure(1e5).network.cut((1, 1, 0), layers)
+    slab = (
+        gp.Crystal.on("zincblende", [BALL, aluminium], friction=True)
+        .at_pressure(1e5)
+        .network.cut((1, 1, 0), layers)
+    )
     lattice = gp.ContactLattice.from_network(slab)
     q = lattice.wavevectors([[0.3, 0.1]])
-    rows = np.pad(lattice.compatibility(q)[0], ((0, lattice.n_branches), (0, 0)))  # a zero for each row that is lacking
+    # a zero for each row that is lacking
+    rows = np.pad(lattice.compatibility(q)[0], ((0, lattice.n_branches), (0, 0)))
     expected = np.linalg.svd(rows, compute_uv=False)[::-1]
     assert_allclose(lattice.frequencies(q)[0], expected, atol=1e-12 * expected[-1])
     assert_allclose(lattice.modes(q).frequencies[0], expected, atol=1e-12 * expected[-1])
@@ -172,14 +220,18 @@ def test_a_flake_is_cut_along_one_axis_after_the_other():
     assert_allclose(squares(free, still=still), expected[still:], atol=1e-12 * expected[-1])
 
 
-# -- how edges are held --------------------------------------------------------------------------------------------------
+# -- how edges are held ----------------------------------------------------------------------------
 
 
 def test_a_clamped_edge_is_that_of_heavy_balls_and_a_floor_bears_what_was_cut():
     network = bulk("triangular")
-    free, held = network.cut(1, 8), network.cut(1, 8, ("free", "clamped"))
-    heavy = replace(free, masses=np.where(held.moving, free.masses, 1e12 * free.masses[0]),
-                    inertias=np.where(held.moving, free.inertias, 1e12 * free.inertias[0]))  # fmt: skip
+    free = network.cut(1, 8)
+    held = network.cut(1, 8, ("free", "clamped"))
+    heavy = replace(
+        free,
+        masses=np.where(held.moving, free.masses, 1e12 * free.masses[0]),
+        inertias=np.where(held.moving, free.inertias, 1e12 * free.inertias[0]),
+    )
     top = squares(heavy, [[0.2]])[0][3:]
     assert_allclose(squares(held, [[0.2]])[0], top, rtol=1e-9)
     floor = network.cut(1, 8, "floor")
@@ -190,21 +242,37 @@ def test_a_clamped_edge_is_that_of_heavy_balls_and_a_floor_bears_what_was_cut():
     assert_allclose(np.sort(against[:, 1]), [-1.0, 1.0])
     # in balance: the force of the wall is that of the two contacts across the edge
     assert_allclose(floor.normal_force[-1], np.sqrt(3.0) * 10.0, rtol=1e-12)
-    # a ball on a rigid plane is half of a contact of two: twice as stiff under the same force, and this has 3^(1/2) of it
-    assert_allclose(floor.normal_stiffness[-1], 2.0 * 3.0 ** (1.0 / 6.0) * network.normal_stiffness[0], rtol=1e-12)
+    # a ball on a rigid plane is half of a contact of two: twice as stiff under the same force, and
+    # this has 3^(1/2) of it
+    assert_allclose(
+        floor.normal_stiffness[-1],
+        2.0 * 3.0 ** (1.0 / 6.0) * network.normal_stiffness[0],
+        rtol=1e-12,
+    )
 
 
 ALUMINIUM = gp.Ball(gp.Material(73.5e9, 0.33, 2694.0), D)
-#: a floor as networks have it: of a crystal with two kinds, in space, of a law that adheres, of a table
+#: a floor as networks have it: of a crystal with two kinds, in space, of a law that adheres, of a
+#: table
 FLOORS = {
     "chain": ("chain", 0, [BALL, ALUMINIUM], {}),
     "triangular": ("triangular", 1, [BALL], {"bending": 1e-3}),
     "NaCl": ("NaCl", (1, 1, 0), [BALL, ALUMINIUM], {"torsion": "mindlin"}),
     "fcc": ("fcc", (1, 1, 1), [BALL], {"torsion": 1e-3, "law": gp.DMT(20.0)}),
     "JKR": ("triangular", 1, [BALL], {"law": gp.JKR(20.0)}),
-    "pairs": ("chain", 0, [BALL], {"law": {("A", "A"): gp.Hertz(), ("A", "floor"): gp.PowerLaw(2.0, 1e12)}}),
+    "pairs": (
+        "chain",
+        0,
+        [BALL],
+        {"law": {("A", "A"): gp.Hertz(), ("A", "floor"): gp.PowerLaw(2.0, 1e12)}},
+    ),
 }
-_OF_FLOOR = ("normal_force", *(f"{name}_stiffness" for name in ("normal", "shear", "torsion", "bending")), "arm_i", "arm_j")
+_OF_FLOOR = (
+    "normal_force",
+    *(f"{name}_stiffness" for name in ("normal", "shear", "torsion", "bending")),
+    "arm_i",
+    "arm_j",
+)
 
 
 class LinearLaw:
@@ -252,8 +320,10 @@ def test_a_network_stands_on_the_floor_of_its_crystal(name):
 def test_a_ball_on_a_floor_is_that_of_hertz_and_mindlin():
     crystal = gp.Crystal.on("chain", [BALL, ALUMINIUM], motions="all")
     found = on_floor(crystal.at_force(20.0).network.cut(0, 20, "floor"))
-    for place, ball in enumerate((BALL, ALUMINIUM)):  # 1/E* is (1 - nu^2)/E of the ball, and 1/G* (2 - nu)/G
-        young, nu = ball.material.young_modulus, ball.material.poisson_ratio
+    for place, ball in enumerate((BALL, ALUMINIUM)):
+        # 1/E* is (1 - nu^2)/E of the ball, and 1/G* (2 - nu)/G
+        young = ball.material.young_modulus
+        nu = ball.material.poisson_ratio
         k = (6.0 * (young / (1.0 - nu**2)) ** 2 * ball.radius * 20.0) ** (1.0 / 3.0)
         ratio = 4.0 * (1.0 - nu**2) / young * (0.5 * young / (1.0 + nu)) / (2.0 - nu)
         assert_allclose(found["normal_stiffness"][place], k, rtol=1e-13)
@@ -261,12 +331,16 @@ def test_a_ball_on_a_floor_is_that_of_hertz_and_mindlin():
 
 
 def test_a_floor_of_networks_from_elsewhere(tmp_path):
-    """Tables with a material have the floor of their own balls; those without know none, and say so."""
+    """Tables with a material have the floor of their own balls; those without know none, and say
+    so.
+    """
     radii = np.array([4e-3, 3e-3])
     pressed = gp.Hertz().between(gp.Ball(STEEL, 8e-3), gp.Ball(STEEL, 6e-3)).overlap(10.0)
     balls = {"x": [4e-3, 11e-3 - pressed], "radius": radii}
     contacts = {"i": [0, 1], "j": [1, 0], "shift_1": [0, 1], "normal_force": [10.0, 10.0]}
-    network = gp.ContactNetwork.from_table(balls, contacts, material=STEEL, cell=[14e-3 - 2.0 * pressed])
+    network = gp.ContactNetwork.from_table(
+        balls, contacts, material=STEEL, cell=[14e-3 - 2.0 * pressed]
+    )
     found = on_floor(network.cut(0, 3, "floor"))
     law = [gp.Hertz().between(gp.Ball(STEEL, 2.0 * radius), RIGID_PLANE) for radius in radii]
     overlap = np.array([one.overlap(10.0) for one in law])
@@ -277,22 +351,33 @@ def test_a_floor_of_networks_from_elsewhere(tmp_path):
     files = tmp_path / "balls.csv", tmp_path / "contacts.csv"
     for source in (network, crystal):
         source.write_tables(*files)
-        for read in (gp.ContactNetwork.from_table(*files), gp.ContactNetwork.from_dict(source.to_dict())):
+        for read in (
+            gp.ContactNetwork.from_table(*files),
+            gp.ContactNetwork.from_dict(source.to_dict()),
+        ):
             assert read.contact_model == source.contact_model
             assert on_floor(read.cut(0, 3, "floor"))["normal_stiffness"].tolist() == (
-                on_floor(source.cut(0, 3, "floor"))["normal_stiffness"].tolist())  # fmt: skip
+                on_floor(source.cut(0, 3, "floor"))["normal_stiffness"].tolist()
+            )
     # Atoms with a calculator, a simulated sample, and the medium of a packing stand on one floor
     packing = gp.Packing(STEEL, D, gp.Uniform(1e-9))
     state = gp.AveragedLattice(packing).at_force(10.0)
     sample = gp.DirectSimulation(packing, shape=(4, 4)).at_force(10.0).sample
     atoms = gp.atoms(state)
-    stiffness = [on_floor(gp.Waves(one).network.cut(1, 3, "floor"))["normal_stiffness"] for one in (state, atoms)]
+    stiffness = [
+        on_floor(gp.Waves(one).network.cut(1, 3, "floor"))["normal_stiffness"]
+        for one in (state, atoms)
+    ]
     assert_allclose(stiffness[0], stiffness[1], rtol=1e-12)
-    assert_allclose(on_floor(sample.network.cut(1, 2, "floor"))["normal_stiffness"], stiffness[0][0], rtol=1e-2)
+    assert_allclose(
+        on_floor(sample.network.cut(1, 2, "floor"))["normal_stiffness"], stiffness[0][0], rtol=1e-2
+    )
     # a user's own law gives a floor, which plain data cannot hold
     law = LinearLaw(1e6)
     network_of_law = gp.Crystal.on("chain", [BALL], law=law).at_force(10.0).network
-    assert_allclose(on_floor(network_of_law.cut(0, 3, "floor"))["normal_stiffness"], 1e6, rtol=1e-12)
+    assert_allclose(
+        on_floor(network_of_law.cut(0, 3, "floor"))["normal_stiffness"], 1e6, rtol=1e-12
+    )
     assert gp.ContactNetwork.from_dict(network_of_law.to_dict()).contact_model is None
     assert network_of_law.contact_model.law is law
     for lost in ({"contact_model": None}, {"contact_model": crystal.contact_model, "kinds": None}):
@@ -304,9 +389,15 @@ def test_a_floor_of_networks_from_elsewhere(tmp_path):
 
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
 def test_a_floor_bears_a_whole_layer_of_balls_that_differ(geometry):
-    """Both floors carry the force that crosses the edge of the array; a sample of a crystal has a floor as its crystal."""
+    """Both floors carry the force that crosses the edge of the array; a sample of a crystal has a
+    floor as its crystal.
+    """
     packing = gp.Packing(STEEL, D, gp.Uniform(2e-6))
-    network = gp.DirectSimulation(packing, shape=(12, 12), geometry=geometry).at_force(20.0).sample.network
+    network = (
+        gp.DirectSimulation(packing, shape=(12, 12), geometry=geometry)
+        .at_force(20.0)
+        .sample.network
+    )
     crossing = network.shift[:, 1] != 0
     force = np.sum(network.normal_force[crossing] * np.abs(network.normal[crossing, 1]))
     floor = network.cut(1, 1, "floor")
@@ -314,31 +405,36 @@ def test_a_floor_bears_a_whole_layer_of_balls_that_differ(geometry):
         assert np.count_nonzero(floor.j == wall) == 12
         assert_allclose(np.sum(floor.normal_force[floor.j == wall]), force, rtol=1e-3)
     sample = gp.Crystal.on("triangular", [replace(BALL, spread=gp.Uniform(2e-6))]).sample((3, 3))
-    own, cut = (
-        sample.at_force(40.0).network.cut(1, 2, ("floor", "free")),
-        sample.cut(1, 2, ("floor", "free")).at_force(40.0).network,
-    )
+    own = sample.at_force(40.0).network.cut(1, 2, ("floor", "free"))
+    cut = sample.cut(1, 2, ("floor", "free")).at_force(40.0).network
     assert set(zip(own.i, own.j, strict=True)) == set(zip(cut.i, cut.j, strict=True))
 
 
 def test_a_cut_of_a_network_is_turned_as_that_of_its_crystal():
     crystal = gp.Crystal.on("fcc", [BALL])
     for axis in (0, (1, 1, 0), (1, -1, 2)):
-        cut, twin_cut = crystal.at_force(10.0).network.cut(axis, 5), crystal.cut(axis, 5)
+        cut = crystal.at_force(10.0).network.cut(axis, 5)
+        twin_cut = crystal.cut(axis, 5)
         assert_allclose(cut.positions, twin_cut.positions, atol=1e-15)
         assert_allclose(cut.cell[:2], twin_cut.cell, atol=1e-15)
 
 
 def test_a_network_whose_periods_lie_anywhere_is_turned():
     network = bulk("square").cut(0, 3)
-    upright = replace(network, cell=network.cell[[1, 0, 2]][:, [1, 0, 2]], positions=network.positions[:, [1, 0, 2]],
-                      pbc=(False, True, False), shift=network.shift[:, [1, 0, 2]],
-                      normal=network.normal[:, [1, 0, 2]])  # fmt: skip
-    a, b = network.cut(0, 4), upright.cut(0, 4)
+    upright = replace(
+        network,
+        cell=network.cell[[1, 0, 2]][:, [1, 0, 2]],
+        positions=network.positions[:, [1, 0, 2]],
+        pbc=(False, True, False),
+        shift=network.shift[:, [1, 0, 2]],
+        normal=network.normal[:, [1, 0, 2]],
+    )
+    a = network.cut(0, 4)
+    b = upright.cut(0, 4)
     assert_allclose(squares(a, still=5)[1:], squares(b, still=5)[1:], rtol=1e-9)
 
 
-# -- bad input -----------------------------------------------------------------------------------------------------------
+# -- bad input -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -350,11 +446,14 @@ def test_a_network_whose_periods_lie_anywhere_is_turned():
         (lambda: bulk("fcc").cut((1, 1, 2), 2), "Give 3 layers or more"),
         (lambda: bulk("square").cut(0, 1), "reach across 1 layer"),
         (lambda: bulk("square").cut(0, 2, "clamped"), "no ball moves"),
-        (lambda: bulk("square").cut(0, 3, "glued"), "edges: found 'glued'; allowed: free, clamped, floor"),
+        (
+            lambda: bulk("square").cut(0, 3, "glued"),
+            "edges: found 'glued'; allowed: free, clamped, floor",
+        ),
         (lambda: bulk("square").cut(0, 0), "layers"),
         (lambda: bulk("square").cut((0, 0), 3), "2 Miller indices"),
     ],
-)  # fmt: skip
+)
 def test_cuts_that_are_not_possible(make, said):
     with pytest.raises(InputError) as caught:
         make()
@@ -362,10 +461,16 @@ def test_cuts_that_are_not_possible(make, said):
 
 
 def test_a_clamp_that_holds_nothing():
-    # a layer of three rows of which contacts reach out of the outer two only: with the lower row of contacts gone, nothing
-    # of the clamped layer touches the rest
+    # a layer of three rows of which contacts reach out of the outer two only: with the lower row of
+    # contacts gone, nothing of the clamped layer touches the rest
     network = bulk("square").repeat((1, 3))
-    parted = replace(network, **{name: getattr(network, name)[network.shift[:, 1] == 0] for name in network.contact_fields})
+    parted = replace(
+        network,
+        **{
+            name: getattr(network, name)[network.shift[:, 1] == 0]
+            for name in network.contact_fields
+        },
+    )
     with pytest.raises(InputError, match="the clamped balls of an edge touch none that moves"):
         parted.cut(1, 3, ("clamped", "free"))
     with pytest.raises(InputError, match="falls into pieces"):

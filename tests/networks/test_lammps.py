@@ -39,11 +39,12 @@ def lmp(request):
     running.close()
 
 
-# -- LAMMPS ---------------------------------------------------------------------------------------------------------
+# -- LAMMPS ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("name", "dimension", "balls", "contacts", "loose"), [("disks", 2, 30, 64, 1), ("balls", 3, 36, 125, 1)]
+    ("name", "dimension", "balls", "contacts", "loose"),
+    [("disks", 2, 30, 64, 1), ("balls", 3, 36, 125, 1)],
 )
 def test_dumps_of_lammps(name, dimension, balls, contacts, loose):
     network = gp.ContactNetwork.from_lammps(*dumps(name), GLASS)
@@ -56,12 +57,17 @@ def test_dumps_of_lammps(name, dimension, balls, contacts, loose):
     np.testing.assert_array_equal(network.labels, np.delete(whole.labels, whole.rattlers))
     assert not network.rattlers.size
     assert len(network.pieces()) == 1
-    # the box that holds these balls, their masses as solid spheres, and forces that hold each ball in balance
+    # the box that holds these balls, their masses as solid spheres, and forces that hold each ball
+    # in balance
     filled = packings.KEPT[name][2]
     volumes = np.pi * whole.radii**2 if dimension == 2 else 4.0 / 3.0 * np.pi * whole.radii**3
     side = (volumes.sum() / filled) ** (1.0 / dimension)
-    np.testing.assert_allclose(whole.cell[:dimension, :dimension], side * np.eye(dimension), rtol=1e-8)
-    np.testing.assert_allclose(whole.masses, GLASS.density * 4.0 / 3.0 * np.pi * whole.radii**3, rtol=1e-8)
+    np.testing.assert_allclose(
+        whole.cell[:dimension, :dimension], side * np.eye(dimension), rtol=1e-8
+    )
+    np.testing.assert_allclose(
+        whole.masses, GLASS.density * 4.0 / 3.0 * np.pi * whole.radii**3, rtol=1e-8
+    )
     np.testing.assert_allclose(whole.inertias, 0.4 * whole.masses * whole.radii**2)
     pull = np.zeros((balls, 3))
     np.add.at(pull, whole.j, whole.normal * whole.normal_force[:, None])
@@ -70,19 +76,33 @@ def test_dumps_of_lammps(name, dimension, balls, contacts, loose):
 
 
 def test_forces_of_lammps_are_those_of_hertz(packing):
-    radius = packing.radii[packing.i] * packing.radii[packing.j] / (packing.radii[packing.i] + packing.radii[packing.j])
-    overlap = packing.radii[packing.i] + packing.radii[packing.j] - np.linalg.norm(packing.vector, axis=1)
+    radius = (
+        packing.radii[packing.i]
+        * packing.radii[packing.j]
+        / (packing.radii[packing.i] + packing.radii[packing.j])
+    )
+    overlap = (
+        packing.radii[packing.i] + packing.radii[packing.j] - np.linalg.norm(packing.vector, axis=1)
+    )
     modulus = GLASS.young_modulus / (2.0 * (1.0 - GLASS.poisson_ratio**2))
     np.testing.assert_allclose(
-        packing.normal_force, 4.0 / 3.0 * modulus * np.sqrt(radius) * np.maximum(overlap, 0.0) ** 1.5,
-        rtol=1e-5, atol=1e-6 * packing.normal_force.mean(),
-    )  # fmt: skip
+        packing.normal_force,
+        4.0 / 3.0 * modulus * np.sqrt(radius) * np.maximum(overlap, 0.0) ** 1.5,
+        rtol=1e-5,
+        atol=1e-6 * packing.normal_force.mean(),
+    )
     deep = packing.normal_force > 1e-3 * packing.normal_force.mean()
     spring = 2.0 * modulus * np.sqrt(radius * np.maximum(overlap, 0.0))
     np.testing.assert_allclose(packing.normal_stiffness[deep], spring[deep], rtol=1e-4)
-    np.testing.assert_allclose(packing.shear_stiffness, GLASS.mindlin_ratio * packing.normal_stiffness)
-    np.testing.assert_allclose(packing.arm_i + packing.arm_j, np.linalg.norm(packing.vector, axis=1))
-    np.testing.assert_allclose(packing.radii[packing.i] - packing.arm_i, 0.5 * overlap, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        packing.shear_stiffness, GLASS.mindlin_ratio * packing.normal_stiffness
+    )
+    np.testing.assert_allclose(
+        packing.arm_i + packing.arm_j, np.linalg.norm(packing.vector, axis=1)
+    )
+    np.testing.assert_allclose(
+        packing.radii[packing.i] - packing.arm_i, 0.5 * overlap, rtol=1e-9, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -93,23 +113,36 @@ def test_vectors_and_forces_of_a_dump_may_be_missing(name, tmp_path):
     head, below = re.split(r"(?<=\n)ITEM: ENTRIES.*\n", pairs.read_text())
     rows = [line.split()[:3] for line in below.splitlines()]
     bare = tmp_path / "pairs.dump"
-    bare.write_text(head + "ITEM: ENTRIES c_ids[1] c_ids[2] c_pair[1]\n" + "\n".join(map(" ".join, rows)) + "\n")
-    again = gp.ContactNetwork.from_lammps(atoms, bare, GLASS, columns=["i", "j", "force"], keep_rattlers=True)
+    bare.write_text(
+        head + "ITEM: ENTRIES c_ids[1] c_ids[2] c_pair[1]\n" + "\n".join(map(" ".join, rows)) + "\n"
+    )
+    again = gp.ContactNetwork.from_lammps(
+        atoms, bare, GLASS, columns=["i", "j", "force"], keep_rattlers=True
+    )
     assert again == whole
-    # two columns: the forces are Hertz's at the overlap of the positions, of which the file has nine digits
-    bare.write_text(head + "ITEM: ENTRIES i j\n" + "\n".join(" ".join(row[:2]) for row in rows) + "\n")
+    # two columns: the forces are Hertz's at the overlap of the positions, of which the file has
+    # nine digits
+    bare.write_text(
+        head + "ITEM: ENTRIES i j\n" + "\n".join(" ".join(row[:2]) for row in rows) + "\n"
+    )
     again = gp.ContactNetwork.from_lammps(atoms, bare, GLASS, keep_rattlers=True)
     strong = whole.normal_force > 1e-3 * whole.normal_force.mean()
-    kept = np.isin(np.stack([whole.i, whole.j]).T @ [1000, 1], np.stack([again.i, again.j]).T @ [1000, 1])
+    kept = np.isin(
+        np.stack([whole.i, whole.j]).T @ [1000, 1], np.stack([again.i, again.j]).T @ [1000, 1]
+    )
     assert np.all(kept[strong])
-    np.testing.assert_allclose(again.normal_force[strong[kept]], whole.normal_force[strong], rtol=1e-4)
+    np.testing.assert_allclose(
+        again.normal_force[strong[kept]], whole.normal_force[strong], rtol=1e-4
+    )
 
 
 @pytest.mark.claim("network-lammps")
 def test_lammps_responds_as_the_network_without_friction(lmp, tmp_path):
     network = read(lmp, tmp_path, friction=False, prestress=True)
-    count, dimension = network.n_balls, network.dimension
-    rest, step = np.array(lmp.gather_atoms("x", 1, 3)).reshape(-1, 3), 5e-11
+    count = network.n_balls
+    dimension = network.dimension
+    rest = np.array(lmp.gather_atoms("x", 1, 3)).reshape(-1, 3)
+    step = 5e-11
 
     def forces(places):
         lmp.scatter_atoms("x", 1, 3, (ctypes.c_double * places.size)(*places.ravel()))
@@ -123,17 +156,25 @@ def test_lammps_responds_as_the_network_without_friction(lmp, tmp_path):
         constants[:, column] = (forces(rest - moved) - forces(rest + moved)) / (2.0 * step)
     forces(rest)
     root = np.repeat(np.sqrt(network.masses), dimension)
-    theirs, ours = constants / root / root[:, None], WaveOperator(network).matrix.toarray()
-    # the curvature of Hertz's law over a step: k''' step^2 of the contact that is pressed least, and rounding
+    theirs = constants / root / root[:, None]
+    ours = WaveOperator(network).matrix.toarray()
+    # the curvature of Hertz's law over a step: k''' step^2 of the contact that is pressed least,
+    # and rounding
     np.testing.assert_allclose(theirs, ours, atol=1e-6 * np.max(ours))
     np.testing.assert_allclose(
-        np.linalg.eigvalsh(0.5 * (theirs + theirs.T)), np.linalg.eigvalsh(ours), atol=1e-6 * np.max(ours)
+        np.linalg.eigvalsh(0.5 * (theirs + theirs.T)),
+        np.linalg.eigvalsh(ours),
+        atol=1e-6 * np.max(ours),
     )
 
 
 def measure(lmp, network, law):
-    """LAMMPS' own response, of balls moved by one step of time at a velocity: it adds up slip along the way."""
-    time, size, p = 1e-12, 5e-11, network.dimension
+    """LAMMPS' own response, of balls moved by one step of time at a velocity: it adds up slip along
+    the way.
+    """
+    time = 1e-12
+    size = 5e-11
+    p = network.dimension
     axes = [*range(p), *([3, 4, 5] if p == 3 else [5])]
     lmp.commands_string(f"{packings.coefficients(law)}\nfix move all nve/sphere\ntimestep {time!r}")
 
@@ -147,14 +188,17 @@ def measure(lmp, network, law):
     columns = []
     for place in range(network.n_balls * len(axes)):
         ball, axis = divmod(place, len(axes))
-        motion, step = np.zeros((network.n_balls, 6)), size / (1.0 if axis < p else 1e-3)
+        motion = np.zeros((network.n_balls, 6))
+        step = size / (1.0 if axis < p else 1e-3)
         motion[ball, axes[axis]] = step
         ahead = go(motion)
         go(-motion)
         behind = go(-motion)
         go(motion)
         columns.append((behind - ahead) / (2.0 * step))
-    root = np.sqrt(np.column_stack([network.masses] * p + [network.inertias] * (len(axes) - p)).ravel())
+    root = np.sqrt(
+        np.column_stack([network.masses] * p + [network.inertias] * (len(axes) - p)).ravel()
+    )
     return np.array(columns).T / root / root[:, None]
 
 
@@ -166,15 +210,22 @@ def test_lammps_responds_as_the_network_with_friction(lmp, tmp_path):
     """
     network = read(lmp, tmp_path, prestress=True)
     by_radii = replace(network, arm_i=network.radii[network.i], arm_j=network.radii[network.j])
-    ours, slips = WaveOperator(network), WaveOperator(by_radii)
+    ours = WaveOperator(network)
+    slips = WaveOperator(by_radii)
     pushed = ours.matrix - ours.root.T @ ours.root
     expected = (ours.root.T @ slips.root + pushed).toarray()
     # the arms differ from the radii by half an overlap
-    overlap = np.max(1.0 - np.minimum(network.arm_i / by_radii.arm_i, network.arm_j / by_radii.arm_j))
-    np.testing.assert_allclose(ours.matrix.toarray(), expected, atol=2.0 * overlap * ours.matrix.max())
+    overlap = np.max(
+        1.0 - np.minimum(network.arm_i / by_radii.arm_i, network.arm_j / by_radii.arm_j)
+    )
+    np.testing.assert_allclose(
+        ours.matrix.toarray(), expected, atol=2.0 * overlap * ours.matrix.max()
+    )
 
     rest = np.array(lmp.gather_atoms("x", 1, 3))
-    np.testing.assert_allclose(measure(lmp, network, "mindlin NULL 0 1e9"), expected, atol=1e-5 * np.max(expected))
+    np.testing.assert_allclose(
+        measure(lmp, network, "mindlin NULL 0 1e9"), expected, atol=1e-5 * np.max(expected)
+    )
     lmp.scatter_atoms("x", 1, 3, (ctypes.c_double * rest.size)(*rest))
     lmp.commands_string("unfix move\nset group all omega 0 0 0\nvelocity all set 0 0 0")
     lmp.command(packings.coefficients("linear_nohistory 0 0"))
@@ -182,13 +233,16 @@ def test_lammps_responds_as_the_network_with_friction(lmp, tmp_path):
 
 def read(lmp, folder, **more):
     """The network of what LAMMPS holds, through its files."""
-    atoms, pairs = folder / "atoms.dump", folder / "pairs.dump"
+    atoms = folder / "atoms.dump"
+    pairs = folder / "pairs.dump"
     packings.write_dumps(lmp, atoms, pairs)
     return gp.ContactNetwork.from_lammps(atoms, pairs, GLASS, keep_rattlers=True, **more)
 
 
 def test_boxes_units_and_places_of_dumps(tmp_path, lmp):
-    """What LAMMPS writes of one state: scaled and unwrapped places, the tilted box, a box of any vectors, other units."""
+    """What LAMMPS writes of one state: scaled and unwrapped places, the tilted box, a box of any
+    vectors, other units.
+    """
     lmp.commands_string(f"""
         compute ids all property/local patom1 patom2 cutoff radius
         compute pair all pair/local force p10 p11 p12 cutoff radius
@@ -210,14 +264,21 @@ def test_boxes_units_and_places_of_dumps(tmp_path, lmp):
     columns = ["i", "j", "force", "dx", "dy", "dz"]
     networks = [
         gp.ContactNetwork.from_lammps(
-            tmp_path / f"{name}.dump", tmp_path / "pairs.dump", GLASS, columns=columns, friction=False
+            tmp_path / f"{name}.dump",
+            tmp_path / "pairs.dump",
+            GLASS,
+            columns=columns,
+            friction=False,
         )
         for name in ("atoms", "scaled", "unwrapped")
     ]
     for network in networks[1:]:
-        order, other = np.argsort(networks[0].labels), np.argsort(network.labels)
+        order = np.argsort(networks[0].labels)
+        other = np.argsort(network.labels)
         for name in ("radii", "masses"):
-            np.testing.assert_allclose(getattr(network, name)[other], getattr(networks[0], name)[order], rtol=1e-12)
+            np.testing.assert_allclose(
+                getattr(network, name)[other], getattr(networks[0], name)[order], rtol=1e-12
+            )
         np.testing.assert_allclose(network.vector, networks[0].vector, atol=1e-15)
     # the same numbers in centimetres, grams and dyn, and in scales of one's own
     in_cgs = networks[0]
@@ -236,7 +297,9 @@ def test_boxes_units_and_places_of_dumps(tmp_path, lmp):
 
 
 def test_tilted_boxes(tmp_path):
-    """Four balls of a triangular lattice in a box with an angle of 60 degrees, as LAMMPS writes it."""
+    """Four balls of a triangular lattice in a box with an angle of 60 degrees, as LAMMPS writes
+    it.
+    """
     try:
         running = packings.start()
     except (ImportError, OSError) as error:
@@ -264,12 +327,16 @@ def test_tilted_boxes(tmp_path):
     assert (network.n_balls, network.n_contacts, network.left_out) == (4, 12, 0)
     np.testing.assert_allclose(np.linalg.norm(network.vector, axis=1), spacing, rtol=1e-9)
     np.testing.assert_allclose(
-        network.cell, 3.8e-3 * np.array([[1.0, 0.0, 0.0], [0.5, 0.75**0.5, 0.0], [0.0, 0.0, 0.0]]), atol=1e-12
+        network.cell,
+        3.8e-3 * np.array([[1.0, 0.0, 0.0], [0.5, 0.75**0.5, 0.0], [0.0, 0.0, 0.0]]),
+        atol=1e-12,
     )
 
 
 def spoil(*changes):
-    """A change of the texts of both files: pairs of a pattern and what stands in its place, for atoms or for pairs."""
+    """A change of the texts of both files: pairs of a pattern and what stands in its place, for
+    atoms or for pairs.
+    """
 
     def spoiled(name, folder):
         texts = [path.read_text() for path in dumps(name)]
@@ -284,60 +351,173 @@ def spoil(*changes):
 
 
 BAD_DUMPS = {
-    "steps": (spoil((0, r"TIMESTEP\n\d+", "TIMESTEP\n7")), {}, "time step 7, and .* Balls and contacts must be of one step"),
+    "steps": (
+        spoil((0, r"TIMESTEP\n\d+", "TIMESTEP\n7")),
+        {},
+        "time step 7, and .* Balls and contacts must be of one step",
+    ),
     "step": (spoil(), {"step": 3}, "no time step 3. It has .* alone"),
     "units": (spoil((1, r"\A", "ITEM: UNITS\ncgs\n")), {}, "in units si, and .* in others"),
     "units given": (spoil(), {"units": "cgs"}, "its units are si, and units='cgs' is given"),
-    "unknown units": (spoil(), {"units": "feet"}, "units: found 'feet'; allowed: si, cgs, micro, nano"),
-    "ids": (spoil((1, "ENTRIES i j", "ENTRIES a b")), {}, "no column i and no column j. .* colname 1 i"),
+    "unknown units": (
+        spoil(),
+        {"units": "feet"},
+        "units: found 'feet'; allowed: si, cgs, micro, nano",
+    ),
+    "ids": (
+        spoil((1, "ENTRIES i j", "ENTRIES a b")),
+        {},
+        "no column i and no column j. .* colname 1 i",
+    ),
     "names": (spoil(), {"columns": ["i", "j"]}, "has 6: i, j, force"),
-    "many names": (spoil((1, "ENTRIES i j.*", "ENTRIES" + " name" * 5000)), {}, "name and 4990 more. Name them"),
+    "many names": (
+        spoil((1, "ENTRIES i j.*", "ENTRIES" + " name" * 5000)),
+        {},
+        "name and 4990 more. Name them",
+    ),
     "radius": (spoil((0, "radius", "size")), {}, "no column radius.*radius mass"),
     "id": (spoil((0, "ATOMS id", "ATOMS name")), {}, "no column id"),
     "x": (spoil((0, " x y z", " a b c")), {}, "no columns x, y and z"),
-    "mass": (spoil((0, "mass", "size")), {"material": None, "normal_stiffness": 1.0}, "no column 'mass', and no material"),
-    "swapped": (lambda name, folder: dumps(name)[::-1], {}, "is a dump of entries, and a dump of atoms"),
-    "cut off": (spoil((1, r"\n[^\n]*\n\Z", "\n")), {}, "ends before its 64 entries do: 63 are there"),
-    "cell": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", r"\1 much")), {}, r"pairs.dump:\d+: force: found 'much', where"),
-    "short line": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+).*", r"\1")), {}, r"pairs.dump:\d+: dx: found nothing"),
-    "ball": (spoil((1, r"(ITEM: ENTRIES.*\n)\d+", r"\g<1>99")), {}, "contact 0, of balls 99 and .* not among those of"),
+    "mass": (
+        spoil((0, "mass", "size")),
+        {"material": None, "normal_stiffness": 1.0},
+        "no column 'mass', and no material",
+    ),
+    "swapped": (
+        lambda name, folder: dumps(name)[::-1],
+        {},
+        "is a dump of entries, and a dump of atoms",
+    ),
+    "cut off": (
+        spoil((1, r"\n[^\n]*\n\Z", "\n")),
+        {},
+        "ends before its 64 entries do: 63 are there",
+    ),
+    "cell": (
+        spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", r"\1 much")),
+        {},
+        r"pairs.dump:\d+: force: found 'much', where",
+    ),
+    "short line": (
+        spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+).*", r"\1")),
+        {},
+        r"pairs.dump:\d+: dx: found nothing",
+    ),
+    "ball": (
+        spoil((1, r"(ITEM: ENTRIES.*\n)\d+", r"\g<1>99")),
+        {},
+        "contact 0, of balls 99 and .* not among those of",
+    ),
     "part": (spoil((1, r"(ITEM: ENTRIES.*\n)\d+", r"\g<1>1.5")), {}, "1.5 where a whole number"),
     "twice": (spoil((0, r"^2 ", "1 ")), {}, "two balls with the id 1"),
-    "tension": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+ )", r"\1-")), {}, "has the force -.* Forces that pull"),
-    "vector": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+ \S+ )\S+", r"\g<1>0.1")), {}, "is not where its balls are"),
+    "tension": (
+        spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+ )", r"\1-")),
+        {},
+        "has the force -.* Forces that pull",
+    ),
+    "vector": (
+        spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+ \S+ )\S+", r"\g<1>0.1")),
+        {},
+        "is not where its balls are",
+    ),
     "boxes": (spoil((1, r"(BOUNDS.*\n\S+ )\S+", r"\g<1>0.1")), {}, "different boxes"),
     "box": (spoil((0, r"(BOUNDS.*\n)\S+", r"\g<1>wide")), {}, "bounds of the box cannot be read"),
     "exchanged box": (
-        spoil((0, r"(BOUNDS.*\n)(\S+) (\S+)", r"\1\3 \2"), (1, r"(BOUNDS.*\n)(\S+) (\S+)", r"\1\3 \2")), {},
+        spoil(
+            (0, r"(BOUNDS.*\n)(\S+) (\S+)", r"\1\3 \2"), (1, r"(BOUNDS.*\n)(\S+) (\S+)", r"\1\3 \2")
+        ),
+        {},
         r"atoms.dump:\d+: the box has the length -0\.\d+ along x. Its lower bound must be below",
     ),
     "flat box": (
-        spoil((0, r"(BOUNDS.*\n.*\n)(\S+) \S+", r"\1\2 \2"), (1, r"(BOUNDS.*\n.*\n)(\S+) \S+", r"\1\2 \2")), {},
+        spoil(
+            (0, r"(BOUNDS.*\n.*\n)(\S+) \S+", r"\1\2 \2"),
+            (1, r"(BOUNDS.*\n.*\n)(\S+) \S+", r"\1\2 \2"),
+        ),
+        {},
         r"atoms.dump:\d+: the box has the length 0 along y",
     ),
     "many digits": (
-        spoil((0, r"(NUMBER OF ATOMS\n)\d+", r"\g<1>" + "9" * 5000)), {}, "found '999.*, where a whole number of at most 19"
+        spoil((0, r"(NUMBER OF ATOMS\n)\d+", r"\g<1>" + "9" * 5000)),
+        {},
+        "found '999.*, where a whole number of at most 19",
     ),
-    "time of many digits": (spoil((1, r"TIMESTEP\n\d+", "TIMESTEP\n" + "1" * 5000)), {}, "where a whole number of at most"),
-    "other digits": (spoil((0, r"(NUMBER OF ATOMS\n)\d+", "\\1\u0663\u0660")), {}, "where a whole number is needed"),
+    "time of many digits": (
+        spoil((1, r"TIMESTEP\n\d+", "TIMESTEP\n" + "1" * 5000)),
+        {},
+        "where a whole number of at most",
+    ),
+    "other digits": (
+        spoil((0, r"(NUMBER OF ATOMS\n)\d+", "\\1\u0663\u0660")),
+        {},
+        "where a whole number is needed",
+    ),
     "columns of a number": (spoil(), {"columns": 5}, "columns are 5, and .* has 6: i, j, force"),
     "columns of numbers": (spoil(), {"columns": [1, 2, 3, 4, 5, 6]}, "columns are .1, 2, 3"),
-    "underscore": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", r"\1 1_0")), {}, "force: found '1_0', where a number"),
-    "arabic": (spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", "\\1 \u0661\u0660")), {}, "force: found '.*', where a number"),
-    "arabic box": (spoil((0, r"(BOUNDS.*\n)\S+", "\\1-\u0661")), {}, "bounds of the box cannot be read"),
-    "escape": (spoil((0, "radius", "\x1b[2Jradius")), {}, r"found a column named '\\x1b\[2Jradius'"),
-    "backwards": (spoil((1, "ENTRIES i", "ENTRIES \u202ei")), {}, r"found a column named '\\u202ei'"),
-    "escape in units": (spoil((0, "UNITS\nsi", "UNITS\n\x1b[31msi")), {"units": "si"}, r"its units are \\x1b\[31msi"),
-    "escape in columns": (spoil(), {"columns": ["\x1b[2J", "b", "c", "d", "e", "f"]}, r"columns are \\x1b\[2J, b, c"),
+    "underscore": (
+        spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", r"\1 1_0")),
+        {},
+        "force: found '1_0', where a number",
+    ),
+    "arabic": (
+        spoil((1, r"(ITEM: ENTRIES.*\n\d+ \d+) \S+", "\\1 \u0661\u0660")),
+        {},
+        "force: found '.*', where a number",
+    ),
+    "arabic box": (
+        spoil((0, r"(BOUNDS.*\n)\S+", "\\1-\u0661")),
+        {},
+        "bounds of the box cannot be read",
+    ),
+    "escape": (
+        spoil((0, "radius", "\x1b[2Jradius")),
+        {},
+        r"found a column named '\\x1b\[2Jradius'",
+    ),
+    "backwards": (
+        spoil((1, "ENTRIES i", "ENTRIES \u202ei")),
+        {},
+        r"found a column named '\\u202ei'",
+    ),
+    "escape in units": (
+        spoil((0, "UNITS\nsi", "UNITS\n\x1b[31msi")),
+        {"units": "si"},
+        r"its units are \\x1b\[31msi",
+    ),
+    "escape in columns": (
+        spoil(),
+        {"columns": ["\x1b[2J", "b", "c", "d", "e", "f"]},
+        r"columns are \\x1b\[2J, b, c",
+    ),
     "general box": (spoil((0, "BOX BOUNDS", "BOX BOUNDS abc origin")), {}, "triclinic/general"),
-    "count": (spoil((0, r"(NUMBER OF ATOMS\n)\d+", r"\1many")), {}, "found 'many', where a whole number"),
-    "another file": (lambda name, folder: (dumps(name)[0], __file__), {}, "where a line 'ITEM: ...' is needed"),
+    "count": (
+        spoil((0, r"(NUMBER OF ATOMS\n)\d+", r"\1many")),
+        {},
+        "found 'many', where a whole number",
+    ),
+    "another file": (
+        lambda name, folder: (dumps(name)[0], __file__),
+        {},
+        "where a line 'ITEM: ...' is needed",
+    ),
     "no file": (lambda name, folder: (folder / "no.dump", dumps(name)[1]), {}, "no such file"),
     "material": (spoil(), {"material": "steel"}, "the material is 'steel'. Give a gp.Material"),
-    "no material": (spoil(), {"material": None}, "no normal_stiffness, shear_stiffness, and no material is given"),
-    "far": (spoil((0, r"^2 \S+", "2 0.00444")), {"columns": ["i", "j", "force", "a", "b", "c"]}, "not near each other"),
-    "dimension": (spoil((0, r"^(2 \S+ \S+) 0", r"\1 1e-4")), {"dimension": 2}, "is not where its balls are"),
-}  # fmt: skip
+    "no material": (
+        spoil(),
+        {"material": None},
+        "no normal_stiffness, shear_stiffness, and no material is given",
+    ),
+    "far": (
+        spoil((0, r"^2 \S+", "2 0.00444")),
+        {"columns": ["i", "j", "force", "a", "b", "c"]},
+        "not near each other",
+    ),
+    "dimension": (
+        spoil((0, r"^(2 \S+ \S+) 0", r"\1 1e-4")),
+        {"dimension": 2},
+        "is not where its balls are",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", BAD_DUMPS)
@@ -357,33 +537,48 @@ def test_a_force_that_is_not_that_of_the_overlap_is_told(digits, scaled, tmp_pat
     start = pairs.index("\n", pairs.index("ITEM: ENTRIES")) + 1
     rows = [line.split() for line in pairs[start:].splitlines()]
     frame = re.split(r"(ITEM: ATOMS.*\n)", atoms)
-    names, low, side = frame[1].split()[2:], *map(float, re.search(r"BOUNDS.*\n(\S+) (\S+)", atoms).groups())
+    names, low, side = (
+        frame[1].split()[2:],
+        *map(float, re.search(r"BOUNDS.*\n(\S+) (\S+)", atoms).groups()),
+    )
     cells = [line.split() for line in frame[2].splitlines()]
     for line in cells:
         for axis in "xyz":
-            place, at = float(line[names.index(axis)]), names.index(axis)
-            share = (place - low) / (side - low) if scaled and axis != "z" else 0.5 if scaled else place
+            place = float(line[names.index(axis)])
+            at = names.index(axis)
+            share = (
+                (place - low) / (side - low) if scaled and axis != "z" else 0.5 if scaled else place
+            )
             line[at] = f"{share:.{digits}g}"
     head = frame[1].replace(" x y z", " xs ys zs") if scaled else frame[1]
     (tmp_path / "atoms").write_text(frame[0] + head + "\n".join(map(" ".join, cells)) + "\n")
 
     def read(**changed):
         """The network with other forces of some of the pairs, by their number."""
-        lines = [[*row[:2], f"{changed.get(f'of_{n}', 1.0) * float(row[2]):.16g}"] for n, row in enumerate(rows)]
+        lines = [
+            [*row[:2], f"{changed.get(f'of_{n}', 1.0) * float(row[2]):.16g}"]
+            for n, row in enumerate(rows)
+        ]
         head = re.sub("ENTRIES.*", "ENTRIES i j force", pairs[:start])
         (tmp_path / "pairs").write_text(head + "\n".join(map(" ".join, lines)) + "\n")
-        return gp.ContactNetwork.from_lammps(tmp_path / "atoms", tmp_path / "pairs", GLASS, keep_rattlers=True)
+        return gp.ContactNetwork.from_lammps(
+            tmp_path / "atoms", tmp_path / "pairs", GLASS, keep_rattlers=True
+        )
 
     mean = np.mean([float(row[2]) for row in rows])
     ordinary = next(n for n, row in enumerate(rows) if float(row[2]) > 0.5 * mean)
     assert read(**{f"of_{ordinary}": 5.0}).n_contacts == read().n_contacts
     said = (
-        rf"pairs: contact {ordinary}, of balls {rows[ordinary][0]} and {rows[ordinary][1]}, has the force .* N, and the ov"
+        rf"pairs: contact {ordinary}, of balls {rows[ordinary][0]} and {rows[ordinary][1]}, has"
+        rf" the force .* N, and the ov"
     )
     for factor in (500.0, 1.0 / 500.0):
         with pytest.raises(InconsistencyWarning, match=said):
             read(**{f"of_{ordinary}": factor})
-    with pytest.raises(InconsistencyWarning, match=r"\(6[0-4] in all\)\. Compare units" if digits == 16 else "in all"):
+    with pytest.raises(
+        InconsistencyWarning,
+        match=r"\(6[0-4] in all\)\. Compare units" if digits == 16 else "in all",
+    ):
         read(**{f"of_{n}": 500.0 for n in range(len(rows))})
     with pytest.warns(InconsistencyWarning) as caught:
         read(of_0=1e6)
@@ -402,16 +597,23 @@ ITEM: {}
 """
 #: three balls of 0.5 mm at the corners of a triangle, whose contacts overlap by 5.5e-8 m
 OVERLAP = 5.5e-8
-CORNERS = 0.05 + (1e-3 - OVERLAP) * np.array([[0.0, 0.0, -50.0], [1.0, 0.0, -50.0], [0.5, 0.75**0.5, -50.0]])
+CORNERS = 0.05 + (1e-3 - OVERLAP) * np.array(
+    [[0.0, 0.0, -50.0], [1.0, 0.0, -50.0], [0.5, 0.75**0.5, -50.0]]
+)
 CORNERS[:, 2] = 0.0
 
 
 def write_triangle(folder, form, forces=None, density=2500.0, unit=1.0):
     """Write the dumps of three balls, with places and radii in this format; return their paths."""
     mass = density * 4.0 / 3.0 * np.pi * 5e-4**3
-    rows = [f"{n} " + " ".join(form % (unit * x) for x in (*place, 5e-4)) for n, place in enumerate(CORNERS.tolist(), 1)]
+    rows = [
+        f"{n} " + " ".join(form % (unit * x) for x in (*place, 5e-4))
+        for n, place in enumerate(CORNERS.tolist(), 1)
+    ]
     rows = [f"{row} {mass!r}\n" for row in rows]
-    (folder / "atoms.dump").write_text(DUMP.format("ATOMS", "ATOMS id x y z radius mass") + "".join(rows))
+    (folder / "atoms.dump").write_text(
+        DUMP.format("ATOMS", "ATOMS id x y z radius mass") + "".join(rows)
+    )
     ends = ["1 2", "2 3", "3 1"]
     rows = [f"{pair} {force!r}\n" for pair, force in zip(ends, forces or [0.0] * 3, strict=True)]
     (folder / "pairs.dump").write_text(
@@ -428,16 +630,22 @@ def hertz_force():
 @pytest.mark.claim("network-digits")
 @pytest.mark.parametrize("table", [False, True])
 def test_places_with_too_few_digits_give_no_forces(table, tmp_path):
-    """Forces that follow from overlaps are compared with the error that rounded places leave in these."""
+    """Forces that follow from overlaps are compared with the error that rounded places leave in
+    these.
+    """
 
     def read(form, unit="m"):
         write_triangle(tmp_path, form, unit={"m": 1.0, "mm": 1e3, "inch": 1.0 / 0.0254}[unit])
         if not table:
-            return gp.ContactNetwork.from_lammps(tmp_path / "atoms.dump", tmp_path / "pairs.dump", GLASS)
+            return gp.ContactNetwork.from_lammps(
+                tmp_path / "atoms.dump", tmp_path / "pairs.dump", GLASS
+            )
         rows = [line.split()[:5] for line in (tmp_path / "atoms.dump").read_text().splitlines()[9:]]
         head = ",".join(["id", *(f"{name} ({unit})" for name in ("x", "y", "z", "radius"))])
         (tmp_path / "balls.csv").write_text("\n".join([head, *map(",".join, rows), ""]))
-        return gp.ContactNetwork.from_table(tmp_path / "balls.csv", {"i": [1, 2, 3], "j": [2, 3, 1]}, material=GLASS)
+        return gp.ContactNetwork.from_table(
+            tmp_path / "balls.csv", {"i": [1, 2, 3], "j": [2, 3, 1]}, material=GLASS
+        )
 
     np.testing.assert_allclose(read("%.16g").normal_force, hertz_force(), rtol=1e-6)
     for unit in ("m", "mm", "inch") if table else ("m",):
@@ -455,13 +663,22 @@ def test_places_with_too_few_digits_give_no_forces(table, tmp_path):
 
 @pytest.mark.claim("network-digits")
 @pytest.mark.parametrize(
-    ("form", "last"), [("%.6g", None), ("%.9g", None), ("%.6f", 1e-6), ("%.8f", 1e-8), ("%.3e", None), ("single", None)]
+    ("form", "last"),
+    [
+        ("%.6g", None),
+        ("%.9g", None),
+        ("%.6f", 1e-6),
+        ("%.8f", 1e-8),
+        ("%.3e", None),
+        ("single", None),
+    ],
 )
 def test_the_rounding_of_a_file_is_found_in_its_numbers(form, last):
     """The bound holds for each number, and is no larger than half of its last digit."""
     exact = np.random.default_rng(4).uniform(0.0, 0.05, (400, 3))
     if form == "single":
-        rounded, half = exact.astype(np.float32).astype(float), 0.5 * np.spacing(exact.astype(np.float32))
+        rounded = exact.astype(np.float32).astype(float)
+        half = 0.5 * np.spacing(exact.astype(np.float32))
     else:
         rounded = np.vectorize(lambda value: float(form % value))(exact)
         digits = 4 if form.endswith("e") else int(form[2])
@@ -472,7 +689,13 @@ def test_the_rounding_of_a_file_is_found_in_its_numbers(form, last):
 
 
 def test_few_numbers_of_few_digits_are_exact():
-    for chosen in ([[0.0, 0.0079999, -0.004]], [[5e-4]], [[0.0]], np.zeros((0, 3)), [[np.inf, 1.5, np.nan]]):
+    for chosen in (
+        [[0.0, 0.0079999, -0.004]],
+        [[5e-4]],
+        [[0.0]],
+        np.zeros((0, 3)),
+        [[np.inf, 1.5, np.nan]],
+    ):
         assert not np.any(find_rounding(np.array(chosen)))
 
 
@@ -506,7 +729,9 @@ def test_a_dump_that_is_cut_is_read_before_that(which, tmp_path):
     """LAMMPS was killed: the step that is asked for is whole, and a later one is not."""
     paths = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
     texts = [path.read_text() for path in dumps("disks")]
-    steps = [re.sub(r"TIMESTEP\n\d+", f"TIMESTEP\n{step}", text) for text in texts for step in (100, 200)]
+    steps = [
+        re.sub(r"TIMESTEP\n\d+", f"TIMESTEP\n{step}", text) for text in texts for step in (100, 200)
+    ]
     whole = steps[2 * which] + steps[2 * which + 1]
     paths[1 - which].write_text(steps[2 - 2 * which] + steps[3 - 2 * which])
     expected = gp.ContactNetwork.from_lammps(*dumps("disks"), GLASS)
@@ -518,7 +743,9 @@ def test_a_dump_that_is_cut_is_read_before_that(which, tmp_path):
         begin + 9,
     ):
         paths[which].write_text(whole[:cut])
-        with pytest.warns(StoppedEarlyWarning, match=f"{paths[which].name} .* time step 100") as caught:
+        with pytest.warns(
+            StoppedEarlyWarning, match=f"{paths[which].name} .* time step 100"
+        ) as caught:
             assert gp.ContactNetwork.from_lammps(*paths, GLASS, step=100) == expected
         assert caught[0].filename == __file__
         for step in (None, 200):

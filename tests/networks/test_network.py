@@ -1,4 +1,6 @@
-"""Networks of contacts, and the dynamical matrix of a network: against the bands of lattices and the matrices of arrays."""
+"""Networks of contacts, and the dynamical matrix of a network: against the bands of lattices and
+the matrices of arrays.
+"""
 
 import json
 from dataclasses import fields, replace
@@ -13,13 +15,20 @@ from granphon.waves.operator import WaveOperator
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
 LATTICES = [
-    ("triangular", "in_plane", (4, 3)), ("square", "all", (3, 4)), ("kagome", "in_plane", (2, 3)), ("fcc", "all", (3, 2, 3)),
-    ("hcp", "all", (2, 2, 2)), ("chain", "longitudinal", (7,)), ("triangular", "out_of_plane", (3, 3)),
-]  # fmt: skip
+    ("triangular", "in_plane", (4, 3)),
+    ("square", "all", (3, 4)),
+    ("kagome", "in_plane", (2, 3)),
+    ("fcc", "all", (3, 2, 3)),
+    ("hcp", "all", (2, 2, 2)),
+    ("chain", "longitudinal", (7,)),
+    ("triangular", "out_of_plane", (3, 3)),
+]
 
 
 def dense_frequencies(network: ContactNetwork) -> np.ndarray:
-    """Angular frequencies, rad/s, by the dense singular values of A, padded with the zeros of fewer rows."""
+    """Angular frequencies, rad/s, by the dense singular values of A, padded with the zeros of fewer
+    rows.
+    """
     root = WaveOperator(network).root.toarray()
     values = np.zeros(root.shape[1])
     found = np.linalg.svd(root, compute_uv=False)
@@ -35,20 +44,32 @@ def test_network_of_cells_has_the_bands_of_the_lattice(name, motions, shape):
     among = allowed_motions(structure.dimension)[motions]
     torsion, bending = (0.02, 0.03) if among.twist else (0.0, 0.0)
     lattice = gp.ContactLattice.of(
-        name, 0.0 if motions == "longitudinal" else 0.8, torsion=torsion, bending=bending, motions=among
+        name,
+        0.0 if motions == "longitudinal" else 0.8,
+        torsion=torsion,
+        bending=bending,
+        motions=among,
     )
     network = lattice.contact_network(UNITS).repeat(shape)
-    mesh = np.stack(np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
-    bands = np.sort(lattice.frequencies(lattice.wavevectors(mesh)).ravel()) * UNITS.angular_frequency
+    mesh = np.stack(
+        np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij"), axis=-1
+    ).reshape(-1, len(shape))
+    bands = (
+        np.sort(lattice.frequencies(lattice.wavevectors(mesh)).ravel()) * UNITS.angular_frequency
+    )
     np.testing.assert_allclose(dense_frequencies(network), bands, atol=2e-8 * bands[-1])
     operator = WaveOperator(network)
     assert bands[-1] <= operator.top * (1 + 1e-12)
-    np.testing.assert_allclose(np.sqrt(np.abs(np.linalg.eigvalsh(operator.matrix.toarray()))), bands, atol=1e-7 * bands[-1])
+    np.testing.assert_allclose(
+        np.sqrt(np.abs(np.linalg.eigvalsh(operator.matrix.toarray()))), bands, atol=1e-7 * bands[-1]
+    )
 
 
 def test_network_of_a_sample_has_its_elastic_energy():
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
-    sample = gp.DirectSimulation(packing, shape=(6, 8), seed=3, geometry="lattice").at_force(2.0).sample
+    sample = (
+        gp.DirectSimulation(packing, shape=(6, 8), seed=3, geometry="lattice").at_force(2.0).sample
+    )
     network = sample.network
     assert network.n_contacts == round(3 * 48 * sample.contact_fraction(0.0))
     pull = np.zeros((48, 3))
@@ -57,19 +78,24 @@ def test_network_of_a_sample_has_its_elastic_energy():
     assert np.max(np.abs(pull)) <= 1e-9 * sample.force
     # balls move by an arbitrary u, w: the energy of the springs, contact by contact
     rng = np.random.default_rng(1)
-    u, phi = rng.normal(size=(48, 2)), rng.normal(size=48) / packing.diameter
-    normal, d = network.normal[:, :2], packing.diameter
+    u = rng.normal(size=(48, 2))
+    phi = rng.normal(size=48) / packing.diameter
+    normal = network.normal[:, :2]
+    d = packing.diameter
     tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
     apart = u[network.j] - u[network.i]
     slip = np.sum(apart * tangent, axis=1) - 0.5 * d * (phi[network.i] + phi[network.j])
-    energy = 0.5 * np.sum(network.normal_stiffness * np.sum(apart * normal, axis=1) ** 2 + network.shear_stiffness * slip**2)
+    energy = 0.5 * np.sum(
+        network.normal_stiffness * np.sum(apart * normal, axis=1) ** 2
+        + network.shear_stiffness * slip**2
+    )
     weighted = np.sqrt(packing.mass) * np.column_stack([u, phi * d / np.sqrt(10.0)])
     operator = gp.Waves(sample).operator
     x = operator.vector(weighted)
     assert 0.5 * x @ (operator @ x) == pytest.approx(energy, rel=1e-12)
 
 
-# -- from states and Atoms ------------------------------------------------------------------------------------------
+# -- from states and Atoms -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("finite_overlap", [False, True])
@@ -98,14 +124,21 @@ def test_network_of_a_state_is_that_of_its_atoms(name, motions, shape, finite_ov
     operator = gp.Waves(balls).operator
     squares = np.linalg.eigvalsh(operator.matrix.toarray())
     atol = 1e-12 * squares[-1]
-    np.testing.assert_allclose(np.linalg.eigvalsh(WaveOperator(network).matrix.toarray()), squares, atol=atol)
+    np.testing.assert_allclose(
+        np.linalg.eigvalsh(WaveOperator(network).matrix.toarray()), squares, atol=atol
+    )
     # the calculator's own force constants, in units of k, and masses of one
-    constants = balls.calc.get_force_constants(balls, format="csr").toarray() * state.scales.angular_frequency**2
+    constants = (
+        balls.calc.get_force_constants(balls, format="csr").toarray()
+        * state.scales.angular_frequency**2
+    )
     np.testing.assert_allclose(np.linalg.eigvalsh(constants)[-squares.size :], squares, atol=atol)
 
 
 def test_network_of_atoms_that_are_open_and_lack_balls():
-    """A slab with a vacancy repeats along x alone; balls that are missing, and contacts across an end, are not there."""
+    """A slab with a vacancy repeats along x alone; balls that are missing, and contacts across an
+    end, are not there.
+    """
     state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)
     slab = gp.atoms(state).repeat((5, 4, 1))
     slab.pbc = (True, False, False)
@@ -127,7 +160,9 @@ def test_what_has_no_network_is_one_error():
     simulated = gp.DirectSimulation(
         gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6)), shape=(6, 8), seed=3, geometry="lattice"
     ).at_force(2.0)
-    with pytest.raises(gp.GranphonError, match=r"of 1 simulated sample,.* state.samples\[0\].network"):
+    with pytest.raises(
+        gp.GranphonError, match=r"of 1 simulated sample,.* state.samples\[0\].network"
+    ):
         gp.Waves(simulated)
     with pytest.raises(gp.GranphonError, match="shape: found"):
         state.network.repeat((3, 3, 3))
@@ -141,24 +176,31 @@ def test_waves_of_a_state_are_those_of_one_cell():
     waves = gp.Waves(state)
     assert waves.network.n_balls == 1
     eta = state.packing.mindlin_ratio
-    np.testing.assert_allclose(waves.modes(1).frequencies, np.sqrt(30.0 * eta) * state.scales.frequency, rtol=1e-13)
+    np.testing.assert_allclose(
+        waves.modes(1).frequencies, np.sqrt(30.0 * eta) * state.scales.frequency, rtol=1e-13
+    )
 
 
 def test_a_network_knows_its_reduced_units():
     """The mean diameter and mass of what moves, and the mean stiffness of what carries load."""
-    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="kagome")).at_force(18.446, finite_overlap=True)
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="kagome")).at_force(
+        18.446, finite_overlap=True
+    )
     assert state.network.scales == state.scales
     assert state.network.repeat((5, 7)).scales == state.scales
     network = make([[0, 0], [2, 0], [4, 0]], [(0, 1), (1, 2)], force=[2.0, 0.0])
-    springs, masses = np.array([3.0, 7.0]), np.array([1.0, 2.0, np.inf])
+    springs = np.array([3.0, 7.0])
+    masses = np.array([1.0, 2.0, np.inf])
     units = replace(network, normal_stiffness=springs, masses=masses).scales
     assert (units.length, units.stiffness, units.mass) == (2.0, 3.0, 1.5)
-    assert replace(network, normal_stiffness=springs, normal_force=np.zeros(2)).scales.stiffness == 5.0
+    assert (
+        replace(network, normal_stiffness=springs, normal_force=np.zeros(2)).scales.stiffness == 5.0
+    )
     with pytest.raises(gp.GranphonError, match="no reduced units"):
         _ = network.select([0]).scales
 
 
-# -- plain data -----------------------------------------------------------------------------------------------------
+# -- plain data ------------------------------------------------------------------------------------
 
 
 def test_networks_go_through_json():
@@ -166,7 +208,12 @@ def test_networks_go_through_json():
     network = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS).repeat((3, 2))
     masses = network.masses.copy()
     masses[2] = np.inf
-    for one in (network, replace(network, masses=masses), network.select([5, 1, 0]), with_lattice((3, 2))):
+    for one in (
+        network,
+        replace(network, masses=masses),
+        network.select([5, 1, 0]),
+        with_lattice((3, 2)),
+    ):
         again = ContactNetwork.from_dict(json.loads(json.dumps(one.to_dict())))
         assert again == one
         assert again.lattice == one.lattice
@@ -181,7 +228,7 @@ def with_lattice(shape):
     return state.network.repeat(shape)
 
 
-# -- rattlers and pieces --------------------------------------------------------------------------------------------
+# -- rattlers and pieces ---------------------------------------------------------------------------
 
 
 def make(positions, contacts, force=1.0, *, slip=0.0, dimension=2, **more):
@@ -193,12 +240,26 @@ def make(positions, contacts, force=1.0, *, slip=0.0, dimension=2, **more):
     distance = np.linalg.norm(vector, axis=1)
     n, count = len(places), len(i)
     fields = dict(  # noqa: C408
-        cell=np.zeros((3, 3)), pbc=(False,) * 3, positions=places, radii=np.ones(n), masses=np.ones(n),
-        inertias=0.4 * np.ones(n), i=i, j=j, shift=np.zeros((count, 3), int), normal=vector / distance[:, None],
-        normal_force=np.broadcast_to(force, count), normal_stiffness=np.ones(count), shear_stiffness=np.full(count, slip),
-        torsion_stiffness=np.zeros(count), bending_stiffness=np.zeros(count), arm_i=0.5 * distance, arm_j=0.5 * distance,
-        motions="in_plane" if dimension == 2 else "all", dimension=dimension,
-    )  # fmt: skip
+        cell=np.zeros((3, 3)),
+        pbc=(False,) * 3,
+        positions=places,
+        radii=np.ones(n),
+        masses=np.ones(n),
+        inertias=0.4 * np.ones(n),
+        i=i,
+        j=j,
+        shift=np.zeros((count, 3), int),
+        normal=vector / distance[:, None],
+        normal_force=np.broadcast_to(force, count),
+        normal_stiffness=np.ones(count),
+        shear_stiffness=np.full(count, slip),
+        torsion_stiffness=np.zeros(count),
+        bending_stiffness=np.zeros(count),
+        arm_i=0.5 * distance,
+        arm_j=0.5 * distance,
+        motions="in_plane" if dimension == 2 else "all",
+        dimension=dimension,
+    )
     return ContactNetwork(**(fields | more))
 
 
@@ -206,9 +267,16 @@ HEXAGON = 2.0 * np.array([[np.cos(a), np.sin(a)] for a in np.arange(6) * np.pi /
 
 
 def test_rattlers_are_found_one_after_the_other():
-    """A tail of two balls on a hexagon of seven; the ball at its end is loose first, and so the next."""
+    """A tail of two balls on a hexagon of seven; the ball at its end is loose first, and so the
+    next.
+    """
     balls = [(0.0, 0.0), *HEXAGON, (4.0, 0.0), (6.0, 0.0), (0.0, 9.0)]
-    contacts = [*((0, k) for k in range(1, 7)), *((k, k % 6 + 1) for k in range(1, 7)), (1, 7), (7, 8)]
+    contacts = [
+        *((0, k) for k in range(1, 7)),
+        *((k, k % 6 + 1) for k in range(1, 7)),
+        (1, 7),
+        (7, 8),
+    ]
     network = make(balls, contacts, slip=0.5)
     np.testing.assert_array_equal(network.rattlers, [7, 8, 9])
     kept = network.without_rattlers()
@@ -216,63 +284,97 @@ def test_rattlers_are_found_one_after_the_other():
     np.testing.assert_array_equal(kept.labels, np.arange(7))
     assert kept.without_rattlers() is kept
     assert network.without_rattlers(held_by=1).n_balls == 9
-    # without slip three contacts hold a ball, and those of the rim have three; but all is lost where it takes four
+    # without slip three contacts hold a ball, and those of the rim have three; but all is lost
+    # where it takes four
     slippery = make(balls, contacts)
     np.testing.assert_array_equal(slippery.rattlers, [7, 8, 9])
     with pytest.raises(gp.GranphonError, match="all balls of the network are rattlers"):
         slippery.without_rattlers(held_by=4)
     # contacts of almost no force carry none; the tail is held by a wall at its end
-    np.testing.assert_array_equal(make(balls, contacts, [*[1.0] * 12, 1.0, 1e-9], slip=0.5).rattlers, [7, 8, 9])
+    np.testing.assert_array_equal(
+        make(balls, contacts, [*[1.0] * 12, 1.0, 1e-9], slip=0.5).rattlers, [7, 8, 9]
+    )
     walls = [*np.ones(8), np.inf, 1.0]
     np.testing.assert_array_equal(make(balls, contacts, slip=0.5, masses=walls).rattlers, [9])
 
 
-@pytest.mark.parametrize(("weak", "left_out"), [(5e-7, 0), (1e-7, 0), (1.1e-8, 0), (1e-9, 18), (1e-12, 18)])
+@pytest.mark.parametrize(
+    ("weak", "left_out"), [(5e-7, 0), (1e-7, 0), (1.1e-8, 0), (1e-9, 18), (1e-12, 18)]
+)
 def test_contacts_hold_as_their_stiffness_says(weak, left_out):
-    """Every other row of a crystal carries load, and holds the balls between by weak contacts of Hertz's law.
+    """Every other row of a crystal carries load, and holds the balls between by weak contacts of
+    Hertz's law.
 
-    Lines of contacts, each under a force of its own, are at rest. A contact under 1e-6 of the mean force has 1 % of its
-    stiffness, without which rows move sideways at no cost.
+    Lines of contacts, each under a force of its own, are at rest. A contact under 1e-6 of the mean
+    force has 1 % of its stiffness, without which rows move sideways at no cost.
     """
-    n, d = 6, 8e-3
-    whole = gp.ContactLattice.of("triangular", 0.0).contact_network(gp.Units(d, 3e6, 2e-3)).repeat((n, n))
+    n = 6
+    d = 8e-3
+    whole = (
+        gp.ContactLattice.of("triangular", 0.0)
+        .contact_network(gp.Units(d, 3e6, 2e-3))
+        .repeat((n, n))
+    )
     along = np.abs(whole.normal[:, 0]) > 0.9
     force = np.where(along & (whole.i % n % 2 == 0), 1.0, weak)
     tables = (
-        {"x": whole.positions[:, 0], "y": whole.positions[:, 1], "radius": whole.radii, "mass": whole.masses},
         {
-            "i": whole.i, "j": whole.j, "normal_force": force, "normal_stiffness": 3e6 * np.cbrt(force),
+            "x": whole.positions[:, 0],
+            "y": whole.positions[:, 1],
+            "radius": whole.radii,
+            "mass": whole.masses,
+        },
+        {
+            "i": whole.i,
+            "j": whole.j,
+            "normal_force": force,
+            "normal_stiffness": 3e6 * np.cbrt(force),
             **{f"shift_{axis + 1}": whole.shift[:, axis] for axis in range(2)},
         },
-    )  # fmt: skip
+    )
     options = {"cell": whole.cell[:2, :2], "friction": False}
-    read, every = (gp.ContactNetwork.from_table(*tables, keep_rattlers=keep, **options) for keep in (False, True))
+    read, every = (
+        gp.ContactNetwork.from_table(*tables, keep_rattlers=keep, **options)
+        for keep in (False, True)
+    )
     assert (read.left_out, read.n_balls) == (left_out, n * n - left_out)
     exact = np.linalg.eigvalsh(gp.Waves(every).operator.matrix.toarray())
-    mean, mass = np.mean(every.normal_stiffness[force == 1.0]), whole.masses[0]
+    mean = np.mean(every.normal_stiffness[force == 1.0])
+    mass = whole.masses[0]
     if left_out:  # what is neglected is less than this of the squared frequencies of the rows
         assert np.max(every.normal_stiffness[force < 1.0]) < 2e-3 * mean
         return
     assert np.count_nonzero(exact < 1e-3 * (3.0 * weak) ** (1.0 / 3.0) * mean / mass) == 2
-    np.testing.assert_allclose(gp.Waves(read).modes(1).frequencies, np.sqrt(exact[2]) / (2.0 * np.pi), rtol=1e-6)
+    np.testing.assert_allclose(
+        gp.Waves(read).modes(1).frequencies, np.sqrt(exact[2]) / (2.0 * np.pi), rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize(("friction", "balls"), [(True, 9), (False, 9), (True, 2)])
 def test_error_of_a_free_chain_says_what_mends_it(friction, balls):
-    tables = {"x": np.arange(balls) * 7.9e-3, "radius": [4e-3] * balls}, {"i": range(balls - 1), "j": range(1, balls)}
+    tables = (
+        {"x": np.arange(balls) * 7.9e-3, "radius": [4e-3] * balls},
+        {"i": range(balls - 1), "j": range(1, balls)},
+    )
     with pytest.raises(gp.GranphonError, match="If something else holds them too, give held_by=1"):
         ContactNetwork.from_table(*tables, material=STEEL, friction=friction)
-    assert ContactNetwork.from_table(*tables, material=STEEL, friction=friction, held_by=1).n_balls == balls
+    assert (
+        ContactNetwork.from_table(*tables, material=STEEL, friction=friction, held_by=1).n_balls
+        == balls
+    )
 
 
 @pytest.mark.parametrize("force", [1.0, 1e4, 1e6])
 def test_waves_in_a_network_have_the_warnings_of_the_state(force):
-    """Those of the contacts' radius, in the same words; of other limits the network lacks the material."""
+    """Those of the contacts' radius, in the same words; of other limits the network lacks the
+    material.
+    """
     state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(force)
     warning = gp.validity(state)["contact_radius"].warning
     assert (warning is None) == (force == 1.0)
     network = state.network.repeat((4, 3))
-    waves, wanted = gp.Waves(network), () if warning is None else (warning,)
+    waves = gp.Waves(network)
+    wanted = () if warning is None else (warning,)
     assert waves.warnings == wanted
     q = waves.nearest_wavevectors([[200.0, 0.0]])
     results = waves.dos(), waves.dos().with_moments(300), waves.modes(2), waves.spectral_function(q)
@@ -285,19 +387,25 @@ def test_waves_in_a_network_have_the_warnings_of_the_state(force):
 
 
 def test_balls_in_a_straight_row_are_held():
-    """Two contacts hold a ball without friction if their forces are in balance, and not at an angle."""
+    """Two contacts hold a ball without friction if their forces are in balance, and not at an
+    angle.
+    """
     rows = with_lattice((4, 4)).select(np.arange(16))
     assert not rows.rattlers.size
     square = gp.ContactLattice.of("square", 0.0)
     network = square.contact_network(UNITS).repeat((3, 3))
     one_row = replace(
-        network, **{
+        network,
+        **{
             name: getattr(network, name)[np.abs(network.normal[:, 0]) > 0.5]
-            for name, layout in network._shapes.items() if layout.split()[0] == "c" and "?" not in layout
+            for name, layout in network._shapes.items()
+            if layout.split()[0] == "c" and "?" not in layout
         },
-    )  # fmt: skip
+    )
     assert not one_row.rattlers.size
-    bent = make([(0.0, 0.0), (2.0, 0.0), (3.0, 3.0**0.5)], [(0, 1), (1, 2)], masses=[np.inf, 1.0, np.inf])
+    bent = make(
+        [(0.0, 0.0), (2.0, 0.0), (3.0, 3.0**0.5)], [(0, 1), (1, 2)], masses=[np.inf, 1.0, np.inf]
+    )
     np.testing.assert_array_equal(bent.rattlers, [1])
 
 
@@ -312,7 +420,10 @@ def test_rattlers_by_brute_force():
         network = make(places, contacts, rng.uniform(0.5, 1.5, len(contacts)), slip=slip)
         kept = set(range(60))
         while True:
-            counts = {ball: sum(ball in pair and set(pair) <= kept for pair in contacts.tolist()) for ball in kept}
+            counts = {
+                ball: sum(ball in pair and set(pair) <= kept for pair in contacts.tolist())
+                for ball in kept
+            }
             loose = [ball for ball, count in counts.items() if count < least]
             if not loose:
                 break
@@ -323,7 +434,9 @@ def test_rattlers_by_brute_force():
 
 @pytest.mark.parametrize("held_by", [5, 7, 300_000, 10**39])
 def test_the_number_that_holds_balls_is_found_in_few_steps(held_by, monkeypatch):
-    """The error names the largest number of contacts at which a ball is held; senseless numbers cost no more than others."""
+    """The error names the largest number of contacts at which a ball is held; senseless numbers
+    cost no more than others.
+    """
     rng = np.random.default_rng(8)
     places = rng.uniform(0.0, 13.0, (80, 2))
     apart = np.linalg.norm(places[:, None] - places, axis=-1)
@@ -332,14 +445,18 @@ def test_the_number_that_holds_balls_is_found_in_few_steps(held_by, monkeypatch)
     assert 1 < largest < 5
     passes = []
     find = ContactNetwork._find_rattlers
-    monkeypatch.setattr(ContactNetwork, "_find_rattlers", lambda self, n=None: passes.append(n) or find(self, n))
+    monkeypatch.setattr(
+        ContactNetwork, "_find_rattlers", lambda self, n=None: passes.append(n) or find(self, n)
+    )
     with pytest.raises(gp.GranphonError, match=f"held_by={largest}"):
         network.without_rattlers(held_by)
     assert len(passes) <= 5
 
 
 def test_pieces():
-    """Two triangles and a ball alone; a wall between the triangles does not join them, and belongs to both."""
+    """Two triangles and a ball alone; a wall between the triangles does not join them, and belongs
+    to both.
+    """
     triangle = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 3.0**0.5]])
     balls = [*triangle, *(triangle + np.array([10.0, 0.0])), (4.0, 0.0), (30.0, 0.0)]
     contacts = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5), (1, 6)]
@@ -354,34 +471,53 @@ def test_pieces():
     np.testing.assert_allclose(both, np.sort(frequencies), atol=1e-12)
     number = number_pieces(network.i, network.j, network.moving)
     np.testing.assert_array_equal(np.unique(number[:6]), number[[0, 3]])
-    with pytest.raises(gp.GranphonError, match=r"The balls fall into 4 parts\. .* network\.pieces\(\)"):
+    with pytest.raises(
+        gp.GranphonError, match=r"The balls fall into 4 parts\. .* network\.pieces\(\)"
+    ):
         gp.Waves(network).transmit(0.1, (1.0, 0.0), 10.0, source=0)
     with pytest.raises(gp.GranphonError, match="no waves run"):
         gp.Waves(pieces[2]).operator  # noqa: B018
 
 
 def test_walls_and_prestress():
-    """A ball that is held from both sides is pushed sideways by fixed balls, with -f/r each, and not by flat walls."""
+    """A ball that is held from both sides is pushed sideways by fixed balls, with -f/r each, and
+    not by flat walls.
+    """
     for radius, sideways in ((1.0, -2.0 * 0.3 / 2.0), (np.inf, 0.0)):
         network = make(
-            [(0.0, 0.0), (2.0, 0.0), (-2.0, 0.0)], [(0, 1), (2, 0)], 0.3, masses=[1.0, np.inf, np.inf], prestress=True,
+            [(0.0, 0.0), (2.0, 0.0), (-2.0, 0.0)],
+            [(0, 1), (2, 0)],
+            0.3,
+            masses=[1.0, np.inf, np.inf],
+            prestress=True,
             radii=[1.0, radius, radius],
-        )  # fmt: skip
-        np.testing.assert_allclose(WaveOperator(network).matrix.toarray(), np.diag([2.0, sideways]), atol=1e-15)
+        )
+        np.testing.assert_allclose(
+            WaveOperator(network).matrix.toarray(), np.diag([2.0, sideways]), atol=1e-15
+        )
 
 
 def test_turning_a_cluster_as_a_whole_costs_nothing():
-    """Balls of any sizes, in any contacts: displacements and rotations of a rigid body deform no contact."""
+    """Balls of any sizes, in any contacts: displacements and rotations of a rigid body deform no
+    contact.
+    """
     rng = np.random.default_rng(4)
     places = rng.uniform(0.0, 6.0, (30, 3))
     pairs = np.argwhere(np.triu(np.linalg.norm(places[:, None] - places, axis=-1) < 2.4, 1))
     distance = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
     part = rng.uniform(0.3, 0.7, len(pairs))
     network = make(
-        places, pairs, slip=0.7, dimension=3, masses=rng.uniform(0.5, 2.0, 30), inertias=rng.uniform(0.1, 0.5, 30),
-        arm_i=part * distance, arm_j=(1.0 - part) * distance, torsion_stiffness=np.full(len(pairs), 0.1),
+        places,
+        pairs,
+        slip=0.7,
+        dimension=3,
+        masses=rng.uniform(0.5, 2.0, 30),
+        inertias=rng.uniform(0.1, 0.5, 30),
+        arm_i=part * distance,
+        arm_j=(1.0 - part) * distance,
+        torsion_stiffness=np.full(len(pairs), 0.1),
         bending_stiffness=np.full(len(pairs), 0.2),
-    )  # fmt: skip
+    )
     operator = WaveOperator(network)
     for omega, drift in zip(np.eye(3), rng.normal(size=(3, 3)), strict=True):
         motion = np.column_stack([drift + np.cross(omega, places), np.tile(omega, (30, 1))])
@@ -395,9 +531,10 @@ def test_balls_that_cannot_be_selected(balls):
         with_lattice((3, 3)).select(balls)
 
 
-# -- what a network cannot be ---------------------------------------------------------------------------------------
+# -- what a network cannot be ----------------------------------------------------------------------
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
+INF = float("inf")
 
 
 def change(name, place, value):
@@ -413,14 +550,26 @@ def change(name, place, value):
 
 
 def listed_twice(network, turned):
-    found = {name: np.concatenate([getattr(network, name)] * 2)[: network.n_contacts + 1] for name in CONTACT_FIELDS}
+    found = {
+        name: np.concatenate([getattr(network, name)] * 2)[: network.n_contacts + 1]
+        for name in CONTACT_FIELDS
+    }
     if turned:
-        for name, value in (("i", network.j), ("j", network.i), ("shift", -network.shift), ("normal", -network.normal)):
+        for name, value in (
+            ("i", network.j),
+            ("j", network.i),
+            ("shift", -network.shift),
+            ("normal", -network.normal),
+        ):
             found[name][-1] = value[0]
     return found
 
 
-CONTACT_FIELDS = [name for name, layout in ContactNetwork._shapes.items() if layout.split()[0] == "c" and "?" not in layout]
+CONTACT_FIELDS = [
+    name
+    for name, layout in ContactNetwork._shapes.items()
+    if layout.split()[0] == "c" and "?" not in layout
+]
 BAD = {
     "place": (change("positions", (1, 0), NAN), "ball 1 .* not finite"),
     "radius": (change("radii", 0, -1.0), "ball 0 .* radii .* above zero"),
@@ -440,25 +589,40 @@ BAD = {
     "itself": (lambda n: {"j": n.i, "shift": 0 * n.shift}, "joins a ball with itself"),
     "tension": (change("normal_force", 5, -1e-9), "contact 5 .* forces that pull .* between balls"),
     "endless force": (change("normal_force", 5, INF), "contact 5 .* normal_force"),
-    "stiffness": (change("normal_stiffness", 5, 0.0), "contact 5 .* normal_stiffness that is not above zero"),
-    "shear": (change("shear_stiffness", 5, -1.0), "contact 5 .* shear_stiffness that is not zero or above"),
+    "stiffness": (
+        change("normal_stiffness", 5, 0.0),
+        "contact 5 .* normal_stiffness that is not above zero",
+    ),
+    "shear": (
+        change("shear_stiffness", 5, -1.0),
+        "contact 5 .* shear_stiffness that is not zero or above",
+    ),
     "twist": (change("torsion_stiffness", 5, NAN), "contact 5 .* torsion_stiffness"),
     "arm": (change("arm_i", 5, NAN), "contact 5 .* arm_i that is not finite"),
     "long arm": (change("arm_i", 5, 1.0), "contact 5 .* not the sum of the two arms"),
     "normal": (change("normal", 5, [0.6, 0.6, 0.0]), "contact 5 .* whose length is not one"),
     "normal upwards": (change("normal", 5, [0.0, 0.0, 1.0]), "contact 5 .* leaves the plane"),
-    "normal backwards": (lambda n: {"normal": -n.normal}, "contact 0 .* does not lead from ball i to ball j"),
+    "normal backwards": (
+        lambda n: {"normal": -n.normal},
+        "contact 0 .* does not lead from ball i to ball j",
+    ),
     "ball above": (change("positions", (4, 2), 1e-4), "not both in the plane"),
     "shift": (change("shift", (5, 2), 1), "contact 5 .* crosses a side"),
     "wrong shift": (change("shift", (5, 0), 7), "contact 5 .* (does not lead|sum of the two arms)"),
     "part of a shift": (change("shift", (5, 0), 0.5), "0.5 where a whole number"),
     "twice": (lambda n: listed_twice(n, False), "contacts 0 and 36 of the network are the same"),
-    "from both ends": (lambda n: listed_twice(n, True), "contacts 0 and 36 of the network are the same"),
+    "from both ends": (
+        lambda n: listed_twice(n, True),
+        "contacts 0 and 36 of the network are the same",
+    ),
     "no cell": (lambda n: {"cell": np.zeros((3, 3))}, "vector 0 of the cell .* periodic"),
     "endless cell": (change("cell", (0, 0), INF), "vector 0 of the cell"),
     "flat cell": (lambda n: {"cell": n.cell[[0, 0, 2]]}, "not independent"),
     "tilted cell": (change("cell", (0, 2), 0.01), "leaves the plane"),
-    "period across": (lambda n: {"cell": np.diag([1.0, 1.0, 1.0]), "pbc": (True,) * 3}, "leaves the plane"),
+    "period across": (
+        lambda n: {"cell": np.diag([1.0, 1.0, 1.0]), "pbc": (True,) * 3},
+        "leaves the plane",
+    ),
     "cell of two": (lambda n: {"cell": n.cell[:2, :2]}, "cell .* shape"),
     "periods": (lambda _: {"pbc": (True, True)}, "three truth values"),
     "period": (lambda _: {"pbc": True}, "three truth values"),
@@ -468,10 +632,19 @@ BAD = {
     "length of contacts": (lambda n: {"shift": n.shift[1:]}, "shift .* shape"),
     "flat places": (lambda n: {"positions": n.positions[:, :2]}, "positions .* shape"),
     "motions": (lambda _: {"motions": "sideways"}, "no motions 'sideways'. Use in_plane"),
-    "list of motions": (lambda _: {"motions": ["in_plane"]}, "no motions .'in_plane'.. Use in_plane"),
+    "list of motions": (
+        lambda _: {"motions": ["in_plane"]},
+        "no motions .'in_plane'.. Use in_plane",
+    ),
     "lattice": (lambda _: {"lattice": "triangular"}, "the lattice of the network is 'triangular'"),
-    "shape of no length": (lambda _: {"shape": np.array(1.0)}, "shape: found .*one to three whole numbers"),
-    "shape of a part": (lambda _: {"shape": np.array([4.0, 3.5])}, "shape: found .*two whole numbers"),
+    "shape of no length": (
+        lambda _: {"shape": np.array(1.0)},
+        "shape: found .*one to three whole numbers",
+    ),
+    "shape of a part": (
+        lambda _: {"shape": np.array([4.0, 3.5])},
+        "shape: found .*two whole numbers",
+    ),
     "dimension": (lambda _: {"dimension": 4}, "dimension: found 4"),
     "whole dimension": (lambda _: {"dimension": 2.0}, "dimension: found 2.0"),
     "prestress": (lambda _: {"prestress": "no"}, "prestress"),
@@ -480,7 +653,7 @@ BAD = {
     "cells": (lambda _: {"shape": (4, 4)}, "have 16 balls, and the network has 12"),
     "numbers of cells": (lambda _: {"shape": (12,)}, "triangular lattice"),
     "range": (lambda n: {"masses": 1e-300 * n.masses}, "ball 0 .* 1e-60 to 1e.60 in SI"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -494,12 +667,51 @@ def test_what_a_network_cannot_be(name):
 
 
 ANYTHING = (
-    None, "", "a", b"x", 0, -1, 1.5, NAN, INF, -INF, 1e308, 5e-324, 10**400, 2**63, True, 1j, [], (), {}, {1}, object(), int,
-    np.array(1.0), np.array("x"), np.array(None), np.zeros(0), np.zeros((0, 3)), np.zeros((3, 3, 3)), np.full((3, 3), INF),
-    np.full(12, NAN), np.full((36, 3), 1e308), np.full((36, 3), -(2**63)), np.array([10**400] * 12, object), [[1], [1, 2]],
-    [None] * 12, [[]] * 12, [1j] * 36, range(3), np.ma.masked_array(np.ones(12), np.arange(12) < 3), (10**6,) * 3, ["all"],
-    np.datetime64("2020"), np.str_("all"), ...,
-)  # fmt: skip
+    None,
+    "",
+    "a",
+    b"x",
+    0,
+    -1,
+    1.5,
+    NAN,
+    INF,
+    -INF,
+    1e308,
+    5e-324,
+    10**400,
+    2**63,
+    True,
+    1j,
+    [],
+    (),
+    {},
+    {1},
+    object(),
+    int,
+    np.array(1.0),
+    np.array("x"),
+    np.array(None),
+    np.zeros(0),
+    np.zeros((0, 3)),
+    np.zeros((3, 3, 3)),
+    np.full((3, 3), INF),
+    np.full(12, NAN),
+    np.full((36, 3), 1e308),
+    np.full((36, 3), -(2**63)),
+    np.array([10**400] * 12, object),
+    [[1], [1, 2]],
+    [None] * 12,
+    [[]] * 12,
+    [1j] * 36,
+    range(3),
+    np.ma.masked_array(np.ones(12), np.arange(12) < 3),
+    (10**6,) * 3,
+    ["all"],
+    np.datetime64("2020"),
+    np.str_("all"),
+    ...,
+)
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(ContactNetwork)])
@@ -516,21 +728,39 @@ def test_anything_in_place_of_a_field_is_taken_or_one_error(name):
 
 
 def test_what_a_network_may_be():
-    """Left-handed cells, whole numbers as floats, lists, one ball, a wall that touches a ball twice."""
+    """Left-handed cells, whole numbers as floats, lists, one ball, a wall that touches a ball
+    twice.
+    """
     network = with_lattice((4, 3))
     mirror = np.array([-1.0, 1.0, 1.0])
     turned = replace(
-        network, cell=network.cell * mirror, positions=network.positions * mirror, normal=network.normal * mirror
+        network,
+        cell=network.cell * mirror,
+        positions=network.positions * mirror,
+        normal=network.normal * mirror,
     )
     np.testing.assert_allclose(
-        dense_frequencies(turned), dense_frequencies(network), atol=1e-8 * dense_frequencies(network)[-1]
+        dense_frequencies(turned),
+        dense_frequencies(network),
+        atol=1e-8 * dense_frequencies(network)[-1],
     )
-    listed = replace(network, i=network.i.astype(float), masses=network.masses.tolist(), pbc=np.array(network.pbc))
+    listed = replace(
+        network,
+        i=network.i.astype(float),
+        masses=network.masses.tolist(),
+        pbc=np.array(network.pbc),
+    )
     assert listed == network
     alone = network.select([3])
     assert (alone.n_balls, alone.n_contacts, alone.coordination) == (1, 0, 0.0)
     with pytest.raises(gp.GranphonError, match="no ball"):
-        replace(alone, **{name: getattr(alone, name)[:0] for name in ("positions", "radii", "masses", "inertias", "labels")})
+        replace(
+            alone,
+            **{
+                name: getattr(alone, name)[:0]
+                for name in ("positions", "radii", "masses", "inertias", "labels")
+            },
+        )
     # a wall, which is one body, has two sides; its place and its arms do not matter
     corner = make(
         [(0.0, 0.0), (50.0, -3.0)], [(0, 1), (0, 1)], masses=[1.0, INF], normal=[[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]],

@@ -1,4 +1,6 @@
-"""Prestress of networks whose contacts bear static tangential forces: against LAMMPS' own response, and by hand."""
+"""Prestress of networks whose contacts bear static tangential forces: against LAMMPS' own response,
+and by hand.
+"""
 
 from dataclasses import replace
 
@@ -13,7 +15,8 @@ from tests import packings
 from tests.networks.test_lammps import measure
 
 GLASS = packings.MATERIAL
-#: dimension, number of balls, filled part of the box before and after it is pressed with friction, seed
+#: dimension, number of balls, filled part of the box before and after it is pressed with friction,
+#: seed
 PACKINGS = {"disks": (2, 20, 0.80, 0.85, 1), "balls": (3, 24, 0.56, 0.60, 5)}
 
 
@@ -22,27 +25,46 @@ def cross(v):
 
 
 def respond(network, by_radii=False):
-    """Stiffnesses -d(force, torque)/d(u, phi) over the roots of masses, contact by contact, by the law of LAMMPS."""
-    count, p = network.n_balls, network.dimension
-    whole, eye = np.zeros((6 * count, 6 * count)), np.eye(12)
+    """Stiffnesses -d(force, torque)/d(u, phi) over the roots of masses, contact by contact, by the
+    law of LAMMPS.
+    """
+    count = network.n_balls
+    p = network.dimension
+    whole = np.zeros((6 * count, 6 * count))
+    eye = np.eye(12)
     for c in range(network.n_contacts):
-        i, j, n, r = network.i[c], network.j[c], network.normal[c], network.distance[c]
+        i = network.i[c]
+        j = network.j[c]
+        n = network.normal[c]
+        r = network.distance[c]
         arms = network.arm_i[c], network.arm_j[c]
         reach = (network.radii[i], network.radii[j]) if by_radii else arms
-        apart, turned = eye[6:9] - eye[0:3], (eye[3:6], eye[9:12])
+        apart = eye[6:9] - eye[0:3]
+        turned = (eye[3:6], eye[9:12])
         aside = apart - np.outer(n, n @ apart)
         slip = aside + cross(n) @ (reach[0] * turned[0] + reach[1] * turned[1])
-        across, tilt, longer = network.tangential_force[c], aside / r, n @ apart
+        across = network.tangential_force[c]
+        tilt = aside / r
+        longer = n @ apart
         held = -network.shear_stiffness[c] * slip - np.outer(n, across @ tilt)
-        push = held - network.normal_stiffness[c] * np.outer(n, longer) + network.normal_force[c] * tilt
+        push = (
+            held
+            - network.normal_stiffness[c] * np.outer(n, longer)
+            + network.normal_force[c] * tilt
+        )
         twist = [
-            -arm * cross(n) @ held + arm * cross(across) @ tilt - 0.5 * np.outer(np.cross(n, across), longer) for arm in arms
+            -arm * cross(n) @ held
+            + arm * cross(across) @ tilt
+            - 0.5 * np.outer(np.cross(n, across), longer)
+            for arm in arms
         ]
         places = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
         np.add.at(whole, np.ix_(places, places), -np.vstack([-push, twist[0], push, twist[1]]))
     axes = [*range(p), *([3, 4, 5] if p == 3 else [5])]
     kept = (6 * np.arange(count)[:, None] + axes).ravel()
-    root = np.sqrt(np.column_stack([network.masses] * p + [network.inertias] * (len(axes) - p)).ravel())
+    root = np.sqrt(
+        np.column_stack([network.masses] * p + [network.inertias] * (len(axes) - p)).ravel()
+    )
     return whole[np.ix_(kept, kept)] / root / root[:, None]
 
 
@@ -96,7 +118,9 @@ def pressed(request, tmp_path_factory):
 def test_lammps_responds_as_the_network_with_tangential_forces(pressed):
     network, found = pressed
     force = network.normal_force[:, None] * network.normal + network.tangential_force
-    assert np.mean(np.linalg.norm(network.tangential_force, axis=1)) > 0.05 * np.mean(network.normal_force)
+    assert np.mean(np.linalg.norm(network.tangential_force, axis=1)) > 0.05 * np.mean(
+        network.normal_force
+    )
     pull, turn = np.zeros((2, network.n_balls, 3))
     for end, sign, arm in ((network.j, 1.0, network.arm_j), (network.i, -1.0, network.arm_i)):
         np.add.at(pull, end, sign * force)
@@ -113,10 +137,12 @@ def test_lammps_responds_as_the_network_with_tangential_forces(pressed):
 @pytest.mark.claim("network-friction")
 def test_the_symmetric_part_has_the_frequencies_of_the_whole(pressed):
     network = pressed[0].without_rattlers()
-    operator, whole = WaveOperator(network), respond(network)
+    operator = WaveOperator(network)
+    whole = respond(network)
     ours = operator.matrix.toarray()
     np.testing.assert_allclose(ours, 0.5 * (whole + whole.T), atol=1e-12 * np.max(whole))
-    own, theirs = np.linalg.eigvalsh(ours), np.sort(np.linalg.eigvals(whole).real)
+    own = np.linalg.eigvalsh(ours)
+    theirs = np.sort(np.linalg.eigvals(whole).real)
     solid = theirs > 1e-5 * operator.top**2
     np.testing.assert_allclose(np.sqrt(own[solid]), np.sqrt(theirs[solid]), rtol=1e-4)
     assert own[-1] < operator.top**2
@@ -124,7 +150,9 @@ def test_the_symmetric_part_has_the_frequencies_of_the_whole(pressed):
 
 
 def test_packings_at_rest_are_not_refused_for_their_tangential_forces(pressed):
-    """Balls in space with two contacts turn about the line through them: the normal forces alone push them aside."""
+    """Balls in space with two contacts turn about the line through them: the normal forces alone
+    push them aside.
+    """
     network = pressed[0].without_rattlers()
     if network.dimension == 2:
         return
@@ -133,8 +161,14 @@ def test_packings_at_rest_are_not_refused_for_their_tangential_forces(pressed):
         gp.Waves(replace(network, tangential_force=None)).modes(3)
     waves = gp.Waves(network)
     assert waves.modes(3).zero_modes >= 4
-    top, (D, whole) = waves.operator.top**2, (one.toarray() for one in (waves.operator.matrix, waves.operator.whole))
-    assert np.linalg.eigvalsh(D)[0] < -1e-7 * top < -1e-10 * top < np.min(np.linalg.eigvals(whole).real)
+    top = waves.operator.top**2
+    (D, whole) = (one.toarray() for one in (waves.operator.matrix, waves.operator.whole))
+    assert (
+        np.linalg.eigvalsh(D)[0]
+        < -1e-7 * top
+        < -1e-10 * top
+        < np.min(np.linalg.eigvals(whole).real)
+    )
     # a twentieth of the tangential forces away from balance, the ball falls
     pulled = replace(network, tangential_force=0.95 * network.tangential_force)
     assert np.min(np.linalg.eigvals(WaveOperator(pulled).whole.toarray()).real) < -1e-7 * top
@@ -143,17 +177,29 @@ def test_packings_at_rest_are_not_refused_for_their_tangential_forces(pressed):
 
 
 def test_packings_at_rest_are_not_refused_for_forces_that_are_left(pressed):
-    """Forces with six digits leave 1e-6 of their mean on balls; where these are off by 1 %, that is told."""
-    network, rng = pressed[0].without_rattlers(), np.random.default_rng(0)
+    """Forces with six digits leave 1e-6 of their mean on balls; where these are off by 1 %, that is
+    told.
+    """
+    network = pressed[0].without_rattlers()
+    rng = np.random.default_rng(0)
     exact = gp.Waves(network).modes(3)
     for digits in (1e-6, 1e-5):
-        rounded = replace(network, normal_force=network.normal_force * (1.0 + digits * rng.normal(size=network.n_contacts)))
+        rounded = replace(
+            network,
+            normal_force=network.normal_force
+            * (1.0 + digits * rng.normal(size=network.n_contacts)),
+        )
         waves = gp.Waves(rounded)
         assert digits < rounded.imbalance[2] < 10.0 * digits
-        np.testing.assert_allclose(waves.modes(3).frequencies, exact.frequencies, rtol=10.0 * digits)
+        np.testing.assert_allclose(
+            waves.modes(3).frequencies, exact.frequencies, rtol=10.0 * digits
+        )
         assert waves.modes(3).zero_modes == exact.zero_modes
         assert waves.warnings == gp.Waves(network).warnings
-    off = replace(network, normal_force=network.normal_force * (1.0 + 1e-2 * rng.normal(size=network.n_contacts)))
+    off = replace(
+        network,
+        normal_force=network.normal_force * (1.0 + 1e-2 * rng.normal(size=network.n_contacts)),
+    )
     ball = off.labels[off.imbalance[0]]
     assert any(f"ball {ball} " in warning for warning in gp.Waves(off).warnings)
     if network.dimension == 3:
@@ -166,30 +212,60 @@ def test_results_of_a_network_out_of_balance_say_so():
     network = state.network.repeat((3, 3))
     assert not gp.Waves(network).warnings
     assert network.is_balanced
-    off = replace(network, normal_force=network.normal_force * np.where(np.arange(network.n_contacts) == 4, 1.01, 1.0))
+    off = replace(
+        network,
+        normal_force=network.normal_force * np.where(np.arange(network.n_contacts) == 4, 1.01, 1.0),
+    )
     assert off.imbalance[2] == pytest.approx(0.01, rel=1e-2)
     waves = gp.Waves(off)
-    for found in (waves, waves.modes(2), waves.dos(), gp.Phonons(off).bands(npoints=2), gp.sound_velocities(off, (1, 0))):
+    for found in (
+        waves,
+        waves.modes(2),
+        waves.dos(),
+        gp.Phonons(off).bands(npoints=2),
+        gp.sound_velocities(off, (1, 0)),
+    ):
         assert any(f"ball {off.imbalance[0]} add up" in warning for warning in found.warnings)
     assert replace(off, prestress=False).is_balanced
 
 
 def hang(off=0.0):
-    """A ball between two that do not move, which press it along the line through its two contacts, but for normal forces."""
-    radius, angle, force = 1e-3, 0.3, 10.0
+    """A ball between two that do not move, which press it along the line through its two contacts,
+    but for normal forces.
+    """
+    radius = 1e-3
+    angle = 0.3
+    force = 10.0
     normal = np.array([[np.cos(angle), np.sin(angle), 0.0], [-np.cos(angle), np.sin(angle), 0.0]])
     push = force * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
     along = force * np.cos(angle)
     return gp.ContactNetwork(
-        np.zeros((3, 3)), (False,) * 3, np.vstack([np.zeros(3), 2.0 * radius * normal]), np.full(3, radius),
-        np.array([1e-5, np.inf, np.inf]), np.array([4e-12, np.inf, np.inf]), np.zeros(2, int), np.array([1, 2]),
-        np.zeros((2, 3), int), normal, np.full(2, along * (1.0 + off)), np.full(2, 1e6), np.full(2, 8e5), np.zeros(2),
-        np.zeros(2), np.full(2, radius), np.full(2, radius), prestress=True, tangential_force=push - along * normal,
-    )  # fmt: skip
+        np.zeros((3, 3)),
+        (False,) * 3,
+        np.vstack([np.zeros(3), 2.0 * radius * normal]),
+        np.full(3, radius),
+        np.array([1e-5, np.inf, np.inf]),
+        np.array([4e-12, np.inf, np.inf]),
+        np.zeros(2, int),
+        np.array([1, 2]),
+        np.zeros((2, 3), int),
+        normal,
+        np.full(2, along * (1.0 + off)),
+        np.full(2, 1e6),
+        np.full(2, 8e5),
+        np.zeros(2),
+        np.zeros(2),
+        np.full(2, radius),
+        np.full(2, radius),
+        prestress=True,
+        tangential_force=push - along * normal,
+    )
 
 
 def test_a_ball_between_two_falls_by_the_force_that_is_left():
-    """About the line through the contacts it turns freely; F h/2 is the torque that a force F left on it makes there."""
+    """About the line through the contacts it turns freely; F h/2 is the torque that a force F left
+    on it makes there.
+    """
     height = 1e-3 * np.sin(0.3)
     for off in (1e-6, 1e-5, 1e-2):
         network = hang(off)
@@ -210,12 +286,16 @@ def test_what_tangential_forces_have_along_normals_counts_as_normal():
     network = hang()
     along = 8e-3 * np.linalg.norm(network.tangential_force, axis=1) * np.array([1.0, -1.0])
     late = replace(
-        network, normal_force=network.normal_force - along,
+        network,
+        normal_force=network.normal_force - along,
         tangential_force=network.tangential_force + along[:, None] * network.normal,
-    )  # fmt: skip
+    )
     assert late.imbalance[2] < 1e-15
-    ours, theirs = WaveOperator(network), WaveOperator(late)
-    np.testing.assert_allclose(theirs.whole.toarray(), ours.whole.toarray(), atol=1e-14 * ours.top**2)
+    ours = WaveOperator(network)
+    theirs = WaveOperator(late)
+    np.testing.assert_allclose(
+        theirs.whole.toarray(), ours.whole.toarray(), atol=1e-14 * ours.top**2
+    )
     assert gp.Waves(late).modes(1).zero_modes == 1
 
 
@@ -223,25 +303,35 @@ def test_what_tangential_forces_have_along_normals_counts_as_normal():
 def test_bands_and_sound_of_packings_with_tangential_forces(pressed, monkeypatch):
     network = pressed[0].without_rattlers()
     matrix = WaveOperator(network).matrix.toarray()
-    top, scale = float(np.linalg.eigvalsh(matrix)[-1]), network.scales.angular_frequency
+    top = float(np.linalg.eigvalsh(matrix)[-1])
+    scale = network.scales.angular_frequency
     lattice = ContactLattice.from_network(network)
     at_gamma = lattice.frequencies(np.zeros((1, network.dimension)))[0] * scale
     solid = at_gamma**2 > 1e-5 * top
-    np.testing.assert_allclose(at_gamma[solid] ** 2, np.linalg.eigvalsh(matrix)[solid], atol=1e-12 * top)
+    np.testing.assert_allclose(
+        at_gamma[solid] ** 2, np.linalg.eigvalsh(matrix)[solid], atol=1e-12 * top
+    )
     # sound is the slope of the lowest branches, and the same by dense matrices and by sparse ones
     direction = np.array([0.6, 0.8] if network.dimension == 2 else [0.6, 0.64, 0.48])
-    waves, tensor, q = gp.sound_velocities(network, direction), lattice.elastic_tensor(), 1e-2
+    waves = gp.sound_velocities(network, direction)
+    tensor = lattice.elastic_tensor()
+    q = 1e-2
     modes = lattice.modes(q * direction[None])
     monkeypatch.setattr("granphon.dynamics.long_waves.MANY_COLUMNS", 0)
     sparse = ContactLattice._make_of_network(network)
     # both leave out spins, of which D lacks the second order
     np.testing.assert_allclose(sparse.elastic_tensor(), tensor, rtol=0.0, atol=1e-6)
-    shift = modes.eigenvectors[0].reshape(network.n_balls, -1, lattice.n_branches)[:, : network.dimension]
+    shift = modes.eigenvectors[0].reshape(network.n_balls, -1, lattice.n_branches)[
+        :, : network.dimension
+    ]
     together = np.einsum("n,nab->ab", np.sqrt(network.masses / network.masses.sum()), shift)
     sound = np.sort(np.argsort(np.sum(np.abs(together) ** 2, axis=0))[-network.dimension :])
     slow = modes.frequencies[0, sound] / q * network.scales.velocity
-    # in space D lowers the squares of spins by a hundredth of those of sound at this q, and mixes them a little
-    np.testing.assert_allclose(slow, waves.velocities, rtol=2e-4 if network.dimension == 2 else 2e-3)
+    # in space D lowers the squares of spins by a hundredth of those of sound at this q, and mixes
+    # them a little
+    np.testing.assert_allclose(
+        slow, waves.velocities, rtol=2e-4 if network.dimension == 2 else 2e-3
+    )
 
 
 @pytest.mark.claim("network-without-forces")
@@ -250,27 +340,42 @@ def test_what_a_network_without_static_forces_leaves_out(pressed):
     whole, normal, none = (
         np.linalg.eigvalsh(WaveOperator(one).matrix.toarray())
         for one in (
-            network, replace(network, tangential_force=np.zeros_like(network.normal)), replace(network, prestress=False)
+            network,
+            replace(network, tangential_force=np.zeros_like(network.normal)),
+            replace(network, prestress=False),
         )
-    )  # fmt: skip
+    )
     solid = whole > 1e-5 * whole[-1]
-    off = [float(np.max(np.abs(np.sqrt(one[solid] / whole[solid]) - 1.0))) for one in (normal, none)]
-    assert 0.01 < 1.0 - np.mean(network.distance / (network.radii[network.i] + network.radii[network.j])) < 0.03
+    off = [
+        float(np.max(np.abs(np.sqrt(one[solid] / whole[solid]) - 1.0))) for one in (normal, none)
+    ]
+    assert (
+        0.01
+        < 1.0 - np.mean(network.distance / (network.radii[network.i] + network.radii[network.j]))
+        < 0.03
+    )
     assert off[0] < (1e-3 if network.dimension == 2 else 5e-3)
     assert 0.03 < off[1] < 0.05
 
 
 def test_prestress_without_tangential_forces_is_a_warning(tmp_path):
-    balls, contacts = packings.FOLDER / "yade_balls.csv", packings.FOLDER / "yade_contacts.csv"
+    balls = packings.FOLDER / "yade_balls.csv"
+    contacts = packings.FOLDER / "yade_contacts.csv"
     with pytest.warns(InconsistencyWarning, match="has no tangential forces.*p1, p2, p3"):
-        gp.ContactNetwork.from_table(balls, contacts, cell=[5.424017457709516e-3] * 3, prestress=True)
+        gp.ContactNetwork.from_table(
+            balls, contacts, cell=[5.424017457709516e-3] * 3, prestress=True
+        )
     given = {"i": [0], "j": [1], "tangential_x": [0.0], "tangential_y": [0.3]}
     places = {"x": [0.0, 1.99e-3], "y": [0.0, 0.0], "radius": [1e-3] * 2}
     with pytest.warns(InconsistencyWarning, match="static forces on ball 0"):
-        known = gp.ContactNetwork.from_table(places, given, material=GLASS, prestress=True, keep_rattlers=True)
+        known = gp.ContactNetwork.from_table(
+            places, given, material=GLASS, prestress=True, keep_rattlers=True
+        )
     known.write_tables(tmp_path / "balls.csv", tmp_path / "contacts.csv")
     with pytest.warns(InconsistencyWarning, match="static forces on ball 0"):
-        read = gp.ContactNetwork.from_table(tmp_path / "balls.csv", tmp_path / "contacts.csv", keep_rattlers=True)
+        read = gp.ContactNetwork.from_table(
+            tmp_path / "balls.csv", tmp_path / "contacts.csv", keep_rattlers=True
+        )
     assert read == known
     state = gp.AveragedLattice(gp.Packing(GLASS, 2e-3)).at_force(1.0, finite_overlap=True)
     assert not np.any(state.network.repeat((3, 3)).tangential_force)
@@ -278,12 +383,22 @@ def test_prestress_without_tangential_forces_is_a_warning(tmp_path):
 
 @pytest.mark.parametrize("mu", [0.05, 0.2])
 def test_exact_histories_in_fcc_have_modes(mu):
-    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(8e-5), lattice="fcc")
+    packing = gp.Packing(
+        gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(8e-5), lattice="fcc"
+    )
     state = gp.DirectSimulation(
-        packing, (3, 3, 3), 1, geometry="exact", friction_history=True, friction_coefficient=mu, step_tolerance=1.0
+        packing,
+        (3, 3, 3),
+        1,
+        geometry="exact",
+        friction_history=True,
+        friction_coefficient=mu,
+        step_tolerance=1.0,
     ).at_overlap(1.6e-6)
     network = state.sample.respond("stick").network.without_rattlers()
     assert np.any(network.tangential_force)
     assert gp.Waves(network).modes(3).frequencies[0] > 0.0
     whole = respond(network)
-    np.testing.assert_allclose(WaveOperator(network).matrix.toarray(), 0.5 * (whole + whole.T), atol=1e-12 * np.max(whole))
+    np.testing.assert_allclose(
+        WaveOperator(network).matrix.toarray(), 0.5 * (whole + whole.T), atol=1e-12 * np.max(whole)
+    )

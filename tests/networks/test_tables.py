@@ -14,15 +14,26 @@ from tests.networks.test_lammps import GLASS, NAMES, dumps
 
 
 def network_of(kind):
-    """Networks of several kinds: a packing with labels, a crystal in space with prestress and rolling, one with a wall."""
+    """Networks of several kinds: a packing with labels, a crystal in space with prestress and
+    rolling, one with a wall.
+    """
     if kind == "packing":
         network = gp.ContactNetwork.from_lammps(*dumps("balls"), GLASS)
         return replace(network, prestress=True, tangential_force=np.zeros_like(network.normal))
     steel = gp.Material(211.65e9, 0.276, 7840.0)
     if kind == "kinds":
         names = ("steel", 'of "glass", clear', "1")
-        balls = [gp.Ball(steel, 8e-3, mass=mass, name=name) for mass, name in zip((1e-3, 2e-3, 3e-3), names, strict=True)]
-        return gp.Crystal.on("chain", balls).repeat((2,)).cut(0, 3, ("floor", "clamped")).at_force(1.0).network
+        balls = [
+            gp.Ball(steel, 8e-3, mass=mass, name=name)
+            for mass, name in zip((1e-3, 2e-3, 3e-3), names, strict=True)
+        ]
+        return (
+            gp.Crystal.on("chain", balls)
+            .repeat((2,))
+            .cut(0, 3, ("floor", "clamped"))
+            .at_force(1.0)
+            .network
+        )
     if kind == "adhesive":  # rows that are pulled along
         layer = gp.Crystal.on("triangular", [gp.Ball(steel, 8e-3)], law=gp.JKR(0.05))
         network = layer.at_stress([[0.01, 0.0], [0.0, -0.05]]).network
@@ -32,9 +43,13 @@ def network_of(kind):
     if kind == "sample":
         packing = gp.Packing(steel, 8e-3, gp.Uniform(2.04e-6))
         return replace(
-            gp.DirectSimulation(packing, shape=(4, 5), seed=1).at_force(2.0).sample.network, lattice=None, shape=None
+            gp.DirectSimulation(packing, shape=(4, 5), seed=1).at_force(2.0).sample.network,
+            lattice=None,
+            shape=None,
         )
-    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice="hcp", torsion=0.02, bending=0.01)).at_force(18.446)
+    state = gp.AveragedLattice(
+        gp.Packing(steel, 8e-3, lattice="hcp", torsion=0.02, bending=0.01)
+    ).at_force(18.446)
     network = state.network.repeat((2, 3, 2))
     masses = network.masses.copy()
     masses[3] = np.inf
@@ -46,27 +61,36 @@ def network_of(kind):
 def test_tables_are_read_as_they_were_written(kind, tmp_path):
     network = network_of(kind)
     network.write_tables(tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv")
-    again = gp.ContactNetwork.from_table(tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv", keep_rattlers=True)
+    again = gp.ContactNetwork.from_table(
+        tmp_path / "new" / "balls.csv", tmp_path / "contacts.csv", keep_rattlers=True
+    )
     assert again == network
     with pytest.raises(OSError, match="is a folder"):
         network.write_tables(tmp_path, tmp_path / "contacts.csv")
 
 
-@pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(20)])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(20)]
+)
 def test_no_change_of_a_written_table_goes_unnoticed(seed, tmp_path):
-    """Rows cut off, lines repeated, words or single letters changed: an error, or a warning where the digest is lost."""
+    """Rows cut off, lines repeated, words or single letters changed: an error, or a warning where
+    the digest is lost.
+    """
     network = network_of(["packing", "sample", "wall"][seed % 3])
     paths = tmp_path / "balls.csv", tmp_path / "contacts.csv"
     network.write_tables(*paths)
-    whole, rng = [path.read_bytes().decode() for path in paths], np.random.default_rng(seed)
+    whole = [path.read_bytes().decode() for path in paths]
+    rng = np.random.default_rng(seed)
     for path, text in zip(paths, whole, strict=True):  # how lines end does not count
         path.write_bytes(text.replace("\n", "\r\n").encode())
     assert gp.ContactNetwork.from_table(*paths, keep_rattlers=True) == network
     lines = whole[1].split("\n")
     spoilt = [
-        (1, "\n".join([*lines[:-41], ""])), (1, "\n".join(lines[:1] + lines[2:])),
-        (0, re.sub("# sha256.*\n", "", whole[0])), (0, whole[0].replace("sha256", "sha257")),
-    ]  # fmt: skip
+        (1, "\n".join([*lines[:-41], ""])),
+        (1, "\n".join(lines[:1] + lines[2:])),
+        (0, re.sub("# sha256.*\n", "", whole[0])),
+        (0, whole[0].replace("sha256", "sha257")),
+    ]
     for _ in range(75):
         which = int(rng.integers(2))
         text = damage(whole[which], rng)
@@ -85,37 +109,77 @@ def test_no_change_of_a_written_table_goes_unnoticed(seed, tmp_path):
 
 
 def arrays_of(name):
-    """The balls and contacts of a packing as mappings of arrays, with nothing that follows from the rest."""
+    """The balls and contacts of a packing as mappings of arrays, with nothing that follows from the
+    rest.
+    """
     whole = gp.ContactNetwork.from_lammps(*dumps(name), GLASS, keep_rattlers=True)
     balls = dict(zip("xyz", whole.positions.T[: whole.dimension], strict=False)) | {
         "id": whole.labels,
         "radius": whole.radii,
         "mass": whole.masses,
     }
-    contacts = {"i": whole.labels[whole.i], "j": whole.labels[whole.j], "normal_force": whole.normal_force}
+    contacts = {
+        "i": whole.labels[whole.i],
+        "j": whole.labels[whole.j],
+        "normal_force": whole.normal_force,
+    }
     return whole, balls, contacts, np.diag(whole.cell)[: whole.dimension]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_a_table_lacks_follows_from_the_rest(name, tmp_path):
-    """Arrays, structured arrays and CSV files in other units give the network that LAMMPS' dumps give."""
+    """Arrays, structured arrays and CSV files in other units give the network that LAMMPS' dumps
+    give.
+    """
     whole, balls, contacts, cell = arrays_of(name)
-    found = gp.ContactNetwork.from_table(balls, contacts, material=GLASS, cell=cell, keep_rattlers=True)
+    found = gp.ContactNetwork.from_table(
+        balls, contacts, material=GLASS, cell=cell, keep_rattlers=True
+    )
     assert found == whole
-    structured = [np.rec.fromarrays(list(map(np.asarray, table.values())), names=list(table)) for table in (balls, contacts)]
-    assert gp.ContactNetwork.from_table(*structured, material=GLASS, cell=np.diag(cell), keep_rattlers=True) == whole
+    structured = [
+        np.rec.fromarrays(list(map(np.asarray, table.values())), names=list(table))
+        for table in (balls, contacts)
+    ]
+    assert (
+        gp.ContactNetwork.from_table(
+            *structured, material=GLASS, cell=np.diag(cell), keep_rattlers=True
+        )
+        == whole
+    )
     paths = tmp_path / "balls.csv", tmp_path / "contacts.csv"
-    units = {"mass": " (g)", "x": " (mm)", "y": " (mm)", "z": " (mm)", "radius": " (um)", "normal_force": " [kN]"}
+    units = {
+        "mass": " (g)",
+        "x": " (mm)",
+        "y": " (mm)",
+        "z": " (mm)",
+        "radius": " (um)",
+        "normal_force": " [kN]",
+    }
     scales = {"mass": 1e3, "x": 1e3, "y": 1e3, "z": 1e3, "radius": 1e6, "normal_force": 1e-3}
     for path, table in zip(paths, (balls, contacts), strict=True):
-        rows = zip(*((scales.get(key, 1) * np.asarray(column)).tolist() for key, column in table.items()), strict=True)
+        rows = zip(
+            *((scales.get(key, 1) * np.asarray(column)).tolist() for key, column in table.items()),
+            strict=True,
+        )
         heads = ";".join(key + units.get(key, "") for key in table)
-        path.write_text("\n".join(["# made by hand", heads, *(";".join(map(repr, row)) for row in rows)]))
+        path.write_text(
+            "\n".join(["# made by hand", heads, *(";".join(map(repr, row)) for row in rows)])
+        )
     read = gp.ContactNetwork.from_table(*paths, material=GLASS, cell=cell)
     assert (read.n_balls, read.left_out) == (whole.n_balls - 1, 1)
     trimmed = whole.without_rattlers()
-    for field in ("positions", "radii", "masses", "normal_force", "normal_stiffness", "shear_stiffness", "arm_i"):
-        np.testing.assert_allclose(getattr(read, field), getattr(trimmed, field), rtol=1e-10, atol=1e-18)
+    for field in (
+        "positions",
+        "radii",
+        "masses",
+        "normal_force",
+        "normal_stiffness",
+        "shear_stiffness",
+        "arm_i",
+    ):
+        np.testing.assert_allclose(
+            getattr(read, field), getattr(trimmed, field), rtol=1e-10, atol=1e-18
+        )
     # names of one's own
     paths[0].write_text(paths[0].read_text().replace("radius (um)", "R").replace("id", "name"))
     columns = {"radius": "R (um)", "id": "name"}
@@ -123,17 +187,29 @@ def test_what_a_table_lacks_follows_from_the_rest(name, tmp_path):
 
 
 def test_tables_of_yade():
-    """A packing that YADE has pressed and relaxed, by the script of the page on networks; its law: Hertz and Mindlin."""
-    balls, contacts = packings.FOLDER / "yade_balls.csv", packings.FOLDER / "yade_contacts.csv"
+    """A packing that YADE has pressed and relaxed, by the script of the page on networks; its law:
+    Hertz and Mindlin.
+    """
+    balls = packings.FOLDER / "yade_balls.csv"
+    contacts = packings.FOLDER / "yade_contacts.csv"
     side = [0.005424017457709516] * 3
     network = gp.ContactNetwork.from_table(balls, contacts, cell=side)
-    assert (network.n_balls, network.n_contacts, network.left_out, network.dimension) == (24, 88, 0, 3)
+    assert (network.n_balls, network.n_contacts, network.left_out, network.dimension) == (
+        24,
+        88,
+        0,
+        3,
+    )
     pull = np.zeros((24, 3))
     np.add.at(pull, network.j, network.normal * network.normal_force[:, None])
     np.add.at(pull, network.i, -network.normal * network.normal_force[:, None])
     assert np.max(np.abs(pull)) < 1e-12 * network.normal_force.mean()
-    # YADE's stiffnesses, masses, shifts and normals are those that follow from force, material and places
-    alone = {name: getattr(network, field) for name, field in (("i", "i"), ("j", "j"), ("normal_force", "normal_force"))}
+    # YADE's stiffnesses, masses, shifts and normals are those that follow from force, material and
+    # places
+    alone = {
+        name: getattr(network, field)
+        for name, field in (("i", "i"), ("j", "j"), ("normal_force", "normal_force"))
+    }
     places = dict(zip("xyz", network.positions.T, strict=True)) | {"radius": network.radii}
     follows = gp.ContactNetwork.from_table(places, alone, material=GLASS, cell=side)
     for name in ("masses", "inertias", "shift", "normal_stiffness", "shear_stiffness"):
@@ -143,8 +219,14 @@ def test_tables_of_yade():
 
 @pytest.mark.parametrize("factor", [1.0, 1.05, 20.0, 1000.0])
 def test_forces_of_arrays_are_compared_with_the_overlaps(factor):
-    """The same judgement as of dumps: a factor of all forces to Hertz's law is told, also one of 1.05."""
-    network = gp.AveragedLattice(gp.Packing(GLASS, 2e-3)).at_force(1.0, finite_overlap=True).network.repeat((4, 4))
+    """The same judgement as of dumps: a factor of all forces to Hertz's law is told, also one of
+    1.05.
+    """
+    network = (
+        gp.AveragedLattice(gp.Packing(GLASS, 2e-3))
+        .at_force(1.0, finite_overlap=True)
+        .network.repeat((4, 4))
+    )
     balls = {"x": network.positions[:, 0], "y": network.positions[:, 1], "radius": network.radii}
     contacts = {"i": network.i, "j": network.j, "normal_force": factor * network.normal_force}
     with warnings.catch_warnings(record=True) as caught:
@@ -157,7 +239,11 @@ def test_forces_of_arrays_are_compared_with_the_overlaps(factor):
 @pytest.mark.parametrize(("push", "told"), [(1e-2, True), (1e-5, False)])
 def test_a_network_that_is_read_out_of_balance_is_told(push, told, tmp_path):
     """The sentence is that of its waves; forces that do not act need no balance."""
-    network = gp.AveragedLattice(gp.Packing(GLASS, 2e-3)).at_force(1.0, finite_overlap=True).network.repeat((4, 4))
+    network = (
+        gp.AveragedLattice(gp.Packing(GLASS, 2e-3))
+        .at_force(1.0, finite_overlap=True)
+        .network.repeat((4, 4))
+    )
     force = network.normal_force.copy()
     force[0] *= 1.0 + push
     made = replace(network, normal_force=force)
@@ -168,13 +254,17 @@ def test_a_network_that_is_read_out_of_balance_is_told(push, told, tmp_path):
         read = gp.ContactNetwork.from_table(*files)
         assert np.array_equal(read.normal_force, force)
         gp.ContactNetwork.from_table(*files, prestress=False)
-    assert [str(one.message) for one in caught] == [one for one in gp.Waves(made).warnings if "static forces" in one]
+    assert [str(one.message) for one in caught] == [
+        one for one in gp.Waves(made).warnings if "static forces" in one
+    ]
     assert len(caught) == told
     assert all(one.filename == __file__ for one in caught)
 
 
 def test_a_table_of_a_row_between_walls():
-    """Three balls and two flat walls: the stiffness of a wall contact is Hertz's of a ball on a plane."""
+    """Three balls and two flat walls: the stiffness of a wall contact is Hertz's of a ball on a
+    plane.
+    """
     mass = GLASS.ball_mass(0.02)
     pressed = gp.Hertz().between(gp.Ball(GLASS, 0.02), gp.Ball(GLASS, 0.02)).overlap(100.0)
     balls = {
@@ -184,13 +274,26 @@ def test_a_table_of_a_row_between_walls():
     }
     contacts = {"i": [0, 1, 3, 2], "j": [1, 2, 0, 4], "nx": [1.0] * 4, "normal_force": [100.0] * 4}
     network = gp.ContactNetwork.from_table(balls, contacts, material=GLASS)
-    assert (network.dimension, network.motions, network.pbc, network.left_out) == (1, "longitudinal", (False,) * 3, 0)
+    assert (network.dimension, network.motions, network.pbc, network.left_out) == (
+        1,
+        "longitudinal",
+        (False,) * 3,
+        0,
+    )
     modulus = GLASS.young_modulus / (2.0 * (1.0 - GLASS.poisson_ratio**2))
-    between, at_wall = ((6.0 * modulus**2 * radius * 100.0) ** (1.0 / 3.0) for radius in (0.005, 0.01))
+    between, at_wall = (
+        (6.0 * modulus**2 * radius * 100.0) ** (1.0 / 3.0) for radius in (0.005, 0.01)
+    )
     # a wall has no side that is as elastic as a ball's: it is of the same material
-    np.testing.assert_allclose(network.normal_stiffness, [between, between, at_wall, at_wall], rtol=1e-12)
+    np.testing.assert_allclose(
+        network.normal_stiffness, [between, between, at_wall, at_wall], rtol=1e-12
+    )
     squares = np.linalg.eigvalsh(
-        [[between + at_wall, -between, 0.0], [-between, 2.0 * between, -between], [0.0, -between, between + at_wall]]
+        [
+            [between + at_wall, -between, 0.0],
+            [-between, 2.0 * between, -between],
+            [0.0, -between, between + at_wall],
+        ]
     )
     operator = gp.Waves(network).operator
     np.testing.assert_allclose(mass * np.linalg.eigvalsh(operator.matrix.toarray()), squares)
@@ -198,12 +301,17 @@ def test_a_table_of_a_row_between_walls():
 
 @pytest.mark.parametrize("wall", [0.0, -0.001])
 def test_a_flat_wall_leaves_a_network_in_space(wall):
-    """A radius of inf is no scale for heights: three balls on a floor are in space, a layer on a floor too."""
+    """A radius of inf is no scale for heights: three balls on a floor are in space, a layer on a
+    floor too.
+    """
     radius = 0.001
     balls = {
-        "x": [0.0, 0.0019, 0.00095, 0.0], "y": [0.0, 0.0, 0.0016, 0.0], "z": [radius, radius, 0.0012, wall],
-        "radius": [radius, radius, radius, np.inf], "mass": [1e-5, 1e-5, 1e-5, np.inf],
-    }  # fmt: skip
+        "x": [0.0, 0.0019, 0.00095, 0.0],
+        "y": [0.0, 0.0, 0.0016, 0.0],
+        "z": [radius, radius, 0.0012, wall],
+        "radius": [radius, radius, radius, np.inf],
+        "mass": [1e-5, 1e-5, 1e-5, np.inf],
+    }
     places = np.stack([balls[axis] for axis in "xyz"], axis=1)
     i, j = np.array([0, 0, 1, 0, 1]), np.array([1, 2, 2, 3, 3])
 
@@ -212,7 +320,11 @@ def test_a_flat_wall_leaves_a_network_in_space(wall):
         normal[3:] = [0.0, 0.0, -1.0]
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         contacts = {"i": i, "j": j} | dict(zip(("nx", "ny", "nz"), normal.T, strict=True))
-        contacts |= {"normal_force": [1.0] * 5, "normal_stiffness": [1e5] * 5, "shear_stiffness": [8e4] * 5}
+        contacts |= {
+            "normal_force": [1.0] * 5,
+            "normal_stiffness": [1e5] * 5,
+            "shear_stiffness": [8e4] * 5,
+        }
         table = balls | dict(zip("xyz", places.T, strict=True))
         return gp.ContactNetwork.from_table(table, contacts, keep_rattlers=True)
 
@@ -221,52 +333,114 @@ def test_a_flat_wall_leaves_a_network_in_space(wall):
     level[2, 2] = radius
     assert read(level).dimension == 3  # contacts lead down
     # walls that stand beside a layer leave it in the plane, wherever they are
-    beside = {"i": [0, 1, 1, 0], "j": [1, 2, 3, 2], "nx": [1.0, -0.5, 1.0, 0.5], "ny": [0.0, 0.75**0.5, 0.0, 0.75**0.5]}
-    beside |= {"nz": [0.0] * 4, "normal_force": [1.0] * 4, "normal_stiffness": [1e5] * 4, "shear_stiffness": [8e4] * 4}
+    beside = {
+        "i": [0, 1, 1, 0],
+        "j": [1, 2, 3, 2],
+        "nx": [1.0, -0.5, 1.0, 0.5],
+        "ny": [0.0, 0.75**0.5, 0.0, 0.75**0.5],
+    }
+    beside |= {
+        "nz": [0.0] * 4,
+        "normal_force": [1.0] * 4,
+        "normal_stiffness": [1e5] * 4,
+        "shear_stiffness": [8e4] * 4,
+    }
     table = balls | {"z": [radius, radius, radius, wall]}
     assert gp.ContactNetwork.from_table(table, beside, keep_rattlers=True).dimension == 2
 
 
 BAD_TABLES = {
-    "a column": (lambda b, c: b.pop("radius"), {}, "no column 'radius'. Its columns are .* columns={'radius': 'NAME'}"),
+    "a column": (
+        lambda b, c: b.pop("radius"),
+        {},
+        "no column 'radius'. Its columns are .* columns={'radius': 'NAME'}",
+    ),
     "ends": (lambda b, c: c.pop("j"), {}, "no column 'j'"),
     "no places": (lambda b, c: [b.pop(name) for name in "xyz"], {}, "no column 'x'"),
     "y alone": (lambda b, c: b.pop("y"), {}, "no column 'y'"),
     "nz alone": (lambda b, c: c.update(nz=np.ones(125)), {}, "no column 'nx', 'ny'"),
-    "lengths": (lambda b, c: b.update(radius=b["radius"][1:]), {}, "different lengths: 36 of id, 36 of x"),
+    "lengths": (
+        lambda b, c: b.update(radius=b["radius"][1:]),
+        {},
+        "different lengths: 36 of id, 36 of x",
+    ),
     "two radii": (lambda b, c: b.update(diameter=b["radius"]), {}, "both radius and diameter"),
-    "table": (lambda b, c: b.update(radius=np.ones((36, 2))), {}, "radius of the table of balls has the shape"),
+    "table": (
+        lambda b, c: b.update(radius=np.ones((36, 2))),
+        {},
+        "radius of the table of balls has the shape",
+    ),
     "texts": (lambda b, c: b.update(radius=["a"] * 36), {}, "radius of the table of balls: found"),
-    "ball": (lambda b, c: c.update(i=c["i"] + 100), {}, "contact 0, of balls .* not among those of the table of balls"),
+    "ball": (
+        lambda b, c: c.update(i=c["i"] + 100),
+        {},
+        "contact 0, of balls .* not among those of the table of balls",
+    ),
     "part of a ball": (lambda b, c: c.update(i=c["i"] + 0.5), {}, "where a whole number is needed"),
     "ids": (lambda b, c: b.update(id=[1] * 36), {}, "two balls with the id 1"),
-    "tension": (lambda b, c: c.update(normal_force=-c["normal_force"]), {}, "contact 0.*force -.*125 in all.*Forces that"),
-    "nan": (lambda b, c: c.update(normal_force=np.nan * c["normal_force"]), {}, "contact 0.*force nan"),
-    "misspelled": (lambda b, c: c.update(shear_stifness=np.ones(125)), {}, "stifness'. Did you mean 'shear_stiffness'"),
-    "material": (lambda b, c: b.pop("mass"), {"material": None}, "no column 'mass', and no material"),
+    "tension": (
+        lambda b, c: c.update(normal_force=-c["normal_force"]),
+        {},
+        "contact 0.*force -.*125 in all.*Forces that",
+    ),
+    "nan": (
+        lambda b, c: c.update(normal_force=np.nan * c["normal_force"]),
+        {},
+        "contact 0.*force nan",
+    ),
+    "misspelled": (
+        lambda b, c: c.update(shear_stifness=np.ones(125)),
+        {},
+        "stifness'. Did you mean 'shear_stiffness'",
+    ),
+    "material": (
+        lambda b, c: b.pop("mass"),
+        {"material": None},
+        "no column 'mass', and no material",
+    ),
     "stiffness": (
-        lambda b, c: b.update(mass=np.ones(36)), {"material": None}, "no normal_stiffness, shear_stiffness, and no material"
+        lambda b, c: b.update(mass=np.ones(36)),
+        {"material": None},
+        "no normal_stiffness, shear_stiffness, and no material",
     ),
     "shear": (
-        lambda b, c: (b.update(mass=np.ones(36)), c.update(normal_stiffness=np.ones(125))), {"material": None},
+        lambda b, c: (b.update(mass=np.ones(36)), c.update(normal_stiffness=np.ones(125))),
+        {"material": None},
         "no shear_stiffness, .*friction=False",
     ),
-    "no cell": (None, {"cell": None}, "not near each other: these, whose radii add up to .* Compare the cell"),
-    "small cell": (None, {"cell": [1e-3] * 3}, "is not the only one of its balls|not near each other"),
+    "no cell": (
+        None,
+        {"cell": None},
+        "not near each other: these, whose radii add up to .* Compare the cell",
+    ),
+    "small cell": (
+        None,
+        {"cell": [1e-3] * 3},
+        "is not the only one of its balls|not near each other",
+    ),
     "flat cell": (None, {"cell": [[1.0, 0, 0], [1.0, 0, 0]]}, "not independent"),
     "cell": (None, {"cell": [[1.0]] * 3}, "the cell has the shape"),
     "pbc": (None, {"cell": None, "pbc": [True]}, "pbc is"),
     "dimension": (None, {"dimension": 2}, "(leaves the plane|not both in the plane|not near)"),
     "unit": (
-        lambda b, c: b.update({"radius (mm)": b.pop("radius")}), {"columns": {"radius": "radius (mm)"}},
+        lambda b, c: b.update({"radius (mm)": b.pop("radius")}),
+        {"columns": {"radius": "radius (mm)"}},
         "the column 'radius .mm.' is in mm, and arrays are in SI. Convert it",
     ),
-    "columns": (None, {"columns": {"radios": "R"}}, "'radios' is not a column.* Did you mean 'radius'"),
+    "columns": (
+        None,
+        {"columns": {"radios": "R"}},
+        "'radios' is not a column.* Did you mean 'radius'",
+    ),
     "motions": (None, {"motions": "in_plane"}, "no motions 'in_plane'"),
     "held": (None, {"held_by": 1.5}, "held_by"),
     "friction": (None, {"friction": "no"}, "friction"),
-    "twice": (lambda b, c: c.update({n: np.append(v, v[0]) for n, v in c.items()}), {}, "are the same"),
-}  # fmt: skip
+    "twice": (
+        lambda b, c: c.update({n: np.append(v, v[0]) for n, v in c.items()}),
+        {},
+        "are the same",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", BAD_TABLES)
@@ -283,11 +457,20 @@ def test_tables_that_make_no_network(name):
 
 BAD_FILES = {
     "unit": ("x,y (mm),radius (mm)", "the column 'x' has no unit. Write the heading 'x \\(m\\)'"),
-    "mixed": ("x (mm),y (m),radius (mm)", "coordinates in different units: x \\(mm\\), y \\(m\\). Use one unit"),
+    "mixed": (
+        "x (mm),y (m),radius (mm)",
+        "coordinates in different units: x \\(mm\\), y \\(m\\). Use one unit",
+    ),
     "kind": ("x (mm),y (mm),radius (N)", "not a unit of length"),
     "needless unit": ("x (mm),y (mm),radius (mm),id (m)", "'id' has the unit 'm', and needs none"),
-    "missing": ("x (mm),y (mm),size (mm)", "no column 'radius'. Its columns are x \\(mm\\), y \\(mm\\), size \\(mm\\)"),
-    "escape": ("x (mm),y (mm),\x1b[2Jsize (mm)", r"no column 'radius'. Its columns are .*, \\x1b\[2Jsize \(mm\)"),
+    "missing": (
+        "x (mm),y (mm),size (mm)",
+        "no column 'radius'. Its columns are x \\(mm\\), y \\(mm\\), size \\(mm\\)",
+    ),
+    "escape": (
+        "x (mm),y (mm),\x1b[2Jsize (mm)",
+        r"no column 'radius'. Its columns are .*, \\x1b\[2Jsize \(mm\)",
+    ),
     "inertia": ("x (mm),y (mm),radius (mm),inertia (kg)", "not a unit of moment of inertia"),
 }
 
@@ -296,9 +479,16 @@ BAD_FILES = {
 def test_files_that_are_no_table_of_balls(name, tmp_path):
     head, said = BAD_FILES[name]
     path = tmp_path / "balls.csv"
-    path.write_text(head + "\n" + "\n".join(f"{2 * k},0,1" + ",1" * (head.count(",") - 2) for k in range(3)) + "\n")
+    path.write_text(
+        head
+        + "\n"
+        + "\n".join(f"{2 * k},0,1" + ",1" * (head.count(",") - 2) for k in range(3))
+        + "\n"
+    )
     with pytest.raises(gp.GranphonError, match=said) as error:
-        gp.ContactNetwork.from_table(path, {"i": [0, 1], "j": [1, 2], "normal_force": [1.0, 1.0]}, material=GLASS)
+        gp.ContactNetwork.from_table(
+            path, {"i": [0, 1], "j": [1, 2], "normal_force": [1.0, 1.0]}, material=GLASS
+        )
     assert "balls.csv" in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -312,22 +502,44 @@ def test_cells_of_a_table_that_cannot_be_read(tmp_path):
         path.write_text("x (mm),y (mm),radius (mm)\n0,0,1\n2,0,1\n")
         contacts = tmp_path / "contacts.csv"
         contacts.write_text(f"i,j\n0,{number}\n")
-        with pytest.raises(gp.GranphonError, match=rf"contacts.csv: line 2, j: found '{number}', where a number is needed"):
+        with pytest.raises(
+            gp.GranphonError,
+            match=rf"contacts.csv: line 2, j: found '{number}', where a number is needed",
+        ):
             gp.ContactNetwork.from_table(path, contacts, material=GLASS)
     with pytest.raises(gp.GranphonError, match="contacts is 3"):
         gp.ContactNetwork.from_table({"x": [0.0], "radius": [1.0]}, 3, material=GLASS)
 
 
 WORDS = [
-    "", "nan", "inf", "-1", "0", "1e400", "1e-320", "1e308", "9" * 30, "9" * 5000, "1_0", "\u0663", "\x1b[2J", "1.5", "abc",
-    "ITEM: ATOMS", "\0", "é", "\n", ",",
-]  # fmt: skip
+    "",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e400",
+    "1e-320",
+    "1e308",
+    "9" * 30,
+    "9" * 5000,
+    "1_0",
+    "\u0663",
+    "\x1b[2J",
+    "1.5",
+    "abc",
+    "ITEM: ATOMS",
+    "\0",
+    "é",
+    "\n",
+    ",",
+]
 
 
 def damage(text, rng):
     """A text with a word replaced, its end cut off, or a line left out or repeated."""
     words = list(re.finditer(r"[^\s,]+", text))
-    found, what = words[rng.integers(len(words) if rng.random() < 0.5 else min(60, len(words)))], rng.integers(6)
+    found = words[rng.integers(len(words) if rng.random() < 0.5 else min(60, len(words)))]
+    what = rng.integers(6)
     if what < 3:
         return text[: found.start()] + WORDS[rng.integers(len(WORDS))] + text[found.end() :]
     if what == 3:
@@ -338,7 +550,9 @@ def damage(text, rng):
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(20)])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(n, marks=pytest.mark.exhaustive if n else ()) for n in range(20)]
+)
 @pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
 @pytest.mark.filterwarnings("ignore::granphon.base.errors.InconsistencyWarning")
 def test_damaged_files_give_one_error_or_a_network(seed, tmp_path):
@@ -368,14 +582,23 @@ def test_damaged_files_give_one_error_or_a_network(seed, tmp_path):
 
 @pytest.mark.parametrize("lattice", ["triangular", "fcc"])
 def test_nearest_images_in_an_oblique_cell(lattice):
-    """In a cell that is tilted by a whole period more, the image with the least fractions is not always the nearest one."""
+    """In a cell that is tilted by a whole period more, the image with the least fractions is not
+    always the nearest one.
+    """
     steel = gp.Material(211.65e9, 0.276, 7840.0)
-    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_force(18.446, finite_overlap=True)
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_force(
+        18.446, finite_overlap=True
+    )
     network = state.network.repeat((3,) * state.packing.structure.periods)
     cell = network.cell[: network.dimension].copy()
     cell[1] += np.sign(cell[0] @ cell[1]) * cell[0]
-    places = network.positions + np.random.default_rng(2).integers(-2, 3, (network.n_balls, 3)) @ network.cell
-    balls = dict(zip("xyz", places.T[: network.dimension], strict=False)) | {"radius": network.radii}
+    places = (
+        network.positions
+        + np.random.default_rng(2).integers(-2, 3, (network.n_balls, 3)) @ network.cell
+    )
+    balls = dict(zip("xyz", places.T[: network.dimension], strict=False)) | {
+        "radius": network.radii
+    }
     contacts = {"i": network.i, "j": network.j, "normal_force": network.normal_force}
     found = gp.ContactNetwork.from_table(balls, contacts, material=steel, cell=cell)
     np.testing.assert_allclose(found.vector, network.vector, atol=1e-15)
@@ -383,46 +606,87 @@ def test_nearest_images_in_an_oblique_cell(lattice):
 
 
 def test_a_ball_that_touches_its_own_image_does_so_once():
-    """One direction leads there as well as the other; two such contacts are not told apart without shifts."""
-    steel, d = gp.Material(200e9, 0.3, 7800.0), 8e-3
+    """One direction leads there as well as the other; two such contacts are not told apart without
+    shifts.
+    """
+    steel = gp.Material(200e9, 0.3, 7800.0)
+    d = 8e-3
     ball = {"x": [0.0], "y": [0.0], "radius": [0.5 * d]}
     found = gp.ContactNetwork.from_table(
         ball, {"i": [0], "j": [0]}, material=steel, cell=[[0.999 * d, 0.0], [0.3 * d, 1.2 * d]]
     )
     np.testing.assert_array_equal(np.abs(found.shift), [[1, 0, 0]])
     with pytest.raises(InputError, match="is not the only one of its balls"):
-        gp.ContactNetwork.from_table(ball, {"i": [0, 0], "j": [0, 0]}, material=steel, cell=[0.999 * d, 0.999 * d])
+        gp.ContactNetwork.from_table(
+            ball, {"i": [0, 0], "j": [0, 0]}, material=steel, cell=[0.999 * d, 0.999 * d]
+        )
 
 
 def test_kinds_of_balls_are_names_or_numbers_of_a_column():
     """They stay with their balls in parts and repeats of the network."""
-    balls = {"x": [0.0, 2.0, 4.0], "radius": [1.0, 1.0, 1.0], "mass": [1.0, 2.0, 1.0], "type": [7, 3, 7]}
-    contacts = {"i": [0, 1, 2], "j": [1, 2, 0], "normal_force": [1.0] * 3, "normal_stiffness": [1.0] * 3}
+    balls = {
+        "x": [0.0, 2.0, 4.0],
+        "radius": [1.0, 1.0, 1.0],
+        "mass": [1.0, 2.0, 1.0],
+        "type": [7, 3, 7],
+    }
+    contacts = {
+        "i": [0, 1, 2],
+        "j": [1, 2, 0],
+        "normal_force": [1.0] * 3,
+        "normal_stiffness": [1.0] * 3,
+    }
     network = gp.ContactNetwork.from_table(
-        balls, contacts, cell=[6.0], dimension=1, friction=False, columns={"kind": "type"}, keep_rattlers=True
+        balls,
+        contacts,
+        cell=[6.0],
+        dimension=1,
+        friction=False,
+        columns={"kind": "type"},
+        keep_rattlers=True,
     )
     assert network.kinds == ("7", "3", "7")
     assert network.repeat((2,)).kinds == network.kinds * 2
     assert network.select([2, 1]).kinds == ("7", "3")
     assert gp.ContactNetwork.from_dict(network.to_dict()) == network
-    assert gp.ContactNetwork.from_table(balls, contacts, cell=[6.0], friction=False, keep_rattlers=True).kinds is None
-    for kinds, said in ((["7"], "kinds of the ContactNetwork has the shape"), (["7", "=1+1", "7"], "the name of a kind")):
+    assert (
+        gp.ContactNetwork.from_table(
+            balls, contacts, cell=[6.0], friction=False, keep_rattlers=True
+        ).kinds
+        is None
+    )
+    for kinds, said in (
+        (["7"], "kinds of the ContactNetwork has the shape"),
+        (["7", "=1+1", "7"], "the name of a kind"),
+    ):
         with pytest.raises(InputError, match=said):
             replace(network, kinds=kinds)
 
 
-@pytest.mark.parametrize(("columns", "kinds"), [("type", ("1", "2")), ("type element", ("Fe", "Al")), ("mol", None)])
+@pytest.mark.parametrize(
+    ("columns", "kinds"), [("type", ("1", "2")), ("type element", ("Fe", "Al")), ("mol", None)]
+)
 def test_elements_or_types_of_a_dump_are_kinds(columns, kinds, tmp_path):
     head = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF {}\n{}\nITEM: BOX BOUNDS pp ff ff\n0 4\n-1 1\n-1 1\n"
     atoms = [{"type": "1", "element": "Fe", "mol": "1"}, {"type": "2", "element": "Al", "mol": "1"}]
-    rows = [f"{n + 1} {1 + 2 * n} 0 0 1 1 " + " ".join(map(one.get, columns.split())) for n, one in enumerate(atoms)]
+    rows = [
+        f"{n + 1} {1 + 2 * n} 0 0 1 1 " + " ".join(map(one.get, columns.split()))
+        for n, one in enumerate(atoms)
+    ]
     (tmp_path / "atoms").write_text(
-        "\n".join([head.format("ATOMS", 2) + f"ITEM: ATOMS id x y z radius mass {columns}", *rows, ""])
+        "\n".join(
+            [head.format("ATOMS", 2) + f"ITEM: ATOMS id x y z radius mass {columns}", *rows, ""]
+        )
     )
     pairs = head.format("ENTRIES", 2) + "ITEM: ENTRIES i j force dx\n1 2 1.0 -1.9\n2 1 1.0 -1.9\n"
     (tmp_path / "pairs").write_text(pairs)
     network = gp.ContactNetwork.from_lammps(
-        tmp_path / "atoms", tmp_path / "pairs", columns=["i", "j", "force", "shift"], normal_stiffness=1.0, friction=False,
-        dimension=1, keep_rattlers=True,
-    )  # fmt: skip
+        tmp_path / "atoms",
+        tmp_path / "pairs",
+        columns=["i", "j", "force", "shift"],
+        normal_stiffness=1.0,
+        friction=False,
+        dimension=1,
+        keep_rattlers=True,
+    )
     assert network.kinds == kinds

@@ -1,4 +1,5 @@
-"""An independent twin of the waves in a periodic network: forces of each contact, one by one, in SI.
+"""An independent twin of the waves in a periodic network: forces of each contact, one by one, in
+SI.
 
 It shares nothing with the package but the names of a network's fields.
 """
@@ -19,12 +20,18 @@ def cross_matrix(v: NDArray[Any]) -> NDArray[Any]:
 
 
 def dynamical_matrix(network: gp.ContactNetwork, q: NDArray[Any]) -> NDArray[Any]:
-    """D(q), (rad/s)^2, of all six motions (u, R_g phi) of each ball that moves, phases at the centres; q (3,) in 1/m."""
+    """D(q), (rad/s)^2, of all six motions (u, R_g phi) of each ball that moves, phases at the
+    centres; q (3,) in 1/m.
+    """
     moving = [ball for ball in range(network.n_balls) if np.isfinite(network.masses[ball])]
     stiffness = np.zeros((6 * network.n_balls,) * 2, complex)
     for c in range(network.n_contacts):
-        i, j, n = int(network.i[c]), int(network.j[c]), network.normal[c]
-        along, across, lever = np.outer(n, n), np.eye(3) - np.outer(n, n), -cross_matrix(n)
+        i = int(network.i[c])
+        j = int(network.j[c])
+        n = network.normal[c]
+        along = np.outer(n, n)
+        across = np.eye(3) - np.outer(n, n)
+        lever = -cross_matrix(n)
         apart = network.positions[j] + network.shift[c] @ network.cell - network.positions[i]
         # motions of j relative to i: the displacement at the contact, and the rotation
         ends = {i: np.zeros((6, 6), complex), j: np.zeros((6, 6), complex)}
@@ -40,7 +47,9 @@ def dynamical_matrix(network: gp.ContactNetwork, q: NDArray[Any]) -> NDArray[Any
         load = network.normal_force[c] / network.distance[c] if network.prestress else 0.0
         springs = np.zeros((6, 6))
         springs[:3, :3] = network.normal_stiffness[c] * along + network.shear_stiffness[c] * across
-        springs[3:, 3:] = network.torsion_stiffness[c] * along + network.bending_stiffness[c] * across
+        springs[3:, 3:] = (
+            network.torsion_stiffness[c] * along + network.bending_stiffness[c] * across
+        )
         balls = sorted(ends)
         whole = np.concatenate([ends[ball] for ball in balls], axis=1)
         energy = whole.conj().T @ springs @ whole
@@ -49,21 +58,28 @@ def dynamical_matrix(network: gp.ContactNetwork, q: NDArray[Any]) -> NDArray[Any
             moved[:, 6 * at + 3 : 6 * at + 6] = 0.0
         energy -= load * moved.conj().T @ across @ moved
         if network.prestress and network.tangential_force is not None:
-            # the force stays across the normal as that turns, and its levers grow by half of the elongation; the part of it
-            # that has no potential is left out
-            force, levers = network.tangential_force[c], {i: [], j: []}
-            turn, elongation = across @ moved[:3] / network.distance[c], n @ moved[:3]
+            # the force stays across the normal as that turns, and its levers grow by half of the
+            # elongation; the part of it that has no potential is left out
+            force = network.tangential_force[c]
+            levers = {i: [], j: []}
+            turn = across @ moved[:3] / network.distance[c]
+            elongation = n @ moved[:3]
             levers[i].append((network.arm_i[c], -1.0, 1.0))
             levers[j].append((network.arm_j[c], 1.0, np.exp(-1j * q @ apart)))
             follows = np.zeros_like(energy)
             for at, ball in enumerate(balls):
                 for arm, sign, phase in levers[ball]:
                     push = sign * np.outer(n, force @ turn)
-                    twist = -arm * cross_matrix(force) @ turn + 0.5 * np.outer(np.cross(n, force), elongation)
+                    twist = -arm * cross_matrix(force) @ turn + 0.5 * np.outer(
+                        np.cross(n, force), elongation
+                    )
                     follows[6 * at : 6 * at + 6] += phase * np.concatenate([push, twist])
             energy += 0.5 * (follows + follows.conj().T)
         place = np.concatenate([6 * ball + np.arange(6) for ball in balls])
         stiffness[np.ix_(place, place)] += energy
     keep = np.concatenate([6 * ball + np.arange(6) for ball in moving])
-    weight = np.concatenate([np.repeat([network.masses[b], network.inertias[b]], 3) for b in moving]) ** -0.5
+    weight = (
+        np.concatenate([np.repeat([network.masses[b], network.inertias[b]], 3) for b in moving])
+        ** -0.5
+    )
     return weight[:, None] * stiffness[np.ix_(keep, keep)] * weight

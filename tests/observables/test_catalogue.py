@@ -24,9 +24,12 @@ PACKING = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
 def impedance():
     """A new observable, by its entry alone: density times longitudinal velocity."""
     return gp.observables.register(
-        "impedance", "Pa s/m", "acoustic impedance of longitudinal waves",
-        lambda of: of.state.effective_density * of.velocities.longitudinal, cost="velocities",
-    )  # fmt: skip
+        "impedance",
+        "Pa s/m",
+        "acoustic impedance of longitudinal waves",
+        lambda of: of.state.effective_density * of.velocities.longitudinal,
+        cost="velocities",
+    )
 
 
 def expected(force):
@@ -48,20 +51,35 @@ def test_an_entry_is_all_that_a_sweep_its_table_and_its_figure_need(impedance, t
 
 
 def test_an_entry_is_all_that_a_summary_and_the_command_line_need(impedance, tmp_path):
-    found = Scene(PACKING, Load("force", (9.0,)), media=("ema",)).run(tmp_path / "out", figures=False)
+    found = Scene(PACKING, Load("force", (9.0,)), media=("ema",)).run(
+        tmp_path / "out", figures=False
+    )
     assert found.summary()["impedance"] == expected(9.0)
     written = yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text(encoding="utf-8"))
     assert (written["impedance"], written["units"]["impedance"]) == (expected(9.0), "Pa s/m")
     assert dict(describe_result(found))["impedance"] == f"{expected(9.0) / 1e6:.5g} MPa s/m"
-    bands = Scene(PACKING, Load("force", (9.0,)), media=("ema",), observe=("bands",)).run(tmp_path / "bands", figures=False)
-    assert "impedance" not in bands.summary()  # its cost is that of velocities, which nobody asked for
+    bands = Scene(PACKING, Load("force", (9.0,)), media=("ema",), observe=("bands",)).run(
+        tmp_path / "bands", figures=False
+    )
+    # its cost is that of velocities, which nobody asked for
+    assert "impedance" not in bands.summary()
 
 
 def test_what_a_state_does_not_have_is_left_out():
-    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="square")).at_force(5.0, finite_overlap=True)
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="square")).at_force(
+        5.0, finite_overlap=True
+    )
     found = find_all(Analysis(state), ("state", "velocities", "exponent"))
-    assert not {"shear", "longitudinal_error", "exponent", "contact_force_fluctuation", "force_error"} & set(found)
-    assert {"force", "pressure", "regime", "longitudinal", "direction", "bulk", "tensor"} <= set(found)
+    assert not {
+        "shear",
+        "longitudinal_error",
+        "exponent",
+        "contact_force_fluctuation",
+        "force_error",
+    } & set(found)
+    assert {"force", "pressure", "regime", "longitudinal", "direction", "bulk", "tensor"} <= set(
+        found
+    )
     assert "direction" not in find_all(Analysis(state), ("velocities",), swept=True)
 
 
@@ -70,11 +88,20 @@ def test_every_entry_has_a_title_and_numbers_have_a_unit(name):
     one = CATALOGUE[name]
     assert one.name == name
     assert one.title
-    assert one.unit or name in ("regime", "choice", "truth", "friction", "spread", "lattice", "motions")
+    assert one.unit or name in (
+        "regime",
+        "choice",
+        "truth",
+        "friction",
+        "spread",
+        "lattice",
+        "motions",
+    )
 
 
 def test_an_axis_says_what_and_in_which_unit():
     assert axis_label("longitudinal") == "Longitudinal velocity (m/s)"
     assert axis_label("reduced_force") == "Force f*"
-    assert axis_label("longitudinal", "km/s") == "Longitudinal velocity (km/s)"  # of a file that says so
+    # of a file that says so
+    assert axis_label("longitudinal", "km/s") == "Longitudinal velocity (km/s)"
     assert axis_label("of_another_program", "K") == "Of another program (K)"

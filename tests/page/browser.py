@@ -1,4 +1,6 @@
-"""A real browser for the tests and studies of the page: Chromium, driven by playwright (the extra ``browser``)."""
+"""A real browser for the tests and studies of the page: Chromium, driven by playwright (the extra
+``browser``).
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,17 @@ from contextlib import contextmanager
 from typing import Any
 
 #: the browser of the system; nothing is downloaded
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))),
+    None,
+)
 #: WebGL without a graphics card
-_ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+_ARGUMENTS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+]
 
 
 def explain_missing() -> str:

@@ -1,4 +1,6 @@
-"""The page to play with: its numbers against those of the library, in node and in a browser, and what it does by itself."""
+"""The page to play with: its numbers against those of the library, in node and in a browser, and
+what it does by itself.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ packing: {lattice: triangular, diameter: 8 mm}
 load: {force: 18.446 N}
 """
 NODE = shutil.which("node")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 ASSETS = Path(gp.__file__).parent / "page" / "assets"
 needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
 
@@ -64,22 +68,30 @@ def draw_settings(name: str, seed: int) -> dict[str, Any]:
     """Random settings of a lattice, wave vectors in fractions, and a direction."""
     rng = np.random.default_rng([seed, sorted(LATTICES).index(name)])
     lattice = LATTICES[name]
-    motions = list(allowed_motions(lattice.dimension).values())[int(rng.integers(len(allowed_motions(lattice.dimension))))]
-    p, spacing = lattice.periods, 1.0 - 0.02 * rng.random()
+    motions = list(allowed_motions(lattice.dimension).values())[
+        int(rng.integers(len(allowed_motions(lattice.dimension))))
+    ]
+    p = lattice.periods
+    spacing = 1.0 - 0.02 * rng.random()
     finite = rng.random() < 0.35
     direction = rng.normal(size=p)
     near = 1e-6 * rng.uniform(-1.0, 1.0, (2, p))
     return {
-        "lattice": name, "near": [6, 8],
+        "lattice": name,
+        "near": [6, 8],
         "settings": {
-            "motions": motions.name, "eta": float(rng.random() * (rng.random() < 0.8)),
+            "motions": motions.name,
+            "eta": float(rng.random() * (rng.random() < 0.8)),
             "torsion": float(0.3 * rng.random() * (rng.random() < 0.5) * motions.twist),
             "bending": float(0.3 * rng.random() * (rng.random() < 0.5) * motions.rotate),
-            "spacing": spacing if finite else 1.0, "push": 2.0 / 3.0 * (1.0 / spacing - 1.0) if finite else 0.0,
+            "spacing": spacing if finite else 1.0,
+            "push": 2.0 / 3.0 * (1.0 / spacing - 1.0) if finite else 0.0,
         },
-        "q": np.concatenate([rng.uniform(-1.5, 1.5, (6, p)), near, np.zeros((1, p)), np.full((1, p), 0.5)]).tolist(),
+        "q": np.concatenate(
+            [rng.uniform(-1.5, 1.5, (6, p)), near, np.zeros((1, p)), np.full((1, p), 0.5)]
+        ).tolist(),
         "direction": (direction / np.linalg.norm(direction)).tolist(),
-    }  # fmt: skip
+    }
 
 
 def make_lattice(case: dict[str, Any]) -> ContactLattice:
@@ -105,7 +117,9 @@ SOLVE = """(cases, datas) => cases.map((one) => {
 
 
 def check_agreement(case: dict[str, Any], found: dict[str, Any]) -> None:
-    """Frequencies to 1e-9 of the top one, or squares to 1e-12 of the top square; moduli and velocities to 1e-9."""
+    """Frequencies to 1e-9 of the top one, or squares to 1e-12 of the top square; moduli and
+    velocities to 1e-9.
+    """
     lattice = make_lattice(case)
     q = lattice.wavevectors(case["q"])
     squares = np.linalg.eigvalsh(lattice.dynamical_matrix(q))
@@ -133,31 +147,42 @@ def check_agreement(case: dict[str, Any], found: dict[str, Any]) -> None:
     except InstabilityError:
         assert None in found["velocities"]
     else:
-        assert np.allclose(found["velocities"], velocities, rtol=1e-9, atol=1e-9 * max(velocities.max(), 1e-300))
+        assert np.allclose(
+            found["velocities"], velocities, rtol=1e-9, atol=1e-9 * max(velocities.max(), 1e-300)
+        )
 
 
 def run_node(program: str, **given: Any) -> Any:
-    """Run the modules of the page that compute, and then a program that prints JSON, with ``given`` as constants."""
+    """Run the modules of the page that compute, and then a program that prints JSON, with ``given``
+    as constants.
+    """
     text = join_modules("long_waves", "state", "mode_view", "numbers_view")
     constants = "".join(f"const {name} = {json.dumps(value)};\n" for name, value in given.items())
     assert NODE is not None
     run = subprocess.run(
-        [NODE, "--input-type=module", "-"], input=f"{text}\n{constants}{program}", capture_output=True, text=True,
-    )  # fmt: skip
+        [NODE, "--input-type=module", "-"],
+        input=f"{text}\n{constants}{program}",
+        capture_output=True,
+        text=True,
+    )
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout)
 
 
-# -- numbers ----------------------------------------------------------------------------------------------------------
+# -- numbers ---------------------------------------------------------------------------------------
 
 
 @needs_node
 @pytest.mark.claim("page-agrees")
-@pytest.mark.parametrize("seeds", only({range(2)}, [range(2), range(2, 20)]), ids=lambda seeds: f"{len(seeds)} settings")
+@pytest.mark.parametrize(
+    "seeds", only({range(2)}, [range(2), range(2, 20)]), ids=lambda seeds: f"{len(seeds)} settings"
+)
 def test_the_page_computes_what_the_library_computes(seeds):
     cases = [draw_settings(name, seed) for name in LATTICES for seed in seeds]
     datas = {name: lattice_data(name) for name in LATTICES}
-    found = run_node(f"console.log(JSON.stringify(({SOLVE})(cases, datas)));", cases=cases, datas=datas)
+    found = run_node(
+        f"console.log(JSON.stringify(({SOLVE})(cases, datas)));", cases=cases, datas=datas
+    )
     for case, one in zip(cases, found, strict=True):
         check_agreement(case, one)
 
@@ -168,19 +193,29 @@ def test_the_page_of_a_cut_says_which_edge_moves():
     network = gp.AveragedLattice(packing).at_force(18.446).network
     assert describe_network_page(network)["lattice"]["sides"] is None
     ribbon = network.cut(1, 12)
-    data, bands = describe_network_page(ribbon), gp.Phonons(ribbon).bands([[[0.31], [0.49]]], npoints=3)
+    data = describe_network_page(ribbon)
+    bands = gp.Phonons(ribbon).bands([[[0.31], [0.49]]], npoints=3)
     one = {"settings": latticeless(data), "q": bands.qpoints[0].tolist()}
     program = "const it = makeLattice(data, one.settings);"
-    program += "console.log(JSON.stringify(one.q.map((q) => [...edgeParts(it, solveModes(it, q))])));"
+    program += (
+        "console.log(JSON.stringify(one.q.map((q) => [...edgeParts(it, solveModes(it, q))])));"
+    )
     found = np.array(run_node(program, one=one, data=data["lattice"]))
     lower, upper = np.moveaxis(bands.edge_weight[0], -1, 0)
     # pairs of waves of the two edges are the same to the last, and are told apart by both
-    alone = np.diff(bands.frequencies[0], axis=1, prepend=-1e9, append=1e9) > 2e-4 * bands.frequencies.max()
+    alone = (
+        np.diff(bands.frequencies[0], axis=1, prepend=-1e9, append=1e9)
+        > 2e-4 * bands.frequencies.max()
+    )
     alone = alone[:, 1:] & alone[:, :-1]
     assert np.count_nonzero(alone) > 50
     both = (upper + lower > 0.8) & (np.abs(upper - lower) < 0.6)
     assert_allclose(found[alone], np.where(both, 2.0, upper - lower)[alone], atol=1e-6)
-    assert_allclose(np.sort(np.where(found == 2.0, 0.0, found), axis=1)[:2, [0, -1]], [[-1.0, 1.0]] * 2, atol=0.05)
+    assert_allclose(
+        np.sort(np.where(found == 2.0, 0.0, found), axis=1)[:2, [0, -1]],
+        [[-1.0, 1.0]] * 2,
+        atol=0.05,
+    )
 
 
 def test_a_page_draws_no_bands_under_tangential_forces():
@@ -198,11 +233,20 @@ DRAWN = [name for name in NETWORKS if "tangential" not in name]
 def test_the_page_of_a_network_computes_what_the_library_computes(case):
     """Frequencies, rotation, motions, velocities and moduli of balls and contacts that differ."""
     network = NETWORKS[case]()
-    data, lattice = describe_network_page(network), ContactLattice.from_network(network)
+    data = describe_network_page(network)
+    lattice = ContactLattice.from_network(network)
     q = np.random.default_rng(3).uniform(-0.5, 0.5, (4, lattice.periods))
-    one = {"lattice": case, "settings": latticeless(data), "q": q.tolist(), "direction": data["direction"]}
+    one = {
+        "lattice": case,
+        "settings": latticeless(data),
+        "q": q.tolist(),
+        "direction": data["direction"],
+    }
     program = f"console.log(JSON.stringify([({SOLVE})(cases, datas), cases[0].q.map((q) => {{"
-    program += "const it = makeLattice(datas[cases[0].lattice], cases[0].settings); const modes = solveModes(it, q);"
+    program += (
+        "const it = makeLattice(datas[cases[0].lattice], cases[0].settings); const modes ="
+        " solveModes(it, q);"
+    )
     program += "return [...modes.values].map((_, k) => ballMotions(it, modes, k)); })]));"
     (found,), motions = run_node(program, cases=[one], datas={case: data["lattice"]})
     values = lattice.frequencies(lattice.wavevectors(q))
@@ -214,7 +258,9 @@ def test_the_page_of_a_network_computes_what_the_library_computes(case):
     matrix = lattice.dynamical_matrix(lattice.wavevectors(q))
     kept = [*lattice.motions.translations, *(3 + axis for axis in lattice.motions.rotations)]
     for own, moved, squares in zip(matrix, np.array(motions) @ [1.0, 1j], values**2, strict=True):
-        weight = np.sqrt(lattice.masses)[:, None] * np.where(np.arange(6) < 3, 1.0, lattice.gyration[:, None])
+        weight = np.sqrt(lattice.masses)[:, None] * np.where(
+            np.arange(6) < 3, 1.0, lattice.gyration[:, None]
+        )
         vectors = (moved * weight)[..., kept].reshape(len(squares), -1).T
         assert np.abs(own @ vectors - vectors * squares).max() <= 1e-11 * squares.max()
     assert found["free"] == lattice.is_held
@@ -240,7 +286,8 @@ def test_pages_of_networks_too_large_or_without_periods_are_refused():
     assert "Mean normal stiffness" in make_page(network.repeat((2, 2)))
 
 
-#: a view of balls that are built, by the library that draws them, but not drawn: nothing of a browser is there
+#: a view of balls that are built, by the library that draws them, but not drawn: nothing of a
+#: browser is there
 BUILT = """
 globalThis.ResizeObserver = class { observe() {} };
 const view = Object.assign(Object.create(ModeView.prototype), {
@@ -275,9 +322,14 @@ def test_kinds_have_their_colours_sizes_and_names_on_the_page():
     data = describe_network_page(crystal.at_pressure(10.0))
     first, second = KIND_COLOURS[:2]
     assert data["kinds"] == [
-        {"name": "small", "colour": first, "balls": [0]}, {"name": "large & <b>heavy", "colour": second, "balls": [1]},
-    ]  # fmt: skip
-    assert np.allclose(data["lattice"]["radii"], [(np.sqrt(2.0) - 1.0) / np.sqrt(2.0), 1.0 / np.sqrt(2.0)], rtol=1e-12)
+        {"name": "small", "colour": first, "balls": [0]},
+        {"name": "large & <b>heavy", "colour": second, "balls": [1]},
+    ]
+    assert np.allclose(
+        data["lattice"]["radii"],
+        [(np.sqrt(2.0) - 1.0) / np.sqrt(2.0), 1.0 / np.sqrt(2.0)],
+        rtol=1e-12,
+    )
     assert ["small", "1 ball, 152.42 mg, diameter 3.3137 mm"] in data["facts"]
     balls, table = run_node(f"{wrap_three()}\n{BUILT}", data=data)
     assert len(balls) > 20
@@ -291,9 +343,15 @@ def test_kinds_have_their_colours_sizes_and_names_on_the_page():
 
 @needs_node
 def test_motions_are_eigenvectors_of_the_library():
-    """What the balls do, in the page's own frame, is a mode of D(q): D e = omega^2 e, with the phases of the positions."""
+    """What the balls do, in the page's own frame, is a mode of D(q): D e = omega^2 e, with the
+    phases of the positions.
+    """
     cases = [
-        {"lattice": name, "motions": motions.name, "q": [0.21, -0.37, 0.11][: LATTICES[name].periods]}
+        {
+            "lattice": name,
+            "motions": motions.name,
+            "q": [0.21, -0.37, 0.11][: LATTICES[name].periods],
+        }
         for name in ("chain", "triangular", "kagome", "fcc", "hcp")
         for motions in allowed_motions(LATTICES[name].dimension).values()
     ]
@@ -307,7 +365,8 @@ def test_motions_are_eigenvectors_of_the_library():
     for case, found in zip(cases, run_node(program, cases=cases, datas=datas), strict=True):
         structure = LATTICES[case["lattice"]]
         motions = allowed_motions(structure.dimension)[case["motions"]]
-        twist, roll = 0.1 * motions.twist, 0.05 * motions.rotate
+        twist = 0.1 * motions.twist
+        roll = 0.05 * motions.rotate
         lattice = ContactLattice.of(structure, 0.7, torsion=0.1, bending=0.05, motions=motions)
         assert lattice.torsion == 0.1 or not twist
         assert lattice.bending == 0.05 or not roll
@@ -325,24 +384,34 @@ def test_motions_are_eigenvectors_of_the_library():
 @pytest.mark.claim("page-interpolates")
 @pytest.mark.parametrize("name", only({"ema"}, ["afa", "ema"]))
 def test_interpolated_contacts_are_as_good_as_the_page_says(name):
-    """At loads, widths and frictions between the nodes; the error of k is the one that the page tells."""
+    """At loads, widths and frictions between the nodes; the error of k is the one that the page
+    tells.
+    """
     packing = replace(BALLS, spread=gp.Uniform(1e-6))
     data = describe_page(packing, [MediumChoice(name)], FORCE)
     rng = np.random.default_rng(3)
     (low, high), widest = data["limits"]["force"], data["limits"]["width"]
     width = widest * rng.random(40)
-    cases = [[float(low * (high / low) ** part), float(w)] for part, w in zip(rng.random(40), width, strict=True)]
+    cases = [
+        [float(low * (high / low) ** part), float(w)]
+        for part, w in zip(rng.random(40), width, strict=True)
+    ]
     program = """console.log(JSON.stringify(cases.map(([force, width]) =>
       findContact(data, data.media[0], force, width, data.start.eta))));"""
     media = {"afa": gp.AveragedForce, "ema": gp.EffectiveMedium}
     for (force, width), found in zip(cases, run_node(program, cases=cases, data=data), strict=True):
         state = media[name](replace(packing, spread=gp.Uniform(width))).at_force(force)
-        assert found["stiffness"] == pytest.approx(state.normal_stiffness, rel=1.5 * data["media"][0]["error"])
+        assert found["stiffness"] == pytest.approx(
+            state.normal_stiffness, rel=1.5 * data["media"][0]["error"]
+        )
         assert found["overlap"] == pytest.approx(state.overlap, rel=1e-4, abs=1e-6 * width)
-        assert found["exponent"] == pytest.approx(state.exponent, abs=1e-3)  # a slope of a law that has kinks
+        # a slope of a law that has kinks
+        assert found["exponent"] == pytest.approx(state.exponent, abs=1e-3)
         assert found["reduced"] == pytest.approx(state.reduced_force)
     assert data["media"][0]["error"] < 1.2e-6
-    assert ("they would change the stiffness by less than 0.01 %." in data["media"][0]["note"]) == (name == "ema")
+    assert ("they would change the stiffness by less than 0.01 %." in data["media"][0]["note"]) == (
+        name == "ema"
+    )
 
 
 @needs_node
@@ -352,15 +421,23 @@ def test_friction_between_the_nodes_of_the_effective_medium():
     program = """console.log(JSON.stringify([0.02, 0.06, 0.33, 0.95].map((eta) =>
       findContact(data, data.media[0], 18.446, 2e-6, eta))));"""
     found = run_node(program, data=data)
-    assert "raise η to 0.05" in found[0]["problem"]  # a square lattice does not stand without friction
+    # a square lattice does not stand without friction
+    assert "raise η to 0.05" in found[0]["problem"]
     from granphon.dynamics.local_field import local_field
     from granphon.laws.effective import EffectiveLaw
 
     for eta, one in zip((0.06, 0.33, 0.95), found[1:], strict=True):
-        law = EffectiveLaw(packing.law.coefficient, packing.width, packing.spread.shape, local_field("square", eta).xi)
+        law = EffectiveLaw(
+            packing.law.coefficient,
+            packing.width,
+            packing.spread.shape,
+            local_field("square", eta).xi,
+        )
         stiffness = law.stiffness(law.overlap(18.446))
         assert one["problem"] == ""
-        assert one["stiffness"] == pytest.approx(stiffness, rel=1.5 * data["media"][0]["friction_error"])
+        assert one["stiffness"] == pytest.approx(
+            stiffness, rel=1.5 * data["media"][0]["friction_error"]
+        )
     assert data["media"][0]["friction_error"] < 2e-4
 
 
@@ -373,7 +450,9 @@ def test_the_page_says_what_bending_would_do_to_the_medium():
     stiffness = gp.EffectiveMedium(packing).at_force(forces).normal_stiffness
     found = 0.0
     for bending in (0.02, 0.1, data["limits"]["rolling"]):
-        bent = gp.EffectiveMedium(replace(packing, bending=bending)).at_force(forces).normal_stiffness
+        bent = (
+            gp.EffectiveMedium(replace(packing, bending=bending)).at_force(forces).normal_stiffness
+        )
         found = max(found, float(np.max(np.abs(bent / stiffness - 1.0))))
     assert 1.0 < 100.0 * found <= 1.05 * float(told[1])
 
@@ -409,7 +488,7 @@ def test_a_link_restores_the_settings_and_forgives_what_is_wrong():
     assert forgiven == start | {"eta": 1.0, "branch": 0}
 
 
-# -- one file ---------------------------------------------------------------------------------------------------------
+# -- one file --------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -419,7 +498,9 @@ def page() -> str:
 
 def test_everything_is_in_the_page(page):
     assert len(page.encode()) <= 6e6
-    assert not re.search(r"""<(?:script|img|iframe)[^>]*\ssrc=|<link\b""", page[:20_000] + page[-120_000:])
+    assert not re.search(
+        r"""<(?:script|img|iframe)[^>]*\ssrc=|<link\b""", page[:20_000] + page[-120_000:]
+    )
     assert "default-src 'none'" in page
     assert "<title>&lt;/title&gt;&lt;script&gt;a &amp; b</title>" in page
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
@@ -436,7 +517,9 @@ def test_texts_cannot_end_the_script_that_holds_them():
 
 
 def test_modules_share_their_names_without_a_clash():
-    """Joined modules are one script: a name that two of them had would be an error in the browser."""
+    """Joined modules are one script: a name that two of them had would be an error in the
+    browser.
+    """
     text = join_modules("main")
     names = re.findall(r"^(?:async )?(?:function|class|const|let) (\w+)", text, re.MULTILINE)
     assert len(names) > 60
@@ -448,15 +531,21 @@ def test_modules_share_their_names_without_a_clash():
 
 def test_a_page_needs_neither_phonopy_nor_matplotlib():
     code = (
-        "import granphon as gp\nfrom granphon.balls.loads import Load\nfrom granphon.media.choice import MediumChoice\n"
+        "import granphon as gp\nfrom granphon.balls.loads import Load\nfrom"
+        " granphon.media.choice import MediumChoice\n"
         "from granphon.page.page import make_page\n"
         "balls = gp.Packing(gp.Material(70e9, 0.22, 2500.0), 1e-3, lattice='fcc')\n"
         "make_page(balls, [MediumChoice('afa')], Load('force', 1.0))"
     )
-    assert not {name.split(".")[0] for name in loaded_after(code)} & {"phonopy", "spglib", "matplotlib", "xarray"}
+    assert not {name.split(".")[0] for name in loaded_after(code)} & {
+        "phonopy",
+        "spglib",
+        "matplotlib",
+        "xarray",
+    }
 
 
-# -- the commands -----------------------------------------------------------------------------------------------------
+# -- the commands ----------------------------------------------------------------------------------
 
 
 def read_data(path: Path) -> dict[str, Any]:
@@ -471,7 +560,8 @@ def test_a_page_of_a_scene(work, capsys):
     data = read_data(work / "page.html")
     assert data["start"]["force"] == 18.446
     assert data["start"]["eta"] == pytest.approx(BALLS.mindlin_ratio)
-    assert [one["name"] for one in data["media"]] == ["ema"]  # for the slider of the width; equal balls are the same
+    # for the slider of the width; equal balls are the same
+    assert [one["name"] for one in data["media"]] == ["ema"]
     assert main(["page", "scene.yaml", "-o", "page.html"]) == 1
     assert "--force" in one_error(capsys)
     assert main(["page", "scene.yaml", "-o", "page.html", "--force"]) == 0
@@ -497,7 +587,12 @@ def test_a_sweep_makes_one_page_that_says_where_it_begins(work, capsys):
 def test_a_simulation_with_a_history_is_tabulated_from_its_start():
     """Below the start there is no state, though the slider goes there."""
     packing = replace(BALLS, spread=gp.Uniform(2e-6))
-    options = {"shape": (4, 4), "friction_history": True, "friction_coefficient": 0.2, "step_tolerance": 1e-2}
+    options = {
+        "shape": (4, 4),
+        "friction_history": True,
+        "friction_coefficient": 0.2,
+        "step_tolerance": 1e-2,
+    }
     data = describe_page(packing, [MediumChoice("simulation", tuple(options.items()))], FORCE)
     table = data["media"][0]["table"]
     unit = packing.law.coefficient * packing.width**1.5
@@ -511,9 +606,15 @@ def test_a_simulation_with_a_history_is_tabulated_from_its_start():
 
 
 def test_an_automatic_medium_is_the_one_of_the_first_load_and_the_page_says_which():
-    packing, load = replace(BALLS, spread=gp.Uniform(2e-6)), Load("force", [6.0, 100.0, 200.0])
+    packing = replace(BALLS, spread=gp.Uniform(2e-6))
+    load = Load("force", [6.0, 100.0, 200.0])
     auto = MediumChoice("auto", (("tolerance", 0.02),))
-    served = [serving.medium.name for n in range(3) for serving in auto.choose(packing, load) if n in serving.loads]
+    served = [
+        serving.medium.name
+        for n in range(3)
+        for serving in auto.choose(packing, load)
+        if n in serving.loads
+    ]
     assert served[0] != served[2] == "ala"
     data = describe_page(packing, [auto], load, remarks=["One."])
     assert [one["name"] for one in data["media"]] == served[:1]
@@ -541,9 +642,13 @@ def test_what_cannot_be_done_is_one_error(work, capsys, arguments, said):
     assert {path.name for path in work.iterdir()} == {"scene.yaml", "file"}
 
 
-def test_a_mechanism_is_an_error_where_the_scene_asks_for_its_medium_and_else_a_statement(work, capsys):
+def test_a_mechanism_is_an_error_where_the_scene_asks_for_its_medium_and_else_a_statement(
+    work, capsys
+):
     loose = SCENE.replace("lattice: triangular", "lattice: honeycomb") + "observe: [bands]\n"
-    (work / "scene.yaml").write_text(loose.replace("8 mm", "8 mm, spread: {uniform: 2 um}"), encoding="utf-8")
+    (work / "scene.yaml").write_text(
+        loose.replace("8 mm", "8 mm, spread: {uniform: 2 um}"), encoding="utf-8"
+    )
     assert main(["page", "scene.yaml", "-o", "page.html"]) == 2
     assert "honeycomb" in one_error(capsys)
     assert not (work / "page.html").exists()
@@ -555,27 +660,36 @@ def test_a_mechanism_is_an_error_where_the_scene_asks_for_its_medium_and_else_a_
     assert "gears" in motions["statements"]["100"]["mechanism"]
 
 
-# -- phononwebsite ----------------------------------------------------------------------------------------------------
+# -- phononwebsite ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("lattice", "motions"), [("triangular", None), ("kagome", "all"), ("fcc", None), ("chain", None)])
+@pytest.mark.parametrize(
+    ("lattice", "motions"),
+    [("triangular", None), ("kagome", "all"), ("fcc", None), ("chain", None)],
+)
 def test_phononwebsite_moves_balls_and_marks_as_the_modes_do(lattice, motions):
     packing = replace(BALLS, lattice=lattice, motions=motions)
     bands = gp.Phonons(gp.AveragedLattice(packing).at_force(18.446)).bands(npoints=5)
     data = json.loads(write_phononwebsite(bands, lattice))
     turns = bands.motions.rotate
-    balls, per_ball = LATTICES[lattice].n_balls, 3 if turns else 1
-    assert data["natoms"] == balls * per_ball == len(data["atom_types"]) == len(data["atom_pos_car"])
+    balls = LATTICES[lattice].n_balls
+    per_ball = 3 if turns else 1
+    assert (
+        data["natoms"] == balls * per_ball == len(data["atom_types"]) == len(data["atom_pos_car"])
+    )
     car, red, cell = (np.array(data[name]) for name in ("atom_pos_car", "atom_pos_red", "lattice"))
     assert np.allclose(red @ cell, car)
-    q, vectors = np.array(data["qpoints"]), np.array(data["vectors"]) @ [1.0, 1j]  # (q, b, atoms, 3)
+    q = np.array(data["qpoints"])
+    vectors = np.array(data["vectors"]) @ [1.0, 1j]  # (q, b, atoms, 3)
     assert vectors.shape == (len(q), bands.n_branches, balls * per_ball, 3)
-    assert np.allclose(np.array(data["eigenvalues"]) * 1e3, bands.frequencies.reshape(len(q), -1))  # kHz
+    # kHz
+    assert np.allclose(np.array(data["eigenvalues"]) * 1e3, bands.frequencies.reshape(len(q), -1))
     # the kinetic energy of the balls: u, and the spin from the marks
     u = vectors.reshape(len(q), -1, balls, per_ball, 3)
     energy = np.sum(np.abs(u[..., 0, :]) ** 2, axis=(2, 3))
     if turns:
-        x, y = u[..., 1, :] - u[..., 0, :], u[..., 2, :] - u[..., 0, :]
+        x = u[..., 1, :] - u[..., 0, :]
+        y = u[..., 2, :] - u[..., 0, :]
         phi = np.stack([y[..., 2], -x[..., 2], x[..., 1]], axis=-1) / 0.35
         assert np.allclose(x[..., 1], -y[..., 0])
         energy = energy + 0.1 * np.sum(np.abs(phi) ** 2, axis=(2, 3))
@@ -591,7 +705,9 @@ def test_phononwebsite_moves_balls_and_marks_as_the_modes_do(lattice, motions):
 
 
 def test_the_export_of_a_scene(work, capsys):
-    (work / "scene.yaml").write_text(SCENE + "phonopy: {band: GKMG, band_points: 6}\n", encoding="utf-8")
+    (work / "scene.yaml").write_text(
+        SCENE + "phonopy: {band: GKMG, band_points: 6}\n", encoding="utf-8"
+    )
     assert main(["export", "scene.yaml", "-o", "modes.json"]) == 0
     data = json.loads((work / "modes.json").read_text("utf-8"))
     assert data["name"] == "triangular (frequencies in kHz)"

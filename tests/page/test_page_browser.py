@@ -22,7 +22,9 @@ from tests.page.test_page import BALLS, FORCE, SOLVE, check_agreement, draw_sett
 
 pytestmark = [
     pytest.mark.exhaustive,
-    pytest.mark.skipif(bool(browser.explain_missing()), reason=browser.explain_missing() or "there is a browser"),
+    pytest.mark.skipif(
+        bool(browser.explain_missing()), reason=browser.explain_missing() or "there is a browser"
+    ),
 ]
 #: after the last change the page rests for a moment before it draws what takes longer
 REST = 1500
@@ -42,7 +44,9 @@ def folder(tmp_path_factory) -> Path:
         "honeycomb": ({"lattice": "honeycomb"}, ["afa"]),
     }
     for name, (changes, media) in scenes.items():
-        page = make_page(replace(BALLS, **changes), [MediumChoice(one) for one in media], FORCE, title=name)
+        page = make_page(
+            replace(BALLS, **changes), [MediumChoice(one) for one in media], FORCE, title=name
+        )
         (folder / f"{name}.html").write_text(page, encoding="utf-8")
     return folder
 
@@ -57,13 +61,17 @@ class Visit:
     """An open page, with all that it asked the network for and all that went wrong in it."""
 
     def __init__(self, chromium: Any, path: Path, link: str = "", **options: Any) -> None:
-        self.context = chromium.new_context(**{"viewport": {"width": 1280, "height": 900}} | options)
+        self.context = chromium.new_context(
+            **{"viewport": {"width": 1280, "height": 900}} | options
+        )
         self.page = self.context.new_page()
         self.asked: list[str] = []
         self.wrong: list[str] = []
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
-        self.page.on("console", lambda said: self.wrong.append(said.text) if said.type == "error" else None)
+        self.page.on(
+            "console", lambda said: self.wrong.append(said.text) if said.type == "error" else None
+        )
         self.url = path.as_uri()
         self.page.goto(self.url + link)
 
@@ -74,14 +82,16 @@ class Visit:
         self.context.close()
         if failed[0] is None:
             assert self.wrong == []
-            assert {url.split("#")[0] for url in self.asked if not url.startswith(("blob:", "data:"))} == {self.url}
+            assert {
+                url.split("#")[0] for url in self.asked if not url.startswith(("blob:", "data:"))
+            } == {self.url}
 
 
 def state(page: Any) -> dict[str, Any]:
     return dict(page.evaluate("() => ({...granphon.state()})"))
 
 
-# -- numbers ----------------------------------------------------------------------------------------------------------
+# -- numbers ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("page-agrees")
@@ -89,7 +99,10 @@ def test_the_browser_computes_what_the_library_computes(chromium, folder):
     cases = [draw_settings(name, seed) for name in LATTICES for seed in range(100, 108)]
     datas = {name: lattice_data(name) for name in LATTICES}
     with Visit(chromium, folder / "chain.html") as page:
-        found = page.evaluate(f"([cases, datas]) => JSON.parse(JSON.stringify(({SOLVE})(cases, datas)))", [cases, datas])
+        found = page.evaluate(
+            f"([cases, datas]) => JSON.parse(JSON.stringify(({SOLVE})(cases, datas)))",
+            [cases, datas],
+        )
     for case, one in zip(cases, found, strict=True):
         check_agreement(case, one)
 
@@ -101,8 +114,8 @@ def test_what_the_page_shows_is_what_the_library_says(chromium, folder):
     with Visit(chromium, folder / "triangular.html") as page:
         page.wait_for_function(DRAWN)
         drawn = page.evaluate(
-            "() => ({points: current.path.points, values: [...current.bands.values], unit: current.unit,"
-            " sound: current.sound, stiffness: current.contact.stiffness})"
+            "() => ({points: current.path.points, values: [...current.bands.values], unit:"
+            " current.unit, sound: current.sound, stiffness: current.contact.stiffness})"
         )
         shown = page.inner_text("#numbers")
     assert drawn["unit"]["name"] == "kHz"
@@ -110,8 +123,11 @@ def test_what_the_page_shows_is_what_the_library_says(chromium, folder):
     kilohertz = np.reshape(drawn["values"], (-1, 3)) * drawn["unit"]["scale"]
     expected = gp.Phonons(found).frequencies(drawn["points"]) / 1e3
     assert np.allclose(kilohertz, expected, rtol=0.0, atol=2e-6 * expected.max())
-    v, c = gp.sound_velocities(found), gp.moduli(found)
-    assert dict(drawn["sound"]) == pytest.approx({"longitudinal": v.longitudinal, "transverse": v.transverse}, rel=2e-6)
+    v = gp.sound_velocities(found)
+    c = gp.moduli(found)
+    assert dict(drawn["sound"]) == pytest.approx(
+        {"longitudinal": v.longitudinal, "transverse": v.transverse}, rel=2e-6
+    )
     assert re.search(rf"Bulk modulus.*\t{c.bulk / 1e9:.4g} GPa", shown)
     assert re.search(rf"Local exponent.*\t{found.exponent:.4g}", shown)
 
@@ -124,14 +140,22 @@ def test_the_page_of_a_crystal_of_two_kinds_has_its_bands_and_nothing_to_set(chr
     path.write_text(make_page(state, title="salt"), encoding="utf-8")
     with Visit(chromium, path) as page:
         page.wait_for_function(DRAWN)
-        drawn = page.evaluate("() => ({points: current.path.points, values: [...current.bands.values], unit: current.unit})")
+        drawn = page.evaluate(
+            "() => ({points: current.path.points, values: [...current.bands.values], unit:"
+            " current.unit})"
+        )
         cards = page.evaluate(
-            "() => [...document.querySelectorAll('.card')].filter(one => one.offsetParent).map(one => one.innerText)"
+            "() => [...document.querySelectorAll('.card')].filter(one =>"
+            " one.offsetParent).map(one => one.innerText)"
         )
     found = np.reshape(drawn["values"], (-1, 12)) * drawn["unit"]["scale"]
     expected = gp.Phonons(state).frequencies(drawn["points"]) / 1e3
     assert np.allclose(found, expected, rtol=0.0, atol=1e-6 * expected.max())
-    assert [one.split("\n")[0] for one in cards] == ["Bands and density of states", "Mode", "State, sound and moduli"]
+    assert [one.split("\n")[0] for one in cards] == [
+        "Bands and density of states",
+        "Mode",
+        "State, sound and moduli",
+    ]
     assert "light" in cards[1]
     assert "heavy" in cards[1]
 
@@ -143,16 +167,18 @@ def test_the_density_of_states_counts_every_branch_once(chromium, folder):
         width = page.evaluate("() => current.dos.frequencies[1] - current.dos.frequencies[0]")
         total, turning = (width * page.evaluate(sums, name) for name in ("total", "turning"))
     assert total == pytest.approx(6.0, rel=1e-9)
-    assert turning == pytest.approx(3.0, rel=1e-9)  # at each wave vector the rotational parts add up to the rotations
+    # at each wave vector the rotational parts add up to the rotations
+    assert turning == pytest.approx(3.0, rel=1e-9)
 
 
-# -- what people do ---------------------------------------------------------------------------------------------------
+# -- what people do --------------------------------------------------------------------------------
 
 
 def test_sliders_move_by_the_keyboard_and_redraw(chromium, folder):
     with Visit(chromium, folder / "triangular.html") as page:
         page.wait_for_function(DRAWN)
-        before, curve = state(page), page.get_attribute(".curves path", "d")
+        before = state(page)
+        curve = page.get_attribute(".curves path", "d")
         for name in ("force", "width", "eta", "bending", "place", "branch"):
             page.focus(f"#{name}")
             page.keyboard.press("ArrowLeft" if name == "eta" else "ArrowRight")
@@ -177,10 +203,13 @@ def test_the_axis_of_frequencies_shrinks_with_the_load(chromium, folder, lightes
     with Visit(chromium, folder / "fcc.html") as page:
         page.wait_for_function(DRAWN)
         for factor in (1.0, lightest):
-            page.evaluate("(factor) => granphon.change({ force: factor * data.limits.force[1] })", factor)
+            page.evaluate(
+                "(factor) => granphon.change({ force: factor * data.limits.force[1] })", factor
+            )
             page.wait_for_timeout(REST)
         top, axis, drawn = page.evaluate(
-            "() => [current.top * current.unit.scale, bandsView.axisTop, bandsView.element.layout.yaxis.range[1]]"
+            "() => [current.top * current.unit.scale, bandsView.axisTop,"
+            " bandsView.element.layout.yaxis.range[1]]"
         )
     assert axis == drawn == pytest.approx(1.1 * top, rel=0.01)
 
@@ -189,16 +218,22 @@ def test_a_colour_means_the_same_in_bands_and_density_of_states(chromium, folder
     with Visit(chromium, folder / "triangular.html") as page:
         page.wait_for_function("() => bandsView.element.data.length > 1")
         colours = page.evaluate(
-            "() => Object.fromEntries(bandsView.element.data.slice(1).map((one) => [one.name, one.line.color]))"
+            "() => Object.fromEntries(bandsView.element.data.slice(1).map((one) => [one.name,"
+            " one.line.color]))"
         )
         ends = page.evaluate("() => [themeColour('move'), themeColour('turn'), themeColour('ink')]")
-        sums = page.evaluate("() => bandsView.element.data.slice(1).map((one) => one.x.reduce((sum, x) => sum + x, 0))")
+        sums = page.evaluate(
+            "() => bandsView.element.data.slice(1).map((one) => one.x.reduce((sum, x) => sum"
+            " + x, 0))"
+        )
         assert colours == dict(zip(("moving", "turning", "total"), ends, strict=True))
         assert sums == pytest.approx([2.0 / 3.0 * sums[2], 1.0 / 3.0 * sums[2], sums[2]])
         page.evaluate("() => granphon.change({ eta: 0 })")
         page.wait_for_timeout(REST)
         page.wait_for_function("() => bandsView.element.data.length > 1")
-        left = page.evaluate("() => bandsView.element.data.slice(1).map((one) => [one.name, one.line.color])")
+        left = page.evaluate(
+            "() => bandsView.element.data.slice(1).map((one) => [one.name, one.line.color])"
+        )
         assert left == [["total", ends[2]]]  # nothing rotates: no part has a line of its own
 
 
@@ -216,15 +251,21 @@ def test_a_click_on_a_branch_shows_its_mode(chromium, folder):
         page.wait_for_timeout(200)
         assert state(page)["branch"] == 2
         assert state(page)["place"] == pytest.approx(
-            page.evaluate("() => current.path.places[Math.floor(0.2 * current.path.points.length)] / current.path.length"),
+            page.evaluate(
+                "() => current.path.places[Math.floor(0.2 * current.path.points.length)] /"
+                " current.path.length"
+            ),
             abs=0.02,
         )
         assert page.inner_text("#mode-words").startswith("Branch 3 of 3")
 
 
 def test_a_mode_tells_the_q_factor_of_its_losses(chromium, tmp_path):
-    losses, balls = BandsSettings(5e-7, 0.02), replace(BALLS, lattice="square")
-    (tmp_path / "losses.html").write_text(make_page(balls, (), FORCE, losses=losses), encoding="utf-8")
+    losses = BandsSettings(5e-7, 0.02)
+    balls = replace(BALLS, lattice="square")
+    (tmp_path / "losses.html").write_text(
+        make_page(balls, (), FORCE, losses=losses), encoding="utf-8"
+    )
     with Visit(chromium, tmp_path / "losses.html") as page:
         page.wait_for_function(DRAWN)
         page.evaluate("() => granphon.change({ branch: 2 })")
@@ -233,7 +274,8 @@ def test_a_mode_tells_the_q_factor_of_its_losses(chromium, tmp_path):
         told = page.inner_text("#mode-words")
         page.evaluate("() => granphon.change({ overlap: true })")
         page.wait_for_timeout(REST)
-        assert ", Q " not in page.inner_text("#mode-words")  # static forces: contacts no longer lose all alike
+        # static forces: contacts no longer lose all alike
+        assert ", Q " not in page.inner_text("#mode-words")
     state = gp.AveragedLattice(balls).at_force(float(FORCE.array))
     exact = gp.Phonons(state).damped([q], losses.damping, losses.loss_factor).quality[0, 2]
     assert float(re.search(r", Q ([0-9.]+[0-9])", told)[1]) == pytest.approx(exact, rel=6e-3)
@@ -289,8 +331,10 @@ def test_colours_follow_the_system_and_the_switch_and_are_legible(chromium, fold
         page.wait_for_function(DRAWN)
         theme = lambda: page.evaluate("() => document.documentElement.dataset.theme")  # noqa: E731
         assert theme() == scheme
-        colours = page.evaluate("() => Object.fromEntries(['ink', 'soft', 'card', 'accent', 'alarm', 'alarm-back']"
-                                ".map((name) => [name, themeColour(name)]))")  # fmt: skip
+        colours = page.evaluate(
+            "() => Object.fromEntries(['ink', 'soft', 'card', 'accent', 'alarm', 'alarm-back']"
+            ".map((name) => [name, themeColour(name)]))"
+        )
         for text, back, least in (
             ("ink", "card", 7.0),
             ("soft", "card", 4.5),
@@ -308,8 +352,15 @@ def test_colours_follow_the_system_and_the_switch_and_are_legible(chromium, fold
 
 def contrast(one: str, other: str) -> float:
     """Ratio of contrast of two colours, by the WCAG."""
-    parts = np.array([[int(colour[at : at + 2], 16) for at in (1, 3, 5)] for colour in (one, other)]) / 255.0
-    linear = np.where(parts <= 0.03928, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+    parts = (
+        np.array([[int(colour[at : at + 2], 16) for at in (1, 3, 5)] for colour in (one, other)])
+        / 255.0
+    )
+    linear = np.where(parts <= 0.03928, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4) @ [
+        0.2126,
+        0.7152,
+        0.0722,
+    ]
     return float((linear.max() + 0.05) / (linear.min() + 0.05))
 
 
@@ -325,14 +376,19 @@ def test_it_fits_on_a_telephone(chromium, folder, name):
         )
         assert len(written) > 8
         for (one, *box), (other, *there) in itertools.combinations(written, 2):
-            beside = box[1] <= there[0] or there[1] <= box[0] or box[3] <= there[2] or there[3] <= box[2]
+            beside = (
+                box[1] <= there[0] or there[1] <= box[0] or box[3] <= there[2] or there[3] <= box[2]
+            )
             assert beside, f"{one} is written over {other}"
         small = page.evaluate(
             """() => [...document.querySelectorAll("body *")].filter((one) => one.offsetParent && !one.children.length &&
             one.textContent.trim() && parseFloat(getComputedStyle(one).fontSize) < 11).map((one) => one.textContent)"""
         )
         assert small == []
-        assert page.evaluate("() => document.getElementById('bands').getBoundingClientRect().width") > 280
+        assert (
+            page.evaluate("() => document.getElementById('bands').getBoundingClientRect().width")
+            > 280
+        )
 
 
 @pytest.mark.parametrize(

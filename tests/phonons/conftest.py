@@ -1,4 +1,6 @@
-"""Builders of states and phonons for the tests of this folder, and phonons of rough and smooth balls in the plane."""
+"""Builders of states and phonons for the tests of this folder, and phonons of rough and smooth
+balls in the plane.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,14 @@ def at_force(force=18.446, friction=True, lattice="triangular"):
     return gp.AveragedLattice(packing).at_force(force)
 
 
-def at_overlap(relative=0.01, friction=True, lattice="triangular", finite_overlap=None, diameter=DIAMETER, **packing):
+def at_overlap(
+    relative=0.01,
+    friction=True,
+    lattice="triangular",
+    finite_overlap=None,
+    diameter=DIAMETER,
+    **packing,
+):
     balls = gp.Packing(STEEL, diameter, lattice=lattice, friction=friction, **packing)
     return gp.AveragedLattice(balls).at_overlap(relative * diameter, finite_overlap=finite_overlap)
 
@@ -30,13 +39,19 @@ RESISTED = {"torsion": 0.07, "bending": 0.03}
 PLANES = ("square", "triangular", "honeycomb", "kagome")
 SPACE = ("sc", "bcc", "fcc", "hcp", "diamond")
 CASES = [
-    ("chain", "longitudinal", {}), ("chain", "in_plane", {}), ("chain", "out_of_plane", {"bending": 0.03}),
-    ("chain", "all", {}), ("chain", "all", RESISTED),
+    ("chain", "longitudinal", {}),
+    ("chain", "in_plane", {}),
+    ("chain", "out_of_plane", {"bending": 0.03}),
+    ("chain", "all", {}),
+    ("chain", "all", RESISTED),
     *((plane, motions, {}) for plane in PLANES for motions in ("out_of_plane", "all")),
-    ("triangular", "all", RESISTED), *((lattice, "all", {}) for lattice in SPACE), ("hcp", "all", RESISTED),
-    ("fcc", "all", {"friction": False}), ("fcc", "all", {"torsion": 0.1, "friction": False}),
+    ("triangular", "all", RESISTED),
+    *((lattice, "all", {}) for lattice in SPACE),
+    ("hcp", "all", RESISTED),
+    ("fcc", "all", {"friction": False}),
+    ("fcc", "all", {"torsion": 0.1, "friction": False}),
     ("fcc", "all", {"finite_overlap": True, **RESISTED}),
-]  # fmt: skip
+]
 every_case = pytest.mark.parametrize(("lattice", "motions", "options"), CASES, ids=str)
 
 

@@ -21,7 +21,15 @@ from granphon.base.errors import InputError, OutputError
 from tests.phonons import conftest
 from tests.phonons.conftest import DIAMETER, STEEL
 
-ARRAYS = ("diameter_deviations", "displacements", "slip_origin", "rotations", "radius", "granphon_scales", "granphon_kind")
+ARRAYS = (
+    "diameter_deviations",
+    "displacements",
+    "slip_origin",
+    "rotations",
+    "radius",
+    "granphon_scales",
+    "granphon_kind",
+)
 SCALES = ("granphon_length_m", "granphon_stiffness_N_per_m", "granphon_mass_kg")
 
 
@@ -46,7 +54,7 @@ def marked(state, shape=(3, 2, 1)):
     return balls
 
 
-# -- what gp.atoms makes ------------------------------------------------------------------------------------------------
+# -- what gp.atoms makes ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("finite_overlap", [False, True])
@@ -76,7 +84,7 @@ def test_one_cell_of_the_triangular_lattice(finite_overlap):
     assert gp.Units.from_info(balls.info) == state.scales
 
 
-# -- copies -------------------------------------------------------------------------------------------------------------
+# -- copies ----------------------------------------------------------------------------------------
 
 COPIES = {
     "copy": lambda balls: (balls.copy(), np.arange(6)),
@@ -108,11 +116,14 @@ def test_copies_keep_everything_but_the_calculator(how):
     if how in ("copy", "todict"):
         assert out.get_potential_energy() == balls.get_potential_energy()
     if how == "repeat":
-        assert out.get_potential_energy() == pytest.approx(6 * balls.get_potential_energy(), rel=1e-11)
+        assert out.get_potential_energy() == pytest.approx(
+            6 * balls.get_potential_energy(), rel=1e-11
+        )
 
 
 def test_make_supercell_keeps_the_arrays():
-    # ASE's make_supercell drops info, and with it the scales; the arrays say to which state the balls belong
+    # ASE's make_supercell drops info, and with it the scales; the arrays say to which state the
+    # balls belong
     state = at_overlap()
     out = make_supercell(gp.atoms(state), SEVEN)
     assert len(out) == 7
@@ -121,7 +132,9 @@ def test_make_supercell_keeps_the_arrays():
     with pytest.raises(InputError, match=r"scales .* are missing"):
         gp.Units.from_info(out.info)
     out.calc = gp.HertzMindlin(state)
-    assert out.get_potential_energy() == pytest.approx(7 * gp.atoms(state).get_potential_energy(), rel=1e-12)
+    assert out.get_potential_energy() == pytest.approx(
+        7 * gp.atoms(state).get_potential_energy(), rel=1e-12
+    )
     assert gp.Units.from_info(gp.HertzMindlin(state).adopt(out).info) == state.scales
 
 
@@ -142,8 +155,9 @@ def test_atoms_of_another_state_are_refused_wherever_they_went(how):
     state, finite = at_overlap(), at_overlap(finite_overlap=True)
     cases = [
         (state, at_overlap(0.04), "units of another state|granphon_stiffness"),
-        (state, finite, "made without finite overlap"), (finite, state, "made with finite overlap"),
-    ]  # fmt: skip
+        (state, finite, "made without finite overlap"),
+        (finite, state, "made with finite overlap"),
+    ]
     for theirs, other, words in cases:
         balls = GUARDED[how](gp.atoms(theirs))
         balls.calc = calc = gp.HertzMindlin(other)
@@ -171,12 +185,14 @@ def test_balls_put_together():
     with pytest.raises(InputError, match=r"ball 2 .*added without any"):
         more.get_potential_energy()
     mixed = gp.atoms(state).repeat((2, 1, 1))
-    mixed.arrays["granphon_kind"][0] = gp.atoms(at_overlap(finite_overlap=True)).arrays["granphon_kind"][0]
+    mixed.arrays["granphon_kind"][0] = gp.atoms(at_overlap(finite_overlap=True)).arrays[
+        "granphon_kind"
+    ][0]
     with pytest.raises(InputError, match="different lattices"):
         gp.HertzMindlin(state).get_force_constants(mixed)
 
 
-# -- atoms from elsewhere -----------------------------------------------------------------------------------------------
+# -- atoms from elsewhere --------------------------------------------------------------------------
 
 
 def bare(state):
@@ -190,7 +206,9 @@ def test_iron_is_not_taken_for_a_ball():
         gp.Phonons(state, bare(state))
     expected = gp.Phonons(state).frequencies([[0.1, 0.0]])
     adopted = gp.HertzMindlin(state).adopt(bare(state))
-    np.testing.assert_allclose(gp.Phonons(state, adopted).frequencies([[0.1, 0.0]]), expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        gp.Phonons(state, adopted).frequencies([[0.1, 0.0]]), expected, rtol=1e-12
+    )
     assert gp.Units.from_info(adopted.info) == state.scales
 
 
@@ -218,12 +236,13 @@ def test_adopted_balls_keep_what_they_have():
 
 def test_two_atoms_do_not_share_arrays():
     state = at_overlap()
-    first, second = gp.atoms(state), gp.atoms(state)
+    first = gp.atoms(state)
+    second = gp.atoms(state)
     first.arrays["rotations"][0] = 1.0
     assert second.arrays["rotations"][0] == 0.0
 
 
-# -- files --------------------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 
 
 def test_json_of_todict_keeps_every_digit(tmp_path):
@@ -238,23 +257,30 @@ def test_json_of_todict_keeps_every_digit(tmp_path):
     for name in (*ARRAYS, "masses"):
         np.testing.assert_array_equal(back.arrays[name], balls.arrays[name])
     assert back.info == balls.info
-    back.calc, balls.calc = gp.HertzMindlin(state), gp.HertzMindlin(state)
+    back.calc = gp.HertzMindlin(state)
+    balls.calc = gp.HertzMindlin(state)
     assert back.get_potential_energy() == balls.get_potential_energy()
 
 
 @pytest.mark.parametrize(
     ("name", "keeps_info", "keeps_masses"),
     [
-        ("balls.traj", True, True), ("balls_json.json", False, True), ("balls.db", False, True),
-        ("balls.bundle", False, True), ("balls.xsf", False, False), ("balls.vasp", False, False),
-        ("balls.dlp4", False, False), ("balls.nc", False, False),
+        ("balls.traj", True, True),
+        ("balls_json.json", False, True),
+        ("balls.db", False, True),
+        ("balls.bundle", False, True),
+        ("balls.xsf", False, False),
+        ("balls.vasp", False, False),
+        ("balls.dlp4", False, False),
+        ("balls.nc", False, False),
     ],
-)  # fmt: skip
+)
 # ASE warns that the height of a cell that is not periodic has no place in netCDF
 @pytest.mark.claim("atoms-refused")
 @pytest.mark.filterwarnings("ignore:Atoms have nonperiodic directions:UserWarning")
 def test_formats_that_lose_arrays_are_refused_and_mended(tmp_path, name, keeps_info, keeps_masses):
-    # ASE's own formats drop arrays they do not know; one that begins to keep them should be recommended
+    # ASE's own formats drop arrays they do not know; one that begins to keep them should be
+    # recommended
     state = at_overlap()
     balls = marked(state)
     form = {"bundle": "bundletrajectory", "nc": "netcdftrajectory"}.get(name.rsplit(".", 1)[1])
@@ -265,17 +291,25 @@ def test_formats_that_lose_arrays_are_refused_and_mended(tmp_path, name, keeps_i
     assert bool(np.all(back.get_masses() == balls.get_masses())) is keeps_masses
     back.pbc = (True, True, False)  # not all keep this either
     calc = gp.HertzMindlin(state)
-    for ask in (calc.get_force_constants, lambda one: calc.get_property("forces", one), lambda one: gp.Phonons(state, one)):
+    for ask in (
+        calc.get_force_constants,
+        lambda one: calc.get_property("forces", one),
+        lambda one: gp.Phonons(state, one),
+    ):
         with pytest.raises(InputError, match=r"left this out.*like=other"):
             ask(back)
     again = calc.adopt(back, like=balls)
     for array in (*ARRAYS, "masses"):
         np.testing.assert_array_equal(again.arrays[array], balls.arrays[array])
-    np.testing.assert_allclose(calc.get_force_constants(again), calc.get_force_constants(balls), atol=1e-12)
+    np.testing.assert_allclose(
+        calc.get_force_constants(again), calc.get_force_constants(balls), atol=1e-12
+    )
     # positions and cell keep what the format has of digits
     exact = keeps_masses
     np.testing.assert_allclose(
-        again.get_potential_energy(), calc.get_property("energy", balls), rtol=1e-12 if exact else 1e-3
+        again.get_potential_energy(),
+        calc.get_property("energy", balls),
+        rtol=1e-12 if exact else 1e-3,
     )
 
 
@@ -291,7 +325,9 @@ def test_database_rows_carry_the_arrays_as_data(tmp_path):
     for name in ARRAYS:
         np.testing.assert_array_equal(back.arrays[name], balls.arrays[name])
     assert gp.Units.from_info(row.data) == state.scales
-    assert gp.HertzMindlin(state).get_property("energy", back) == gp.HertzMindlin(state).get_property("energy", balls)
+    assert gp.HertzMindlin(state).get_property("energy", back) == gp.HertzMindlin(
+        state
+    ).get_property("energy", balls)
 
 
 # ASE warns that the height of a cell that is not periodic has no place in this format
@@ -306,7 +342,8 @@ def test_netcdf_keeps_named_arrays(tmp_path):
         back = file[0]
     for name in ARRAYS:
         np.testing.assert_array_equal(back.arrays[name], balls.arrays[name], err_msg=name)
-    # positions go through cell lengths and angles in single precision, and masses and scales are lost
+    # positions go through cell lengths and angles in single precision, and masses and scales are
+    # lost
     np.testing.assert_allclose(back.positions, balls.positions, atol=1e-6)
     assert not set(SCALES) & set(back.info)
     # and the height of the cell: with the masses they are balls again
@@ -318,7 +355,9 @@ def test_netcdf_keeps_named_arrays(tmp_path):
     expected = gp.HertzMindlin(state).get_property("energy", balls)
     assert again.get_potential_energy() == pytest.approx(expected, rel=1e-3)
     q = [[0.1, 0.2]]
-    np.testing.assert_allclose(gp.Phonons(state, again).frequencies(q), gp.Phonons(state, balls).frequencies(q), rtol=1e-5)
+    np.testing.assert_allclose(
+        gp.Phonons(state, again).frequencies(q), gp.Phonons(state, balls).frequencies(q), rtol=1e-5
+    )
 
 
 def test_folders_are_made_by_all_that_writes(tmp_path):
@@ -329,11 +368,12 @@ def test_folders_are_made_by_all_that_writes(tmp_path):
     state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(1.0)
     phonons = gp.Phonons(state)
     for name, write in (
-        ("phonopy_params.yaml", phonons.save), ("band.yaml", phonons.bands("GK", npoints=2).write),
+        ("phonopy_params.yaml", phonons.save),
+        ("band.yaml", phonons.bands("GK", npoints=2).write),
         ("dos.csv", phonons.dos(mesh=(4, 4), points=12).write_csv),
         ("balls.xyz", lambda path: gp.write_extxyz(path, gp.atoms(state))),
         ("figure.png", lambda path: save_figure(Figure(), path)),
-    ):  # fmt: skip
+    ):
         write(tmp_path / name / "made" / name)
         assert (tmp_path / name / "made" / name).is_file()
 
@@ -343,7 +383,8 @@ def test_write_extxyz_keeps_every_digit(tmp_path):
     # a spread of 1 nm in diameters of 8 mm: the eighth decimal of a diameter is 8 % of it
     packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(1e-9))
     state = gp.DirectSimulation(packing, (6, 5), seed=2).at_overlap(0.3e-9)
-    balls, path = state.sample.atoms(), tmp_path / "sample.extxyz"
+    balls = state.sample.atoms()
+    path = tmp_path / "sample.extxyz"
     gp.write_extxyz(path, balls)
     back = ase.io.read(path)
     assert set(back.arrays) - {"mass"} == set(balls.arrays)  # for OVITO
@@ -368,7 +409,7 @@ def test_write_extxyz_keeps_every_digit(tmp_path):
     assert np.abs(rough.get_forces()).max() * state.scales.force > 1e-2 * state.force
 
 
-# -- optimisers, dynamics, vibrations -----------------------------------------------------------------------------------
+# -- optimisers, dynamics, vibrations --------------------------------------------------------------
 
 
 @pytest.mark.parametrize("optimiser", [BFGS, FIRE])
@@ -384,7 +425,11 @@ def test_rattled_balls_relax_to_the_lattice(optimiser, finite_overlap, friction)
     balls.calc = gp.HertzMindlin(state)
     assert balls.get_potential_energy() > rest * 1.001
     # reduced forces are of the size of the overlap, and the time step of FIRE in units of (M/k)^1/2
-    options = {"dt": 0.1, "dtmax": 0.5, "maxstep": 0.01} if optimiser is FIRE else {"alpha": 5.0, "maxstep": 0.01}
+    options = (
+        {"dt": 0.1, "dtmax": 0.5, "maxstep": 0.01}
+        if optimiser is FIRE
+        else {"alpha": 5.0, "maxstep": 0.01}
+    )
     with optimiser(balls, logfile=None, **options) as search:
         assert search.run(fmax=1e-10, steps=2000)
     away = balls.positions - lattice
@@ -421,7 +466,8 @@ def test_dynamics_conserves_energy_to_second_order(finite_overlap):
 
 @pytest.mark.parametrize("name", ["lattice", "vacancy"])
 def test_vibrations_data_from_force_constants(name):
-    # VibrationsData takes (N, 3, N, 3) and masses; its energies are hbar omega with k in eV/A^2 and M in amu
+    # VibrationsData takes (N, 3, N, 3) and masses; its energies are hbar omega with k in eV/A^2 and
+    # M in amu
     state = at_overlap()
     balls = gp.atoms(state).repeat((3, 3, 1))
     balls.set_masses(np.linspace(1.0, 2.0, 9))
@@ -433,6 +479,10 @@ def test_vibrations_data_from_force_constants(name):
     expected = lattice.frequencies([[0.0, 0.0]])[0]
     np.testing.assert_allclose(expected[:2], 0.0, atol=1e-15)
     energies = data.get_energies()
-    unit = VibrationsData(Atoms("H", masses=[1.0]), np.eye(3).reshape(1, 3, 1, 3)).get_energies()[0].real
+    unit = (
+        VibrationsData(Atoms("H", masses=[1.0]), np.eye(3).reshape(1, 3, 1, 3))
+        .get_energies()[0]
+        .real
+    )
     np.testing.assert_allclose((energies / unit).real[2:], expected[2:], rtol=1e-12)
     np.testing.assert_allclose(np.abs(energies / unit)[:2], 0.0, atol=1e-7)

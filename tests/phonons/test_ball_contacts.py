@@ -1,4 +1,6 @@
-"""Any balls in ASE, in SI: relaxed to a crystal's equilibrium, and what ASE itself finds by the entry points."""
+"""Any balls in ASE, in SI: relaxed to a crystal's equilibrium, and what ASE itself finds by the
+entry points.
+"""
 
 from __future__ import annotations
 
@@ -26,17 +28,24 @@ BALLS = {"A": gp.Ball(STEEL, 8e-3, name="A"), "B": gp.Ball(BRASS, 8e-3, name="B"
 
 
 def atoms_of(network, cell=None):
-    """The balls of a network, in m, with their kinds and radii, and a cell whose other vectors have one diameter."""
+    """The balls of a network, in m, with their kinds and radii, and a cell whose other vectors have
+    one diameter.
+    """
     cell = np.array(network.cell if cell is None else cell)
     open_sides = ~np.array(network.pbc)
     cell[open_sides] = 8e-3 * np.eye(3)[open_sides]
-    balls = ase.Atoms("X" * network.n_balls, positions=network.positions, cell=cell, pbc=network.pbc)
+    balls = ase.Atoms(
+        "X" * network.n_balls, positions=network.positions, cell=cell, pbc=network.pbc
+    )
     balls.set_array("radius", np.array(network.radii))
     balls.set_array("kinds", np.array(network.kinds))
     return balls
 
 
-@pytest.mark.parametrize("law", [None, gp.JKR(10.0), {("A", "A"): gp.Hertz(), ("A", "B"): gp.JKR(5.0), ("B", "B"): "hertz"}])
+@pytest.mark.parametrize(
+    "law",
+    [None, gp.JKR(10.0), {("A", "A"): gp.Hertz(), ("A", "B"): gp.JKR(5.0), ("B", "B"): "hertz"}],
+)
 def test_forces_and_stress_are_slopes_of_the_energy(law):
     rng = np.random.default_rng(7)
     balls = ase.Atoms("X" * 8, cell=np.diag([15.98e-3] * 3), pbc=True)
@@ -45,14 +54,21 @@ def test_forces_and_stress_are_slopes_of_the_energy(law):
     balls.set_array("radius", 4e-3 + 2e-6 * rng.standard_normal(8))
     balls.set_array("kinds", rng.choice(["A", "B"], 8))
     balls.calc = gp.HertzMindlin(BALLS, law=law)
-    forces, stress, step = balls.get_forces(), balls.get_stress(voigt=False), 1e-9
+    forces = balls.get_forces()
+    stress = balls.get_stress(voigt=False)
+    step = 1e-9
     assert np.abs(forces.sum(axis=0)).max() < 1e-12 * np.abs(forces).max()
-    places, energies = balls.positions.copy(), []
+    places = balls.positions.copy()
+    energies = []
     for sign in (1.0, -1.0):
         balls.positions = places + sign * step * np.eye(3)[1] * (np.arange(8) == 5)[:, None]
         energies.append(balls.get_potential_energy())
-    assert forces[5, 1] == pytest.approx(-(energies[0] - energies[1]) / (2.0 * step), rel=1e-6, abs=1e-4)
-    energies, cell, strain = [], balls.cell.array.copy(), 1e-7
+    assert forces[5, 1] == pytest.approx(
+        -(energies[0] - energies[1]) / (2.0 * step), rel=1e-6, abs=1e-4
+    )
+    energies = []
+    cell = balls.cell.array.copy()
+    strain = 1e-7
     for sign in (1.0, -1.0):
         bend = np.eye(3) + sign * strain * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 1]])
         balls.set_cell(cell @ bend)
@@ -74,7 +90,9 @@ def test_a_chain_relaxes_to_the_crystal():
     BFGS(balls, alpha=3e7, maxstep=1e-6, logfile=None).run(fmax=1e-9, steps=100)
     found = balls.calc.contact_network(balls, dimension=1)
     np.testing.assert_allclose(found.normal_force, 20.0, rtol=1e-8)
-    np.testing.assert_allclose(np.sort(found.normal_stiffness), np.sort(state.normal_stiffness), rtol=1e-8)
+    np.testing.assert_allclose(
+        np.sort(found.normal_stiffness), np.sort(state.normal_stiffness), rtol=1e-8
+    )
     waves = [np.sort(gp.Phonons(one).frequencies([[0.3]]).ravel()) for one in (found, state)]
     np.testing.assert_allclose(waves[0], waves[1], rtol=1e-6)
 
@@ -84,15 +102,20 @@ def test_a_plane_of_two_kinds_relaxes_to_the_crystal_at_its_pressure():
     state = crystal.at_pressure(4e3)
     balls = atoms_of(state.network)
     balls.calc = gp.HertzMindlin(BALLS)
-    pressed = FrechetCellFilter(balls, mask=[1, 1, 0, 0, 0, 0], scalar_pressure=4e3 / 8e-3, exp_cell_factor=16e-3)
+    pressed = FrechetCellFilter(
+        balls, mask=[1, 1, 0, 0, 0, 0], scalar_pressure=4e3 / 8e-3, exp_cell_factor=16e-3
+    )
     BFGS(pressed, alpha=2e7, maxstep=2e-6, logfile=None).run(fmax=1e-7, steps=300)
     found = balls.calc.contact_network(balls, dimension=2)
-    np.testing.assert_allclose(np.sort(found.normal_force), np.sort(state.normal_force), rtol=2e-3)  # delta/d is 1e-3
+    # delta/d is 1e-3
+    np.testing.assert_allclose(np.sort(found.normal_force), np.sort(state.normal_force), rtol=2e-3)
     np.testing.assert_allclose(found.normal_force.mean(), 4e3 * 8e-3, rtol=2e-3)
 
 
 def test_networks_have_mindlins_stiffness_and_the_masses_of_the_balls():
-    crystal = gp.Crystal.on("CsCl", [gp.Ball(STEEL, 8e-3, name="A"), gp.Ball(BRASS, 8e-3, name="B")])
+    crystal = gp.Crystal.on(
+        "CsCl", [gp.Ball(STEEL, 8e-3, name="A"), gp.Ball(BRASS, 8e-3, name="B")]
+    )
     state = crystal.at_force(5.0)
     scale = 1.0 - float(state.overlap[0]) / 8e-3
     balls = atoms_of(state.network)
@@ -112,7 +135,10 @@ def test_what_cannot_be_served():
     for calc, told in (
         (gp.HertzMindlin(BALLS), "no ball for the kind X"),
         (gp.HertzMindlin({"X": STEEL}), "no array 'radius'"),
-        (gp.HertzMindlin({"X": BALLS["A"]}, law={("A", "A"): gp.Hertz()}), r"law has none for contacts of \('X', 'X'\)"),
+        (
+            gp.HertzMindlin({"X": BALLS["A"]}, law={("A", "A"): gp.Hertz()}),
+            r"law has none for contacts of \('X', 'X'\)",
+        ),
     ):
         with pytest.raises(InputError, match=told):
             calc.get_property("energy", balls)
@@ -122,7 +148,9 @@ def test_what_cannot_be_served():
         gp.HertzMindlin({})
     one = gp.HertzMindlin({"X": BALLS["A"]})
     pushed = abs(one.get_property("forces", balls)[0, 0])
-    assert pushed == pytest.approx(float(gp.Hertz().between(BALLS["A"], BALLS["A"]).force(1e-6)), rel=1e-8)
+    assert pushed == pytest.approx(
+        float(gp.Hertz().between(BALLS["A"], BALLS["A"]).force(1e-6)), rel=1e-8
+    )
     balls.set_array("radius", np.array([4.001e-3, 4e-3]))
     assert abs(one.get_property("forces", balls)[0, 0]) > 2.0 * pushed  # a change of radii is seen
 
@@ -142,11 +170,16 @@ def test_places_that_are_not_in_metres_are_told():
 @pytest.mark.parametrize("program", ["lammps", "tables"])
 def test_readers_for_viewers_keep_balls_without_load(program, tmp_path):
     """A viewer shows all balls of a file; one of these 30 is a rattler."""
-    files = tuple(ROOT / "examples" / "packings" / f"disks_{what}.dump" for what in ("atoms", "pairs"))
+    files = tuple(
+        ROOT / "examples" / "packings" / f"disks_{what}.dump" for what in ("atoms", "pairs")
+    )
     glass = gp.Material(70e9, 0.2, 2500.0)
     read = read_granphon_lammps
     if program == "tables":
-        whole, read = gp.ContactNetwork.from_lammps(*files, glass, keep_rattlers=True), read_granphon_tables
+        whole, read = (
+            gp.ContactNetwork.from_lammps(*files, glass, keep_rattlers=True),
+            read_granphon_tables,
+        )
         files = tmp_path / "balls.csv", tmp_path / "contacts.csv"
         whole.write_tables(*files)
     assert len(read(files[0])) == len(read(*files, material=glass)) == 30
@@ -154,9 +187,15 @@ def test_readers_for_viewers_keep_balls_without_load(program, tmp_path):
 
 
 def test_readers_for_viewers_keep_balls_that_are_held(tmp_path):
-    """A ball on a ball that is held, above a flat wall: a wall has no size, and is none of the Atoms."""
-    (tmp_path / "balls.csv").write_text("x (m),y (m),radius (m),mass (kg)\n0,0,1,1\n0,-2,1,inf\n1,0,inf,inf\n")
-    (tmp_path / "contacts.csv").write_text("i,j,nx,ny,normal_force (N),normal_stiffness (N/m)\n0,1,0,-1,1,1\n0,2,1,0,1,1\n")
+    """A ball on a ball that is held, above a flat wall: a wall has no size, and is none of the
+    Atoms.
+    """
+    (tmp_path / "balls.csv").write_text(
+        "x (m),y (m),radius (m),mass (kg)\n0,0,1,1\n0,-2,1,inf\n1,0,inf,inf\n"
+    )
+    (tmp_path / "contacts.csv").write_text(
+        "i,j,nx,ny,normal_force (N),normal_stiffness (N/m)\n0,1,0,-1,1,1\n0,2,1,0,1,1\n"
+    )
     balls = read_granphon_tables(tmp_path / "balls.csv", dimension=2, friction=False)
     assert balls.arrays["radius"].tolist() == [0.5, 0.5]
     assert balls.get_masses().tolist() == [1.0, np.inf]
@@ -164,13 +203,21 @@ def test_readers_for_viewers_keep_balls_that_are_held(tmp_path):
 
 def test_ase_finds_calculator_and_formats_by_itself(tmp_path):
     """In a process in which granphon is installed, as its entry points say."""
-    points = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]
-    lines = [line for group, own in points.items() for line in (f"[{group}]", *(f"{k} = {v}" for k, v in own.items()))]
+    points = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "entry-points"
+    ]
+    lines = [
+        line
+        for group, own in points.items()
+        for line in (f"[{group}]", *(f"{k} = {v}" for k, v in own.items()))
+    ]
     info = tmp_path / "granphon-0.1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: granphon\nVersion: 0.1.0\n")
     (info / "entry_points.txt").write_text("\n".join(lines))
-    crystal = gp.Crystal.on("NaCl", [gp.Ball(STEEL, 8e-3, name="A"), gp.Ball(BRASS, 8e-3, name="B")]).at_force(5.0)
+    crystal = gp.Crystal.on(
+        "NaCl", [gp.Ball(STEEL, 8e-3, name="A"), gp.Ball(BRASS, 8e-3, name="B")]
+    ).at_force(5.0)
     crystal.network.write_tables(tmp_path / "salt_balls.csv", tmp_path / "salt_contacts.csv")
     crystal.network.write_tables(tmp_path / "first.csv", tmp_path / "second.csv")
     code = f"""
@@ -191,9 +238,13 @@ print(len(images))
 """
     paths = os.pathsep.join([str(tmp_path), str(ROOT)])
     run = subprocess.run(
-        [sys.executable, "-W", "error:Failed to register", "-c", code], cwd=tmp_path, text=True, capture_output=True,
-        check=False, env=os.environ | {"PYTHONPATH": paths},
-    )  # fmt: skip
+        [sys.executable, "-W", "error:Failed to register", "-c", code],
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": paths},
+    )
     assert run.returncode == 0, run.stderr
     assert run.stdout.splitlines() == ["2 [0.5, 0.5] ['A', 'B'] True", "True True", "1"]
     plugins = """
@@ -202,9 +253,13 @@ from ase._4.plugins import plugins
 print(one.name, one.implementation.__name__, one.version)
 """
     run = subprocess.run(
-        [sys.executable, "-c", plugins], cwd=tmp_path, text=True, capture_output=True, check=False,
+        [sys.executable, "-c", plugins],
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
+        check=False,
         env=os.environ | {"PYTHONPATH": paths},
-    )  # fmt: skip
+    )
     if "No module named 'ase._4" in run.stderr:
         pytest.skip("this ASE has no plug-ins")
     assert run.stdout.split() == ["hertz-mindlin", "HertzMindlin", "0.1.0"], run.stderr

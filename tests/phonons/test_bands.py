@@ -12,7 +12,7 @@ from granphon.base.errors import InputError, PrecisionError
 from granphon.phonons.paths import BandPath, special_points
 from tests.phonons.conftest import DIAMETER, ETA, STEEL, at_force, at_overlap, phonons_of
 
-# -- bands --------------------------------------------------------------------------------------------------------------
+# -- bands -----------------------------------------------------------------------------------------
 
 
 def test_shapes_and_corners(phonons):
@@ -34,17 +34,27 @@ def test_shapes_and_corners(phonons):
     np.testing.assert_array_equal(bands.qpoints[0, -1], [1 / 3, 1 / 3, 0])
     np.testing.assert_array_equal(bands.qpoints[1, -1], [1 / 2, 0, 0])
     # Gamma-K = 2/3, K-M = 1/3, M-Gamma = 1/sqrt(3), in 1/d without 2 pi
-    np.testing.assert_allclose(bands.distances[:, -1], np.cumsum([2 / 3, 1 / 3, 1 / np.sqrt(3)]), rtol=1e-14)
+    np.testing.assert_allclose(
+        bands.distances[:, -1], np.cumsum([2 / 3, 1 / 3, 1 / np.sqrt(3)]), rtol=1e-14
+    )
     assert np.all(np.diff(bands.frequencies, axis=2) >= 0.0)
     np.testing.assert_allclose(
-        bands.frequencies.reshape(-1, b), phonons.frequencies(bands.qpoints.reshape(-1, 3)), rtol=1e-13
+        bands.frequencies.reshape(-1, b),
+        phonons.frequencies(bands.qpoints.reshape(-1, 3)),
+        rtol=1e-13,
     )
-    assert all(not getattr(bands, f.name).flags.writeable for f in dataclasses.fields(bands) if f.name in bands.units)
+    assert all(
+        not getattr(bands, f.name).flags.writeable
+        for f in dataclasses.fields(bands)
+        if f.name in bands.units
+    )
 
 
 def test_distances_and_frequencies_are_phonopys(phonons):
     bands = phonons.bands("GK,MG", npoints=7)
-    theirs = phonons.phonopy.run_band_structure(list(bands.qpoints), path_connections=[False, False])
+    theirs = phonons.phonopy.run_band_structure(
+        list(bands.qpoints), path_connections=[False, False]
+    )
     np.testing.assert_allclose(bands.distances, theirs.distances, atol=1e-15)
     flat = 0 if phonons.lattice.motions.rotate else 1
     found = bands.frequencies / phonons.scales.frequency
@@ -58,11 +68,16 @@ def test_jumps(rough):
     np.testing.assert_array_equal(bands.qpoints[0, -1], [1 / 3, 1 / 3, 0])
     np.testing.assert_array_equal(bands.qpoints[1, 0], [1 / 2, 0, 0])
     assert bands.distances[0, -1] == bands.distances[1, 0]
-    # numbers say the same as letters, with or without the third one, and pieces may differ in length
-    same = rough.bands([[[0, 0], [1 / 3, 1 / 3]], [[0.5, 0], [0, 0]]], npoints=5, labels=["G", "K", "M", "G"])
+    # numbers say the same as letters, with or without the third one, and pieces may differ in
+    # length
+    same = rough.bands(
+        [[[0, 0], [1 / 3, 1 / 3]], [[0.5, 0], [0, 0]]], npoints=5, labels=["G", "K", "M", "G"]
+    )
     assert same.labels == bands.labels
     np.testing.assert_array_equal(same.frequencies, bands.frequencies)
-    longer = rough.bands([[[0, 0, 0], [0.5, 0, 0]], [[1 / 3, 1 / 3, 0], [0, 0, 0], [0.1, 0, 0]]], npoints=3)
+    longer = rough.bands(
+        [[[0, 0, 0], [0.5, 0, 0]], [[1 / 3, 1 / 3, 0], [0, 0, 0], [0.1, 0, 0]]], npoints=3
+    )
     assert longer.labels == ("(0 0)", "(0.5 0)|(0.333 0.333)", "(0 0)", "(0.1 0)")
     assert rough.bands("GK,KM", npoints=3).labels == ("G", "K", "M")
 
@@ -77,11 +92,17 @@ def test_velocities_at_gamma_are_those_of_sound(phonons):
         velocities = bands.group_velocities[segment, point, :2]
         # frequencies rise from Gamma at a segment's start, and fall towards it at its end
         np.testing.assert_allclose(
-            velocities @ direction, sign * np.array([sound.transverse, sound.longitudinal]), rtol=1e-9
+            velocities @ direction,
+            sign * np.array([sound.transverse, sound.longitudinal]),
+            rtol=1e-9,
         )
-        np.testing.assert_allclose(velocities @ [-direction[1], direction[0]], 0.0, atol=1e-9 * sound.longitudinal)
+        np.testing.assert_allclose(
+            velocities @ [-direction[1], direction[0]], 0.0, atol=1e-9 * sound.longitudinal
+        )
         # the polarisations too are the limit along the path
-        np.testing.assert_allclose(bands.longitudinal_fraction[segment, point, :2], [0.0, 1.0], atol=1e-12)
+        np.testing.assert_allclose(
+            bands.longitudinal_fraction[segment, point, :2], [0.0, 1.0], atol=1e-12
+        )
         # and nothing jumps at the last step
         neighbour = bands.group_velocities[segment, 1 if point == 0 else -2, :2]
         np.testing.assert_allclose(velocities, neighbour, atol=0.02 * sound.longitudinal)
@@ -96,8 +117,9 @@ def test_velocities_at_the_end_of_a_segment_are_those_of_its_own_branches(phonon
 
 
 def test_connection_follows_branches_through_crossings(smooth):
-    # Gamma-K of frictionless balls: the longitudinal and the transverse branch cross at K's neighbour; numbered in order
-    # the branches have kinks, connected they have none, and the second difference falls with the square of the step
+    # Gamma-K of frictionless balls: the longitudinal and the transverse branch cross at K's
+    # neighbour; numbered in order the branches have kinks, connected they have none, and the second
+    # difference falls with the square of the step
     path = [[0.05, 0.05], [0.62, 0.62]]
 
     def kink(n, connected):
@@ -116,19 +138,25 @@ def test_connection_follows_branches_through_crossings(smooth):
 
 
 PATHS = {
-    "chain": ("G", "X"), "square": ("G", "X", "M", "G"), "triangular": ("G", "K", "M", "G"),
+    "chain": ("G", "X"),
+    "square": ("G", "X", "M", "G"),
+    "triangular": ("G", "K", "M", "G"),
     "kagome": ("G", "K", "M", "G"),
-    "sc": ("G", "X", "M", "G", "R", "X|M", "R"), "bcc": ("G", "H", "N", "G", "P", "H|P", "N"),
-    "fcc": ("G", "X", "W", "K", "G", "L"), "diamond": ("G", "X", "W", "K", "G", "L"),
+    "sc": ("G", "X", "M", "G", "R", "X|M", "R"),
+    "bcc": ("G", "H", "N", "G", "P", "H|P", "N"),
+    "fcc": ("G", "X", "W", "K", "G", "L"),
+    "diamond": ("G", "X", "W", "K", "G", "L"),
     "hcp": ("G", "M", "K", "G", "A", "L", "H", "A|L", "M|K", "H"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("lattice", PATHS)
 def test_each_lattice_has_a_path(lattice):
     ph = phonons_of(lattice, "all")
     bands = ph.bands(npoints=4)
-    s, b, p = len(bands.labels) - 1, ph.lattice.n_branches, ph.lattice.periods
+    s = len(bands.labels) - 1
+    b = ph.lattice.n_branches
+    p = ph.lattice.periods
     assert bands.labels == PATHS[lattice]
     assert bands.frequencies.shape == (s, 4, b)
     assert bands.group_velocities.shape == (s, 4, b, p)
@@ -138,9 +166,16 @@ def test_each_lattice_has_a_path(lattice):
         assert part.shape == (s, 4, b)
         assert part.min() >= 0.0
         assert part.max() <= 1.0 + 1e-12
-    total = bands.rotational_fraction + bands.longitudinal_fraction + bands.out_of_plane_fraction + bands.transverse_fraction
+    total = (
+        bands.rotational_fraction
+        + bands.longitudinal_fraction
+        + bands.out_of_plane_fraction
+        + bands.transverse_fraction
+    )
     np.testing.assert_allclose(total, 1.0, rtol=1e-12)
-    np.testing.assert_allclose(bands.frequencies[0], ph.frequencies(bands.qpoints[0]), atol=1e-12 * bands.frequencies.max())
+    np.testing.assert_allclose(
+        bands.frequencies[0], ph.frequencies(bands.qpoints[0]), atol=1e-12 * bands.frequencies.max()
+    )
 
 
 def test_cells_of_the_plane_that_are_neither_square_nor_hexagonal_have_ases_path():
@@ -152,7 +187,9 @@ def test_cells_of_the_plane_that_are_neither_square_nor_hexagonal_have_ases_path
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("size", [0.78, 1.39])
 def test_corners_of_the_zone_of_an_oblique_cell_and_of_its_mirror_image(size, sign):
-    """Three vectors of the reciprocal lattice are as near to a corner, and two to the middle of an edge."""
+    """Three vectors of the reciprocal lattice are as near to a corner, and two to the middle of an
+    edge.
+    """
     cell = np.array([[1.0, 0.0], [0.22 * sign * size, np.sqrt(1.0 - 0.22**2) * size]])
     back = np.linalg.inv(cell).T
     every = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2), axis=-1).reshape(-1, 2) @ back
@@ -163,7 +200,8 @@ def test_corners_of_the_zone_of_an_oblique_cell_and_of_its_mirror_image(size, si
 
 
 def test_polarisation_along_a_cube_axis():
-    # along [100] of fcc: a longitudinal branch without rotation, and waves of transverse displacements and spins
+    # along [100] of fcc: a longitudinal branch without rotation, and waves of transverse
+    # displacements and spins
     bands = phonons_of("fcc").bands("GX", 9)
     inside = slice(1, 8)
     along = bands.longitudinal_fraction[0, inside]
@@ -179,7 +217,9 @@ def test_waves_out_of_a_plane():
     apart = phonons_of("triangular", "out_of_plane").bands(npoints=9)
     np.testing.assert_allclose(out.sum(axis=2), 1.0, rtol=1e-10)
     np.testing.assert_array_equal(apart.longitudinal_fraction, 0.0)
-    np.testing.assert_allclose(apart.out_of_plane_fraction + apart.rotational_fraction, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        apart.out_of_plane_fraction + apart.rotational_fraction, 1.0, rtol=1e-12
+    )
     inside = phonons_of("triangular", "in_plane").bands(npoints=9)
     assert not inside.out_of_plane_fraction.any()
     both = np.sort(np.concatenate([inside.frequencies, apart.frequencies], axis=2), axis=2)
@@ -193,7 +233,9 @@ def test_warnings_of_what_costs_nothing():
     assert soft.startswith("1 mode vanishes at 1 of 2 wave vectors, the first at q = (0.5, 0.5, 0)")
     free = phonons_of("chain", "all")
     for found in (free.bands("GX", 2), free.dos((4,))):
-        assert any(one.startswith("3 of 6 branches vanish at every wave vector") for one in found.warnings)
+        assert any(
+            one.startswith("3 of 6 branches vanish at every wave vector") for one in found.warnings
+        )
 
 
 def test_warnings_travel_with_the_bands(rough):
@@ -271,25 +313,39 @@ def test_smearing_wider_than_all_frequencies_is_refused(rough, sigma):
 @pytest.mark.parametrize("far", [1.1e15, 1e200, -1.7e308])
 def test_wave_vectors_so_far_out_that_no_digit_is_left_are_refused(rough, far):
     for find in (
-        lambda q: rough.frequencies([q]), lambda q: rough.modes([q]), lambda q: rough.lattice.frequencies([q]),
-        lambda q: rough.lattice.modes([q]), lambda q: rough.bands([[0.0, 0.0], q, [1e308, 0.0]], 5),
-    ):  # fmt: skip
+        lambda q: rough.frequencies([q]),
+        lambda q: rough.modes([q]),
+        lambda q: rough.lattice.frequencies([q]),
+        lambda q: rough.lattice.modes([q]),
+        lambda q: rough.bands([[0.0, 0.0], q, [1e308, 0.0]], 5),
+    ):
         with pytest.raises(PrecisionError, match="reciprocal vectors from Gamma"):
             find([far, 0.25])
 
 
 def test_phonons_say_in_a_line_what_they_are(rough):
-    assert repr(rough) == "Phonons(triangular, 1 ball in the cell, x, y, w of each ball, 3 branches; frequencies in Hz)"
-    chain = gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, DIAMETER, lattice="chain", friction=False)).at_force(1.0))
-    assert repr(chain) == "Phonons(chain, 1 ball in the cell, x of each ball, 1 branch; frequencies in Hz)"
+    assert (
+        repr(rough) == "Phonons(triangular, 1 ball in the cell, x, y, w of each ball, 3 branches;"
+        " frequencies in Hz)"
+    )
+    chain = gp.Phonons(
+        gp.AveragedLattice(gp.Packing(STEEL, DIAMETER, lattice="chain", friction=False)).at_force(
+            1.0
+        )
+    )
+    assert (
+        repr(chain)
+        == "Phonons(chain, 1 ball in the cell, x of each ball, 1 branch; frequencies in Hz)"
+    )
 
 
-# -- files --------------------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 
 
 def same_bands(one, other):
     for field in dataclasses.fields(one):
-        a, b = getattr(one, field.name), getattr(other, field.name)
+        a = getattr(one, field.name)
+        b = getattr(other, field.name)
         if isinstance(a, np.ndarray):
             # one rounding each way for what changes units
             np.testing.assert_allclose(b, a, rtol=5e-16, atol=0.0, err_msg=field.name)
@@ -302,7 +358,9 @@ def same_bands(one, other):
 @pytest.mark.claim("files-all-digits")
 @pytest.mark.parametrize("kind", ["smooth", "kagome", "vacancy", "jump", "pressed"])
 def test_bands_survive_their_file(tmp_path, kind):
-    state = at_force(friction=kind != "smooth", lattice="kagome" if kind == "kagome" else "triangular")
+    state = at_force(
+        friction=kind != "smooth", lattice="kagome" if kind == "kagome" else "triangular"
+    )
     if kind == "pressed":
         state = at_overlap(0.05)
     balls = None
@@ -311,7 +369,11 @@ def test_bands_survive_their_file(tmp_path, kind):
         balls.set_masses(np.linspace(1.0, 2.0, 9))
         del balls[4]
     ph = gp.Phonons(state, balls)
-    path = [[[0, 0], [1 / 3, 1 / 3]], [[0.5, 0], [0, 0]]] if kind == "jump" else [[0, 0], [1 / 3, 1 / 3], [0.5, 0]]
+    path = (
+        [[[0, 0], [1 / 3, 1 / 3]], [[0.5, 0], [0, 0]]]
+        if kind == "jump"
+        else [[0, 0], [1 / 3, 1 / 3], [0.5, 0]]
+    )
     bands = ph.bands(path, npoints=4)
     bands.write(tmp_path / "band.yaml")
     back = gp.Bands.read(tmp_path / "band.yaml")
@@ -340,15 +402,22 @@ def test_labels_survive_the_file(rough, tmp_path, labels):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("motions: all", "motions: some"), ("periods: 3", "periods: 4"), ("rotations: true", "rotations: 1"),
-        ("rotations: true", "rotations: false"), ("symbol: Sn", "symbol: Fe"),
+        ("motions: all", "motions: some"),
+        ("periods: 3", "periods: 4"),
+        ("rotations: true", "rotations: 1"),
+        ("rotations: true", "rotations: false"),
+        ("symbol: Sn", "symbol: Fe"),
     ],
-)  # fmt: skip
+)
 def test_bands_that_were_edited_are_refused(old, new, tmp_path):
     phonons_of("fcc").bands("GX", 2).write(tmp_path / "band.yaml")
     text = (tmp_path / "band.yaml").read_text()
     # without the digest, which would be the first to notice
-    lines = [line for line in text.replace(old, new).splitlines() if "digest" not in line and "sha256" not in line]
+    lines = [
+        line
+        for line in text.replace(old, new).splitlines()
+        if "digest" not in line and "sha256" not in line
+    ]
     assert "\n".join(lines) != text
     (tmp_path / "band.yaml").write_text("\n".join(lines) + "\n")
     with pytest.raises(InputError):
@@ -364,7 +433,9 @@ def test_bands_that_were_edited_are_refused(old, new, tmp_path):
         ("sc", [[0.5, 0, 0], [0.5, 0.5, 0]], 1, "a group_velocity across its 1 period"),
     ],
 )
-def test_bands_with_fewer_periods_than_their_lattice_are_refused(lattice, path, periods, said, tmp_path):
+def test_bands_with_fewer_periods_than_their_lattice_are_refused(
+    lattice, path, periods, said, tmp_path
+):
     phonons_of(lattice).bands(path, 2).write(tmp_path / "band.yaml")
     text = (tmp_path / "band.yaml").read_text().replace("periods: 3", f"periods: {periods}")
     (tmp_path / "band.yaml").write_text(text.partition("\n")[2])
@@ -379,10 +450,17 @@ def test_bands_with_fewer_periods_than_their_lattice_are_refused(lattice, path, 
 @pytest.mark.parametrize("name", ["triangular", "fcc"])
 def test_bands_without_eigenvectors_are_the_same_and_say_what_they_lack(name, tmp_path):
     ph = phonons_of(name)
-    whole, bands = ph.bands(npoints=4), ph.bands(npoints=4, eigenvectors=False)
-    np.testing.assert_allclose(bands.frequencies, whole.frequencies, rtol=1e-12, atol=1e-14 * whole.frequencies.max())
+    whole = ph.bands(npoints=4)
+    bands = ph.bands(npoints=4, eigenvectors=False)
+    np.testing.assert_allclose(
+        bands.frequencies, whole.frequencies, rtol=1e-12, atol=1e-14 * whole.frequencies.max()
+    )
     assert (bands.eigenvectors, bands.group_velocities) == (None, None)
-    assert (bands.labels, bands.periods, bands.warnings) == (whole.labels, whole.periods, whole.warnings)
+    assert (bands.labels, bands.periods, bands.warnings) == (
+        whole.labels,
+        whole.periods,
+        whole.warnings,
+    )
     for what in ("rotational_fraction", "connected_frequencies", "longitudinal_fraction", "motion"):
         with pytest.raises(InputError, match=r"no eigenvectors.*eigenvectors=True"):
             getattr(bands, what)
@@ -394,7 +472,9 @@ def test_bands_without_eigenvectors_are_the_same_and_say_what_they_lack(name, tm
 
 def test_an_estimate_grows_with_the_work():
     ph = phonons_of("fcc")
-    one, many, alone = ph.estimate(10), ph.estimate(1000), ph.estimate(1000, eigenvectors=False)
+    one = ph.estimate(10)
+    many = ph.estimate(1000)
+    alone = ph.estimate(1000, eigenvectors=False)
     assert one.seconds < many.seconds
     assert one.memory < many.memory
     assert alone.seconds < many.seconds
@@ -406,7 +486,8 @@ def test_an_estimate_grows_with_the_work():
 
 def test_pure_rotation_of_steel_is_on_top_at_m_and_at_the_bottom_at_k(rough):
     bands = rough.bands("GKMG", npoints=21)
-    k, m = bands.rotational_fraction[0, -1], bands.rotational_fraction[1, -1]
+    k = bands.rotational_fraction[0, -1]
+    m = bands.rotational_fraction[1, -1]
     np.testing.assert_allclose(k, [1.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(m, [0.0, 0.0, 1.0], atol=1e-12)
     np.testing.assert_allclose(bands.rotational_fraction[0, 0], [0.0, 0.0, 1.0], atol=1e-12)

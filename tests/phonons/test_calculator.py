@@ -1,7 +1,8 @@
-"""gp.atoms and HertzMindlin on a line, in a plane, in a plane that may bend, and in space: energies, slopes, contacts.
+"""gp.atoms and HertzMindlin on a line, in a plane, in a plane that may bend, and in space:
+energies, slopes, contacts.
 
-The reference is an energy written here with vectors in space, contact by contact, from the reference sites. It takes complex
-numbers, so that its slopes are exact (complex steps).
+The reference is an energy written here with vectors in space, contact by contact, from the
+reference sites. It takes complex numbers, so that its slopes are exact (complex steps).
 """
 
 from __future__ import annotations
@@ -27,9 +28,11 @@ from granphon.phonons.calculator import PairList
 from tests.phonons.conftest import DIAMETER, ETA, SPACE, STEEL
 
 GYRATION = 1.0 / np.sqrt(10.0)
-#: a soft state, so that steps of a finite difference are small against the overlap and large against rounding
+#: a soft state, so that steps of a finite difference are small against the overlap and large
+#: against rounding
 SOFT = 0.02
-TORSION, BENDING = 0.07, 0.03
+TORSION = 0.07
+BENDING = 0.03
 #: length of a complex step
 TINY = 1e-30
 
@@ -39,7 +42,7 @@ def at_overlap(lattice="fcc", finite_overlap=None, friction=True, relative=SOFT,
     return gp.AveragedLattice(balls).at_overlap(relative * DIAMETER, finite_overlap=finite_overlap)
 
 
-# -- cells --------------------------------------------------------------------------------------------------------------
+# -- cells -----------------------------------------------------------------------------------------
 
 
 def repeated(*n):
@@ -92,7 +95,11 @@ CELLS = {
     "membrane": ("triangular", "all", repeated(3, 2, 1)),
     "plane": ("triangular", "in_plane", repeated(3, 5, 1)),
     "plane 3x3": ("triangular", "in_plane", repeated(3, 3, 1)),
-    "plane skewed": ("triangular", "in_plane", lambda one: make_supercell(one, [[2, 1, 0], [-1, 3, 0], [0, 0, 1]])),
+    "plane skewed": (
+        "triangular",
+        "in_plane",
+        lambda one: make_supercell(one, [[2, 1, 0], [-1, 3, 0], [0, 0, 1]]),
+    ),
     "plane vacancy": ("triangular", "in_plane", vacancy(3, 3, 1)),
     "plane small": ("triangular", "in_plane", repeated(2, 2, 1)),
     "plane cluster": ("triangular", "in_plane", cluster(3, 3, 1)),
@@ -104,9 +111,20 @@ CELLS = {
     "chain in plane": ("chain", "in_plane", repeated(4, 1, 1)),
     "chain along x": ("chain", None, vacancy(5, 1, 1)),
 }
-COORDINATES = {"chain along x": 1} | {name: 2 for name, (_, motions, _) in CELLS.items() if motions == "in_plane"}
+COORDINATES = {"chain along x": 1} | {
+    name: 2 for name, (_, motions, _) in CELLS.items() if motions == "in_plane"
+}
 #: cells whose second differences the default selection has
-DIFFERENCED = ("chain", "membrane", "fcc", "fcc slab", "plane skewed", "plane vacancy", "ribbon", "kagome")
+DIFFERENCED = (
+    "chain",
+    "membrane",
+    "fcc",
+    "fcc slab",
+    "plane skewed",
+    "plane vacancy",
+    "ribbon",
+    "kagome",
+)
 every_cell = pytest.mark.parametrize("name", CELLS)
 both_frictions = pytest.mark.parametrize("friction", [False, True], ids=["smooth", "rough"])
 both_overlaps = pytest.mark.parametrize("finite_overlap", [False, True], ids=["limit", "finite"])
@@ -114,7 +132,9 @@ every_contact = pytest.mark.parametrize("contact", ["smooth", "rough", "stiff"])
 
 
 def make(name, contact="stiff", finite_overlap=False, **more):
-    """The state, the balls on their sites, the calculator. "stiff": contacts with torsion and bending too."""
+    """The state, the balls on their sites, the calculator. "stiff": contacts with torsion and
+    bending too.
+    """
     lattice, motions, build = CELLS[name]
     if contact == "stiff" and name != "chain along x":
         # balls that move in a plane turn across the contacts only, which twists none
@@ -126,8 +146,10 @@ def make(name, contact="stiff", finite_overlap=False, **more):
 
 def shaken(balls, seed=0, amplitude=2e-3, coordinates=None, deviations=True):
     """A generic configuration with every contact that was closed still closed."""
-    rng, turned = np.random.default_rng(seed), balls.arrays["rotations"].shape
-    m = coordinates or (2 if len(turned) == 1 else 3)  # of balls that turn about z, or about all axes
+    rng = np.random.default_rng(seed)
+    turned = balls.arrays["rotations"].shape
+    # of balls that turn about z, or about all axes
+    m = coordinates or (2 if len(turned) == 1 else 3)
     out = balls.copy()
     out.positions[:, :m] += amplitude * rng.uniform(-1, 1, (len(balls), m))
     out.arrays["rotations"] += amplitude * rng.uniform(-1, 1, turned)
@@ -136,11 +158,13 @@ def shaken(balls, seed=0, amplitude=2e-3, coordinates=None, deviations=True):
     return out
 
 
-# -- the twin -----------------------------------------------------------------------------------------------------------
+# -- the twin --------------------------------------------------------------------------------------
 
 
 class Twin:
-    """The energy of balls near reference sites, by brute force over all images, with vectors in space."""
+    """The energy of balls near reference sites, by brute force over all images, with vectors in
+    space.
+    """
 
     def __init__(self, state, sites):
         self.rest = state.overlap / DIAMETER
@@ -148,35 +172,58 @@ class Twin:
         self.spacing = 1.0 - self.rest if self.finite else 1.0
         packing = state.packing
         self.eta = ETA if packing.friction else 0.0
-        self.torsion, self.bending = float(state.torsion), packing.bending
-        self.hertz = packing.torsion == "mindlin"  # torsion over k d^2 is then as the overlap of the contact
-        self.turning = bool(self.eta or self.torsion or self.bending) and packing.motions is not None
+        self.torsion = float(state.torsion)
+        self.bending = packing.bending
+        # torsion over k d^2 is then as the overlap of the contact
+        self.hertz = packing.torsion == "mindlin"
+        self.turning = (
+            bool(self.eta or self.torsion or self.bending) and packing.motions is not None
+        )
         self.turning |= packing.structure.dimension == 3 and bool(self.eta or self.torsion)
         steps = [np.arange(-3, 4) if periodic else np.zeros(1, int) for periodic in sites.pbc]
         shifts = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 3)
-        here, self.cell = sites.positions, np.asarray(sites.cell)
+        here = sites.positions
+        self.cell = np.asarray(sites.cell)
         r = here[None, :, None] + (shifts @ self.cell)[None, None] - here[:, None, None]
         apart = np.linalg.norm(r, axis=-1)
         self.i, self.j, s = np.nonzero(np.abs(apart - self.spacing) < 1e-6)
-        self.shift, self.normal = shifts[s], r[self.i, self.j, s] / self.spacing
+        self.shift = shifts[s]
+        self.normal = r[self.i, self.j, s] / self.spacing
 
     def energy(self, positions, phi, deviation, strain=0.0):
-        i, j, n = self.i, self.j, self.normal
+        i = self.i
+        j = self.j
+        n = self.normal
         r = positions[j] - positions[i] + self.shift @ self.cell
         r = r + r @ np.broadcast_to(strain, (3, 3))
         extra = 0.5 * (deviation[i] + deviation[j])
         along = np.sum(r * n, axis=1)
-        delta = 1.0 + extra - np.sqrt(np.sum(r * r, axis=1)) if self.finite else self.rest + extra - (along - 1.0)
+        delta = (
+            1.0 + extra - np.sqrt(np.sum(r * r, axis=1))
+            if self.finite
+            else self.rest + extra - (along - 1.0)
+        )
         total = 4.0 / 15.0 * delta**2.5 / np.sqrt(self.rest)
         if self.turning:
-            arm_i, arm_j = (0.5 * self.spacing * (1.0 + deviation[ball])[:, None] for ball in (i, j))
-            moved, turned = r - self.spacing * n, phi[j] - phi[i]
-            slip = moved - n * np.sum(moved * n, axis=1)[:, None] - np.cross(arm_i * phi[i] + arm_j * phi[j], n)
+            arm_i, arm_j = (
+                0.5 * self.spacing * (1.0 + deviation[ball])[:, None] for ball in (i, j)
+            )
+            moved = r - self.spacing * n
+            turned = phi[j] - phi[i]
+            slip = (
+                moved
+                - n * np.sum(moved * n, axis=1)[:, None]
+                - np.cross(arm_i * phi[i] + arm_j * phi[j], n)
+            )
             twist = np.sum(turned * n, axis=1)
             roll = turned - n * twist[:, None]
             stiffness = np.sqrt((self.rest + extra) / self.rest)
             torsion = self.torsion * ((self.rest + extra) / self.rest if self.hertz else 1.0)
-            springs = self.eta * np.sum(slip**2, axis=1) + torsion * twist**2 + self.bending * np.sum(roll**2, axis=1)
+            springs = (
+                self.eta * np.sum(slip**2, axis=1)
+                + torsion * twist**2
+                + self.bending * np.sum(roll**2, axis=1)
+            )
             total = total + 0.5 * stiffness * springs
         assert np.all(delta.real > 0.0)
         return 0.5 * np.sum(total)  # each contact is found from both of its ends
@@ -195,7 +242,9 @@ class Twin:
         for which, ball, axis in itertools.product(range(2), range(len(balls)), range(3)):
             step = np.zeros((2, len(balls), 3), complex)
             step[which, ball, axis] = 1j * TINY
-            found[which, ball, axis] = self.energy(x + step[0], phi + step[1], deviation).imag / TINY
+            found[which, ball, axis] = (
+                self.energy(x + step[0], phi + step[1], deviation).imag / TINY
+            )
         strain = np.zeros((3, 3))
         for a, b in itertools.product(range(3), repeat=2):
             step = np.zeros((3, 3), complex)
@@ -204,19 +253,27 @@ class Twin:
         return *found, strain
 
 
-# -- what gp.atoms makes ------------------------------------------------------------------------------------------------
+# -- what gp.atoms makes ---------------------------------------------------------------------------
 
 BRAVAIS = {
-    "chain": "LINE", "triangular": "HEX2D", "square": "SQR", "kagome": "HEX2D", "sc": "CUB", "bcc": "BCC", "fcc": "FCC",
-    "hcp": "HEX", "diamond": "FCC",
-}  # fmt: skip
+    "chain": "LINE",
+    "triangular": "HEX2D",
+    "square": "SQR",
+    "kagome": "HEX2D",
+    "sc": "CUB",
+    "bcc": "BCC",
+    "fcc": "FCC",
+    "hcp": "HEX",
+    "diamond": "FCC",
+}
 
 
 @pytest.mark.parametrize("lattice", BRAVAIS)
 @both_overlaps
 def test_one_cell_of_each_lattice(lattice, finite_overlap):
     state = at_overlap(lattice, finite_overlap)
-    balls, structure = gp.atoms(state), state.packing.structure
+    balls = gp.atoms(state)
+    structure = state.packing.structure
     spacing = 1.0 - SOFT if finite_overlap else 1.0
     p = structure.periods
     assert balls.cell.get_bravais_lattice(pbc=balls.pbc).name == BRAVAIS[lattice]
@@ -227,7 +284,9 @@ def test_one_cell_of_each_lattice(lattice, finite_overlap):
     np.testing.assert_array_equal(near.sum(axis=1), structure.coordination)
     shape = (3,) if p == 3 else ()
     assert balls.arrays["rotations"].shape == (len(balls), *shape)
-    assert balls.get_potential_energy() == pytest.approx(len(structure.contacts) * 4.0 / 15.0 * SOFT**2, rel=1e-12)
+    assert balls.get_potential_energy() == pytest.approx(
+        len(structure.contacts) * 4.0 / 15.0 * SOFT**2, rel=1e-12
+    )
     np.testing.assert_allclose(balls.get_forces(), 0.0, atol=1e-15)
     assert balls.calc.get_torques(balls).shape == (len(balls), *shape)
 
@@ -235,26 +294,40 @@ def test_one_cell_of_each_lattice(lattice, finite_overlap):
 def test_vectors_are_those_of_ase():
     from ase.build import bulk
 
-    for lattice, edge in (("fcc", np.sqrt(2.0)), ("bcc", 2.0 / np.sqrt(3.0)), ("sc", 1.0), ("diamond", 4.0 / np.sqrt(3.0))):
+    for lattice, edge in (
+        ("fcc", np.sqrt(2.0)),
+        ("bcc", 2.0 / np.sqrt(3.0)),
+        ("sc", 1.0),
+        ("diamond", 4.0 / np.sqrt(3.0)),
+    ):
         own = gp.atoms(at_overlap(lattice))
-        np.testing.assert_allclose(np.asarray(own.cell), np.asarray(bulk("Fe", lattice, a=edge).cell), atol=1e-15)
+        np.testing.assert_allclose(
+            np.asarray(own.cell), np.asarray(bulk("Fe", lattice, a=edge).cell), atol=1e-15
+        )
     np.testing.assert_allclose(np.asarray(gp.atoms(at_overlap("chain")).cell), np.eye(3), atol=0)
 
 
 def test_a_layer_in_space_is_a_plane_with_all_motions():
     sheet = gp.Lattice("sheet", ((1.0, 0.0, 0.0), (-0.5, np.sqrt(0.75), 0.0)), ((0.0, 0.0, 0.5),))
-    state, flat = at_overlap(sheet, bending=BENDING), at_overlap("triangular", motions="all", bending=BENDING)
+    state = at_overlap(sheet, bending=BENDING)
+    flat = at_overlap("triangular", motions="all", bending=BENDING)
     balls, plane = (gp.atoms(one).repeat((2, 2, 1)) for one in (state, flat))
     np.testing.assert_array_equal(balls.pbc, [True, True, False])
     np.testing.assert_array_equal(balls.positions[:, 2], 0.5)
     lattice = gp.HertzMindlin(state).contact_lattice(balls)
     assert (lattice.periods, lattice.dimension, lattice.cell.shape) == (2, 3, (2, 3))
     expected = gp.HertzMindlin(flat).get_force_constants(plane)
-    np.testing.assert_allclose(gp.HertzMindlin(state).get_force_constants(balls), expected, atol=1e-14)
-    np.testing.assert_allclose(gp.HertzMindlin(state).get_property("stress", balls), gp.atoms(flat).get_stress(), atol=1e-15)
+    np.testing.assert_allclose(
+        gp.HertzMindlin(state).get_force_constants(balls), expected, atol=1e-14
+    )
+    np.testing.assert_allclose(
+        gp.HertzMindlin(state).get_property("stress", balls),
+        gp.atoms(flat).get_stress(),
+        atol=1e-15,
+    )
 
 
-# -- energy, forces, torques, stress ------------------------------------------------------------------------------------
+# -- energy, forces, torques, stress ---------------------------------------------------------------
 
 
 @pytest.mark.claim("forces-are-slopes")
@@ -265,7 +338,9 @@ def test_slopes_of_the_energy(name, contact, finite_overlap):
     state, sites, calc = make(name, contact, finite_overlap)
     m = COORDINATES.get(name, 3)
     balls, twin = shaken(sites, seed=3, coordinates=m), Twin(state, sites)
-    assert calc.get_property("energy", balls) == pytest.approx(twin.energy(*twin.of(balls)), rel=1e-12)
+    assert calc.get_property("energy", balls) == pytest.approx(
+        twin.energy(*twin.of(balls)), rel=1e-12
+    )
     force, torque, strain = twin.slopes(balls)
     np.testing.assert_allclose(calc.get_property("forces", balls), -force, atol=1e-14)
     assert np.abs(force).max() > 1e-4
@@ -280,14 +355,24 @@ def test_slopes_of_the_energy(name, contact, finite_overlap):
 
 @pytest.mark.parametrize(
     ("lattice", "motions"),
-    [("chain", None), ("triangular", "all"), ("triangular", None), ("square", None), ("kagome", None), ("sc", None),
-     ("bcc", None), ("fcc", None), ("hcp", None)],
-)  # fmt: skip
+    [
+        ("chain", None),
+        ("triangular", "all"),
+        ("triangular", None),
+        ("square", None),
+        ("kagome", None),
+        ("sc", None),
+        ("bcc", None),
+        ("fcc", None),
+        ("hcp", None),
+    ],
+)
 @pytest.mark.parametrize("relative", [1e-9, 1e-2])
 @both_overlaps
 def test_stress_is_the_pressure(lattice, motions, relative, finite_overlap):
     state = at_overlap(lattice, finite_overlap, relative=relative, motions=motions)
-    balls, p = gp.atoms(state), state.packing.structure.periods
+    balls = gp.atoms(state)
+    p = state.packing.structure.periods
     pascal = -balls.get_stress() * balls.calc.scales.modulus * DIAMETER ** (3 - p)
     tolerance = 1e-14 + 1e-15 / relative  # positions hold 1e-16/relative of the overlap
     np.testing.assert_allclose(pascal[:p], state.pressure, rtol=tolerance)
@@ -297,20 +382,30 @@ def test_stress_is_the_pressure(lattice, motions, relative, finite_overlap):
 @both_overlaps
 @pytest.mark.parametrize("friction", [True, False])
 def test_mindlin_torsion_is_that_of_each_contact(finite_overlap, friction):
-    state, sites, calc = make("fcc", "rough" if friction else "smooth", finite_overlap, torsion="mindlin")
+    state, sites, calc = make(
+        "fcc", "rough" if friction else "smooth", finite_overlap, torsion="mindlin"
+    )
     assert state.torsion == pytest.approx((1.0 - 0.276) / 3.0 * SOFT, rel=1e-12)
     rng, balls, twin = np.random.default_rng(0), sites.copy(), Twin(state, sites)
     balls.arrays["rotations"][:] = 1e-3 * rng.normal(size=(len(balls), 3))
-    for spread in (0.0, 0.4 * SOFT):  # balls that are all alike, and contacts whose overlaps differ by half
+    for spread in (
+        0.0,
+        0.4 * SOFT,
+    ):
+        # balls that are all alike, and contacts whose overlaps differ by half
         balls.arrays["diameter_deviations"][:] = spread * rng.uniform(-1.0, 1.0, len(balls))
-        assert calc.get_property("energy", balls) == pytest.approx(twin.energy(*twin.of(balls)), rel=1e-12)
+        assert calc.get_property("energy", balls) == pytest.approx(
+            twin.energy(*twin.of(balls)), rel=1e-12
+        )
         np.testing.assert_allclose(calc.get_torques(balls), -twin.slopes(balls)[1], atol=1e-14)
         # the energy is quadratic in the rotations, by the force constants
         x, phi, deviation = twin.of(balls)
         turned = np.zeros((len(balls), 6))
         turned[:, 3:] = phi * GYRATION * (1.0 + deviation)[:, None]
         work = 0.5 * np.einsum("ia,ijab,jb->", turned, calc.get_force_constants(balls), turned)
-        assert work == pytest.approx(twin.energy(x, phi, deviation) - twin.energy(x, 0.0 * phi, deviation), rel=1e-9)
+        assert work == pytest.approx(
+            twin.energy(x, phi, deviation) - twin.energy(x, 0.0 * phi, deviation), rel=1e-9
+        )
 
 
 @pytest.mark.parametrize("name", ["fcc", "chain along x"])
@@ -327,7 +422,7 @@ def test_no_balls_and_balls_apart(name, finite_overlap):
         np.testing.assert_array_equal(calc.get_force_constants(few), 0.0)
 
 
-# -- invariance ---------------------------------------------------------------------------------------------------------
+# -- invariance ------------------------------------------------------------------------------------
 
 
 @every_cell
@@ -335,7 +430,8 @@ def test_no_balls_and_balls_apart(name, finite_overlap):
 def test_energy_does_not_know_where_the_lattice_is(name, finite_overlap):
     _, sites, calc = make(name, "stiff", finite_overlap)
     balls = shaken(sites, 6, coordinates=COORDINATES.get(name, 3))
-    energy, forces = calc.get_property("energy", balls), calc.get_property("forces", balls).copy()
+    energy = calc.get_property("energy", balls)
+    forces = calc.get_property("forces", balls).copy()
     balls.positions += [0.371, -0.777, 5.1]
     assert calc.get_property("energy", balls) == pytest.approx(energy, rel=1e-12)
     balls.wrap()
@@ -343,7 +439,9 @@ def test_energy_does_not_know_where_the_lattice_is(name, finite_overlap):
     np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-14)
 
 
-@pytest.mark.parametrize("name", ["fcc cluster", "square out of plane", "plane cluster", "fcc vacancy", "chain"])
+@pytest.mark.parametrize(
+    "name", ["fcc cluster", "square out of plane", "plane cluster", "fcc vacancy", "chain"]
+)
 def test_a_rigid_motion_costs_nothing(name):
     """Turned with their lattice, rough balls neither slip nor twist nor roll, to first order."""
     state = at_overlap(*CELLS[name][:1], motions="all", torsion=TORSION, bending=BENDING)
@@ -354,14 +452,16 @@ def test_a_rigid_motion_costs_nothing(name):
     rigid = np.zeros((6, n, 6))
     for axis, unit in enumerate(np.eye(3)):
         rigid[axis, :, :3] = unit
-        rigid[3 + axis] = np.hstack([np.cross(unit, balls.positions), np.tile(GYRATION * unit, (n, 1))])
+        rigid[3 + axis] = np.hstack(
+            [np.cross(unit, balls.positions), np.tile(GYRATION * unit, (n, 1))]
+        )
     np.testing.assert_allclose(matrix @ rigid.reshape(6, -1).T, 0.0, atol=1e-13)
     values = np.linalg.eigvalsh(matrix)
     np.testing.assert_allclose(values[:6], 0.0, atol=1e-13)
     assert values[6] > 1e-4
 
 
-# -- force constants ----------------------------------------------------------------------------------------------------
+# -- force constants -------------------------------------------------------------------------------
 
 
 def differenced(calc, balls, m, rotates, step, chosen=None):
@@ -369,7 +469,8 @@ def differenced(calc, balls, m, rotates, step, chosen=None):
 
     (N, N, m, m), or (N, n, m, m) where ``chosen`` balls are moved.
     """
-    n, radius = len(balls), GYRATION * (1.0 + balls.arrays["diameter_deviations"])
+    n = len(balls)
+    radius = GYRATION * (1.0 + balls.arrays["diameter_deviations"])
     width = balls.arrays["rotations"].reshape(n, -1).shape[1] * rotates
 
     def pull(ball, axis, by):
@@ -389,25 +490,35 @@ def differenced(calc, balls, m, rotates, step, chosen=None):
 
 
 def check_force_constants(calc, balls, name, contact, atol):
-    """Compare force constants with central differences (Richardson), whose order two is asserted; return them."""
+    """Compare force constants with central differences (Richardson), whose order two is asserted;
+    return them.
+    """
     m, exact = COORDINATES.get(name, 3), calc.get_force_constants(balls)
-    coarse, fine = (differenced(calc, balls, m, contact != "smooth", SOFT / parts) for parts in (40.0, 80.0))
+    coarse, fine = (
+        differenced(calc, balls, m, contact != "smooth", SOFT / parts) for parts in (40.0, 80.0)
+    )
     if name == "chain along x":
-        coarse, fine = coarse[..., :1, :1], fine[..., :1, :1]
+        coarse = coarse[..., :1, :1]
+        fine = fine[..., :1, :1]
     elif contact == "smooth" and m == 2:
         np.testing.assert_array_equal(exact[..., 2, :], 0.0)
         exact = exact[..., :2, :2]
     np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, atol=atol)
-    wide, narrow = np.abs(coarse - exact).max(), np.abs(fine - exact).max()
+    wide = np.abs(coarse - exact).max()
+    narrow = np.abs(fine - exact).max()
     assert wide / narrow == pytest.approx(4.0, rel=0.02)
     return calc.get_force_constants(balls)
 
 
 @pytest.mark.claim("forces-are-slopes")
-@pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.exhaustive] * (name not in DIFFERENCED))
-    for name in CELLS if name not in ("fcc skewed", "square out of plane")
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.exhaustive] * (name not in DIFFERENCED))
+        for name in CELLS
+        if name not in ("fcc skewed", "square out of plane")
+    ],
+)
 @pytest.mark.parametrize("contact", ["smooth", "stiff"])
 @both_overlaps
 def test_force_constants_are_second_differences(name, contact, finite_overlap):
@@ -416,17 +527,28 @@ def test_force_constants_are_second_differences(name, contact, finite_overlap):
     np.testing.assert_allclose(exact, exact.transpose(1, 0, 3, 2), atol=1e-15)
     sparse = calc.get_force_constants(balls, format="csr")
     assert sparse.has_canonical_format
-    np.testing.assert_allclose(exact.transpose(0, 2, 1, 3).reshape(sparse.shape), sparse.toarray(), atol=1e-15)
+    np.testing.assert_allclose(
+        exact.transpose(0, 2, 1, 3).reshape(sparse.shape), sparse.toarray(), atol=1e-15
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "contact"),
-    [("fcc", "stiff"), ("membrane", "stiff"), ("hcp", "stiff"), ("plane", "smooth"), ("plane vacancy", "rough"),
-     ("kagome", "rough"), ("square", "stiff")],
-)  # fmt: skip
+    [
+        ("fcc", "stiff"),
+        ("membrane", "stiff"),
+        ("hcp", "stiff"),
+        ("plane", "smooth"),
+        ("plane vacancy", "rough"),
+        ("kagome", "rough"),
+        ("square", "stiff"),
+    ],
+)
 @both_overlaps
 def test_force_constants_of_balls_displaced(name, contact, finite_overlap):
-    """Displacements and diameters are part of the state; with finite overlap they turn contacts, also out of a membrane."""
+    """Displacements and diameters are part of the state; with finite overlap they turn contacts,
+    also out of a membrane.
+    """
     _, sites, calc = make(name, contact, finite_overlap)
     balls, rng, m = sites.copy(), np.random.default_rng(11), COORDINATES.get(name, 3)
     balls.arrays["diameter_deviations"] += 0.1 * SOFT * rng.uniform(-1, 1, len(balls))
@@ -436,7 +558,8 @@ def test_force_constants_of_balls_displaced(name, contact, finite_overlap):
     lattice = calc.contact_lattice(balls)
     assert lattice.dimension == (3 if m == 3 and (finite_overlap or name != "membrane") else 2)
     assert lattice.periods == (3 if name in ("fcc", "hcp") else 2)
-    # positions alone do not enter: moved back without a word, the balls have the same force constants
+    # positions alone do not enter: moved back without a word, the balls have the same force
+    # constants
     balls.positions[:, :m] += 0.1
     np.testing.assert_allclose(calc.get_force_constants(balls), exact, atol=1e-12)
 
@@ -446,7 +569,9 @@ def test_one_contact_in_closed_form():
     pair = balls[:2]
     pair.pbc = False
     lever = 0.5 / GYRATION
-    slip, twist, roll = ETA, TORSION / GYRATION**2, BENDING / GYRATION**2
+    slip = ETA
+    twist = TORSION / GYRATION**2
+    roll = BENDING / GYRATION**2
     own = np.diag([1.0, slip, slip, twist, slip * lever**2 + roll, slip * lever**2 + roll])
     own[1, 5] = own[5, 1] = slip * lever
     own[2, 4] = own[4, 2] = -slip * lever
@@ -460,21 +585,34 @@ def test_one_contact_in_closed_form():
 
 @pytest.mark.parametrize(
     ("lattice", "motions"),
-    [("chain", "all"), ("triangular", "all"), ("honeycomb", "out_of_plane"), *((name, None) for name in SPACE[1:])],
+    [
+        ("chain", "all"),
+        ("triangular", "all"),
+        ("honeycomb", "out_of_plane"),
+        *((name, None) for name in SPACE[1:]),
+    ],
 )
 @both_overlaps
 def test_the_lattice_of_the_atoms_is_that_of_the_state(lattice, motions, finite_overlap):
     more = {} if finite_overlap else {"torsion": TORSION, "bending": BENDING}
     state = at_overlap(lattice, finite_overlap, relative=1e-3, motions=motions, **more)
     balls = gp.atoms(state)
-    found, own = balls.calc.contact_lattice(balls), state.contact_lattice()
-    assert (found.motions, found.periods, found.dimension) == (own.motions, own.periods, own.dimension)
+    found = balls.calc.contact_lattice(balls)
+    own = state.contact_lattice()
+    assert (found.motions, found.periods, found.dimension) == (
+        own.motions,
+        own.periods,
+        own.dimension,
+    )
     assert found.cell.shape == own.cell.shape
     q = np.random.default_rng(0).normal(size=(3, own.periods))
     np.testing.assert_allclose(found.dynamical_matrix(q), own.dynamical_matrix(q), atol=1e-10)
     # a supercell has the branches of the cell at all wave vectors that fold onto its own
     many = balls.repeat(tuple(2 if axis < own.periods else 1 for axis in range(3)))
-    folded = [own.wavevectors(np.array(step) / 2.0) for step in itertools.product(range(2), repeat=own.periods)]
+    folded = [
+        own.wavevectors(np.array(step) / 2.0)
+        for step in itertools.product(range(2), repeat=own.periods)
+    ]
     expected = np.linalg.eigvalsh(own.dynamical_matrix(np.array(folded))).ravel()
     matrix = balls.calc.contact_lattice(many).dynamical_matrix(np.zeros((1, own.periods)))
     np.testing.assert_allclose(np.linalg.eigvalsh(matrix[0]), np.sort(expected), atol=1e-10)
@@ -488,26 +626,42 @@ ORDER = ("x", "y", "z", "w_x", "w_y", "w_z")
 def test_some_of_the_motions(name, finite_overlap):
     _, balls, calc = make(name, "stiff", finite_overlap)
     n, whole = len(balls), calc.get_force_constants(balls)
-    subsets = {"longitudinal": [0], "in_plane": [0, 1, 5], "out_of_plane": [2, 3, 4], "all": list(range(6))}
+    subsets = {
+        "longitudinal": [0],
+        "in_plane": [0, 1, 5],
+        "out_of_plane": [2, 3, 4],
+        "all": list(range(6)),
+    }
     for motions, own in subsets.items():
         dense = calc.get_force_constants(balls, motions=motions)
         np.testing.assert_allclose(dense, whole[:, :, own][..., own], atol=1e-15)
         sparse = calc.get_force_constants(balls, "csr", motions)
         assert (sparse.format, sparse.shape) == ("csr", (len(own) * n, len(own) * n))
-        np.testing.assert_allclose(dense.transpose(0, 2, 1, 3).reshape(sparse.shape), sparse.toarray(), atol=1e-15)
+        np.testing.assert_allclose(
+            dense.transpose(0, 2, 1, 3).reshape(sparse.shape), sparse.toarray(), atol=1e-15
+        )
         lattice = calc.contact_lattice(balls, motions)
-        assert lattice.motions.letters == tuple("w" if motions == "in_plane" and k == 5 else ORDER[k] for k in own)
+        assert lattice.motions.letters == tuple(
+            "w" if motions == "in_plane" and k == 5 else ORDER[k] for k in own
+        )
 
 
 @pytest.mark.parametrize(
     ("lattice", "motions", "friction", "more", "size"),
     [
-        ("chain", None, True, {}, 1), ("chain", "in_plane", True, {}, 3), ("chain", "out_of_plane", True, {}, 3),
-        ("chain", "all", True, {}, 6), ("chain", "all", False, {}, 3), ("square", None, False, {}, 3),
-        ("square", "all", False, {}, 3), ("square", "all", False, {"torsion": 0.1}, 6), ("fcc", None, False, {}, 3),
-        ("fcc", None, False, {"bending": 0.1}, 6), ("fcc", None, True, {}, 6),
+        ("chain", None, True, {}, 1),
+        ("chain", "in_plane", True, {}, 3),
+        ("chain", "out_of_plane", True, {}, 3),
+        ("chain", "all", True, {}, 6),
+        ("chain", "all", False, {}, 3),
+        ("square", None, False, {}, 3),
+        ("square", "all", False, {}, 3),
+        ("square", "all", False, {"torsion": 0.1}, 6),
+        ("fcc", None, False, {}, 3),
+        ("fcc", None, False, {"bending": 0.1}, 6),
+        ("fcc", None, True, {}, 6),
     ],
-)  # fmt: skip
+)
 def test_rotations_that_nothing_resists_are_left_out(lattice, motions, friction, more, size):
     balls = gp.atoms(at_overlap(lattice, None, friction, motions=motions, **more))
     assert balls.calc.get_force_constants(balls).shape == (1, 1, size, size)
@@ -516,38 +670,53 @@ def test_rotations_that_nothing_resists_are_left_out(lattice, motions, friction,
 
 def test_motions_that_the_state_does_not_have():
     for lattice, motions, asked in (
-        ("triangular", None, "all"), ("triangular", None, "out_of_plane"), ("chain", None, "in_plane"),
-        ("triangular", "out_of_plane", "in_plane"), ("fcc", None, "transverse"), ("fcc", None, ["all"]),
-    ):  # fmt: skip
+        ("triangular", None, "all"),
+        ("triangular", None, "out_of_plane"),
+        ("chain", None, "in_plane"),
+        ("triangular", "out_of_plane", "in_plane"),
+        ("fcc", None, "transverse"),
+        ("fcc", None, ["all"]),
+    ):
         balls = gp.atoms(at_overlap(lattice, motions=motions))
         with pytest.raises(InputError, match="the state has no motions"):
             balls.calc.get_force_constants(balls, motions=asked)
 
 
-# -- neighbours ---------------------------------------------------------------------------------------------------------
+# -- neighbours ------------------------------------------------------------------------------------
 
 
 def listed(pairs):
-    return list(zip(*(column.tolist() for column in (pairs.i, pairs.j, *pairs.shift.T)), strict=True))
+    return list(
+        zip(*(column.tolist() for column in (pairs.i, pairs.j, *pairs.shift.T)), strict=True)
+    )
 
 
-@given(seed=st.integers(0, 2**32 - 1), m=st.sampled_from([1, 2, 3]), skew=st.sampled_from([0.0, 0.5, 3.0]))
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    m=st.sampled_from([1, 2, 3]),
+    skew=st.sampled_from([0.0, 0.5, 3.0]),
+)
 @settings(max_examples=60, deadline=None)
 def test_pairs_are_those_of_ase(seed, m, skew):
     rng = np.random.default_rng(seed)
-    cell = (np.eye(m) + skew * np.triu(rng.normal(size=(m, m)), 1)) * rng.uniform(0.7, 3.0, m)[:, None]
+    cell = (np.eye(m) + skew * np.triu(rng.normal(size=(m, m)), 1)) * rng.uniform(0.7, 3.0, m)[
+        :, None
+    ]
     positions = rng.uniform(-4.0, 4.0, (rng.integers(1, 9), m))
     periodic = tuple(bool(axis) for axis in rng.integers(0, 2, m))
     cutoff = 1.25
     found = PairList().near(positions, cell, periodic, cutoff)
-    box, there = np.eye(3), np.zeros((len(positions), 3))
+    box = np.eye(3)
+    there = np.zeros((len(positions), 3))
     box[:m, :m], there[:, :m] = cell, positions
     pbc = (*periodic, *(False,) * (3 - m))
     i, j, shift, vector = primitive_neighbor_list("ijSD", pbc, box, there, cutoff)
     keys = zip(i.tolist(), j.tolist(), map(tuple, shift[:, :m].tolist()), strict=True)
     expected = {
-        (a, b, *s): v[:m] for (a, b, s), v in zip(keys, vector, strict=True) if a < b or (a == b and s > (0,) * m)
-    }  # fmt: skip
+        (a, b, *s): v[:m]
+        for (a, b, s), v in zip(keys, vector, strict=True)
+        if a < b or (a == b and s > (0,) * m)
+    }
     own = listed(found)
     assert own == sorted(own)
     assert len(set(own)) == len(own)
@@ -561,7 +730,9 @@ def test_pairs_are_those_of_ase(seed, m, skew):
 def test_a_kept_list_is_a_new_one(seed, m):
     rng = np.random.default_rng(seed)
     cell = 2.0 * np.eye(m) + 0.1 * rng.normal(size=(m, m))
-    positions, periodic, kept = rng.uniform(-1.0, 3.0, (6, m)), tuple(bool(a) for a in rng.integers(0, 2, m)), PairList()
+    positions = rng.uniform(-1.0, 3.0, (6, m))
+    periodic = tuple(bool(a) for a in rng.integers(0, 2, m))
+    kept = PairList()
     for _ in range(12):
         cutoff = 1.25 + 0.05 * rng.uniform()
         found, fresh = (one.near(positions, cell, periodic, cutoff) for one in (kept, PairList()))
@@ -572,7 +743,8 @@ def test_a_kept_list_is_a_new_one(seed, m):
             positions = np.delete(positions, rng.integers(len(positions)), axis=0)
         elif change == 1:  # strained with all that is in it
             strain = np.eye(m) + 0.03 * rng.normal(size=(m, m))
-            positions, cell = positions @ strain, cell @ strain
+            positions = positions @ strain
+            cell = cell @ strain
         elif change == 2:
             cell = cell + 0.01 * rng.normal(size=(m, m))
         elif change == 3 and len(positions) > 2:  # as many balls, and not the same
@@ -582,8 +754,11 @@ def test_a_kept_list_is_a_new_one(seed, m):
 
 
 def test_a_large_cluster_without_a_cell():
-    """The number of contacts of n x n x n balls in fcc; its cell tells nothing about where the balls are."""
-    state, n = at_overlap("fcc", friction=False), 12
+    """The number of contacts of n x n x n balls in fcc; its cell tells nothing about where the
+    balls are.
+    """
+    state = at_overlap("fcc", friction=False)
+    n = 12
     balls = gp.atoms(state).repeat((n, n, n))
     balls.pbc = False
     balls.cell[:] = 0.0
@@ -592,7 +767,9 @@ def test_a_large_cluster_without_a_cell():
     assert energy == pytest.approx(contacts * 4.0 / 15.0 * SOFT**2, rel=1e-11)
 
 
-@pytest.mark.parametrize(("name", "last", "extent"), [("fcc", 2, "a volume"), ("membrane", 1, "an area")])
+@pytest.mark.parametrize(
+    ("name", "last", "extent"), [("fcc", 2, "a volume"), ("membrane", 1, "an area")]
+)
 def test_periods_that_depend_on_each_other_are_refused(name, last, extent):
     _, balls, calc = make(name)
     balls.cell[last] = 2.0 * balls.cell[0]
@@ -603,7 +780,7 @@ def test_periods_that_depend_on_each_other_are_refused(name, last, extent):
         calc.get_property("energy", balls)
 
 
-# -- files --------------------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["fcc", "hcp", "membrane", "chain"])
@@ -630,14 +807,19 @@ def test_bare_atoms_are_adopted(name):
     bare = Atoms("Fe" * len(balls), positions=balls.positions, cell=balls.cell, pbc=balls.pbc)
     adopted = calc.adopt(bare)
     assert adopted.arrays["rotations"].shape == balls.arrays["rotations"].shape
-    assert adopted.get_potential_energy() == pytest.approx(calc.get_property("energy", balls), rel=1e-12)
+    assert adopted.get_potential_energy() == pytest.approx(
+        calc.get_property("energy", balls), rel=1e-12
+    )
 
 
-# -- what cannot be -----------------------------------------------------------------------------------------------------
+# -- what cannot be --------------------------------------------------------------------------------
 
 
 def refused(calc, balls, match):
-    for ask in (lambda: calc.get_property("energy", balls), lambda: calc.get_force_constants(balls)):
+    for ask in (
+        lambda: calc.get_property("energy", balls),
+        lambda: calc.get_force_constants(balls),
+    ):
         with pytest.raises(InputError, match=match):
             ask()
 
@@ -645,23 +827,34 @@ def refused(calc, balls, match):
 def test_balls_of_another_dimension():
     fcc, flat, row = (at_overlap(lattice) for lattice in ("fcc", "triangular", "chain"))
     bent = at_overlap("triangular", motions="all")
-    refused(gp.HertzMindlin(fcc), gp.atoms(flat), r"rotations has the shape \(1,\).*about x, y and z.*Give \(1, 3\)")
-    refused(gp.HertzMindlin(flat), gp.atoms(fcc), r"rotations has the shape \(1, 3\).*about z only.*Give \(1,\)")
+    refused(
+        gp.HertzMindlin(fcc),
+        gp.atoms(flat),
+        r"rotations has the shape \(1,\).*about x, y and z.*Give \(1, 3\)",
+    )
+    refused(
+        gp.HertzMindlin(flat),
+        gp.atoms(fcc),
+        r"rotations has the shape \(1, 3\).*about z only.*Give \(1,\)",
+    )
     refused(gp.HertzMindlin(bent), gp.atoms(flat), r"rotations has the shape \(1,\)")
     refused(gp.HertzMindlin(bent), gp.atoms(fcc), "tilted out of the plane")
     refused(gp.HertzMindlin(row), gp.atoms(flat), "periodic across the line")
     refused(gp.HertzMindlin(at_overlap("sc")), gp.atoms(bent), "not those of the lattice")
     refused(gp.HertzMindlin(at_overlap("hcp")), gp.atoms(fcc), "not those of the lattice")
     # the same balls under another load, or with the other overlap
-    refused(gp.HertzMindlin(at_overlap("fcc", relative=1e-3)), gp.atoms(fcc), "units of another state")
+    refused(
+        gp.HertzMindlin(at_overlap("fcc", relative=1e-3)), gp.atoms(fcc), "units of another state"
+    )
     refused(gp.HertzMindlin(at_overlap("fcc", True)), gp.atoms(fcc), "finite overlap")
 
 
 def test_cells_out_of_place():
     for name, axis, vector, where in (
-        ("chain", 0, [1.0, 0.1, 0.0], "line"), ("chain along x", 0, [1.0, 0.0, 0.1], "line"),
+        ("chain", 0, [1.0, 0.1, 0.0], "line"),
+        ("chain along x", 0, [1.0, 0.0, 0.1], "line"),
         ("membrane", 1, [-0.5, 0.8, 0.1], "plane"),
-    ):  # fmt: skip
+    ):
         _, balls, calc = make(name)
         tilted = balls.copy()
         tilted.cell[axis] = vector
@@ -679,10 +872,16 @@ def test_contacts_of_fixed_direction_are_not_turned(name, axis):
     balls.rotate(0.1, axis)
     assert calc.get_property("energy", balls) > 0.0
     balls.rotate(4.9, axis)
-    refused(calc, balls, r"contacts are turned against the lattice of the state, by (4\.9\d?|5) degrees on average")
+    refused(
+        calc,
+        balls,
+        r"contacts are turned against the lattice of the state, by (4\.9\d?|5) degrees on average",
+    )
 
 
-@pytest.mark.parametrize(("name", "what"), [("fcc", "volume"), ("membrane", "area"), ("chain", "length")])
+@pytest.mark.parametrize(
+    ("name", "what"), [("fcc", "volume"), ("membrane", "area"), ("chain", "length")]
+)
 def test_stress_needs_a_cell(name, what):
     _, balls, calc = make(name)
     balls.pbc = False
@@ -692,7 +891,7 @@ def test_stress_needs_a_cell(name, what):
         calc.get_property("stress", balls)
 
 
-# -- one-sided contacts -------------------------------------------------------------------------------------------------
+# -- one-sided contacts ----------------------------------------------------------------------------
 
 
 @both_frictions
@@ -718,7 +917,8 @@ def test_separated_balls_exert_nothing(friction, finite_overlap):
 
 @both_frictions
 def test_an_open_contact_has_no_force_constants(friction):
-    # the ball is half the size it needs to touch anything: the state says so, whatever the positions are
+    # the ball is half the size it needs to touch anything: the state says so, whatever the
+    # positions are
     _state, balls, calc = make("plane 3x3", "rough" if friction else "smooth")
     balls.arrays["diameter_deviations"][4] = -2.5 * SOFT
     constants = calc.get_force_constants(balls)
@@ -748,16 +948,18 @@ def test_forces_only_push(seed, amplitude, friction, finite_overlap):
     # whatever the configuration, energy is not negative, and without friction every pair repels
     _state, balls, calc = make("plane cluster", "rough" if friction else "smooth", finite_overlap)
     if friction or not finite_overlap:
-        amplitude = min(amplitude, 0.01)  # beyond it a pair is turned too far for contacts of fixed direction
+        # beyond it a pair is turned too far for contacts of fixed direction
+        amplitude = min(amplitude, 0.01)
     pair = shaken(balls, seed, amplitude)[[0, 3]]
-    energy, forces = calc.get_property("energy", pair), calc.get_property("forces", pair)
+    energy = calc.get_property("energy", pair)
+    forces = calc.get_property("forces", pair)
     assert energy >= 0.0
     np.testing.assert_allclose(forces[0], -forces[1], atol=1e-18)
     if not friction:
         assert forces[1] @ (pair.positions[1] - pair.positions[0]) >= 0.0
 
 
-# -- force constants in a plane -------------------------------------------------------------------------------------------
+# -- force constants in a plane --------------------------------------------------------------------
 
 
 def test_force_constants_scale_with_the_contacts():
@@ -779,11 +981,13 @@ def test_masses_do_not_enter_force_constants_and_do_enter_the_lattice():
     root = np.sqrt(np.repeat(masses, 3))
     matrix = equal.transpose(0, 2, 1, 3).reshape(27, 27) / np.outer(root, root)
     np.testing.assert_allclose(
-        np.linalg.eigvalsh(lattice.dynamical_matrix([[0.0, 0.0]])[0]), np.linalg.eigvalsh(matrix), atol=1e-13
+        np.linalg.eigvalsh(lattice.dynamical_matrix([[0.0, 0.0]])[0]),
+        np.linalg.eigvalsh(matrix),
+        atol=1e-13,
     )
 
 
-# -- precision ----------------------------------------------------------------------------------------------------------
+# -- precision -------------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("api-positions")
@@ -792,7 +996,12 @@ def test_masses_do_not_enter_force_constants_and_do_enter_the_lattice():
 def test_below_precision_only_what_needs_positions_raises(relative, finite_overlap):
     state = at_overlap("triangular", relative=relative, finite_overlap=finite_overlap)
     balls = gp.atoms(state)
-    for ask in (balls.get_potential_energy, balls.get_forces, balls.get_stress, lambda: balls.calc.get_torques(balls)):
+    for ask in (
+        balls.get_potential_energy,
+        balls.get_forces,
+        balls.get_stress,
+        lambda: balls.calc.get_torques(balls),
+    ):
         with pytest.raises(PrecisionError, match="positions hold too few digits"):
             ask()
     many = balls.repeat((3, 3, 1))
@@ -814,7 +1023,7 @@ def test_just_above_precision_energy_has_the_digits_promised():
     assert balls.get_potential_energy() == pytest.approx(27.0 * 4.0 / 15.0 * 1e-20, rel=1e-5)
 
 
-# -- ASE's conventions --------------------------------------------------------------------------------------------------
+# -- ASE's conventions -----------------------------------------------------------------------------
 
 
 class Counting(gp.HertzMindlin):
@@ -897,7 +1106,9 @@ def test_what_does_not_change_the_energy_is_not():
     assert balls.calc.count == 1
 
 
-@pytest.mark.parametrize("name", ["masses", "diameter_deviations", "rotations", "displacements", "slip_origin"])
+@pytest.mark.parametrize(
+    "name", ["masses", "diameter_deviations", "rotations", "displacements", "slip_origin"]
+)
 def test_what_is_absent_is_not_zero(name):
     balls = counted()
     energy = balls.get_potential_energy()
@@ -982,13 +1193,14 @@ def test_a_cell_without_a_third_vector_is_one_of_any_height(friction, finite_ove
     for name in ("energy", "forces", "stress"):
         np.testing.assert_array_equal(calc.get_property(name, flat), calc.get_property(name, balls))
     np.testing.assert_array_equal(calc.get_force_constants(flat), calc.get_force_constants(balls))
-    state, q = calc.state, [[0.1, 0.2]]
+    state = calc.state
+    q = [[0.1, 0.2]]
     padded, lying = (gp.Phonons(state, one) for one in (balls, flat))
     np.testing.assert_array_equal(lying.frequencies(q), padded.frequencies(q))
     assert lying.bands(npoints=3).frequencies.shape == (3, 3, 9 * (3 if friction else 2))
 
 
-# -- a lattice that is turned -------------------------------------------------------------------------------------------
+# -- a lattice that is turned ----------------------------------------------------------------------
 
 
 def test_balls_moved_among_each_other_are_refused():
@@ -1006,25 +1218,32 @@ def test_smooth_balls_of_finite_overlap_turn_with_their_lattice(name):
     balls.set_array("displacements", balls.positions - sites.positions)
     flat = name in COORDINATES
     balls.pbc &= flat
-    energy, forces = calc.get_property("energy", balls), calc.get_property("forces", balls).copy()
+    energy = calc.get_property("energy", balls)
+    forces = calc.get_property("forces", balls).copy()
     constants = calc.get_force_constants(balls)
-    c, s = np.cos(3.7), np.sin(3.7)
+    c = np.cos(3.7)
+    s = np.sin(3.7)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     if not flat:
         turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
         turn *= np.linalg.det(turn)
     turned = balls.copy()
-    turned.positions, turned.arrays["displacements"] = balls.positions @ turn.T, balls.arrays["displacements"] @ turn.T
+    turned.positions = balls.positions @ turn.T
+    turned.arrays["displacements"] = balls.arrays["displacements"] @ turn.T
     turned.cell = balls.cell @ turn.T if flat else np.eye(3)  # the cell of a cluster tells nothing
     assert calc.get_property("energy", turned) == pytest.approx(energy, rel=1e-12)
     np.testing.assert_allclose(calc.get_property("forces", turned), forces @ turn.T, atol=1e-14)
-    np.testing.assert_allclose(calc.get_force_constants(turned), turn @ constants @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(
+        calc.get_force_constants(turned), turn @ constants @ turn.T, atol=1e-12
+    )
     if name == "plane vacancy":  # the others have no vibrations, or no periods
         expected = gp.Phonons(state, balls).frequencies([[0.1, 0.3]])
-        np.testing.assert_allclose(gp.Phonons(state, turned).frequencies([[0.1, 0.3]]), expected, rtol=1e-9)
+        np.testing.assert_allclose(
+            gp.Phonons(state, turned).frequencies([[0.1, 0.3]]), expected, rtol=1e-9
+        )
 
 
-# -- force constants of balls that are displaced, with finite overlap -----------------------------------------------------
+# -- force constants of balls that are displaced, with finite overlap ------------------------------
 
 
 @pytest.mark.claim("finite-overlap-exact")
@@ -1057,7 +1276,7 @@ def test_the_origin_of_slip_is_where_there_is_no_torque():
     np.testing.assert_allclose(differenced(calc, balls, 2, True, 1e-4), stiff, atol=1e-8)
 
 
-# -- samples of a simulation --------------------------------------------------------------------------------------------
+# -- samples of a simulation -----------------------------------------------------------------------
 
 
 def simulated(friction, overlap=0.05, width=2.04e-6, **more):
@@ -1072,17 +1291,27 @@ def simulated(friction, overlap=0.05, width=2.04e-6, **more):
 @pytest.mark.parametrize("overlap", [0.5, 0.05, -0.05])
 def test_a_sample_comes_back_at_rest(friction, overlap):
     state = simulated(friction, overlap)
-    balls, sample, scales = state.sample.atoms(), state.sample, state.scales
+    balls = state.sample.atoms()
+    sample = state.sample
+    scales = state.scales
     balls.calc = gp.HertzMindlin(state)
-    # the equilibrium's own residual, and what is left of overlaps when they are differences of positions
+    # the equilibrium's own residual, and what is left of overlaps when they are differences of
+    # positions
     least = (1e-10 + 72 * 2e-16 * DIAMETER / sample.overlap) if overlap > 0.0 else 1e-8
     assert np.abs(balls.get_forces()).max() * scales.force < least * sample.force
-    assert np.abs(balls.calc.get_torques(balls)).max() * scales.energy < least * sample.force * DIAMETER
-    assert balls.get_potential_energy() * scales.energy == pytest.approx(sample.energy * 3 * 72, rel=1e-9)
+    assert (
+        np.abs(balls.calc.get_torques(balls)).max() * scales.energy
+        < least * sample.force * DIAMETER
+    )
+    assert balls.get_potential_energy() * scales.energy == pytest.approx(
+        sample.energy * 3 * 72, rel=1e-9
+    )
     pressure = -np.mean(balls.get_stress()[:2]) * scales.modulus
     assert pressure == pytest.approx(np.sqrt(3.0) * sample.force / DIAMETER**2, rel=1e-9)
     # the mean lattice of the same state is still its own
-    assert -np.mean(gp.atoms(state).get_stress()[:2]) * scales.modulus == pytest.approx(pressure, rel=1e-9)
+    assert -np.mean(gp.atoms(state).get_stress()[:2]) * scales.modulus == pytest.approx(
+        pressure, rel=1e-9
+    )
 
 
 @pytest.mark.claim("sample-at-rest")
@@ -1092,10 +1321,16 @@ def test_force_constants_of_a_sample(friction):
     balls, calc = state.sample.atoms(), gp.HertzMindlin(state)
     lattice = calc.contact_lattice(balls)
     tensor = lattice.elastic_tensor() * state.scales.modulus
-    np.testing.assert_allclose(tensor, state.sample.elastic_tensor, rtol=0.0, atol=1e-9 * tensor.max())
+    np.testing.assert_allclose(
+        tensor, state.sample.elastic_tensor, rtol=0.0, atol=1e-9 * tensor.max()
+    )
     width = 3 if friction else 2
-    exact, delta = calc.get_force_constants(balls)[:, [0, 37], :width, :width], state.relative_overlap
-    errors = [np.abs(differenced(calc, balls, 2, friction, delta / m, [0, 37]) - exact).max() for m in (200.0, 400.0)]
+    exact = calc.get_force_constants(balls)[:, [0, 37], :width, :width]
+    delta = state.relative_overlap
+    errors = [
+        np.abs(differenced(calc, balls, 2, friction, delta / m, [0, 37]) - exact).max()
+        for m in (200.0, 400.0)
+    ]
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
     assert errors[1] < 1e-3
 
@@ -1118,9 +1353,10 @@ def test_a_slice_of_a_sample_keeps_the_law_of_two_balls():
     assert pair.get_potential_energy() == pytest.approx(expected, rel=1e-9)
 
 
-# -- the law of a medium -----------------------------------------------------------------------------------------------
+# -- the law of a medium ---------------------------------------------------------------------------
 
-SPREAD = gp.Uniform(0.1 * DIAMETER)  # wide, so that steps of a finite difference are small against it
+# wide, so that steps of a finite difference are small against it
+SPREAD = gp.Uniform(0.1 * DIAMETER)
 #: overlaps over the width; contacts of the mean ball are open at the last
 MEAN_OVERLAPS = (0.6, 0.2, -0.1)
 every_medium = pytest.mark.parametrize("medium", [gp.AveragedForce, gp.EffectiveMedium])
@@ -1138,11 +1374,15 @@ def test_forces_and_stress_are_slopes_of_the_energy_of_a_medium(medium, part, fr
     state = medium_state(medium, part, friction)
     balls = shaken(gp.atoms(state).repeat((3, 3, 1)), deviations=False)
     balls.calc = gp.HertzMindlin(state)
-    np.testing.assert_allclose(balls.get_forces(), calculate_numerical_forces(balls, eps=1e-5), rtol=0.0, atol=2e-8)
+    np.testing.assert_allclose(
+        balls.get_forces(), calculate_numerical_forces(balls, eps=1e-5), rtol=0.0, atol=2e-8
+    )
     one = gp.atoms(state).repeat((2, 2, 1))
     one.calc = gp.HertzMindlin(state)
     differences = calculate_numerical_stress(one, eps=1e-5)
-    np.testing.assert_allclose(one.get_stress()[[0, 1, 5]], differences[[0, 1, 5]], rtol=0.0, atol=2e-8)
+    np.testing.assert_allclose(
+        one.get_stress()[[0, 1, 5]], differences[[0, 1, 5]], rtol=0.0, atol=2e-8
+    )
 
 
 @every_medium
@@ -1152,12 +1392,17 @@ def test_stress_and_force_constants_of_a_medium_are_those_of_its_state(medium, p
     balls = gp.atoms(state)
     pressure = -balls.get_stress()[:2] * state.scales.modulus
     np.testing.assert_allclose(pressure, state.pressure / DIAMETER, rtol=1e-12)
-    assert medium(state.packing).at_pressure(state.pressure).overlap == pytest.approx(state.overlap, rel=1e-12)
+    assert medium(state.packing).at_pressure(state.pressure).overlap == pytest.approx(
+        state.overlap, rel=1e-12
+    )
     big = balls.repeat((3, 3, 1))
     constants = gp.HertzMindlin(state).get_force_constants(big)
     equal = at_overlap("triangular", friction=False)
     np.testing.assert_allclose(
-        constants, gp.HertzMindlin(equal).get_force_constants(gp.atoms(equal).repeat((3, 3, 1))), rtol=0.0, atol=1e-13
+        constants,
+        gp.HertzMindlin(equal).get_force_constants(gp.atoms(equal).repeat((3, 3, 1))),
+        rtol=0.0,
+        atol=1e-13,
     )
     # a difference of the forces at an overlap that may be below zero
     slopes = differenced(gp.HertzMindlin(state), big, 2, False, 1e-5)

@@ -31,11 +31,18 @@ def test_density_survives_its_file(phonons, tmp_path, method):
     dos.write_csv(tmp_path / "dos.csv")
     back = gp.DensityOfStates.read_csv(tmp_path / "dos.csv")
     for field in dataclasses.fields(dos):
-        np.testing.assert_array_equal(getattr(back, field.name), getattr(dos, field.name), err_msg=field.name)
+        np.testing.assert_array_equal(
+            getattr(back, field.name), getattr(dos, field.name), err_msg=field.name
+        )
     again = gp.DensityOfStates.from_dict(dos.to_dict())
     np.testing.assert_array_equal(again.total, dos.total)
     table = np.genfromtxt(tmp_path / "dos.csv", delimiter=",", names=True)
-    assert table.dtype.names == ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
+    assert table.dtype.names == (
+        "frequency_Hz",
+        "total_per_Hz",
+        "translational_per_Hz",
+        "rotational_per_Hz",
+    )
     np.testing.assert_array_equal(table["total_per_Hz"], dos.total)
     np.testing.assert_array_equal(table["frequency_Hz"], dos.frequencies)
     frequency = Quantity("frequency", "Hz", "1 kHz", "Hz, kHz", "zero or above")
@@ -44,7 +51,7 @@ def test_density_survives_its_file(phonons, tmp_path, method):
     np.testing.assert_array_equal(own.column("frequency_Hz (Hz)", frequency), dos.frequencies)
 
 
-# -- densities of states ------------------------------------------------------------------------------------------------
+# -- densities of states ---------------------------------------------------------------------------
 
 
 def integral(dos, part="total"):
@@ -52,7 +59,9 @@ def integral(dos, part="total"):
 
 
 @pytest.mark.claim("api-densities")
-@pytest.mark.parametrize(("mesh", "points"), [((1, 1), 501), ((2, 2), 12), ((7, 5), 501), ((16, 16), 13)])
+@pytest.mark.parametrize(
+    ("mesh", "points"), [((1, 1), 501), ((2, 2), 12), ((7, 5), 501), ((16, 16), 13)]
+)
 def test_integral_is_the_number_of_branches_of_a_ball(phonons, mesh, points):
     rotations = 1.0 if phonons.lattice.motions.rotate else 0.0
     dos = phonons.dos(mesh=mesh, points=points)
@@ -73,12 +82,16 @@ def test_smearing_tends_to_the_tetrahedra(rough):
         assert smeared.method == "smearing"
         cumulative = cumulative_trapezoid(smeared.total, smeared.frequencies, initial=0.0)
         reference = cumulative_trapezoid(fine.total, fine.frequencies, initial=0.0)
-        distances.append(np.abs(np.interp(fine.frequencies, smeared.frequencies, cumulative) - reference).max() / total)
+        distances.append(
+            np.abs(np.interp(fine.frequencies, smeared.frequencies, cumulative) - reference).max()
+            / total
+        )
     assert distances[0] > 1.4 * distances[1] > 1.4**2 * distances[2]
 
 
 def test_moments_are_traces(phonons):
-    # the mean squared frequency is the trace of D(q) averaged over the zone: the force constants of a ball on itself
+    # the mean squared frequency is the trace of D(q) averaged over the zone: the force constants of
+    # a ball on itself
     dos = phonons.dos(mesh=(64, 64), points=4001)
     own = np.einsum("aa->a", phonons.phonopy.force_constants[0, 0])
     unit = phonons.scales.frequency**2
@@ -89,7 +102,10 @@ def test_moments_are_traces(phonons):
 
 @pytest.mark.claim("reduced-mesh")
 @pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
-@pytest.mark.parametrize("case", ["triangular", "smooth", "square", "kagome", "vacancy", "masses", "oblong", "fcc", "hcp"])
+@pytest.mark.parametrize(
+    "case",
+    ["triangular", "smooth", "square", "kagome", "vacancy", "masses", "oblong", "fcc", "hcp"],
+)
 def test_reduced_mesh_equals_the_full_one(method, case):
     lattice = case if case in ("square", "kagome", "fcc", "hcp") else "triangular"
     state = at_force(friction=case != "smooth", lattice=lattice)
@@ -102,7 +118,8 @@ def test_reduced_mesh_equals_the_full_one(method, case):
         balls.set_masses([1.0, 2.0, 3.0, 5.0])
     mesh = {"oblong": (8, 6), "fcc": (8, 8, 8), "hcp": (6, 6, 4)}.get(case, (8, 8))
     ph = gp.Phonons(state, balls)
-    small, unreduced = ph._make_mesh(mesh), WholeMesh(state, balls)
+    small = ph._make_mesh(mesh)
+    unreduced = WholeMesh(state, balls)
     full = unreduced._make_mesh(mesh)
     assert small.weights.sum() == full.weights.sum() == len(full.qpoints) == np.prod(mesh)
     reduced = ph.dos(mesh=mesh, method=method)
@@ -127,8 +144,10 @@ def test_reduced_mesh_equals_the_full_one(method, case):
 
 @pytest.mark.claim("reduced-mesh")
 def test_square_meshes_tend_to_the_same_density():
-    # a mesh of squares cut along one diagonal has less symmetry than the lattice; the difference falls with the mesh
-    both, apart = [kind(at_force(lattice="square")) for kind in (gp.Phonons, WholeMesh)], []
+    # a mesh of squares cut along one diagonal has less symmetry than the lattice; the difference
+    # falls with the mesh
+    both = [kind(at_force(lattice="square")) for kind in (gp.Phonons, WholeMesh)]
+    apart = []
     for n in (12, 24, 48):
         found = [ph.dos(mesh=(n, n)) for ph in both]
         counts = [cumulative_trapezoid(dos.total, dos.frequencies, initial=0.0) for dos in found]
@@ -147,7 +166,8 @@ def test_edges(rough):
     above = dos.frequencies > top + 0.51 * dos.frequencies[1]
     assert above.sum() > 10
     np.testing.assert_allclose(dos.total[above], 0.0, atol=1e-12 * dos.total.max())
-    # at the top, rotation alone, with the step of a parabolic maximum in two dimensions: omega^2 = 30 eta (1 - q^2/10)
+    # at the top, rotation alone, with the step of a parabolic maximum in two dimensions: omega^2 =
+    # 30 eta (1 - q^2/10)
     just = (dos.frequencies > 0.97 * top) & (dos.frequencies < 0.99 * top)
     assert np.all(dos.rotational[just] > 20.0 * dos.translational[just])
     # omega = w0 (1 - q^2/20): g = A/(2 pi) q dq/domega = A/(2 pi) 10/w0 per angular frequency
@@ -176,7 +196,8 @@ def test_density_is_per_ball_with_a_vacancy_and_unequal_masses(rough):
 
 def test_unequal_mesh(rough):
     # the two are mirror images, on a lattice that has the mirror
-    one, other = rough.dos(mesh=(24, 20)), rough.dos(mesh=(20, 24, 1))
+    one = rough.dos(mesh=(24, 20))
+    other = rough.dos(mesh=(20, 24, 1))
     assert (one.mesh, other.mesh) == ((24, 20), (20, 24))
     np.testing.assert_allclose(one.total, other.total, atol=1e-9 * one.total.max())
 
@@ -185,7 +206,8 @@ def test_unequal_mesh(rough):
 def test_a_density_of_states_counts_every_motion(lattice, motions, options):
     ph = phonons_of(lattice, motions, **options)
     mesh = (9, 9, 5)[: ph.lattice.periods]
-    count, turns = ph.lattice.motions.count, len(ph.lattice.motions.rotations)
+    count = ph.lattice.motions.count
+    turns = len(ph.lattice.motions.rotations)
     for method, tolerance in (("tetrahedron", 1e-12), ("smearing", 1e-5)):
         dos = ph.dos(mesh, method=method)
         assert dos.mesh == mesh
@@ -196,13 +218,17 @@ def test_a_density_of_states_counts_every_motion(lattice, motions, options):
 @pytest.mark.parametrize(
     ("lattice", "mesh"),
     [
-        ("chain", (40,)), ("triangular", (12, 12)), pytest.param("fcc", (8, 8, 8), marks=pytest.mark.exhaustive),
+        ("chain", (40,)),
+        ("triangular", (12, 12)),
+        pytest.param("fcc", (8, 8, 8), marks=pytest.mark.exhaustive),
         pytest.param("hcp", (6, 6, 4), marks=pytest.mark.exhaustive),
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_densities_are_phonopys(lattice, mesh):
-    """Phonopy's density at a frequency is the limit of the mean over an interval, but for steps and poles."""
+    """Phonopy's density at a frequency is the limit of the mean over an interval, but for steps and
+    poles.
+    """
     ph = phonons_of(lattice, "all", **RESISTED)
     dos = WholeMesh(ph.state).dos(mesh, points=20001)
     ph.phonopy.run_mesh([*mesh, 1, 1][:3], is_gamma_center=True, is_mesh_symmetry=False)
@@ -214,8 +240,11 @@ def test_densities_are_phonopys(lattice, mesh):
 
 
 def test_modes_of_a_linear_dispersion_in_closed_form():
-    """On one cell of a mesh with corners 0 and 1, the lower corner has 2 x - x^2 of its half, the upper one x^2."""
-    mesh, limits = ZoneMesh.of((2,)), np.linspace(-0.5, 1.5, 9)
+    """On one cell of a mesh with corners 0 and 1, the lower corner has 2 x - x^2 of its half, the
+    upper one x^2.
+    """
+    mesh = ZoneMesh.of((2,))
+    limits = np.linspace(-0.5, 1.5, 9)
     x = np.clip(limits, 0.0, 1.0)
     parts = np.array([[[1.0], [0.0]], [[0.0], [1.0]]])
     counted = mesh.count_modes(np.eye(1), np.array([[0.0], [1.0]]), parts, limits)
@@ -249,7 +278,9 @@ def test_states_of_a_chain_in_closed_form():
 
 
 def test_low_states_of_a_crystal_are_those_of_sound():
-    """Debye's law, N(omega) = V omega^3 / (6 pi^2) times the mean of 1/v^3 over directions and branches."""
+    """Debye's law, N(omega) = V omega^3 / (6 pi^2) times the mean of 1/v^3 over directions and
+    branches.
+    """
     ph = phonons_of("fcc")
     dos = ph.dos((48, 48, 48))
     z, angle = np.meshgrid((np.arange(40) + 0.5) / 20.0 - 1.0, (np.arange(40) + 0.5) * np.pi / 20.0)
@@ -278,7 +309,10 @@ BAD_DENSITIES = {
     "negative sigma": ({"method": "smearing", "sigma": -1.0}, "finite number above zero"),
     "no sigma": ({"method": "smearing", "sigma": 0.0}, "finite number above zero"),
     "sigma not a number": ({"method": "smearing", "sigma": np.nan}, "finite number above zero"),
-    "third of the mesh": ({"mesh": (8, 8, 2)}, "whose third number is 2; allowed: two whole numbers"),
+    "third of the mesh": (
+        {"mesh": (8, 8, 2)},
+        "whose third number is 2; allowed: two whole numbers",
+    ),
     "nothing of the mesh": ({"mesh": (0, 8)}, "allowed: two whole numbers from 1 to"),
     "half a mesh": ({"mesh": (8,)}, "allowed: two whole numbers from 1 to"),
 }
@@ -304,7 +338,9 @@ def test_low_frequencies_follow_debye(phonons, method):
     ratio = dos.total[low] / (slope * dos.frequencies[low])
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)
     # quadratic beyond: dispersion bends the branches down, so the density rises above the law
-    assert 1.0 < dos.total[np.searchsorted(dos.frequencies, 0.25 * top)] / (slope * 0.25 * top) < 1.3
+    assert (
+        1.0 < dos.total[np.searchsorted(dos.frequencies, 0.25 * top)] / (slope * 0.25 * top) < 1.3
+    )
 
 
 def test_mode_count_of_a_fine_mesh(phonons):
@@ -312,14 +348,18 @@ def test_mode_count_of_a_fine_mesh(phonons):
     n = 240
     grid = (np.stack(np.meshgrid(*[np.arange(n)] * 2), axis=-1).reshape(-1, 2) + 0.5) / n
     lattice = phonons.lattice
-    values = np.sort((lattice.frequencies(lattice.wavevectors(grid)) * phonons.scales.frequency).ravel())
+    values = np.sort(
+        (lattice.frequencies(lattice.wavevectors(grid)) * phonons.scales.frequency).ravel()
+    )
     dos = phonons.dos(mesh=(64, 64), points=2001)
     counted = np.searchsorted(values, dos.frequencies) / len(grid)
     cumulative = cumulative_trapezoid(dos.total, dos.frequencies, initial=0.0)
     np.testing.assert_allclose(cumulative, counted, atol=2e-3 * lattice.n_branches)
 
 
-@pytest.mark.parametrize(("lattice", "mesh"), [("chain", (16,)), ("fcc", (4, 4, 4)), ("hcp", (4, 4, 2))], ids=str)
+@pytest.mark.parametrize(
+    ("lattice", "mesh"), [("chain", (16,)), ("fcc", (4, 4, 4)), ("hcp", (4, 4, 2))], ids=str
+)
 def test_tables_of_densities_of_states(lattice, mesh, tmp_path):
     dos = phonons_of(lattice, "all").dos(mesh)
     dos.write_csv(tmp_path / "dos.csv")

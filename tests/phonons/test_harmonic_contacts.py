@@ -1,4 +1,6 @@
-"""The calculator of a network of contacts: slopes of its energy, its vibrations, and two other ways to the same numbers."""
+"""The calculator of a network of contacts: slopes of its energy, its vibrations, and two other ways
+to the same numbers.
+"""
 
 from dataclasses import replace
 
@@ -11,24 +13,35 @@ import granphon as gp
 from granphon.base.errors import InputError
 
 STEEL = gp.Material(193e9, 0.30, 8000.0)
-A, B = gp.Ball(STEEL, 8e-3, name="A"), gp.Ball(STEEL, 8e-3, mass=1e-3, name="B")
+A = gp.Ball(STEEL, 8e-3, name="A")
+B = gp.Ball(STEEL, 8e-3, mass=1e-3, name="B")
 
 
 def square(**options):
-    large, small = gp.Ball(STEEL, 8e-3), gp.Ball(STEEL, (np.sqrt(2.0) - 1.0) * 8e-3)
-    return gp.Crystal([large, small], np.diag([8e-3, 8e-3]), [[0, 0], [4e-3, 4e-3]], **options).at_pressure(10.0)
+    large = gp.Ball(STEEL, 8e-3)
+    small = gp.Ball(STEEL, (np.sqrt(2.0) - 1.0) * 8e-3)
+    return gp.Crystal(
+        [large, small], np.diag([8e-3, 8e-3]), [[0, 0], [4e-3, 4e-3]], **options
+    ).at_pressure(10.0)
 
 
 def tilted(network):
     """The network turned about z: its periods leave x and the plane of x and y stays."""
-    c, s = np.cos(0.4), np.sin(0.4)
+    c = np.cos(0.4)
+    s = np.sin(0.4)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     fields = {name: getattr(network, name) @ turn for name in ("cell", "positions", "normal")}
     return replace(network, lattice=None, shape=None, **fields)
 
 
 def strip():
-    return gp.Crystal.on("triangular", [A]).repeat((2, 1)).replace(1, B).cut(1, 3, ("floor", "clamped")).at_pressure(10.0)
+    return (
+        gp.Crystal.on("triangular", [A])
+        .repeat((2, 1))
+        .replace(1, B)
+        .cut(1, 3, ("floor", "clamped"))
+        .at_pressure(10.0)
+    )
 
 
 CASES = {
@@ -37,18 +50,24 @@ CASES = {
     "bending": lambda: square(motions="all", bending=0.01, torsion=0.02),
     "out of plane": lambda: square(motions="out_of_plane"),
     "salt": lambda: gp.Crystal.on("NaCl", [A, B]).at_pressure(1e5),
-    "finite overlap": lambda: gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc", friction=False)).at_overlap(
-        4e-6, finite_overlap=True).network.repeat((2, 1, 1)),
+    "finite overlap": lambda: (
+        gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc", friction=False))
+        .at_overlap(4e-6, finite_overlap=True)
+        .network.repeat((2, 1, 1))
+    ),
     "turned": lambda: tilted(square().network),
     "held": strip,
-}  # fmt: skip
+}
 
 
 def shaken(case, size=1e-3):
-    """The Atoms of a case with small displacements, rotations and, where nothing holds it, a strain."""
+    """The Atoms of a case with small displacements, rotations and, where nothing holds it, a
+    strain.
+    """
     atoms, rng = gp.atoms(CASES[case]()), np.random.default_rng(5)
     if case != "held":
-        strain, p = np.zeros((3, 3)), int(np.sum(atoms.pbc))
+        strain = np.zeros((3, 3))
+        p = int(np.sum(atoms.pbc))
         strain[:p, :p] = size * rng.normal(size=(p, p))
         atoms.set_cell(atoms.cell @ (np.eye(3) + strain), scale_atoms=True)
     atoms.positions += size * rng.normal(size=(len(atoms), 3))
@@ -71,7 +90,8 @@ def slope(atoms, change, step=1e-4):
 @pytest.mark.parametrize("case", CASES)
 def test_forces_torques_and_stress_are_slopes_of_the_energy(case):
     atoms = shaken(case)
-    forces, torques = atoms.get_forces(), atoms.calc.get_torques(atoms)
+    forces = atoms.get_forces()
+    torques = atoms.calc.get_torques(atoms)
     for ball, axis in np.ndindex(len(atoms), 3):
 
         def shift(one, step, at=(ball, axis)):
@@ -108,28 +128,43 @@ def test_at_rest_there_is_no_force_and_the_stress_is_that_of_the_state(case):
     assert atoms.get_potential_energy() == 0.0
     assert not np.any(atoms.get_forces())
     if case != "held":
-        p, pressure = int(np.sum(atoms.pbc)), {"plane": 10.0, "turned": 10.0, "salt": 1e5}[case]
+        p = int(np.sum(atoms.pbc))
+        pressure = {"plane": 10.0, "turned": 10.0, "salt": 1e5}[case]
         unit = atoms.calc.state.scales.modulus * (atoms.calc.state.scales.length if p == 2 else 1.0)
-        assert_allclose(atoms.get_stress(voigt=False)[:p, :p] * unit, -pressure * np.eye(p), atol=1e-9 * pressure)
+        assert_allclose(
+            atoms.get_stress(voigt=False)[:p, :p] * unit,
+            -pressure * np.eye(p),
+            atol=1e-9 * pressure,
+        )
 
 
 def test_vibrations_of_ase_are_the_modes_of_a_supercell(tmp_path):
-    """ase.vibrations moves the balls; the waves of two by two cells are the phonons at four wave vectors."""
+    """ase.vibrations moves the balls; the waves of two by two cells are the phonons at four wave
+    vectors.
+    """
     state = square(friction=False)
     atoms = gp.atoms(state.network.repeat((2, 2)))
     vibrations = ase.vibrations.Vibrations(atoms, name=str(tmp_path / "vib"), delta=1e-3)
     vibrations.run()
-    squares = np.linalg.eigvalsh(vibrations.get_vibrations().get_hessian_2d() / np.sqrt(
-        np.outer(*[np.repeat(atoms.get_masses(), 3)] * 2)))  # fmt: skip
+    squares = np.linalg.eigvalsh(
+        vibrations.get_vibrations().get_hessian_2d()
+        / np.sqrt(np.outer(*[np.repeat(atoms.get_masses(), 3)] * 2))
+    )
     found = np.sqrt(np.maximum(squares, 0.0))[len(atoms) :]  # balls do not move along z
-    wanted = gp.Phonons(state).frequencies([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [0.5, 0.5]]) / state.scales.frequency
+    wanted = (
+        gp.Phonons(state).frequencies([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [0.5, 0.5]])
+        / state.scales.frequency
+    )
     assert_allclose(found, np.sort(wanted.ravel()), atol=1e-6)
 
 
 def test_small_displacements_have_the_forces_of_the_contact_law():
-    """Hertz's law of a packing, by the other calculator: equal but for the square of displacement over overlap."""
+    """Hertz's law of a packing, by the other calculator: equal but for the square of displacement
+    over overlap.
+    """
     state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="hcp")).at_overlap(8e-5)
-    own, network = gp.atoms(state), gp.atoms(state.network)
+    own = gp.atoms(state)
+    network = gp.atoms(state.network)
     move = np.random.default_rng(2).normal(size=own.positions.shape)
     errors = []
     for size in (1e-5, 1e-6):
@@ -160,5 +195,7 @@ def test_whole_periods_count_nothing_and_other_balls_are_refused():
         other.get_forces()
     for wrong in (atoms.repeat((2, 1, 1)), atoms[[0]], atoms[::-1]):
         wrong.calc = atoms.calc
-        with pytest.raises(InputError, match=r"not the 2 balls of the network.*gp\.atoms\(network\.repeat"):
+        with pytest.raises(
+            InputError, match=r"not the 2 balls of the network.*gp\.atoms\(network\.repeat"
+        ):
             wrong.get_potential_energy()

@@ -1,4 +1,6 @@
-"""Phonons, sound, moduli and pulses of networks: of ribbons, samples, several kinds of balls, and their files."""
+"""Phonons, sound, moduli and pulses of networks: of ribbons, samples, several kinds of balls, and
+their files.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ from tests.dynamics.test_network_lattice import (
     ribbon,
     rock_salt,
     table_network,
-)  # fmt: skip
+)
 from tests.phonons.conftest import RESISTED, STEEL, at_overlap, random_points
 
 DIATOMIC = ([[0.0], [1.0]], [[2.0]], [1.0, 2.5], [(0, 1, [0]), (1, 0, [1])], [[1.0]] * 2, 3.0)
@@ -35,14 +37,19 @@ def sample():
     return gp.DirectSimulation(packing, shape=(6, 6), seed=0).at_force(2.0).sample
 
 
-# -- the packings' own numbers -------------------------------------------------------------------------------------------
+# -- the packings' own numbers ---------------------------------------------------------------------
 
 STATES = {
-    "triangular": {}, "smooth": {"friction": False}, "finite overlap": {"finite_overlap": True},
-    "square": {"lattice": "square"}, "kagome": {"lattice": "kagome"}, "fcc": {"lattice": "fcc"},
-    "chain": {"lattice": "chain", "motions": "all", "torsion": 0.1}, "hcp": {"lattice": "hcp", **RESISTED},
+    "triangular": {},
+    "smooth": {"friction": False},
+    "finite overlap": {"finite_overlap": True},
+    "square": {"lattice": "square"},
+    "kagome": {"lattice": "kagome"},
+    "fcc": {"lattice": "fcc"},
+    "chain": {"lattice": "chain", "motions": "all", "torsion": 0.1},
+    "hcp": {"lattice": "hcp", **RESISTED},
     "finite fcc": {"lattice": "fcc", "finite_overlap": True},
-}  # fmt: skip
+}
 
 
 @pytest.mark.claim("network-bands")
@@ -53,16 +60,26 @@ def test_a_network_of_a_state_has_the_numbers_of_the_state(case):
     periods = state.packing.structure.periods
     along = np.array([0.3, -0.5, 0.8])[:periods]
     for other in (state.network, SimpleNamespace(network=state.network, warnings=())):
-        one, two = gp.Phonons(state), gp.Phonons(other)
+        one = gp.Phonons(state)
+        two = gp.Phonons(other)
         q = random_points(one)
         assert_allclose(two.frequencies(q), one.frequencies(q), rtol=1e-12)
-        own, found = one.bands(npoints=5), two.bands(npoints=5)
+        own = one.bands(npoints=5)
+        found = two.bands(npoints=5)
         assert found.labels == own.labels
-        assert_allclose(found.frequencies, own.frequencies, rtol=1e-12, atol=1e-14 * own.frequencies.max())
-        v, w = gp.sound_velocities(state, along), gp.sound_velocities(other, along)
+        assert_allclose(
+            found.frequencies, own.frequencies, rtol=1e-12, atol=1e-14 * own.frequencies.max()
+        )
+        v = gp.sound_velocities(state, along)
+        w = gp.sound_velocities(other, along)
         assert_allclose(w.velocities, v.velocities, rtol=1e-12)
-        assert_allclose(np.nan if w.twist is None else w.twist, np.nan if v.twist is None else v.twist, rtol=1e-12)
-        m, n = gp.moduli(state), gp.moduli(other)
+        assert_allclose(
+            np.nan if w.twist is None else w.twist,
+            np.nan if v.twist is None else v.twist,
+            rtol=1e-12,
+        )
+        m = gp.moduli(state)
+        n = gp.moduli(other)
         assert_allclose(n.tensor, m.tensor, rtol=0.0, atol=1e-12 * np.max(m.tensor))
         assert (n.isotropic, n.cubic) == (m.isotropic, m.cubic)
         frequency = 0.1 * own.frequencies.max()
@@ -70,8 +87,14 @@ def test_a_network_of_a_state_has_the_numbers_of_the_state(case):
         assert p.branches == r.branches
         assert_allclose(r.group_vector, p.group_vector, rtol=1e-11, atol=1e-12 * np.max(p.group))
         assert_allclose(r.phase, p.phase, rtol=1e-12)
-    assert gp.sound_velocities(SimpleNamespace(network=state.network, warnings=("so",)), along).warnings[0] == "so"
-    atoms, cell = gp.atoms(state), gp.atoms(state.network)
+    assert (
+        gp.sound_velocities(
+            SimpleNamespace(network=state.network, warnings=("so",)), along
+        ).warnings[0]
+        == "so"
+    )
+    atoms = gp.atoms(state)
+    cell = gp.atoms(state.network)
     for name in ("positions", "masses", "radius"):
         assert_allclose(cell.arrays[name], atoms.arrays[name], atol=1e-14)
     assert_allclose(cell.cell.array, atoms.cell.array, atol=1e-14)
@@ -80,11 +103,13 @@ def test_a_network_of_a_state_has_the_numbers_of_the_state(case):
 
 
 def test_a_sample_at_gamma_has_the_modes_of_its_waves(sample):
-    ph, modes = gp.Phonons(sample), gp.Waves(sample).modes(12)
+    ph = gp.Phonons(sample)
+    modes = gp.Waves(sample).modes(12)
     at_gamma = ph.frequencies([[0.0, 0.0]])[0]
     assert np.count_nonzero(at_gamma == 0.0) == 2
     assert_allclose(at_gamma[2:14], modes.frequencies, rtol=1e-12)
-    # and the moduli of its own cell are those of its linear response, which leaves out what stress makes unsymmetric
+    # and the moduli of its own cell are those of its linear response, which leaves out what stress
+    # makes unsymmetric
     tensor = gp.moduli(sample).tensor
     assert_allclose(0.5 * (tensor + tensor.T), sample.elastic_tensor, rtol=1e-9)
 
@@ -109,8 +134,13 @@ def test_sound_in_many_directions_and_isotropy():
     directions = [[1, 0, 0], [1, 1, 0], [1, 2, 3]]
     many = gp.sound_velocities(network, directions)
     assert many.velocities.shape == (3, 3)
-    assert_allclose(many.velocities[2], gp.sound_velocities(network, directions[2]).velocities, rtol=1e-13)
-    with pytest.raises(InputError, match=r"sound velocities of the network depend on the direction.*direction=\(x, y, z\)"):
+    assert_allclose(
+        many.velocities[2], gp.sound_velocities(network, directions[2]).velocities, rtol=1e-13
+    )
+    with pytest.raises(
+        InputError,
+        match=r"sound velocities of the network depend on the direction.*direction=\(x, y, z\)",
+    ):
         gp.sound_velocities(network)
     salt = rock_salt(2.0, 1.4, (1.0, 3.0))
     assert gp.moduli(salt).cubic
@@ -120,17 +150,24 @@ def test_sound_in_many_directions_and_isotropy():
 
 
 def test_moduli_of_a_ribbon_are_a_force_and_of_a_slab_one_over_a_diameter():
-    """Of chains side by side, none of which touches another: each adds its modulus, k d in N and k in N/m."""
-    k, count = 3.0, 4
+    """Of chains side by side, none of which touches another: each adds its modulus, k d in N and k
+    in N/m.
+    """
+    k = 3.0
+    count = 4
     side = [[0.0, 1.0 * n] for n in range(count)]
     contacts = [(n, n, [1]) for n in range(count)] + [(n, n + 1, [0]) for n in range(count - 1)]
     normals = [[1.0, 0.0]] * count + [[0.0, 1.0]] * (count - 1)
-    wide = table_network(side, [[1.0, 0.0]], 1.0, contacts, normals, k, 1.2, dimension=2, motions="in_plane")
+    wide = table_network(
+        side, [[1.0, 0.0]], 1.0, contacts, normals, k, 1.2, dimension=2, motions="in_plane"
+    )
     assert_allclose(gp.moduli(wide).tensor, [[count * k]], rtol=1e-13)
     assert_allclose(gp.sound_velocities(wide).longitudinal, np.sqrt(k), rtol=1e-13)
     slab = ribbon_of_layers(k)
     layer = gp.moduli(
-        table_network([[0, 0, 0]], np.eye(3)[:2], 1.0, [(0, 0, [1, 0]), (0, 0, [0, 1])], np.eye(3)[:2], k, 1.2)
+        table_network(
+            [[0, 0, 0]], np.eye(3)[:2], 1.0, [(0, 0, [1, 0]), (0, 0, [0, 1])], np.eye(3)[:2], k, 1.2
+        )
     )
     assert_allclose(gp.moduli(slab).tensor[:2, :2], 3 * layer.tensor[:2, :2], rtol=0.0, atol=1e-12)
 
@@ -138,17 +175,27 @@ def test_moduli_of_a_ribbon_are_a_force_and_of_a_slab_one_over_a_diameter():
 def ribbon_of_layers(k):
     """Three square layers one above the other."""
     at = [[0, 0, n] for n in range(3)]
-    contacts = [(n, n, step) for n in range(3) for step in ([1, 0], [0, 1])] + [(0, 1, [0, 0]), (1, 2, [0, 0])]
+    contacts = [(n, n, step) for n in range(3) for step in ([1, 0], [0, 1])] + [
+        (0, 1, [0, 0]),
+        (1, 2, [0, 0]),
+    ]
     normals = [axis for _ in range(3) for axis in np.eye(3)[:2]] + [np.eye(3)[2]] * 2
     return table_network(at, np.eye(3)[:2], 1.0, contacts, normals, k, 1.2)
 
 
-# -- gaps ---------------------------------------------------------------------------------------------------------------
+# -- gaps ------------------------------------------------------------------------------------------
 
 
 def test_there_is_no_gap_where_branches_touch():
     """Equal masses fold a band at the edge of the zone; in the plane they touch at K."""
-    assert gp.Phonons(table_network(*DIATOMIC[:2], 1.0, *DIATOMIC[3:], dimension=1, motions="longitudinal")).gaps().size == 0
+    assert (
+        gp.Phonons(
+            table_network(*DIATOMIC[:2], 1.0, *DIATOMIC[3:], dimension=1, motions="longitudinal")
+        )
+        .gaps()
+        .size
+        == 0
+    )
     assert gp.Phonons(at_overlap(1e-3)).gaps().shape == (0, 2)
 
 
@@ -160,7 +207,8 @@ def test_branches_that_cross_away_from_the_mesh_leave_no_gap(lattice, count):
 
 def test_edges_of_gaps_are_found_between_the_points_of_the_mesh():
     ph = gp.Phonons(random_network("triangular", (1, 2), seed=4))
-    coarse, fine = ph.gaps(mesh=(12, 12)), ph.gaps(mesh=(23, 23))
+    coarse = ph.gaps(mesh=(12, 12))
+    fine = ph.gaps(mesh=(23, 23))
     assert len(fine) == 2
     assert_allclose(coarse, fine, rtol=1e-9)
     values = ph.frequencies(np.random.default_rng(1).uniform(0.0, 1.0, (300, 2)))
@@ -170,8 +218,14 @@ def test_edges_of_gaps_are_found_between_the_points_of_the_mesh():
 
 def test_there_is_no_gap_beside_a_peak_that_the_mesh_misses():
     # two branches nearly touch: the lower one rises there above where the upper one is lowest
-    kinds = [(73.16e9, 0.0393, 0.42564e-3), (158.65e9, 0.2826, 0.64773e-3), (2.6029e9, 0.1863, 0.64615e-3)]
-    balls = [gp.Ball(gp.Material(young, poisson, 5e3), 6e-3, mass=mass) for young, poisson, mass in kinds]
+    kinds = [
+        (73.16e9, 0.0393, 0.42564e-3),
+        (158.65e9, 0.2826, 0.64773e-3),
+        (2.6029e9, 0.1863, 0.64615e-3),
+    ]
+    balls = [
+        gp.Ball(gp.Material(young, poisson, 5e3), 6e-3, mass=mass) for young, poisson, mass in kinds
+    ]
     ph = gp.Phonons(gp.Crystal.on("kagome", balls).at_force(1.32))
     peak, hollow = ph.frequencies([[0.43757, 0.66210], [0.13313, 0.76484]])
     assert peak[6] > hollow[7]
@@ -185,7 +239,7 @@ def test_held_balls_have_a_gap_below_their_lowest_branch():
     assert 0.0 < high < gp.Phonons(held).frequencies([[0.3, 0.2]]).min()
 
 
-# -- atoms and files ------------------------------------------------------------------------------------------------------
+# -- atoms and files -------------------------------------------------------------------------------
 
 
 def test_atoms_and_files_have_masses_and_kinds(tmp_path):
@@ -236,21 +290,32 @@ def test_densities_of_states_count_the_motions():
 
 def test_dispersion_of_a_pulse_in_a_chain_of_two_masses():
     """cos 2q d from the dispersion relation of the diatomic chain."""
-    k, m1, m2 = 3.0, 1.0, 2.5
-    chain, omega = diatomic_chain(), 0.9
+    k = 3.0
+    m1 = 1.0
+    m2 = 2.5
+    chain = diatomic_chain()
+    omega = 0.9
     found = gp.pulse_velocities(chain, omega / (2 * np.pi), branches="longitudinal")
     cosine = ((2 * k - m1 * omega**2) * (2 * k - m2 * omega**2)) / (2 * k**2) - 1.0
     assert_allclose(found.wavenumber[0], np.arccos(cosine) / 2.0, rtol=1e-12)
 
 
-# -- what is refused ------------------------------------------------------------------------------------------------------
+# -- what is refused -------------------------------------------------------------------------------
 
 
 def test_what_has_no_bands_is_one_error():
     state = at_overlap(1e-3)
     for wrong in (None, 3.0, "state", gp.Packing(STEEL, 8e-3)):
-        for ask in (gp.Phonons, gp.sound_velocities, gp.moduli, gp.atoms, lambda x: gp.pulse_velocities(x, 1.0)):
-            with pytest.raises(InputError, match=r"no network of contacts in .*Give a state, a sample"):
+        for ask in (
+            gp.Phonons,
+            gp.sound_velocities,
+            gp.moduli,
+            gp.atoms,
+            lambda x: gp.pulse_velocities(x, 1.0),
+        ):
+            with pytest.raises(
+                InputError, match=r"no network of contacts in .*Give a state, a sample"
+            ):
                 ask(wrong)
     network = state.network.repeat((3, 3))
     with pytest.raises(InputError, match="repeats along no axis"):
@@ -271,5 +336,7 @@ def test_cells_too_large_are_refused_with_an_estimate():
     with pytest.raises(InputError, match=r"16875 branches.*GiB of memory.*gp\.Waves"):
         gp.Phonons(network).frequencies([[0.1, 0.2]])
     some = gp.Phonons(replace(network.select(np.arange(600)), pbc=(False, True, False)))
-    with pytest.raises(InputError, match=r"1800 eigenvectors at 303 wave vectors take 14.6 GiB.*eigenvectors=False"):
+    with pytest.raises(
+        InputError, match=r"1800 eigenvectors at 303 wave vectors take 14.6 GiB.*eigenvectors=False"
+    ):
         some.bands([[0], [0.5]], npoints=303)

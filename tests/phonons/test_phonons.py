@@ -1,4 +1,6 @@
-"""Phonons through phonopy against C(q), a phonopy of finite differences, and closed forms; cells, masses, defects."""
+"""Phonons through phonopy against C(q), a phonopy of finite differences, and closed forms; cells,
+masses, defects.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ from tests.phonons.conftest import (
     padded,
     phonons_of,
     random_points,
-)  # fmt: skip
+)
 
 fractions = st.floats(-1.0, 1.0, allow_nan=False)
 both_overlaps = pytest.mark.parametrize("finite_overlap", [False, True], ids=["limit", "finite"])
@@ -30,7 +32,7 @@ LATTICES = [("triangular", True), ("triangular", False), ("square", True), ("kag
 every_lattice = pytest.mark.parametrize(("lattice", "friction"), LATTICES)
 
 
-# -- against C(q) and other engines -------------------------------------------------------------------------------------
+# -- against C(q) and other engines ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("relative", [1e-20, 1e-12, 1e-6])
@@ -38,17 +40,21 @@ every_lattice = pytest.mark.parametrize(("lattice", "friction"), LATTICES)
 def test_bands_are_exact_at_any_load(relative, finite_overlap):
     # in units of (k/M)^1/2 nothing depends on the load but the terms of order delta/d
     q = [[0.123, 0.271], [1 / 3, 1 / 3], [0.5, 0.0], [1e-7, 2e-7]]
-    state, plain = at_overlap(relative, finite_overlap=finite_overlap), at_overlap()
+    state = at_overlap(relative, finite_overlap=finite_overlap)
+    plain = at_overlap()
     found = gp.Phonons(state).frequencies(q) / state.scales.frequency
     expected = gp.Phonons(plain).frequencies(q) / plain.scales.frequency
-    np.testing.assert_allclose(found, expected, rtol=1e-13 + (3.0 * relative if finite_overlap else 0.0))
+    np.testing.assert_allclose(
+        found, expected, rtol=1e-13 + (3.0 * relative if finite_overlap else 0.0)
+    )
 
 
 @pytest.mark.claim("bands-and-group-velocities")
 @every_lattice
 @both_overlaps
 def test_a_phonopy_of_finite_differences_agrees(lattice, friction, finite_overlap):
-    # nothing of ours but forces and torques: cell, masses, differences and dynamical matrix are phonopy's
+    # nothing of ours but forces and torques: cell, masses, differences and dynamical matrix are
+    # phonopy's
     state = at_overlap(0.02, lattice=lattice, friction=friction, finite_overlap=finite_overlap)
     one = gp.atoms(state)
     calc = gp.HertzMindlin(state)
@@ -100,10 +106,12 @@ def test_phonopys_object_has_the_same_frequencies(lattice, motions, options):
     # coordinates that hold no motion are flat bands at zero
     still = len(ph.atoms) * len(ph.lattice.motions.still_slots)
     assert len(ph.phonopy.unitcell) == len(ph.atoms) * ph.lattice.motions.atoms_per_ball
-    np.testing.assert_allclose(theirs, np.sort(np.pad(ours, ((0, 0), (still, 0))), axis=1), atol=1e-13 * ours.max())
+    np.testing.assert_allclose(
+        theirs, np.sort(np.pad(ours, ((0, 0), (still, 0))), axis=1), atol=1e-13 * ours.max()
+    )
 
 
-# -- other cells of the same balls --------------------------------------------------------------------------------------
+# -- other cells of the same balls -----------------------------------------------------------------
 
 
 def test_atoms_are_taken_as_a_copy():
@@ -116,7 +124,7 @@ def test_atoms_are_taken_as_a_copy():
     np.testing.assert_array_equal(ph.frequencies([[0.1, 0.2]]), before)
 
 
-# -- what is refused ----------------------------------------------------------------------------------------------------
+# -- what is refused -------------------------------------------------------------------------------
 
 
 def test_dim():
@@ -127,7 +135,9 @@ def test_dim():
     assert gp.Phonons(at_overlap(lattice="kagome")).dim == (2, 2)
     q = [[0.123, 0.271]]
     np.testing.assert_allclose(
-        gp.Phonons(state, dim=(5, 4)).frequencies(q), gp.Phonons(state, dim=(3, 3, 1)).frequencies(q), rtol=1e-13
+        gp.Phonons(state, dim=(5, 4)).frequencies(q),
+        gp.Phonons(state, dim=(3, 3, 1)).frequencies(q),
+        rtol=1e-13,
     )
     for small in ((2, 2), (1, 1), (2, 3), (3, 2, 1)):
         with pytest.raises(InputError, match=r"too small.*told apart.*Use at least 3 x 3"):
@@ -144,7 +154,9 @@ def test_mechanisms_have_bands_and_no_sound(lattice):
     q = np.random.default_rng(3).uniform(-0.5, 0.5, (8, 3)) * [1.0, 1.0, 0.0]
     found = ph.frequencies(q) / ph.scales.frequency
     np.testing.assert_allclose(
-        found, np.sort(np.abs(ph.phonopy.run_qpoints(q).frequencies[:, -found.shape[1] :]), axis=1), atol=1e-7
+        found,
+        np.sort(np.abs(ph.phonopy.run_qpoints(q).frequencies[:, -found.shape[1] :]), axis=1),
+        atol=1e-7,
     )
     for find in (gp.sound_velocities, gp.moduli):
         with pytest.raises(MechanismError, match=f"the lattice {lattice} is a mechanism"):
@@ -156,7 +168,8 @@ def test_a_buckled_state_is_an_error():
     state = at_overlap(0.9, friction=False, finite_overlap=True)
     ph = gp.Phonons(state)
     with pytest.raises(
-        InstabilityError, match=r"lattice triangular buckles: a squared frequency at q = \(0\.5, 0\) is"
+        InstabilityError,
+        match=r"lattice triangular buckles: a squared frequency at q = \(0\.5, 0\) is",
     ) as told:
         ph.frequencies([[0.1, 0.0], [0.5, 0.0], [0.2, 0.0]])
     assert "push the balls sideways" in str(told.value)
@@ -165,10 +178,21 @@ def test_a_buckled_state_is_an_error():
 
 
 @pytest.mark.parametrize(
-    "q", [[0.1, 0.2], [[0.1]], [[0.1, 0.2, 0.3, 0.4]], [[np.nan, 0.0]], [[0.0, np.inf]], [[0.1, 0.2, 0.3]], None]
+    "q",
+    [
+        [0.1, 0.2],
+        [[0.1]],
+        [[0.1, 0.2, 0.3, 0.4]],
+        [[np.nan, 0.0]],
+        [[0.0, np.inf]],
+        [[0.1, 0.2, 0.3]],
+        None,
+    ],
 )
 def test_q_points_that_cannot_be(q):
-    with pytest.raises(InputError, match=r"\(n, 2\) or \(n, 3\) finite fractions|leaves the plane|a real number"):
+    with pytest.raises(
+        InputError, match=r"\(n, 2\) or \(n, 3\) finite fractions|leaves the plane|a real number"
+    ):
         gp.Phonons(at_overlap()).frequencies(q)
 
 
@@ -180,7 +204,9 @@ def test_modes_in_si_units():
     assert modes.units["frequencies"] == "Hz"
     np.testing.assert_allclose(modes.frequencies, ph.frequencies(q), rtol=1e-12)
     np.testing.assert_allclose(
-        modes.rotational_fraction + modes.longitudinal_fraction + modes.transverse_fraction, 1.0, rtol=1e-12
+        modes.rotational_fraction + modes.longitudinal_fraction + modes.transverse_fraction,
+        1.0,
+        rtol=1e-12,
     )
     with pytest.raises(InputError, match="modes at Gamma need a direction"):
         ph.modes([[0.0, 0.0]])
@@ -188,7 +214,8 @@ def test_modes_in_si_units():
 
 @every_lattice
 def test_group_velocities_are_phonopys(lattice, friction):
-    # phonopy takes frequencies for ordinary ones and multiplies by 2 pi: ours are angular in reduced units
+    # phonopy takes frequencies for ordinary ones and multiplies by 2 pi: ours are angular in
+    # reduced units
     state = at_overlap(lattice=lattice, friction=friction)
     ph = gp.Phonons(state)
     q = np.array([[0.123, 0.271, 0.0], [0.31, -0.12, 0.0], [-0.44, 0.05, 0.0]])
@@ -201,11 +228,14 @@ def test_group_velocities_are_phonopys(lattice, friction):
 
 @pytest.mark.parametrize("friction", [True, False])
 def test_where_the_balls_sit_changes_phases_and_nothing_else(friction):
-    """Force constants come from the state: rattled balls and a strained cell have the frequencies of the lattice."""
+    """Force constants come from the state: rattled balls and a strained cell have the frequencies
+    of the lattice.
+    """
     state = at_overlap(friction=friction)
     balls = gp.atoms(state).repeat((3, 4, 1))
     expected = gp.Phonons(state, balls).frequencies(QS := np.random.default_rng(4).random((6, 2)))
-    rattled, strained = balls.copy(), balls.copy()
+    rattled = balls.copy()
+    strained = balls.copy()
     rattled.positions[:, :2] += 0.02 * np.random.default_rng(5).normal(size=(12, 2))
     strained.set_cell(np.asarray(balls.cell) * [[1.01], [0.985], [1.0]], scale_atoms=True)
     for cell in (rattled, strained):
@@ -216,7 +246,8 @@ def test_where_the_balls_sit_changes_phases_and_nothing_else(friction):
 
 
 @pytest.mark.parametrize(
-    ("repeat", "pbc"), [((1, 2, 1), (True, False, False)), ((1, 1, 1), (True, False, False)), ((2, 2, 1), False)]
+    ("repeat", "pbc"),
+    [((1, 2, 1), (True, False, False)), ((1, 1, 1), (True, False, False)), ((2, 2, 1), False)],
 )
 def test_open_edges_have_no_images(repeat, pbc):
     """A strip or a cluster: q across an open edge changes nothing, and phonopy agrees with C(q)."""
@@ -234,7 +265,9 @@ def test_open_edges_have_no_images(repeat, pbc):
 
 def test_atoms_that_cannot_be():
     state = at_overlap()
-    lost, turned, tilted = gp.atoms(state), gp.atoms(state), gp.atoms(state)
+    lost = gp.atoms(state)
+    turned = gp.atoms(state)
+    tilted = gp.atoms(state)
     lost.pbc = False
     lost.set_cell(np.zeros((3, 3)))
     with pytest.raises(InputError, match="no cell"):
@@ -258,32 +291,50 @@ def test_atoms_that_cannot_be():
 
 def test_branches_that_touch_at_gamma_are_those_of_the_path():
     bands = gp.Phonons(at_overlap(lattice="kagome")).bands("GKMG", npoints=201)
-    overlap = np.abs(np.einsum("spma,spmb->spab", bands.eigenvectors[:, :-1].conj(), bands.eigenvectors[:, 1:])) ** 2
+    overlap = (
+        np.abs(
+            np.einsum(
+                "spma,spmb->spab", bands.eigenvectors[:, :-1].conj(), bands.eigenvectors[:, 1:]
+            )
+        )
+        ** 2
+    )
     assert overlap.max(axis=3).min() > 0.99
 
 
 @pytest.mark.parametrize("length", [5, 40])
 def test_fewer_contacts_than_motions_leave_free_ones(length):
-    """A frictionless row of balls: longitudinal waves along it, and nothing resists the motion across it."""
+    """A frictionless row of balls: longitudinal waves along it, and nothing resists the motion
+    across it.
+    """
     state = at_overlap(friction=False)
     row = gp.atoms(state).repeat((length, 1, 1))
     row.pbc = (True, False, False)
     ph = gp.Phonons(state, row)
     folded = (0.1 + np.arange(length)) / length
-    chain = np.sort(np.concatenate([np.zeros(length), 2.0 * np.abs(np.sin(np.pi * folded))])) * ph.scales.frequency
+    chain = (
+        np.sort(np.concatenate([np.zeros(length), 2.0 * np.abs(np.sin(np.pi * folded))]))
+        * ph.scales.frequency
+    )
     np.testing.assert_allclose(ph.frequencies([[0.1, 0.0]])[0], chain, atol=1e-9 * chain.max())
-    np.testing.assert_allclose(ph.modes([[0.1, 0.0]]).frequencies[0], chain, atol=1e-9 * chain.max())
+    np.testing.assert_allclose(
+        ph.modes([[0.1, 0.0]]).frequencies[0], chain, atol=1e-9 * chain.max()
+    )
 
 
 @pytest.mark.parametrize(
-    ("lattice", "repeat"), [("chain", (3, 1, 1)), ("triangular", (2, 3, 1)), ("fcc", (2, 1, 3)), ("hcp", (1, 2, 1))], ids=str
+    ("lattice", "repeat"),
+    [("chain", (3, 1, 1)), ("triangular", (2, 3, 1)), ("fcc", (2, 1, 3)), ("hcp", (1, 2, 1))],
+    ids=str,
 )
 def test_a_supercell_has_the_folded_bands(lattice, repeat):
     one = phonons_of(lattice, "all", **RESISTED)
     big = gp.Phonons(one.state, gp.atoms(one.state).repeat(repeat))
     q = random_points(one, 1)[0]
     cells = itertools.product(*map(range, repeat[: len(q)]))
-    expected = np.sort(one.frequencies([(q + n) / repeat[: len(q)] for n in np.array(list(cells))]).ravel())
+    expected = np.sort(
+        one.frequencies([(q + n) / repeat[: len(q)] for n in np.array(list(cells))]).ravel()
+    )
     np.testing.assert_allclose(big.frequencies([q])[0], expected, atol=1e-12 * expected.max())
     theirs = big.phonopy.run_qpoints(padded(q[None])).frequencies[0]
     ours = (expected / one.scales.frequency) ** 2
@@ -293,8 +344,12 @@ def test_a_supercell_has_the_folded_bands(lattice, repeat):
 def test_a_slab_and_a_cluster_have_no_images_across():
     whole = phonons_of("fcc")
     slab, cluster = (gp.atoms(whole.state).repeat(repeat) for repeat in ((1, 1, 3), (2, 2, 2)))
-    slab.pbc, cluster.pbc = (True, True, False), False
-    for balls, dim, q in ((slab, (3, 3, 1), [[0.1, 0.2, 0.0], [0.1, 0.2, 0.4]]), (cluster, (1, 1, 1), [[0.1, 0.2, 0.3]])):
+    slab.pbc = (True, True, False)
+    cluster.pbc = False
+    for balls, dim, q in (
+        (slab, (3, 3, 1), [[0.1, 0.2, 0.0], [0.1, 0.2, 0.4]]),
+        (cluster, (1, 1, 1), [[0.1, 0.2, 0.3]]),
+    ):
         ph = gp.Phonons(whole.state, balls)
         assert ph.dim == dim
         ours = (ph.frequencies(q) / ph.scales.frequency) ** 2
@@ -304,18 +359,58 @@ def test_a_slab_and_a_cluster_have_no_images_across():
 
 
 BAD = {
-    "path in space for a plane": ("square", lambda ph: ph.bands([[0, 0, 0], [0, 0, 0.5]]), r"leaves the plane.*one layer"),
-    "path in the plane for a chain": ("chain", lambda ph: ph.bands([[0, 0, 0], [0.5, 0.5, 0]]), r"leaves the line.*one row"),
-    "corners of two numbers in space": ("fcc", lambda ph: ph.bands([[0, 0], [0.5, 0]]), "corners of three finite numbers"),
+    "path in space for a plane": (
+        "square",
+        lambda ph: ph.bands([[0, 0, 0], [0, 0, 0.5]]),
+        r"leaves the plane.*one layer",
+    ),
+    "path in the plane for a chain": (
+        "chain",
+        lambda ph: ph.bands([[0, 0, 0], [0.5, 0.5, 0]]),
+        r"leaves the line.*one row",
+    ),
+    "corners of two numbers in space": (
+        "fcc",
+        lambda ph: ph.bands([[0, 0], [0.5, 0]]),
+        "corners of three finite numbers",
+    ),
     "letter of another zone": ("chain", lambda ph: ph.bands("GM"), r"no special point M.*Use G, X"),
-    "q points of two numbers in space": ("fcc", lambda ph: ph.frequencies([[0.1, 0.2]]), r"Give \(n, 3\) finite"),
-    "q points out of a line": ("chain", lambda ph: ph.frequencies([[0.1, 0.2, 0.0]]), "leaves the line"),
-    "mesh of two numbers in space": ("fcc", lambda ph: ph.dos((8, 8)), r"three whole numbers from 1.*such as 64 64 64"),
-    "mesh in space for a plane": ("square", lambda ph: ph.dos((8, 8, 8)), r"third number is 8.*one layer"),
-    "mesh of a plane for a chain": ("chain", lambda ph: ph.dos((8, 8)), r"second number is 8.*and two ones.*one row"),
-    "dim of two numbers in space": ("fcc", lambda ph: gp.Phonons(ph.state, dim=(3, 3)), "three whole numbers"),
-    "dim too small": ("fcc", lambda ph: gp.Phonons(ph.state, dim=(3, 2, 3)), r"3 x 2 x 3 cells is too small.*3 x 3 x 3"),
-}  # fmt: skip
+    "q points of two numbers in space": (
+        "fcc",
+        lambda ph: ph.frequencies([[0.1, 0.2]]),
+        r"Give \(n, 3\) finite",
+    ),
+    "q points out of a line": (
+        "chain",
+        lambda ph: ph.frequencies([[0.1, 0.2, 0.0]]),
+        "leaves the line",
+    ),
+    "mesh of two numbers in space": (
+        "fcc",
+        lambda ph: ph.dos((8, 8)),
+        r"three whole numbers from 1.*such as 64 64 64",
+    ),
+    "mesh in space for a plane": (
+        "square",
+        lambda ph: ph.dos((8, 8, 8)),
+        r"third number is 8.*one layer",
+    ),
+    "mesh of a plane for a chain": (
+        "chain",
+        lambda ph: ph.dos((8, 8)),
+        r"second number is 8.*and two ones.*one row",
+    ),
+    "dim of two numbers in space": (
+        "fcc",
+        lambda ph: gp.Phonons(ph.state, dim=(3, 3)),
+        "three whole numbers",
+    ),
+    "dim too small": (
+        "fcc",
+        lambda ph: gp.Phonons(ph.state, dim=(3, 2, 3)),
+        r"3 x 2 x 3 cells is too small.*3 x 3 x 3",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -326,7 +421,8 @@ def test_what_the_dimension_does_not_allow(case):
 
 
 def test_numbers_padded_with_ones():
-    chain, plane = phonons_of("chain"), phonons_of("triangular", "all")
+    chain = phonons_of("chain")
+    plane = phonons_of("triangular", "all")
     assert chain.dos((8, 1, 1)) == chain.dos((8,)) == chain.dos("8 1 1")
     assert plane.dos((8, 8, 1)) == plane.dos((8, 8))
     assert gp.Phonons(chain.state, dim=(4, 1, 1)).dim == (4,)
@@ -341,13 +437,19 @@ def test_a_mesh_beyond_all_memory_is_refused():
 
 
 def twin(ph, q):
-    """Squared frequencies from forces and torques of each neighbour, one by one, with the motions that the balls have."""
-    state, motions = ph.state, ph.lattice.motions
-    packing, structure = state.packing, find_lattice(state.packing.lattice)
+    """Squared frequencies from forces and torques of each neighbour, one by one, with the motions
+    that the balls have.
+    """
+    state = ph.state
+    motions = ph.lattice.motions
+    packing = state.packing
+    structure = find_lattice(state.packing.lattice)
     follows = state.finite_overlap
     spacing = 1.0 - state.relative_overlap if follows else 1.0
     push = state.force / state.normal_stiffness / packing.diameter / spacing if follows else 0.0
-    eta, twist, roll = packing.mindlin_ratio, packing.torsion, packing.bending
+    eta = packing.mindlin_ratio
+    twist = packing.torsion
+    roll = packing.bending
     centres = np.zeros((structure.n_balls, 3))
     centres[:, : structure.dimension] = structure.positions
     cell = np.zeros((structure.periods, 3))
@@ -359,14 +461,17 @@ def twin(ph, q):
             n = centres[j] + np.array(steps) @ cell - centres[i]
             if abs(np.linalg.norm(n) - 1.0) > 1e-9:
                 continue
-            phase, across = np.exp(1j * wave @ n), np.eye(3) - np.outer(n, n)
+            phase = np.exp(1j * wave @ n)
+            across = np.eye(3) - np.outer(n, n)
             for ball, factor, sign in ((i, 1.0, -1.0), (j, phase, 1.0)):
                 for dof in range(6):
                     u, phi = np.zeros((2, 3), complex)
                     (u if dof < 3 else phi)[dof % 3] = factor if dof < 3 else factor * np.sqrt(10.0)
                     slip = across @ (sign * u) - 0.5 * spacing * np.cross(phi, n)
                     pull = n * (n @ (sign * u)) + eta * slip - push * across @ (sign * u)
-                    torque = 0.5 * spacing * eta * np.cross(n, slip) + sign * (twist * n * (n @ phi) + roll * across @ phi)
+                    torque = 0.5 * spacing * eta * np.cross(n, slip) + sign * (
+                        twist * n * (n @ phi) + roll * across @ phi
+                    )
                     matrix[6 * i : 6 * i + 3, 6 * ball + dof] -= pull
                     matrix[6 * i + 3 : 6 * i + 6, 6 * ball + dof] -= np.sqrt(10.0) * torque
     moving = [*motions.translations, *(3 + axis for axis in motions.rotations)]
@@ -390,11 +495,15 @@ def test_frequencies_are_those_of_forces_and_torques(lattice, motions, options):
 def test_a_frequency_does_not_depend_on_its_company(friction, finite_overlap):
     ph = gp.Phonons(at_overlap(friction=friction, finite_overlap=finite_overlap))
     q = np.array([[0.0, 0.0], [1e-12, 0.0], [1e-6, 2e-6], [0.2, 0.1], [0.5, 0.0]])
-    np.testing.assert_allclose([ph.frequencies([one])[0] for one in q], ph.frequencies(q), rtol=1e-14)
+    np.testing.assert_allclose(
+        [ph.frequencies([one])[0] for one in q], ph.frequencies(q), rtol=1e-14
+    )
 
 
 def folded(matrix):
-    """The points of the primitive zone that fold on a point q of the supercell ``matrix`` (rows in cells): a function."""
+    """The points of the primitive zone that fold on a point q of the supercell ``matrix`` (rows in
+    cells): a function.
+    """
     matrix = np.asarray(matrix)
     count = round(abs(np.linalg.det(matrix)))
     inverse = np.linalg.inv(matrix.astype(float))
@@ -418,4 +527,6 @@ def test_a_skewed_supercell_has_the_folded_bands(matrix, friction, finite_overla
     small = gp.Phonons(state)
     for q in ([0.137, -0.291], [0.0, 0.0], [0.5, 0.5]):
         expected = np.sort(small.frequencies(folded(matrix)(q)).ravel())
-        np.testing.assert_allclose(big.frequencies([q])[0], expected, rtol=0.0, atol=1e-12 * expected.max())
+        np.testing.assert_allclose(
+            big.frequencies([q])[0], expected, rtol=0.0, atol=1e-12 * expected.max()
+        )

@@ -29,13 +29,15 @@ def ratio(surface, qd):
     return 2.0 * np.pi * lowest / (qd / BALL.diameter) / surface.network.scales.velocity
 
 
-# -- closed forms -----------------------------------------------------------------------------------------------------
+# -- closed forms ----------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("edge-chain")
 @pytest.mark.parametrize("edge", ["clamped", "floor"])
 def test_the_state_at_the_end_of_an_alternating_chain(edge):
-    weak, strong, mass = 1e6, 3e6, BALL.mass
+    weak = 1e6
+    strong = 3e6
+    mass = BALL.mass
     found = gp.Surface(chain([mass, mass], (weak, strong)), 0, edge).branches()
     assert_allclose((2.0 * np.pi * found[0]) ** 2, (weak + strong) / mass, rtol=1e-12)
     # it decays as weak/strong from cell to cell
@@ -45,7 +47,9 @@ def test_the_state_at_the_end_of_an_alternating_chain(edge):
 
 @pytest.mark.claim("edge-chain")
 def test_the_state_at_the_light_end_of_a_chain():
-    light, heavy, k = 9.75e-3, 28.84e-3, 2e7
+    light = 9.75e-3
+    heavy = 28.84e-3
+    k = 2e7
     found = gp.Surface(chain([light, heavy], (k, k)), 0).branches()[0]
     assert_allclose((2.0 * np.pi * found) ** 2, k * (1.0 / light + 1.0 / heavy), rtol=1e-12)
     assert not len(gp.Surface(chain([heavy, light], (k, k)), 0).branches()[0])
@@ -64,7 +68,9 @@ def test_the_velocity_along_a_free_edge_of_the_triangular_lattice():
         return (2.0 - x) ** 2 - 4.0 * np.sqrt((1.0 - x) * (1.0 - ratio_squared * x))
 
     assert_allclose(
-        surface.velocity(), sound.transverse * np.sqrt(brentq(rayleigh, 0.1, 1.0 - 1e-12, xtol=1e-15)), rtol=1e-11
+        surface.velocity(),
+        sound.transverse * np.sqrt(brentq(rayleigh, 0.1, 1.0 - 1e-12, xtol=1e-15)),
+        rtol=1e-11,
     )
     # the lattice's own correction is of first order in q
     slopes = [(ratio(surface, qd) - limit) / qd for qd in (4e-2, 2e-2, 1e-2)]
@@ -73,11 +79,15 @@ def test_the_velocity_along_a_free_edge_of_the_triangular_lattice():
 
 
 @pytest.mark.claim("rayleigh")
-@pytest.mark.parametrize(("lattice", "axis", "value"), [("sc", 2, 0.5866445), ("fcc", (1, 1, 0), 0.8379032)])
+@pytest.mark.parametrize(
+    ("lattice", "axis", "value"), [("sc", 2, 0.5866445), ("fcc", (1, 1, 0), 0.8379032)]
+)
 def test_the_velocity_on_a_cube_face_along_its_edge(lattice, axis, value):
     surface = gp.Surface(balls(lattice), axis)
     tensor = gp.moduli(surface.network).tensor
-    c11, c12, c44 = tensor[0, 0], tensor[0, 1], tensor[3, 3]
+    c11 = tensor[0, 0]
+    c12 = tensor[0, 1]
+    c44 = tensor[3, 3]
     density = np.sum(surface.network.masses) / abs(np.linalg.det(surface.network.cell))
 
     def stoneley(x):  # R. Stoneley, Proc. R. Soc. A 232, 447 (1955)
@@ -89,15 +99,19 @@ def test_the_velocity_on_a_cube_face_along_its_edge(lattice, axis, value):
     assert_allclose(ratio(surface, 1e-3), value, rtol=1e-4)
 
 
-# -- a thick ribbon ------------------------------------------------------------------------------------------------------
+# -- a thick ribbon --------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("edge-ribbon")
 @pytest.mark.parametrize(
     ("lattice", "axis", "layers", "q"),
-    [("triangular", 1, 60, 0.5 / np.pi), ("honeycomb", 1, 26, 0.35), ("honeycomb", (1, 1), 26, 0.35),
-     ("square", (1, 1), 60, 0.2)],
-)  # fmt: skip
+    [
+        ("triangular", 1, 60, 0.5 / np.pi),
+        ("honeycomb", 1, 26, 0.35),
+        ("honeycomb", (1, 1), 26, 0.35),
+        ("square", (1, 1), 60, 0.2),
+    ],
+)
 def test_waves_outside_the_bands_are_those_of_a_thick_ribbon(lattice, axis, layers, q):
     network = balls(lattice)
     surface = gp.Surface(network, axis)
@@ -107,7 +121,8 @@ def test_waves_outside_the_bands_are_those_of_a_thick_ribbon(lattice, axis, laye
     found = surface.branches([[q]])
     lone = found.frequencies[found.weight > 0.3]
     assert lone.size
-    for one in lone:  # both edges of the ribbon have it, and part it in two by how far they feel each other
+    for one in lone:
+        # both edges of the ribbon have it, and part it in two by how far they feel each other
         pair = np.sort(np.abs(ribbon / one - 1.0))[:2]
         nearest = ribbon[np.argsort(np.abs(ribbon - one))[:2]]
         assert pair[1] < (1e-9 if lattice == "triangular" else 1e-6)
@@ -116,8 +131,10 @@ def test_waves_outside_the_bands_are_those_of_a_thick_ribbon(lattice, axis, laye
 
 
 def test_motions_that_cost_nothing_are_no_waves():
-    # kagome on a floor has free motions at its edge and in the bulk: rounding does not lift them to a few tenths of a hertz
-    network, q = bulk("kagome", "out_of_plane"), np.array([[0.005], [0.008], [0.013], [0.014], [0.016]])
+    # kagome on a floor has free motions at its edge and in the bulk: rounding does not lift them to
+    # a few tenths of a hertz
+    network = bulk("kagome", "out_of_plane")
+    q = np.array([[0.005], [0.008], [0.013], [0.014], [0.016]])
     found = gp.Surface(network, 0, "floor").branches(q)
     ribbon = gp.Phonons(network.cut(0, 20, ("floor", "free"))).frequencies(q)
     assert np.min(found.frequencies) > 0.9 * np.min(ribbon[ribbon > 1.0])
@@ -138,17 +155,20 @@ def test_leaky_waves_are_peaks_of_the_spectrum():
     q = [[0.3, 0.0]]
     found = surface.branches(q, leaky=True)
     narrow = int(np.argmin(np.where(found.widths > 1.0, found.widths, np.inf)))
-    centre, width = found.frequencies[narrow], found.widths[narrow]
+    centre = found.frequencies[narrow]
+    width = found.widths[narrow]
     f = np.linspace(centre - 3.0 * width, centre + 3.0 * width, 301)
     values = surface.spectrum(q, f, damping=1e-3 * width).by_motion[0].max(axis=1)
     assert abs(f[np.argmax(values)] - centre) < 0.3 * width
 
 
-# -- spectra -------------------------------------------------------------------------------------------------------------
+# -- spectra ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("edge-weight")
-@pytest.mark.parametrize(("lattice", "axis", "q"), [("fcc", (1, 1, 1), [[0.2, 0.1]]), ("honeycomb", 1, [[0.3]])])
+@pytest.mark.parametrize(
+    ("lattice", "axis", "q"), [("fcc", (1, 1, 1), [[0.2, 0.1]]), ("honeycomb", 1, [[0.3]])]
+)
 def test_the_weight_of_the_outer_layer_integrates_to_one(lattice, axis, q):
     surface = gp.Surface(balls(lattice), axis)
     top = surface.continuum(q).max()
@@ -161,7 +181,9 @@ def test_the_weight_of_the_outer_layer_integrates_to_one(lattice, axis, q):
 
 
 def follow_pole(own, inner, hop, w):
-    """Return the root near w of the outgoing waves of a half space, which are followed below the real axis."""
+    """Return the root near w of the outgoing waves of a half space, which are followed below the
+    real axis.
+    """
     import scipy.linalg
     from scipy.optimize import linear_sum_assignment
 
@@ -179,7 +201,9 @@ def follow_pole(own, inner, hop, w):
     def mismatch(w, kept):
         values, vectors = waves(w)
         picked = linear_sum_assignment(np.minimum(np.abs(values - kept[:, None]), 10.0))[1]
-        matrix = (own - w * np.eye(m)) @ vectors[:, picked] + hop @ vectors[:, picked] * values[picked]
+        matrix = (own - w * np.eye(m)) @ vectors[:, picked] + hop @ vectors[:, picked] * values[
+            picked
+        ]
         return np.linalg.det(matrix / np.linalg.norm(vectors[:, picked], axis=0)), values[picked]
 
     for step in np.linspace(0.0, 1.0, 41)[1:]:
@@ -195,48 +219,69 @@ def follow_pole(own, inner, hop, w):
 
 @pytest.mark.claim("leaky")
 @pytest.mark.parametrize(
-    ("lattice", "axis", "q"), [("fcc", (1, 1, 0), [0.3, 0.0]), ("triangular", (1, 1), [0.2]), ("square", (1, 1), [0.3])]
+    ("lattice", "axis", "q"),
+    [("fcc", (1, 1, 0), [0.3, 0.0]), ("triangular", (1, 1), [0.2]), ("square", (1, 1), [0.3])],
 )
 def test_leaky_waves_are_roots_of_outgoing_waves(lattice, axis, q):
     surface = gp.Surface(balls(lattice), axis)
     found = surface.branches([q], leaky=True)
     first = np.flatnonzero(found.widths > 0.0)[0]
-    frequency, width = found.frequencies[first], found.widths[first]
-    unit, blocks = surface.half_space.units.frequency, surface.half_space.blocks(np.array([q]))
+    frequency = found.frequencies[first]
+    width = found.widths[first]
+    unit = surface.half_space.units.frequency
+    blocks = surface.half_space.blocks(np.array([q]))
     root = follow_pole(*(one[0] for one in blocks), ((frequency - 0.5j * width) / unit) ** 2)
     expected = np.sqrt(root) * unit
-    assert_allclose([frequency, 0.5 * width], [expected.real, -expected.imag], rtol=0.0, atol=1e-5 * width)
+    assert_allclose(
+        [frequency, 0.5 * width], [expected.real, -expected.imag], rtol=0.0, atol=1e-5 * width
+    )
 
 
 @pytest.mark.claim("leaky")
 @pytest.mark.parametrize("q", [0.02, 0.33])
 def test_leaky_waves_near_extremes_inside_of_bands(q):
-    # two kinds of balls, whose bands have extremes between their ends: a polynomial across one of them tells no width
+    # two kinds of balls, whose bands have extremes between their ends: a polynomial across one of
+    # them tells no width
     light = gp.Ball(gp.Material(70e9, 0.33, 2700.0), 8e-3)
-    crystal = gp.Crystal.on("triangular", [gp.Ball(gp.Material(193e9, 0.3, 8000.0), 8e-3)]).repeat((2, 1)).replace(0, light)
+    crystal = (
+        gp.Crystal.on("triangular", [gp.Ball(gp.Material(193e9, 0.3, 8000.0), 8e-3)])
+        .repeat((2, 1))
+        .replace(0, light)
+    )
     surface = gp.Surface(crystal.at_overlap(1e-6), 1)
     found = surface.branches([[q]], leaky=True)
-    unit, blocks = surface.half_space.units.frequency, surface.half_space.blocks(np.array([[q]]))
+    unit = surface.half_space.units.frequency
+    blocks = surface.half_space.blocks(np.array([[q]]))
     leaks = np.flatnonzero(found.widths > 0.0)
     assert len(leaks) == 3
     for at in leaks:
-        frequency, width = found.frequencies[at], found.widths[at]
+        frequency = found.frequencies[at]
+        width = found.widths[at]
         root = follow_pole(*(one[0] for one in blocks), ((frequency - 0.5j * width) / unit) ** 2)
         expected = np.sqrt(root) * unit
-        assert_allclose([frequency, 0.5 * width], [expected.real, -expected.imag], rtol=0.0, atol=1e-5 * width)
+        assert_allclose(
+            [frequency, 0.5 * width], [expected.real, -expected.imag], rtol=0.0, atol=1e-5 * width
+        )
 
 
 def test_a_spectrum_is_that_of_a_long_column():
     # of the end of a chain: the response of the first ball of many, damped in the same way
     network = gp.Crystal.on("chain", [BALL]).at_force(10.0).network
-    surface, f = gp.Surface(network, 0), np.linspace(300.0, 3e4, 50)
-    count, unit, width = 700, network.scales.frequency, 2e3
+    surface = gp.Surface(network, 0)
+    f = np.linspace(300.0, 3e4, 50)
+    count = 700
+    unit = network.scales.frequency
+    width = 2e3
     matrix = 2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
     matrix[0, 0] = 1.0
     values, vectors = np.linalg.eigh(matrix)
     w = (f / unit) ** 2 + 1j * f * width / unit**2
     green = np.sum(vectors[0] ** 2 / (w[:, None] - values), axis=1)
-    assert_allclose(surface.spectrum(None, f, width).values[0], -2.0 / np.pi * f / unit**2 * green.imag, rtol=1e-9)
+    assert_allclose(
+        surface.spectrum(None, f, width).values[0],
+        -2.0 / np.pi * f / unit**2 * green.imag,
+        rtol=1e-9,
+    )
 
 
 def test_bands_of_a_cut_say_how_much_is_at_each_edge():
@@ -246,7 +291,8 @@ def test_bands_of_a_cut_say_how_much_is_at_each_edge():
     lowest = bands.edge_weight[0, 8, :2]
     assert_allclose(np.sort(lowest, axis=0)[1], 1.0, atol=1e-2)  # one at each edge
     assert_allclose(np.sort(lowest, axis=0)[0], 0.0, atol=1e-6)
-    assert_allclose(bands.edge_weight.sum(axis=(2, 3)), 2 * 4 * 3, rtol=1e-9)  # eight of sixteen layers
+    # eight of sixteen layers
+    assert_allclose(bands.edge_weight.sum(axis=(2, 3)), 2 * 4 * 3, rtol=1e-9)
     with pytest.raises(InputError, match="no edges"):
         gp.Phonons(network).bands(npoints=3).edge_weight  # noqa: B018
 
@@ -260,10 +306,12 @@ def test_a_branch_is_followed():
     surface = gp.Surface(balls("triangular"), 1)
     q = np.linspace(0.1, 0.5, 9)[:, None]
     found = surface.branches(q)
-    assert_allclose(surface.follow(q, 1.01 * found[0][0]), [found[at][0] for at in range(9)], rtol=1e-12)
+    assert_allclose(
+        surface.follow(q, 1.01 * found[0][0]), [found[at][0] for at in range(9)], rtol=1e-12
+    )
 
 
-# -- topology ------------------------------------------------------------------------------------------------------------
+# -- topology --------------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("zak")
@@ -271,24 +319,39 @@ def test_the_zak_phase_counts_the_states_at_the_end_of_a_chain():
     mass = BALL.mass
     cases = [
         (gp.Surface(chain([mass, mass], springs), 0, edge), waves)
-        for edge in ("clamped", "floor") for springs, waves in (((1e6, 3e6), 1), ((3e6, 1e6), 0))
-    ]  # fmt: skip
-    cases += [(gp.Surface(chain(masses, (2e7, 2e7)), 0), waves) for masses, waves in (([1e-2, 3e-2], 1), ([3e-2, 1e-2], 0))]
+        for edge in ("clamped", "floor")
+        for springs, waves in (((1e6, 3e6), 1), ((3e6, 1e6), 0))
+    ]
+    cases += [
+        (gp.Surface(chain(masses, (2e7, 2e7)), 0), waves)
+        for masses, waves in (([1e-2, 3e-2], 1), ([3e-2, 1e-2], 0))
+    ]
     for surface, waves in cases:
         assert_allclose(surface.zak_phase(), np.pi * waves, atol=1e-10)
         assert len(surface.branches()[0]) == waves
     # rounding makes no 2 pi of a phase of zero
-    assert_allclose(gp.Surface(balls("triangular"), 1, "clamped").zak_phase(np.linspace(0.2, 0.4, 21)[:, None]), 0.0)
+    assert_allclose(
+        gp.Surface(balls("triangular"), 1, "clamped").zak_phase(np.linspace(0.2, 0.4, 21)[:, None]),
+        0.0,
+    )
 
 
 @pytest.mark.parametrize("finite_overlap", [False, True])
 def test_the_zak_phase_is_that_of_the_motions_under_static_forces_too(finite_overlap):
-    light, heavy = (gp.Ball(gp.Material(70e9, 0.33, density), 8e-3) for density in (2700.0, 12000.0))
-    crystal = gp.Crystal.on("triangular", [light]).repeat((1, 3)).replace(1, heavy).replace(2, gp.Ball(BALL.material, 8e-3))
+    light, heavy = (
+        gp.Ball(gp.Material(70e9, 0.33, density), 8e-3) for density in (2700.0, 12000.0)
+    )
+    crystal = (
+        gp.Crystal.on("triangular", [light])
+        .repeat((1, 3))
+        .replace(1, heavy)
+        .replace(2, gp.Ball(BALL.material, 8e-3))
+    )
     surface = gp.Surface(crystal.at_overlap(4e-4, finite_overlap=finite_overlap), 1, "clamped")
     assert surface.network.prestress == finite_overlap
     _, inner, hop = (one[0] for one in surface.half_space.blocks(np.array([[0.2]])))
-    below, turns = 6, np.exp(2j * np.pi * np.arange(256) / 256)[:, None, None]
+    below = 6
+    turns = np.exp(2j * np.pi * np.arange(256) / 256)[:, None, None]
     _, vectors = np.linalg.eigh(inner + turns * hop + turns.conj() * hop.conj().T)
     above = vectors[:, :, below:]
     steps = np.linalg.det(above.conj().swapaxes(1, 2) @ np.roll(above, -1, axis=0))
@@ -314,7 +377,9 @@ def twisted_kagome(angle):
     turns = 0.5 * np.pi + angle + 2.0 * np.pi / 3.0 * np.arange(3)
     sites = np.stack([np.cos(turns), np.sin(turns)], axis=1) / np.sqrt(3.0)
     contacts = gp.Crystal([gp.Ball(BALL.material, 1.0)] * 3, cell, sites).contacts
-    return gp.ContactLattice(cell, sites, contacts, 0.0).contact_network(gp.Units(8e-3, 1e6, 1e-3), 1.0)
+    return gp.ContactLattice(cell, sites, contacts, 0.0).contact_network(
+        gp.Units(8e-3, 1e6, 1e-3), 1.0
+    )
 
 
 @pytest.mark.claim("zak")
@@ -341,7 +406,7 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
     assert winding[0][0] > 0
 
 
-# -- bad input -----------------------------------------------------------------------------------------------------------
+# -- bad input -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -350,25 +415,42 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("square"), 2), "axis is 2"),
         (lambda: gp.Surface(bulk("square").cut(0, 3).cut(0, 3), 0), "no period"),
         (lambda: gp.Surface(bulk("square"), 0, "glued"), "allowed: free, clamped, floor"),
-        (lambda: gp.Surface(replace(bulk("square", "out_of_plane"), shear_stiffness=np.zeros(2)), 0), "deform no contact"),
+        (
+            lambda: gp.Surface(
+                replace(bulk("square", "out_of_plane"), shear_stiffness=np.zeros(2)), 0
+            ),
+            "deform no contact",
+        ),
         (lambda: gp.Surface(3, 0), "no network of contacts"),
         (lambda: gp.Surface(bulk("square"), 0).branches([[0.1, 0.1]]), "shape (1, 2)"),
         (lambda: gp.Surface(bulk("square"), 0).branches([[0.1, 0.1, 0.0]]), "leaves the edge"),
-        (lambda: gp.Surface(bulk("fcc"), 2).follow([[0.2, 0.0]], 3e4), "inside of the crystal's bands"),
+        (
+            lambda: gp.Surface(bulk("fcc"), 2).follow([[0.2, 0.0]], 3e4),
+            "inside of the crystal's bands",
+        ),
         (lambda: gp.Surface(bulk("triangular"), 1).follow([[0.2]], 1e6), "no wave of the edge"),
         (lambda: gp.Surface(bulk("triangular"), 1, "clamped").velocity(), "held"),
         (lambda: gp.Surface(bulk("triangular", "out_of_plane"), 1).velocity(), "do not move along"),
         (lambda: gp.Surface(bulk("square"), 0).branches([[0.1]], leaky="no"), "true or false"),
         (lambda: gp.Surface(bulk("square"), 0).map(2, leaky=0), "true or false"),
         (lambda: gp.Surface(bulk("fcc"), 2).velocity([0.0, 0.0]), "not both zero"),
-        (lambda: gp.Surface(bulk("triangular"), 0).winding([[0.1]]), "6 deformations of contacts and 3 motions"),
+        (
+            lambda: gp.Surface(bulk("triangular"), 0).winding([[0.1]]),
+            "6 deformations of contacts and 3 motions",
+        ),
         (lambda: gp.Surface(bulk("honeycomb"), 0).winding([[0.1]]), "det C vanishes"),
-        (lambda: gp.Surface(bulk("triangular"), 1).zak_phase([[0.0]]), "gap above the 1 lowest branches closes"),
-        (lambda: gp.Surface(pressed_square(), 0).zak_phase([[0.1]]), "static forces act at the free edge"),
+        (
+            lambda: gp.Surface(bulk("triangular"), 1).zak_phase([[0.0]]),
+            "gap above the 1 lowest branches closes",
+        ),
+        (
+            lambda: gp.Surface(pressed_square(), 0).zak_phase([[0.1]]),
+            "static forces act at the free edge",
+        ),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [1.0]), "one frequency"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [-1.0, 1.0]), "frequencies"),
     ],
-)  # fmt: skip
+)
 def test_what_is_refused(make, said):
     with pytest.raises(InputError) as caught:
         make()
@@ -377,7 +459,13 @@ def test_what_is_refused(make, said):
 
 def test_layers_that_nothing_joins():
     network = bulk("square")
-    rows = replace(network, **{name: getattr(network, name)[network.shift[:, 1] == 0] for name in network.contact_fields})
+    rows = replace(
+        network,
+        **{
+            name: getattr(network, name)[network.shift[:, 1] == 0]
+            for name in network.contact_fields
+        },
+    )
     with pytest.raises(InputError, match="no contact joins the layers"):
         gp.Surface(rows, 1)
 
@@ -395,7 +483,10 @@ def test_a_square_lattice_twin_of_a_held_ribbon():
 def test_a_sample_with_loose_balls_says_how_to_leave_them_out():
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(2e-6))
     network = gp.DirectSimulation(packing, shape=(6, 6), seed=0).at_force(0.2).sample.network
-    said = r"falls into pieces that do not touch: clusters, .* Of its balls 1 in each cell carry no load.*without_rattlers"
+    said = (
+        r"falls into pieces that do not touch: clusters, .* Of its balls 1 in each cell carry no"
+        r" load.*without_rattlers"
+    )
     with pytest.raises(InputError, match=said):
         gp.Surface(network, 1)
     assert gp.Surface(network.without_rattlers(), 1).half_space is not None

@@ -35,7 +35,8 @@ def full_disk(most: int = 0):
             found = super().execute(order, *values)
             if order == "BEGIN IMMEDIATE":
                 calls.append(order)
-                super().execute(f"PRAGMA max_page_count = {1 if len(calls) > most else 999}")  # no more than it has
+                # no more than it has
+                super().execute(f"PRAGMA max_page_count = {1 if len(calls) > most else 999}")
             return found
 
     with connecting(Full):
@@ -46,7 +47,10 @@ class Meter:
     """Counts what it is told; interrupts when ``stop`` tasks are done."""
 
     def __init__(self, stop=math.inf, error=KeyboardInterrupt):
-        self.steps, self.done, self.stop, self.error = [], 0.0, stop, error
+        self.steps = []
+        self.done = 0.0
+        self.stop = stop
+        self.error = error
 
     @contextmanager
     def step(self, label, total=None):
@@ -68,7 +72,9 @@ class Counted(ThreadPoolExecutor):
 
     def submit(self, call, orders, *more):
         def note(done):
-            self.begun.extend(task.where for (task, _), _ in zip(orders, done.result(), strict=False))
+            self.begun.extend(
+                task.where for (task, _), _ in zip(orders, done.result(), strict=False)
+            )
 
         future = super().submit(call, orders, *more)
         future.add_done_callback(lambda done: done.cancelled() or done.exception() or note(done))

@@ -19,16 +19,26 @@ def swept():
 
 def test_exponents_are_those_of_the_law(swept):
     found = swept.granphon.exponent()
-    assert (found.dims, found.attrs["units"], found.name) == (("load", "medium"), "1", "longitudinal_exponent")
-    np.testing.assert_allclose(found.sel(medium="ala"), 1.0 / 6.0, rtol=1e-12)  # a power law, to rounding
+    assert (found.dims, found.attrs["units"], found.name) == (
+        ("load", "medium"),
+        "1",
+        "longitudinal_exponent",
+    )
+    # a power law, to rounding
+    np.testing.assert_allclose(found.sel(medium="ala"), 1.0 / 6.0, rtol=1e-12)
     exact = swept["exponent"].sel(medium="ema")
-    np.testing.assert_allclose(found.sel(medium="ema")[1:-1], exact[1:-1], atol=5e-3)  # at a kink of its law
+    # at a kink of its law
+    np.testing.assert_allclose(found.sel(medium="ema")[1:-1], exact[1:-1], atol=5e-3)
     # the second order: half the points, four times the error
     errors = []
     for step in (1, 2):
         data = swept.isel(load=slice(0, None, step))
         data["wave"] = np.exp(np.sin(np.log(data["force"])))
-        errors.append(float(np.abs(data.granphon.exponent("wave") - np.cos(np.log(data["force"])))[2:-2].max()))
+        errors.append(
+            float(
+                np.abs(data.granphon.exponent("wave") - np.cos(np.log(data["force"])))[2:-2].max()
+            )
+        )
     assert errors[1] / errors[0] == pytest.approx(4.0, rel=0.1)
     over = swept.granphon.exponent("normal_stiffness", over="overlap")
     np.testing.assert_allclose(over.sel(medium="ala"), 0.5, rtol=1e-10)
@@ -46,7 +56,10 @@ def test_it_draws_fits_and_knows_its_packing(swept, tmp_path):
 
 def test_what_has_no_exponent(swept):
     for call, told in (
-        (lambda: swept.granphon.exponent("longitudnal"), "no 'longitudnal'. Did you mean longitudinal"),
+        (
+            lambda: swept.granphon.exponent("longitudnal"),
+            "no 'longitudnal'. Did you mean longitudinal",
+        ),
         (lambda: swept.isel(load=[0, 1]).granphon.exponent(), "three loads"),
         (lambda: swept.isel(load=slice(None, None, -1)).granphon.exponent(), "Loads must ascend"),
         (lambda: swept.isel(load=0).granphon.plot(), "no dimension 'load'"),
@@ -76,16 +89,29 @@ def test_what_is_not_in_si_is_refused(swept):
     unit = pint.UnitRegistry()
     chain = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)])
     for medium in (chain, gp.AveragedLattice(gp.Packing(STEEL, 8e-3))):
-        for force in (0.02 * unit.kN, np.array([0.02]) * unit.kN, swept["force"].assign_attrs(units="kN")):
-            with pytest.raises(InputError, match=r"numbers in (kilonewton|kN); allowed: numbers in SI units\. Give plain"):
+        for force in (
+            0.02 * unit.kN,
+            np.array([0.02]) * unit.kN,
+            swept["force"].assign_attrs(units="kN"),
+        ):
+            with pytest.raises(
+                InputError,
+                match=r"numbers in (kilonewton|kN); allowed: numbers in SI units\. Give plain",
+            ):
                 medium.at_force(force)
         medium.at_force(20.0 * unit.N)
         medium.at_force(swept["force"])
     slow = swept.assign(longitudinal=swept.pint.quantify()["longitudinal"].pint.to("km/s"))
     for data in (slow, slow.pint.dequantify()):
-        with pytest.raises(InputError, match=r"longitudinal of the data set is in kilometer / second.*\.pint\.to"):
+        with pytest.raises(
+            InputError, match=r"longitudinal of the data set is in kilometer / second.*\.pint\.to"
+        ):
             data.granphon.plot()
-    with pytest.raises(InputError, match="velocity: found numbers in kilometer / second; allowed: numbers in m/s"):
+    with pytest.raises(
+        InputError, match="velocity: found numbers in kilometer / second; allowed: numbers in m/s"
+    ):
         swept.granphon.fit(swept["force"], slow["longitudinal"].sel(medium="ema"))
     with pytest.raises(InputError, match="force: found numbers in m; allowed: numbers in N"):
-        swept.granphon.fit(swept["overlap"].sel(medium="ema"), swept["longitudinal"].sel(medium="ema"))
+        swept.granphon.fit(
+            swept["overlap"].sel(medium="ema"), swept["longitudinal"].sel(medium="ema")
+        )

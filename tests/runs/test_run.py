@@ -32,7 +32,14 @@ from granphon.runs.store import read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers
 from granphon.scene.redraw import redraw
-from granphon.scene.scene import RESULT_FILES, WORK_FILE, RunResult, Scene, expected_files, is_complete
+from granphon.scene.scene import (
+    RESULT_FILES,
+    WORK_FILE,
+    RunResult,
+    Scene,
+    expected_files,
+    is_complete,
+)
 from tests.conftest import only
 from tests.runs.conftest import full_disk
 
@@ -43,12 +50,18 @@ load: {force: {from: 2 N, to: 20 N, points: 6}}
 medium: [ala, afa, ema]
 sweep: {width: [1 um, 2 um]}
 """
-ONE = SWEEP.replace("{from: 2 N, to: 20 N, points: 6}", "3 N").replace("[ala, afa, ema]", "ema").replace("sweep", "# sweep")
+ONE = (
+    SWEEP.replace("{from: 2 N, to: 20 N, points: 6}", "3 N")
+    .replace("[ala, afa, ema]", "ema")
+    .replace("sweep", "# sweep")
+)
 NUMBERS = {"scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv"}
 ALL = NUMBERS | {"sweep.png"}
 
 
-needs_distributed = pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed")
+needs_distributed = pytest.mark.skipif(
+    find_spec("distributed") is None, reason="distributed is not installed"
+)
 
 
 @pytest.fixture
@@ -79,7 +92,9 @@ def count_parts(folder: Path) -> int:
     return len(dict(read_entries(folder / WORK_FILE))) if (folder / WORK_FILE).exists() else 0
 
 
-def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> list[str]:
+def interrupted_after(
+    count: int, monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> list[str]:
     """Let the step after ``count`` others fail; the names of the tasks of those that were begun."""
     from granphon.runs.tasks import MediumTask, SampleTask
 
@@ -99,7 +114,7 @@ def interrupted_after(count: int, monkeypatch: pytest.MonkeyPatch, error: BaseEx
     return begun
 
 
-# -- one state ------------------------------------------------------------------------------------------------------
+# -- one state -------------------------------------------------------------------------------------
 
 
 def test_balls_that_differ_have_a_summary_of_their_own(work, capsys):
@@ -107,13 +122,20 @@ def test_balls_that_differ_have_a_summary_of_their_own(work, capsys):
     (work / "scene.yaml").write_text(text)
     assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
     medium = gp.EffectiveMedium(Scene.from_text(text).packing, local_field="paper")
-    state, got = medium.at_force(3.0), summary("out")
+    state = medium.at_force(3.0)
+    got = summary("out")
     for name in state.units:
         assert got[name] == getattr(state, name)
-    assert (got["medium"], got["regime"], got["valid"]) == ("ema(local_field=paper)", "intermediate", True)
+    assert (got["medium"], got["regime"], got["valid"]) == (
+        "ema(local_field=paper)",
+        "intermediate",
+        True,
+    )
     assert got["exponent"] == gp.local_exponent(state)
     assert got["width"] == 2.04e-6
-    assert got["local_field"] == {name: getattr(medium.local_field, name) for name in ("alpha", "beta", "xi")}
+    assert got["local_field"] == {
+        name: getattr(medium.local_field, name) for name in ("alpha", "beta", "xi")
+    }
     assert got["longitudinal"] == gp.sound_velocities(state).longitudinal
     assert capsys.readouterr() == ("", "")
     for other in (ONE.replace("2.04 um", "0 um"), ONE.replace("medium: ema", "medium: afa")):
@@ -133,14 +155,17 @@ def test_a_load_below_the_range_of_the_medium_is_a_warning(work, capsys):
     assert got["warnings"] == [told.removeprefix("granphon: warning: ").strip()]
 
 
-# -- simulations ----------------------------------------------------------------------------------------------------
+# -- simulations -----------------------------------------------------------------------------------
 
 SAMPLES = ONE.replace("medium: ema", "medium: {simulation: {shape: 8 8, samples: 4}}")
 SIMULATED = ONE.replace("medium: ema", "medium: {simulation: {shape: 16 16, seed: 4, samples: 3}}")
 
 
 @pytest.mark.parametrize(
-    ("kind", "value"), only([("overlap", "0.4 um")], [("force", "3 N"), ("pressure", "600 N/m"), ("overlap", "0.4 um")])
+    ("kind", "value"),
+    only(
+        [("overlap", "0.4 um")], [("force", "3 N"), ("pressure", "600 N/m"), ("overlap", "0.4 um")]
+    ),
 )
 def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, value):
     text = SIMULATED.replace("force: 3 N", f"{kind}: {value}")
@@ -154,15 +179,30 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     assert scene == Scene.from_text(text)
     medium = gp.DirectSimulation(scene.packing, (16, 16), seed=4, samples=3)
     state = getattr(medium, f"at_{kind}")(scene.load.values[0])
-    got, velocities, constants = summary("out"), gp.sound_velocities(state), gp.moduli(state)
-    expected = {name: value for name in (*state.units, "regime") if (value := getattr(state, name)) is not None}
+    got = summary("out")
+    velocities = gp.sound_velocities(state)
+    constants = gp.moduli(state)
+    expected = {
+        name: value
+        for name in (*state.units, "regime")
+        if (value := getattr(state, name)) is not None
+    }
     for name in ("longitudinal", "transverse"):
-        expected |= {name: getattr(velocities, name), f"{name}_error": getattr(velocities, f"{name}_error")}
+        expected |= {
+            name: getattr(velocities, name),
+            f"{name}_error": getattr(velocities, f"{name}_error"),
+        }
         assert write_uncertain(expected[name], expected[f"{name}_error"], "m/s") in out
     for name in ("bulk", "shear"):
-        expected |= {name: getattr(constants, name), f"{name}_error": getattr(constants, f"{name}_error")}
+        expected |= {
+            name: getattr(constants, name),
+            f"{name}_error": getattr(constants, f"{name}_error"),
+        }
     found, given = ("force", "overlap") if kind == "overlap" else ("overlap", "force")
-    expected |= {f"{found}_error": state.standard_error(found), "exponent": gp.local_exponent(state)}
+    expected |= {
+        f"{found}_error": state.standard_error(found),
+        "exponent": gp.local_exponent(state),
+    }
     expected["exponent_error"] = state.exponent_error
     assert {name: got[name] for name in expected} == expected
     assert f"{given}_error" not in got
@@ -173,9 +213,13 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     assert "ase" in got["versions"]
     assert (work / "out" / "forces.png").read_bytes().startswith(b"\x89PNG")
     # the sample is read by ASE
-    atoms, sample, d = ase.io.read("out/sample.extxyz"), state.sample, scene.packing.diameter
+    atoms = ase.io.read("out/sample.extxyz")
+    sample = state.sample
+    d = scene.packing.diameter
     assert (sample.seed, len(atoms), atoms.pbc.tolist()) == (4, 256, [True, True, False])
-    np.testing.assert_allclose(2.0 * d * atoms.get_array("radius"), sample.diameters.ravel(), atol=1e-14 * d)
+    np.testing.assert_allclose(
+        2.0 * d * atoms.get_array("radius"), sample.diameters.ravel(), atol=1e-14 * d
+    )
     np.testing.assert_array_equal(atoms.positions, sample.atoms().positions)
     assert atoms.info["granphon_length_m"] == d
     assert np.mean(atoms.get_array("contact_force")) == pytest.approx(1.0, rel=1e-12)
@@ -185,7 +229,10 @@ def test_spectra_of_a_simulation_say_what_they_are(work, capsys):
     text = SAMPLES + "observe: [bands, dos]\nphonopy: {band_points: 3, mesh: 4 4 1}\n"
     (work / "scene.yaml").write_text(text)
     assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
-    told = "granphon: warning: bands and densities of states are those of a regular lattice with the mean stiffness"
+    told = (
+        "granphon: warning: bands and densities of states are those of a regular lattice with the"
+        " mean stiffness"
+    )
     err = capsys.readouterr().err
     assert err.startswith(told)
     assert "sample_dos" in err
@@ -205,19 +252,28 @@ def test_without_friction_or_of_one_sample_there_is_no_error(work):
     assert [name for name in result.summary() if name.endswith("_error")] == ["exponent_error"]
     # but for one that is said not to be known
     assert math.isnan(result.summary()["exponent_error"])
-    assert result.warnings == ("the standard error of the exponent is not known (nan) from one sample: take two or more",)
+    assert result.warnings == (
+        "the standard error of the exponent is not known (nan) from one sample: take two or more",
+    )
     assert math.isnan(summary("out")["exponent_error"])
-    equal = Scene.from_text(text.replace(", spread: {uniform: 2.04 um}", "")).run("equal", figures=False)
+    equal = Scene.from_text(text.replace(", spread: {uniform: 2.04 um}", "")).run(
+        "equal", figures=False
+    )
     assert (equal.summary()["exponent_error"], equal.warnings) == (0.0, ())
     assert result.summary()["contact_force_fluctuation"] > result.summary()["force_fluctuation"]
 
 
 def test_check_says_what_a_simulation_will_take(work, capsys):
-    many = SIMULATED.replace("3 N", "[3 N, 1 N]").replace("medium: {", "medium: [ema, {").replace("3}}", "3}}]")
+    many = (
+        SIMULATED.replace("3 N", "[3 N, 1 N]")
+        .replace("medium: {", "medium: [ema, {")
+        .replace("3}}", "3}}]")
+    )
     for text, count in (
         (SIMULATED, 9),
         (many, 18),
-    ):  # three samples at each load, each with two equilibria more for the exponent
+    ):
+        # three samples at each load, each with two equilibria more for the exponent
         (work / "scene.yaml").write_text(text)
         cost = Scene.from_text(text).cost()
         assert cost.equilibria == count
@@ -238,7 +294,9 @@ def test_a_long_simulation_is_announced(work, capsys, monkeypatch):
         assert main(["run", "scene.yaml", "-o", "out", *quiet]) == 130
         *told, last = capsys.readouterr().err.splitlines()
         assert last == "granphon: error: interrupted; no result was written."
-        assert told == ([] if quiet else [f"granphon: {Scene.from_text(text).cost().text} on one processor"])
+        assert told == (
+            [] if quiet else [f"granphon: {Scene.from_text(text).cost().text} on one processor"]
+        )
 
 
 def test_samples_of_a_sweep_are_shared_by_workers_and_resumed(work, monkeypatch, capsys):
@@ -265,7 +323,7 @@ def test_samples_of_a_sweep_are_shared_by_workers_and_resumed(work, monkeypatch,
     assert one.identical(load_sweep("cut/sweep.nc"))
 
 
-# -- many -----------------------------------------------------------------------------------------------------------
+# -- many ------------------------------------------------------------------------------------------
 
 
 def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
@@ -281,14 +339,19 @@ def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
     direct = sweep(scene.packing, force=force, media=("ala", "afa", "ema"), width=[1e-6, 2e-6])
     assert saved.identical(direct)
     for width, packing in ((1e-6, gp.Uniform(1e-6)), (2e-6, gp.Uniform(2e-6))):
-        state = gp.EffectiveMedium(gp.Packing(scene.packing.material, 8e-3, packing)).at_force(force)
+        state = gp.EffectiveMedium(gp.Packing(scene.packing.material, 8e-3, packing)).at_force(
+            force
+        )
         one = saved.sel(medium="ema", width=width)
         np.testing.assert_array_equal(one["longitudinal"], gp.sound_velocities(state).longitudinal)
     got = summary("new/out")
     assert got["sizes"] == {"load": 6, "medium": 3, "width": 2}
     assert (got["states"], got["medium"]) == (36, ["ala", "afa", "ema"])
     assert got["force"] == [2.0, 20.0]
-    assert got["longitudinal"] == [float(direct["longitudinal"].min()), float(direct["longitudinal"].max())]
+    assert got["longitudinal"] == [
+        float(direct["longitudinal"].min()),
+        float(direct["longitudinal"].max()),
+    ]
     assert got["units"]["longitudinal"] == "m/s"
     assert got["valid"] is False
     told = [f"granphon: warning: {text}" for text in got["warnings"]]
@@ -299,11 +362,19 @@ def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
 
 
 def result_material(result: RunResult) -> gp.Material:
-    return gp.Material(**{k: v for k, v in json.loads(result.dataset.attrs["packing"])["material"].items() if k != "class"})
+    return gp.Material(
+        **{
+            k: v
+            for k, v in json.loads(result.dataset.attrs["packing"])["material"].items()
+            if k != "class"
+        }
+    )
 
 
 def test_a_parameter_with_one_value_makes_a_sweep_of_one(work):
-    text = SWEEP.replace("[1 um, 2 um]", "[2 um]").replace("{from: 2 N, to: 20 N, points: 6}", "3 N")
+    text = SWEEP.replace("[1 um, 2 um]", "[2 um]").replace(
+        "{from: 2 N, to: 20 N, points: 6}", "3 N"
+    )
     text = text.replace("[ala, afa, ema]", "ema")
     result = Scene.from_text(text).run("out")
     assert listed(work / "out") == ALL
@@ -314,8 +385,13 @@ def test_a_parameter_with_one_value_makes_a_sweep_of_one(work):
 
 
 def test_finite_overlap_and_bands_reach_a_sweep(work):
-    text = SWEEP.replace("{uniform: 2.04 um}", "{uniform: 2.04 um}, finite_overlap: true").replace("points: 6", "points: 2")
-    text += "observe: [velocities, bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_labels: Gamma K, band_points: 3}\n"
+    text = SWEEP.replace("{uniform: 2.04 um}", "{uniform: 2.04 um}, finite_overlap: true").replace(
+        "points: 6", "points: 2"
+    )
+    text += (
+        "observe: [velocities, bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_labels: Gamma K,"
+        " band_points: 3}\n"
+    )
     result = Scene.from_text(text).run("out", figures=False)
     packing = gp.Packing(result_material(result), 8e-3, gp.Uniform(2e-6))
     state = gp.EffectiveMedium(packing).at_force(20.0, finite_overlap=True)
@@ -329,10 +405,16 @@ def test_finite_overlap_and_bands_reach_a_sweep(work):
 
 
 def test_a_sweep_over_two_parameters_has_a_figure_of_both(work):
-    result = Scene.from_text(SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")).run("out")
+    result = Scene.from_text(SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")).run(
+        "out"
+    )
     assert "sweep.png" in listed(work / "out")
     texts = [text.get_text() for text in gp.plot(result).legends[0].get_texts()]
-    assert sum("W = 1 µm" in text for text in texts) == sum("without friction" in text for text in texts) == 2
+    assert (
+        sum("W = 1 µm" in text for text in texts)
+        == sum("without friction" in text for text in texts)
+        == 2
+    )
     # at one load the parameter in numbers is the axis
     one = result.dataset.isel(load=[0], medium=[0])
     (above, *_) = gp.plot(one).axes
@@ -343,10 +425,18 @@ def test_a_sweep_over_two_parameters_has_a_figure_of_both(work):
 def test_many_measured_diameters_are_kept_with_the_result(work):
     rows = [7.999, 8.000, 8.001] * 400
     (work / "balls.csv").write_text("size (mm)\n" + "".join(f"{row}\n" for row in rows))
-    text = ONE.replace("{uniform: 2.04 um}", "{measured: balls.csv}").replace("medium: ema", "medium: afa")
+    text = ONE.replace("{uniform: 2.04 um}", "{measured: balls.csv}").replace(
+        "medium: ema", "medium: afa"
+    )
     (work / "scene.yaml").write_text(text)
     scene = Scene.from_yaml("scene.yaml")
-    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "diameters.csv", "sweep.nc", "sweep.csv")
+    assert expected_files(scene) == (
+        "scene.yaml",
+        "summary.yaml",
+        "diameters.csv",
+        "sweep.nc",
+        "sweep.csv",
+    )
     result = scene.run("out")
     assert listed(work / "out") == {*NUMBERS, "diameters.csv"}
     assert Scene.from_yaml("out/scene.yaml") == scene
@@ -361,7 +451,10 @@ def measured_scene(folder: Path) -> bytes:
     rows = [7.999, 8.000, 8.001] * 400
     (folder / "diameters.csv").write_text("size (mm)\n" + "".join(f"{row}\n" for row in rows))
     (folder / "scene.yaml").write_text(
-        "# mine\n" + ONE.replace("{uniform: 2.04 um}", "{measured: diameters.csv}").replace("medium: ema", "medium: afa")
+        "# mine\n"
+        + ONE.replace("{uniform: 2.04 um}", "{measured: diameters.csv}").replace(
+            "medium: ema", "medium: afa"
+        )
     )
     return (folder / "scene.yaml").read_bytes() + (folder / "diameters.csv").read_bytes()
 
@@ -378,12 +471,16 @@ def test_force_never_replaces_what_the_run_reads(work, capsys):
 def test_a_result_that_is_read_again_is_not_removed_as_old(work):
     measured_scene(work)
     Scene.from_yaml("scene.yaml").run("out")
-    (work / "again.yaml").write_text(ONE.replace("{uniform: 2.04 um}", "{measured: {file: out/diameters.csv}}"))
+    (work / "again.yaml").write_text(
+        ONE.replace("{uniform: 2.04 um}", "{measured: {file: out/diameters.csv}}")
+    )
     again = Scene.from_yaml("again.yaml")
     assert [path.name for path in again.origin.inputs] == ["again.yaml", "diameters.csv"]
     with pytest.raises(FileExistsInRunError, match="is read by this run"):
         again.run("out", force=True)
-    swept = Scene.from_text(SWEEP.replace("width: [1 um, 2 um]", "spread: [{measured: out/diameters.csv}]"))
+    swept = Scene.from_text(
+        SWEEP.replace("width: [1 um, 2 um]", "spread: [{measured: out/diameters.csv}]")
+    )
     assert swept.origin.inputs == (Path("out/diameters.csv"),)
 
 
@@ -393,7 +490,9 @@ def test_a_folder_has_one_run_at_a_time(work, capsys):
     assert "another run is writing into out" in capsys.readouterr().err
     assert not (work / "out").exists()
     Scene.from_text(ONE).run("out")
-    with ResultFiles("out", [], force=True).open():  # nor is a figure drawn beside a result that is being written
+    with ResultFiles(
+        "out", [], force=True
+    ).open():  # nor is a figure drawn beside a result that is being written
         assert main(["plot", "out", "--force"]) == 1
     assert "another run is writing into out" in capsys.readouterr().err
     # the working folder is named by its path
@@ -407,7 +506,10 @@ def test_a_folder_has_one_run_at_a_time(work, capsys):
 
 
 def test_a_figure_that_fails_is_a_warning_and_the_numbers_are_there(work, capsys):
-    labels = "observe: [bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_labels: [$\\Gama$, K], band_points: 3}\n"
+    labels = (
+        "observe: [bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_labels: [$\\Gama$, K],"
+        " band_points: 3}\n"
+    )
     (work / "wrong.yaml").write_text(ONE.replace("medium: ema", "medium: afa") + labels)
     assert main(["check", "wrong.yaml"]) == 0
     Scene.from_text(ONE + labels.replace("$\\Gama$", "G")).run("out")
@@ -428,16 +530,22 @@ def test_a_figure_that_fails_is_a_warning_and_the_numbers_are_there(work, capsys
     assert err.count("\n") == 1
 
 
-FIT = "force (N),velocity (m/s)\n" + "".join(f"{f},{v}\n" for f, v in ((2, 460), (4, 550), (9, 668), (18, 772)))
+FIT = "force (N),velocity (m/s)\n" + "".join(
+    f"{f},{v}\n" for f, v in ((2, 460), (4, 550), (9, 668), (18, 772))
+)
 
 
 @pytest.mark.parametrize(
     ("words", "numbers"),
     [
         (("run", "scene.yaml", "-o", "out", "-q"), "dos.csv"),
-        pytest.param(("fit", "scene.yaml", "data.csv", "-o", "out"), "fit.yaml", marks=pytest.mark.exhaustive),
         pytest.param(
-            ("tradeoff", "scene.yaml", "-o", "out", "--budget", "1 s", "-q"), "tradeoff.csv", marks=pytest.mark.exhaustive
+            ("fit", "scene.yaml", "data.csv", "-o", "out"), "fit.yaml", marks=pytest.mark.exhaustive
+        ),
+        pytest.param(
+            ("tradeoff", "scene.yaml", "-o", "out", "--budget", "1 s", "-q"),
+            "tradeoff.csv",
+            marks=pytest.mark.exhaustive,
         ),
     ],
 )
@@ -468,13 +576,17 @@ def test_settings_that_keep_matplotlib_from_being_imported_leave_the_numbers(wor
 
 def test_a_result_of_another_kind_is_replaced_as_a_whole(work, whole):
     shutil.copytree(whole, "out")
-    for text, files in ((SAMPLES, {*NUMBERS, "sample.extxyz", "forces.png"}), (ONE, NUMBERS), (SWEEP, ALL)):
+    for text, files in (
+        (SAMPLES, {*NUMBERS, "sample.extxyz", "forces.png"}),
+        (ONE, NUMBERS),
+        (SWEEP, ALL),
+    ):
         Scene.from_text(text).run("out", force=True)
         assert listed(work / "out") == files
         assert set(RESULT_FILES) >= files
 
 
-# -- side by side, and cut off --------------------------------------------------------------------------------------
+# -- side by side, and cut off ---------------------------------------------------------------------
 
 
 def test_the_number_of_workers_has_limits(work, capsys):
@@ -525,9 +637,11 @@ def test_errors_come_back_from_workers_as_they_are():
         assert "Traceback" in str(caught.value.__cause__)  # that of the worker process
         with pytest.raises(pickle.PicklingError, match="pickle"):  # what cannot come back
             executor.submit(eval, "lambda: 0").result()
-        with pytest.raises(RuntimeError, match=r"ArpackNoConvergence: .*none"):  # an error that cannot
+        with pytest.raises(RuntimeError, match=r"ArpackNoConvergence: .*none"):
+            # an error that cannot
             executor.submit(fail_to_converge).result()
-        with pytest.raises((AttributeError, pickle.PicklingError), match="local object"):  # what cannot go there
+        with pytest.raises((AttributeError, pickle.PicklingError), match="local object"):
+            # what cannot go there
             executor.submit(lambda: 0).result()
         assert executor.submit(abs, -1).result() == 1
     assert not multiprocessing.active_children()
@@ -550,7 +664,8 @@ def test_a_worker_that_is_killed_in_the_middle_of_its_result_holds_nothing_up():
     with Workers(2) as executor:
         futures = [executor.submit(time.sleep, 0.2), executor.submit(end_within_a_result)]
         assert futures[0].result(60) is None
-        with pytest.raises(BrokenExecutor):  # a pool of several would wait for the other half for ever
+        with pytest.raises(BrokenExecutor):
+            # a pool of several would wait for the other half for ever
             futures[1].result(60)
         assert [executor.submit(abs, -number).result(60) for number in (1, 2)] == [1, 2]
 
@@ -573,18 +688,23 @@ def test_an_interruption_while_workers_come_and_go(work, monkeypatch, capsys, mo
     assert signal.getsignal(signal.SIGTERM) is before
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
-    told = "no result was written." if name == "start" else "out holds the whole result of this scene."
+    told = (
+        "no result was written." if name == "start" else "out holds the whole result of this scene."
+    )
     assert err == f"granphon: error: interrupted; {told}\n"
     assert listed(work) == {"scene.yaml"} | ({"out"} if name == "kill" else set())
 
 
 @pytest.mark.parametrize(
-    ("error", "options"), [(KeyboardInterrupt(), ["--resume", "--force"]), (MemoryError(), ["--resume"])]
+    ("error", "options"),
+    [(KeyboardInterrupt(), ["--resume", "--force"]), (MemoryError(), ["--resume"])],
 )
 def test_an_interrupted_sweep_goes_on(work, whole, monkeypatch, capsys, error, options):
     with monkeypatch.context() as patch:
         interrupted_after(2, patch, error)
-        assert main(["run", "scene.yaml", "-o", "out", *options]) == (130 if isinstance(error, KeyboardInterrupt) else 1)
+        assert main(["run", "scene.yaml", "-o", "out", *options]) == (
+            130 if isinstance(error, KeyboardInterrupt) else 1
+        )
     assert capsys.readouterr().err.count("\n") == 1
     # the finished tasks and nothing else
     assert listed(work / "out") == {WORK_FILE}
@@ -604,8 +724,13 @@ def test_a_file_that_is_missing_is_named(work, whole, capsys):
     for option in ([], ["--resume"]):
         assert main(["run", "scene.yaml", "-o", "out", *option]) == 1
         err = capsys.readouterr().err
-        assert "sweep.png, but not sweep.csv, which granphon wrote there too. An existing result" in err
-    assert main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q", "--no-figures"]) == 0
+        assert (
+            "sweep.png, but not sweep.csv, which granphon wrote there too. An existing result"
+            in err
+        )
+    assert (
+        main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q", "--no-figures"]) == 0
+    )
     assert listed(work / "out") == NUMBERS
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
     assert "but not" not in capsys.readouterr().err
@@ -613,9 +738,17 @@ def test_a_file_that_is_missing_is_named(work, whole, capsys):
 
 @pytest.mark.parametrize(
     ("other", "told"),
-    [(SWEEP.replace("20 N", "21 N").replace("7840", "7841"), "differ: force[1] is 3.16978638492"), (ONE, "other work")],
+    [
+        (
+            SWEEP.replace("20 N", "21 N").replace("7840", "7841"),
+            "differ: force[1] is 3.16978638492",
+        ),
+        (ONE, "other work"),
+    ],
 )
-def test_another_scene_does_not_discard_what_a_sweep_has_finished(work, monkeypatch, capsys, other, told):
+def test_another_scene_does_not_discard_what_a_sweep_has_finished(
+    work, monkeypatch, capsys, other, told
+):
     with monkeypatch.context() as patch:
         interrupted_after(4, patch, KeyboardInterrupt())
         assert main(["run", "scene.yaml", "-o", "out"]) == 130
@@ -628,7 +761,9 @@ def test_another_scene_does_not_discard_what_a_sweep_has_finished(work, monkeypa
         assert (out, err.count("\n")) == ("", 1)
         for words in ("out/.granphon-sweep holds the finished part of other work", told, "--force"):
             assert words in err
-        assert {path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()} == kept
+        assert {
+            path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()
+        } == kept
     assert main(["run", "other.yaml", "-o", "out", "--force", "-q", "--no-figures"]) == 0
     assert listed(work / "out") == NUMBERS
     assert load_sweep("out/sweep.nc")["force"][-1] == (3.0 if other == ONE else 21.0)
@@ -639,13 +774,18 @@ def test_a_complete_folder_is_left_as_it_is(work, whole, monkeypatch, capsys):
     (work / "one.yaml").write_text(ONE)
     assert main(["run", "one.yaml", "-o", "single", "-q"]) == 0
     capsys.readouterr()
-    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in work.rglob("*") if path.is_file()}
+    before = {
+        path: (path.read_bytes(), path.stat().st_mtime_ns)
+        for path in work.rglob("*")
+        if path.is_file()
+    }
     begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
     for scene, folder in (("scene.yaml", "out"), ("one.yaml", "single")):
         assert main(["run", scene, "-o", folder, "--resume"]) == 0
         assert capsys.readouterr() == (
-            f"{folder} is complete: it holds the results of this scene. Nothing was computed.\n", ""
-        )  # fmt: skip
+            f"{folder} is complete: it holds the results of this scene. Nothing was computed.\n",
+            "",
+        )
         assert main(["run", scene, "-o", folder, "--resume", "-q"]) == 0
         assert capsys.readouterr() == ("", "")
         assert main(["run", scene, "-o", folder]) == 1
@@ -659,11 +799,15 @@ def test_a_complete_folder_is_left_as_it_is(work, whole, monkeypatch, capsys):
     (work / "other.yaml").write_text(SWEEP.replace("20 N", "21 N"))
     assert main(["run", "other.yaml", "-o", "out", "--resume"]) == 1
     assert main(["run", "one.yaml", "-o", "out", "--resume"]) == 1
-    assert {path: path.read_bytes() for path in before} == {path: data for path, (data, _) in before.items()}
+    assert {path: path.read_bytes() for path in before} == {
+        path: data for path, (data, _) in before.items()
+    }
     monkeypatch.setattr("granphon.scene.scene.packages", lambda: {"granphon": "0.0.9"})
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     assert not begun
-    assert {path: path.stat().st_mtime_ns for path in before} == {path: time for path, (_, time) in before.items()}
+    assert {path: path.stat().st_mtime_ns for path in before} == {
+        path: time for path, (_, time) in before.items()
+    }
 
 
 def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch, capsys):
@@ -678,7 +822,9 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
     assert Scene.from_yaml("out/scene.yaml") == Scene.from_text(ONE)
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     assert "already holds scene.yaml, summary.yaml" in capsys.readouterr().err
-    assert main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q", "--no-figures"]) == 0
+    assert (
+        main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q", "--no-figures"]) == 0
+    )
     assert listed(work / "out") == NUMBERS
 
 
@@ -689,7 +835,9 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
         ("granphon.runs.dataset._write_rows", OSError(28, "No space left on device"), 1),
     ],
 )
-def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, whole, monkeypatch, capsys, where, error, code):
+def test_a_sweep_that_cannot_be_written_is_not_computed_again(
+    work, whole, monkeypatch, capsys, where, error, code
+):
 
     def fail(*_: object, **__: object) -> None:
         raise error
@@ -730,12 +878,18 @@ if __name__ == "__main__":
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGKILL"])
 @pytest.mark.parametrize(
-    "whose", ["--workers=2", pytest.param("--scheduler=local:2", marks=[pytest.mark.exhaustive, needs_distributed])]
+    "whose",
+    [
+        "--workers=2",
+        pytest.param("--scheduler=local:2", marks=[pytest.mark.exhaustive, needs_distributed]),
+    ],
 )
 @pytest.mark.claim("machines-lost")
 def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, kind, whose):
     # more tasks than are under way
-    scene = SWEEP.replace("[ala, afa, ema]", "[ala, afa]").replace("[1 um, 2 um]", "{from: 1 um, to: 2 um, points: 6}")
+    scene = SWEEP.replace("[ala, afa, ema]", "[ala, afa]").replace(
+        "[1 um, 2 um]", "{from: 1 um, to: 2 um, points: 6}"
+    )
     (work / "scene.yaml").write_text(scene)
     (work / "held.py").write_text(HELD)
     command = [sys.executable, "held.py", "run", "scene.yaml", "-o", "out", whose]
@@ -743,11 +897,17 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as running:
         try:
-            assert [running.stdout.readline() for _ in range(2)] == ["held\n"] * 2  # both have begun what has no end
-            # dask may give a worker what has no end after its first task; the very first task of all has an end
-            least, end = 2 if whose == "--workers=2" else 1, time.monotonic() + 60.0
+            assert [running.stdout.readline() for _ in range(2)] == [
+                "held\n"
+            ] * 2  # both have begun what has no end
+            # dask may give a worker what has no end after its first task; the very first task of
+            # all has an end
+            least = 2 if whose == "--workers=2" else 1
+            end = time.monotonic() + 60.0
             while count_parts(work / "out") < least and running.poll() is None:
-                assert time.monotonic() < end, f"{count_parts(work / 'out')} results of {least} in a minute"
+                assert time.monotonic() < end, (
+                    f"{count_parts(work / 'out')} results of {least} in a minute"
+                )
                 time.sleep(0.01)
             if kind == "SIGINT":  # as a terminal does, to the workers as well
                 os.killpg(running.pid, signal.SIGINT)
@@ -766,7 +926,8 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
         assert running.returncode == 130
         kept = "The finished parts are kept: run the same command again to continue."
         assert err == f"granphon: error: interrupted; no result was written. {kept}\n"
-    assert listed(work / "out") - {f"{WORK_FILE}-journal"} == {WORK_FILE}  # it may be killed while it writes
+    # it may be killed while it writes
+    assert listed(work / "out") - {f"{WORK_FILE}-journal"} == {WORK_FILE}
     with pytest.MonkeyPatch.context() as patch:
         begun = interrupted_after(99, patch, KeyboardInterrupt())
         assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
@@ -778,7 +939,8 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
         assert media.count("ala") <= 5
 
 
-#: the command, interrupted when a module is imported, in the middle of exec() of a text, or at the end of the interpreter
+#: the command, interrupted when a module is imported, in the middle of exec() of a text, or at the
+#: end of the interpreter
 MOMENT = """
 import atexit, os, signal, sys
 
@@ -817,9 +979,16 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
 
 
 @pytest.mark.parametrize(
-    "moment", ["granphon.base.staging._finish", "granphon.runs.store.Store.clear", "granphon.cli.scenes.say_table"]
+    "moment",
+    [
+        "granphon.base.staging._finish",
+        "granphon.runs.store.Store.clear",
+        "granphon.cli.scenes.say_table",
+    ],
 )
-def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, monkeypatch, capsys, moment):
+def test_an_interruption_after_the_exchange_says_that_the_result_is_there(
+    work, monkeypatch, capsys, moment
+):
     from granphon.base import staging
     from granphon.cli import scenes
     from granphon.runs import store
@@ -830,7 +999,8 @@ def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, 
 
     def then(*arguments):
         before(*arguments)
-        if name != "_finish" or len(arguments) == 1:  # another argument: before the result is written
+        if name != "_finish" or len(arguments) == 1:
+            # another argument: before the result is written
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
@@ -843,7 +1013,9 @@ def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, 
 
 
 def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
-    """Interrupted and gone on with, they have the files of what went through; another state is refused."""
+    """Interrupted and gone on with, they have the files of what went through; another state is
+    refused.
+    """
     (work / "scene.yaml").write_text(SAMPLES)
     run = ["run", "scene.yaml", "-q", "--no-figures", "-o"]
     assert main([*run, "whole"]) == 0
@@ -851,7 +1023,10 @@ def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
         interrupted_after(2, patch, KeyboardInterrupt())
         assert main([*run, "out"]) == 130
     kept = "The finished parts are kept: run the same command again to continue."
-    assert capsys.readouterr().err.splitlines()[-1] == f"granphon: error: interrupted; no result was written. {kept}"
+    assert (
+        capsys.readouterr().err.splitlines()[-1]
+        == f"granphon: error: interrupted; no result was written. {kept}"
+    )
     assert (listed(work / "out"), count_parts(work / "out")) == ({WORK_FILE}, 2)
     (work / "other.yaml").write_text((work / "scene.yaml").read_text().replace("3 N", "4 N"))
     assert main(["run", "other.yaml", "-o", "out", "-q"]) == 1
@@ -865,14 +1040,19 @@ def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
 
 
 def test_what_is_no_mistake_in_the_scene_is_not_told_as_one(work, capsys):
-    """A disk that is full in the midst of the samples of one state is not a load that the balls cannot carry."""
+    """A disk that is full in the midst of the samples of one state is not a load that the balls
+    cannot carry.
+    """
     (work / "scene.yaml").write_text(SAMPLES)
     with full_disk():
         assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 1
     told = (
-        "out/.granphon-sweep cannot be written: No space left on device. What was finished before is kept. Free some space"
+        "out/.granphon-sweep cannot be written: No space left on device. What was finished before"
+        " is kept. Free some space"
     )
-    assert capsys.readouterr().err.startswith(f"granphon: error: {told}, and run the same command again.")
+    assert capsys.readouterr().err.startswith(
+        f"granphon: error: {told}, and run the same command again."
+    )
     assert not (work / "out").exists()
     (work / "scene.yaml").write_text(SAMPLES.replace("force: 3 N", "overlap: -1.05 um"))
     assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 2
@@ -885,39 +1065,65 @@ HISTORY = ", seed: 5, friction_history: true, friction_coefficient: 0.3, step_to
 @pytest.mark.parametrize(
     ("packing", "medium"),
     [
-        ("", "samples: 1"), ("finite_overlap: true, ", ", geometry: exact"),
+        ("", "samples: 1"),
+        ("finite_overlap: true, ", ", geometry: exact"),
         ("", HISTORY + ", shear_response: partial_slip"),
-        pytest.param("finite_overlap: true, ", HISTORY + ", geometry: exact", marks=pytest.mark.exhaustive),
+        pytest.param(
+            "finite_overlap: true, ", HISTORY + ", geometry: exact", marks=pytest.mark.exhaustive
+        ),
         pytest.param("lattice: fcc, ", ", shape: 2 2 2" + HISTORY, marks=pytest.mark.exhaustive),
-        ("equal", HISTORY), pytest.param("", HISTORY + ", start: gas", marks=pytest.mark.exhaustive),
+        ("equal", HISTORY),
+        pytest.param("", HISTORY + ", start: gas", marks=pytest.mark.exhaustive),
     ],
-)  # fmt: skip
+)
 def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
     from granphon.runs.dataset import SweepRun
 
     text = SAMPLES.replace("samples: 4", medium if "samples" in medium else "samples: 2" + medium)
     text = text.replace("shape: 8 8, ", "") if "shape" in medium else text.replace("8 8", "4 4")
     text = (
-        text.replace(", spread: {uniform: 2.04 um}", "") if packing == "equal" else text.replace("{diam", f"{{{packing}diam")
+        text.replace(", spread: {uniform: 2.04 um}", "")
+        if packing == "equal"
+        else text.replace("{diam", f"{{{packing}diam")
     )
     scene = Scene.from_text(text)
     assert scene.has_tasks
     run = SweepRun.of(scene.case_grid)
-    state, expected = run.grid.cases[0].restore(run.do()), scene.state()
-    for name in ("force", "overlap", "normal_stiffness", "exponent", "exponent_error", "medium", "finite_overlap"):
+    state = run.grid.cases[0].restore(run.do())
+    expected = scene.state()
+    for name in (
+        "force",
+        "overlap",
+        "normal_stiffness",
+        "exponent",
+        "exponent_error",
+        "medium",
+        "finite_overlap",
+    ):
         assert_array_equal(getattr(state, name), getattr(expected, name))
     for one, other in zip(state.samples, expected.samples, strict=True):
         assert type(one) is type(other)
-        names = ["seed", "elastic_tensor", "diameters", "contact_forces", "displacements", "residual", "energy"]
+        names = [
+            "seed",
+            "elastic_tensor",
+            "diameters",
+            "contact_forces",
+            "displacements",
+            "residual",
+            "energy",
+        ]
         names += ["elastic_tensors_beside"] * scene.packing.spread_matters
-        names += ["tangential_forces", "rotations", "work", "dissipated_energy"] * ("history" in medium)
+        names += ["tangential_forces", "rotations", "work", "dissipated_energy"] * (
+            "history" in medium
+        )
         for name in names:
             assert_array_equal(getattr(one, name), getattr(other, name))
         assert_array_equal(one.network.shear_stiffness, other.network.shear_stiffness)
 
 
 @pytest.mark.parametrize(
-    ("name", "damage"), [("sweep.csv", b""), ("sweep.nc", None), ("summary.yaml", b"junk"), ("scene.yaml", None)]
+    ("name", "damage"),
+    [("sweep.csv", b""), ("sweep.nc", None), ("summary.yaml", b"junk"), ("scene.yaml", None)],
 )
 def test_what_is_damaged_is_not_complete(work, whole, capsys, name, damage):
     shutil.copytree(whole, "out")
@@ -931,16 +1137,20 @@ def test_what_is_damaged_is_not_complete(work, whole, capsys, name, damage):
     assert f"out already holds {name}: granphon wrote it, and it has been changed since" in err
 
 
-# -- check and plot -------------------------------------------------------------------------------------------------
+# -- check and plot --------------------------------------------------------------------------------
 
 
 def test_check_describes_a_sweep(work, capsys):
     assert main(["check", "scene.yaml"]) == 0
     out, err = capsys.readouterr()
     for expected in (
-        "uniform\n", "2.04 um\n", "2 N to 20 N\n", "averaged lattice, averaged force, effective medium\n",
-        "6 loads x 3 media x 2 values of width = 36 states", "scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png",
-    ):  # fmt: skip
+        "uniform\n",
+        "2.04 um\n",
+        "2 N to 20 N\n",
+        "averaged lattice, averaged force, effective medium\n",
+        "6 loads x 3 media x 2 values of width = 36 states",
+        "scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png",
+    ):
         assert expected in out
     assert "granphon: warning: ala, width = 1e-06 m: ala is not reliable below " in err
     assert listed(work) == {"scene.yaml"}
@@ -955,7 +1165,9 @@ def test_check_says_that_the_media_agree_for_equal_balls(work, capsys):
 
 
 def test_many_warnings_are_cut_short(work, capsys):
-    (work / "scene.yaml").write_text(SWEEP.replace("[1 um, 2 um]", "{from: 20 um, to: 30 um, points: 5}"))
+    (work / "scene.yaml").write_text(
+        SWEEP.replace("[1 um, 2 um]", "{from: 20 um, to: 30 um, points: 5}")
+    )
     assert main(["check", "scene.yaml"]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 11
@@ -971,9 +1183,10 @@ def test_plot_draws_a_sweep_again(work, whole, capsys):
     assert drawn != (work / "out" / "sweep.png").read_bytes()
     capsys.readouterr()
     for words, found in (
-        (["--variable", "contact_fracton"], "no variable 'contact_fracton'"), (["--asymptotes"], "holds a sweep"),
+        (["--variable", "contact_fracton"], "no variable 'contact_fracton'"),
+        (["--asymptotes"], "holds a sweep"),
         (["-o", "x.xyz"], "names no figure format"),
-    ):  # fmt: skip
+    ):
         assert main(["plot", "out", "--force", *words]) == 2
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)

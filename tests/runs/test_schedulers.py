@@ -1,4 +1,6 @@
-"""Sweeps by the workers of a dask scheduler: the same numbers, what is refused, and what is lost when one is killed."""
+"""Sweeps by the workers of a dask scheduler: the same numbers, what is refused, and what is lost
+when one is killed.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,27 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.base.errors import ConvergenceError, GranphonError, InputError, MissingFileError, OutputError, SceneError
+from granphon.base.errors import (
+    ConvergenceError,
+    GranphonError,
+    InputError,
+    MissingFileError,
+    OutputError,
+    SceneError,
+)
 from granphon.cli.commands import main
 from granphon.runs import execution, workers
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, read_entries
 from granphon.runs.sweep import sweep
-from granphon.runs.workers import Workers, call_by, open_executor, packages, require_packages, require_workers
+from granphon.runs.workers import (
+    Workers,
+    call_by,
+    open_executor,
+    packages,
+    require_packages,
+    require_workers,
+)
 
 distributed = pytest.importorskip("distributed")
 
@@ -39,11 +55,15 @@ load: {force: {from: 2 N, to: 20 N, points: 3}}
 medium: [ala, simulation: {shape: 8 8, samples: 2}]
 """
 ARGUMENTS = {
-    "force": [18.446, 5.0], "media": ["ala", "afa", {"simulation": {"shape": (8, 8), "samples": 3}}], "width": [0.0, 1e-6],
-}  # fmt: skip
+    "force": [18.446, 5.0],
+    "media": ["ala", "afa", {"simulation": {"shape": (8, 8), "samples": 3}}],
+    "width": [0.0, 1e-6],
+}
 LOCAL = pytest.param(
     {"scheduler": "local:2"},
-    marks=pytest.mark.skipif(find_spec("cryptography") is None, reason="cryptography is not installed"),
+    marks=pytest.mark.skipif(
+        find_spec("cryptography") is None, reason="cryptography is not installed"
+    ),
 )
 posix = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
@@ -51,10 +71,15 @@ posix = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 class Nap:
     """A task that sleeps; the file of its number, if there is a folder, says that it has begun."""
 
-    kind, steps = "nap", 1
+    kind = "nap"
+    steps = 1
 
     def __init__(self, number, seconds=0.0, memory=0.0, folder=None, deadly=False):
-        self.number, self.seconds, self.memory, self.folder, self.deadly = number, seconds, memory, folder, deadly
+        self.number = number
+        self.seconds = seconds
+        self.memory = memory
+        self.folder = folder
+        self.deadly = deadly
 
     @property
     def name(self):
@@ -102,14 +127,17 @@ def packing(steel):
 
 @pytest.mark.claim("machines-same-numbers")
 def test_the_numbers_are_those_of_one_process(packing, client):
-    assert sweep(packing, executor=client.get_executor(), **ARGUMENTS).identical(sweep(packing, **ARGUMENTS))
+    assert sweep(packing, executor=client.get_executor(), **ARGUMENTS).identical(
+        sweep(packing, **ARGUMENTS)
+    )
 
 
 def test_calls_are_bounded_in_time_and_number():
     sizes = []
 
     class Counted(ThreadPoolExecutor):
-        under_way, most = 0, 0
+        under_way = 0
+        most = 0
 
         def submit(self, call, orders, *more):
             sizes.append(len(orders))
@@ -155,7 +183,9 @@ def test_an_interruption_loses_what_does_not_come_back_and_nothing_else(client, 
     naps += [Nap(n, 0.002, folder=tmp_path) for n in range(151, 170)]
     with nullcontext(client.get_executor()) if how == "scheduler" else Workers(2) as executor:
         store = Store(tmp_path / "store")
-        threading.Thread(target=interrupt_once, args=((tmp_path / "nap-150").exists,), daemon=True).start()
+        threading.Thread(
+            target=interrupt_once, args=((tmp_path / "nap-150").exists,), daemon=True
+        ).start()
         with pytest.raises(KeyboardInterrupt):
             solve_all("naps", naps, executor, store=store)
     begun = {path.name for path in tmp_path.glob("nap-*")}
@@ -178,7 +208,7 @@ def test_errors_come_back_as_they_are(client):
         assert caught.value.load_index == 3
 
 
-# -- what is refused ------------------------------------------------------------------------------------------------
+# -- what is refused -------------------------------------------------------------------------------
 
 
 def change_version(package, value):
@@ -199,10 +229,15 @@ def change_version(package, value):
 
 
 @pytest.mark.parametrize(("package", "version"), [("granphon", "0.0.9"), ("numpy", "1.0")])
-def test_workers_of_another_version_are_refused_by_name(packing, client, tmp_path, package, version):
+def test_workers_of_another_version_are_refused_by_name(
+    packing, client, tmp_path, package, version
+):
     address = list(client.scheduler_info()["workers"])[1]
     (before,) = client.run(change_version, package, version, workers=[address]).values()
-    told = rf"^the worker {address} has {package} {version}, and this process has {package} {before}\. Its numbers could"
+    told = (
+        rf"^the worker {address} has {package} {version}, and this process has {package}"
+        rf" {before}\. Its numbers could"
+    )
     try:
         with pytest.raises(GranphonError, match=told):
             sweep(packing, force=5.0, executor=client.get_executor(), path=tmp_path / "sweep.nc")
@@ -213,41 +248,74 @@ def test_workers_of_another_version_are_refused_by_name(packing, client, tmp_pat
 
 
 def test_a_worker_that_has_another_version_when_work_comes_does_none(tmp_path):
-    with pytest.raises(GranphonError, match=r"^the worker on .* has granphon .*, and this process has granphon 9\.9"):
+    with pytest.raises(
+        GranphonError,
+        match=r"^the worker on .* has granphon .*, and this process has granphon 9\.9",
+    ):
         execution.advance([(Nap(0, folder=tmp_path), None)], packages() | {"granphon": "9.9"})
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_worker_without_granphon_is_told():
-    with pytest.raises(GranphonError, match=r"^the worker x has no granphon, and this process has granphon 1\."):
+    with pytest.raises(
+        GranphonError, match=r"^the worker x has no granphon, and this process has granphon 1\."
+    ):
         require_packages("the worker x", {}, {"granphon": "1", "numpy": "2"})
 
 
-def test_a_task_that_needs_more_memory_than_a_worker_has_is_refused_before_it_is_sent(client, tmp_path):
+def test_a_task_that_needs_more_memory_than_a_worker_has_is_refused_before_it_is_sent(
+    client, tmp_path
+):
     naps = [Nap(0, folder=tmp_path), Nap(1, memory=3e9, folder=tmp_path)]
-    with pytest.raises(GranphonError, match=r"nap-1 needs about 3 GB\. The worker tcp://[0-9.:]+ has 1 GB"):
+    with pytest.raises(
+        GranphonError, match=r"nap-1 needs about 3 GB\. The worker tcp://[0-9.:]+ has 1 GB"
+    ):
         solve_all("naps", naps, client.get_executor())
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_memory_of_a_task_is_that_of_its_array(packing, client):
     large = {"simulation": {"shape": (2000, 2000), "samples": 2}}
-    with pytest.raises(GranphonError, match=r"simulation\(.*shape=2000 2000\), seed 0 needs about [2-9]"):
+    with pytest.raises(
+        GranphonError, match=r"simulation\(.*shape=2000 2000\), seed 0 needs about [2-9]"
+    ):
         sweep(packing, force=5.0, media=["ala", large], executor=client.get_executor())
 
 
 @pytest.mark.parametrize(
     ("options", "code", "told"),
     [
-        (["--scheduler", "local:0"], 2, "found 'local:0'; allowed: the address of a dask scheduler, or local:N with N"),
-        (["--scheduler", "here"], 2, "found 'here'; allowed: the address of a dask scheduler, or local:N"),
-        (["--scheduler", "http://127.0.0.1:8786"], 2, "found 'http://127.0.0.1:8786'; allowed: the address of a dask"),
-        (["--scheduler", "local:2", "--workers", "1"], 2, "both --workers and --scheduler are given"),
-        (["--scheduler", "tcp://127.0.0.1:9"], 1, "the scheduler at tcp://127.0.0.1:9 cannot be reached"),
+        (
+            ["--scheduler", "local:0"],
+            2,
+            "found 'local:0'; allowed: the address of a dask scheduler, or local:N with N",
+        ),
+        (
+            ["--scheduler", "here"],
+            2,
+            "found 'here'; allowed: the address of a dask scheduler, or local:N",
+        ),
+        (
+            ["--scheduler", "http://127.0.0.1:8786"],
+            2,
+            "found 'http://127.0.0.1:8786'; allowed: the address of a dask",
+        ),
+        (
+            ["--scheduler", "local:2", "--workers", "1"],
+            2,
+            "both --workers and --scheduler are given",
+        ),
+        (
+            ["--scheduler", "tcp://127.0.0.1:9"],
+            1,
+            "the scheduler at tcp://127.0.0.1:9 cannot be reached",
+        ),
     ],
 )
 @pytest.mark.usefixtures("impatient")
-def test_a_scheduler_that_is_not_there_is_an_error(tmp_path, monkeypatch, capsys, options, code, told):
+def test_a_scheduler_that_is_not_there_is_an_error(
+    tmp_path, monkeypatch, capsys, options, code, told
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scene.yaml").write_text(SCENE)
     assert main(["run", "scene.yaml", "-o", "out", *options]) == code
@@ -258,12 +326,15 @@ def test_a_scheduler_that_is_not_there_is_an_error(tmp_path, monkeypatch, capsys
     assert [path.name for path in tmp_path.iterdir()] == ["scene.yaml"]
 
 
-@pytest.mark.parametrize("text", ["tcp://10.0.0.1:8786", "10.0.0.1:8786", "tls://node-7.cluster:8786", "tcp://[::1]:8786"])
+@pytest.mark.parametrize(
+    "text",
+    ["tcp://10.0.0.1:8786", "10.0.0.1:8786", "tls://node-7.cluster:8786", "tcp://[::1]:8786"],
+)
 def test_addresses(text):
     assert require_workers(None, text) == text
 
 
-# -- who else is on this machine ------------------------------------------------------------------------------------
+# -- who else is on this machine -------------------------------------------------------------------
 
 
 def first_words(address, context=None):
@@ -286,15 +357,28 @@ def test_a_local_scheduler_takes_nobody_without_its_certificate():
     pytest.importorskip("cryptography")
     before = set(sys.path)
     with workers._start_cluster(2) as cluster:
-        own, other = (one.get_connection_args("client") for one in (cluster.security, distributed.Security.temporary()))
+        own, other = (
+            one.get_connection_args("client")
+            for one in (cluster.security, distributed.Security.temporary())
+        )
         nameless = ssl.create_default_context()
         for context in (nameless, other["ssl_context"]):  # a stranger takes any server
-            context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-        with workers._connect(cluster.scheduler_address, "the local scheduler", cluster.security) as client:
+            context.check_hostname = False
+            context.verify_mode = ssl.CERT_NONE
+        with workers._connect(
+            cluster.scheduler_address, "the local scheduler", cluster.security
+        ) as client:
             client.wait_for_workers(2, timeout=60)
             known = client.scheduler_info()["workers"]
-            pages = [cluster.scheduler.http_server.port, *(one["services"]["dashboard"] for one in known.values())]
-            addresses = [cluster.scheduler_address, *known, *(one["nanny"] for one in known.values())]
+            pages = [
+                cluster.scheduler.http_server.port,
+                *(one["services"]["dashboard"] for one in known.values()),
+            ]
+            addresses = [
+                cluster.scheduler_address,
+                *known,
+                *(one["nanny"] for one in known.values()),
+            ]
             assert len(addresses) == 5
             for address in addresses:
                 assert address.startswith("tls://127.0.0.1:")
@@ -302,29 +386,45 @@ def test_a_local_scheduler_takes_nobody_without_its_certificate():
                 for stranger in (None, nameless, other["ssl_context"]):
                     assert b"pickle-protocol" not in first_words(address, stranger)
             for port in pages:
-                for page in ("", "health", "info/main/workers.html", "json/counts.json", "metrics", "proxy/22/127.0.0.1/"):
+                for page in (
+                    "",
+                    "health",
+                    "info/main/workers.html",
+                    "json/counts.json",
+                    "metrics",
+                    "proxy/22/127.0.0.1/",
+                ):
                     with pytest.raises(urllib.error.HTTPError, match="404") as missing:
                         urllib.request.urlopen(f"http://127.0.0.1:{port}/{page}", timeout=20)
                     missing.value.close()
             # nobody else can put a module where these processes look for one first
             added = {*sys.path, *client.submit(lambda: __import__("sys").path).result()} - before
-            folders = {Path(path.partition("dask-scratch-space")[0]) for path in added if "dask-scratch-space" in path}
+            folders = {
+                Path(path.partition("dask-scratch-space")[0])
+                for path in added
+                if "dask-scratch-space" in path
+            }
             assert len(folders) == 1
             assert os.name != "posix" or folders.pop().stat().st_mode & 0o777 == 0o700
 
 
 @pytest.mark.usefixtures("impatient")
 def test_a_scheduler_with_certificates_needs_those_of_the_settings_of_dask():
-    told = r"the scheduler at tls://127\.0\.0\.1:9 cannot be reached\. The settings of dask name no certificates"
+    told = (
+        r"the scheduler at tls://127\.0\.0\.1:9 cannot be reached\. The settings of dask name no"
+        r" certificates"
+    )
     with pytest.raises(InputError, match=told), open_executor(scheduler="tls://127.0.0.1:9"):
         pass
 
 
-# -- what is killed -------------------------------------------------------------------------------------------------
+# -- what is killed --------------------------------------------------------------------------------
 
 
 def wait_for(condition, explain=lambda: "what was waited for did not happen"):
-    """Wait until a condition holds; fail after a minute, which even a busy machine does not take."""
+    """Wait until a condition holds; fail after a minute, which even a busy machine does not
+    take.
+    """
     end = time.monotonic() + 60.0
     while not condition():
         assert time.monotonic() < end, explain()
@@ -346,7 +446,8 @@ def deadline(request):
         pytest.fail(f"{request.node.name} has not ended within {MOST_SECONDS} s")
 
     before = signal.signal(signal.SIGALRM, fail)
-    signal.setitimer(signal.ITIMER_REAL, MOST_SECONDS, 10.0)  # again, if closing something waits too
+    # again, if closing something waits too
+    signal.setitimer(signal.ITIMER_REAL, MOST_SECONDS, 10.0)
     yield
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     signal.signal(signal.SIGALRM, before)
@@ -372,7 +473,8 @@ def children():
 @pytest.mark.parametrize("how", [{"workers": 2}, LOCAL])
 def test_a_killed_worker_costs_what_it_was_at(tmp_path, how):
     before = children()
-    naps, store = [Nap(n, 0.05, folder=tmp_path) for n in range(60)], Store(tmp_path / "store")
+    naps = [Nap(n, 0.05, folder=tmp_path) for n in range(60)]
+    store = Store(tmp_path / "store")
     with open_executor(**how) as executor, ThreadPoolExecutor(1) as killer:
 
         def kill():
@@ -387,14 +489,19 @@ def test_a_killed_worker_costs_what_it_was_at(tmp_path, how):
 
 
 @posix
-@pytest.mark.parametrize("how", [{"workers": 2}, pytest.param({"scheduler": "local:2"}, marks=pytest.mark.exhaustive)])
+@pytest.mark.parametrize(
+    "how", [{"workers": 2}, pytest.param({"scheduler": "local:2"}, marks=pytest.mark.exhaustive)]
+)
 def test_a_task_that_kills_its_workers_is_named(tmp_path, how):
     before = children()
-    naps, store = [Nap(n, deadly=n == 5) for n in range(8)], Store(tmp_path / "store")
+    naps = [Nap(n, deadly=n == 5) for n in range(8)]
+    store = Store(tmp_path / "store")
     with (
         open_executor(**how) as executor,
         pytest.raises(
-            GranphonError, match=r"^nap-5: the worker process that did it has ended, \d+ times\. It was killed, or "
+            GranphonError,
+            match=r"^nap-5: the worker process that did it has ended, \d+ times\. It was killed, or"
+            r" ",
         ),
     ):
         solve_all("naps", naps, executor, store=store)
@@ -415,7 +522,9 @@ def test_an_executor_of_a_user_that_loses_a_worker_is_one_error(tmp_path):
 
 @contextmanager
 def started(command, log, environment):
-    """A process that is killed at the end of the block, however that ends: nobody waits for one that goes on."""
+    """A process that is killed at the end of the block, however that ends: nobody waits for one
+    that goes on.
+    """
     with subprocess.Popen(command, env=environment, stdout=log, stderr=log) as process:
         try:
             yield process
@@ -424,7 +533,9 @@ def started(command, log, environment):
 
 
 def read_address(file):
-    """The address in a scheduler's file; None while the file is not there, or not yet written whole."""
+    """The address in a scheduler's file; None while the file is not there, or not yet written
+    whole.
+    """
     try:
         return json.loads(file.read_text())["address"]
     except (OSError, ValueError):
@@ -434,15 +545,39 @@ def read_address(file):
 @pytest.fixture
 def remote(tmp_path):
     """A scheduler in a process of its own with one worker: its address, and the process."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, sys.path)])}
-    path, file = tmp_path / "log", tmp_path / "scheduler.json"
-    main = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
-    with path.open("w") as log, started([*main, "--scheduler-file", str(file)], log, environment) as scheduler:
-        wait_for(lambda: read_address(file), lambda: f"the scheduler has no address:\n{path.read_text()}")
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, sys.path)])
+    }
+    path = tmp_path / "log"
+    file = tmp_path / "scheduler.json"
+    main = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--no-dashboard",
+    ]
+    with (
+        path.open("w") as log,
+        started([*main, "--scheduler-file", str(file)], log, environment) as scheduler,
+    ):
+        wait_for(
+            lambda: read_address(file), lambda: f"the scheduler has no address:\n{path.read_text()}"
+        )
         address = read_address(file)
         # a worker that gave up on a slow machine would never come
-        words = f"distributed.cli.dask_worker {address} --nthreads 1 --no-nanny --no-dashboard --death-timeout 100".split()
-        with started([sys.executable, "-m", *words, "--local-directory", str(tmp_path / "scratch")], log, environment):
+        words = (
+            f"distributed.cli.dask_worker {address} --nthreads 1 --no-nanny --no-dashboard"
+            f" --death-timeout 100"
+        ).split()
+        with started(
+            [sys.executable, "-m", *words, "--local-directory", str(tmp_path / "scratch")],
+            log,
+            environment,
+        ):
             with distributed.Client(address, set_as_default=False, timeout=60) as client:
                 client.wait_for_workers(1, timeout=60)
             yield address, scheduler
@@ -453,21 +588,30 @@ def remote(tmp_path):
 @pytest.mark.exhaustive
 def test_a_scheduler_that_dies_costs_what_was_under_way(tmp_path, remote):
     address, scheduler = remote
-    naps, store = [Nap(n, 0.05, folder=tmp_path) for n in range(100)], Store(tmp_path / "store")
+    naps = [Nap(n, 0.05, folder=tmp_path) for n in range(100)]
+    store = Store(tmp_path / "store")
     with open_executor(scheduler=address) as executor, ThreadPoolExecutor(1) as killer:
 
         def kill():
-            wait_for(lambda: (tmp_path / "store").exists() and len(dict(read_entries(tmp_path / "store"))) >= 3)
+            wait_for(
+                lambda: (
+                    (tmp_path / "store").exists()
+                    and len(dict(read_entries(tmp_path / "store"))) >= 3
+                )
+            )
             scheduler.kill()
 
         killed = killer.submit(kill)
-        with pytest.raises(GranphonError, match=r"the scheduler does not answer any more.*What is finished is kept"):
+        with pytest.raises(
+            GranphonError, match=r"the scheduler does not answer any more.*What is finished is kept"
+        ):
             solve_all("naps", naps, executor, store=store)
         killed.result()
     found = len(dict(read_entries(tmp_path / "store")))
     begun = len(list(tmp_path.glob("nap-*")))
     assert 3 <= found < 100
-    assert begun - found <= 2 * execution.CALL_SECONDS / 0.05 + 2  # a call, and what had begun of the next
+    # a call, and what had begun of the next
+    assert begun - found <= 2 * execution.CALL_SECONDS / 0.05 + 2
     # and it goes on, here
     for path in tmp_path.glob("nap-*"):
         path.unlink()

@@ -1,4 +1,6 @@
-"""Sweeps of simulations that find waves in the arrays: means over samples, files, figures, what is refused or not known."""
+"""Sweeps of simulations that find waves in the arrays: means over samples, files, figures, what is
+refused or not known.
+"""
 
 import dataclasses
 
@@ -16,11 +18,15 @@ from tests.runs.conftest import Meter
 
 HEAD = (
     "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
-    "packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}\nload: {force: [2 N, 40 N]}\ndirection: [0, 1]\n"
+    "packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}\nload: {force: [2 N, 40"
+    " N]}\ndirection: [0, 1]\n"
     "medium: {simulation: {shape: [6, 18], samples: 2}}\n"
 )
 PULSE = "pulse: {frequency: 8 kHz, cycles: 1.5, distance: 40 mm}\n"
-ALL = HEAD + ("observe: [dos, spectrum, pulse]\nspectrum: {polarisation: [longitudinal, rotational], points: 5}\n" + PULSE)
+ALL = HEAD + (
+    "observe: [dos, spectrum, pulse]\nspectrum: {polarisation: [longitudinal, rotational],"
+    " points: 5}\n" + PULSE
+)
 ONE = HEAD.replace("[2 N, 40 N]", "40 N").replace(", samples: 2", "")
 
 
@@ -35,7 +41,10 @@ def done(tmp_path_factory):
 @pytest.fixture(scope="module")
 def samples(done):
     """The two samples at each load, which one simulation of both finds."""
-    return [gp.DirectSimulation(done[0].packing, (6, 18), samples=2).at_force(force).samples for force in (2.0, 40.0)]
+    return [
+        gp.DirectSimulation(done[0].packing, (6, 18), samples=2).at_force(force).samples
+        for force in (2.0, 40.0)
+    ]
 
 
 def _mean_and_error(values):
@@ -44,19 +53,28 @@ def _mean_and_error(values):
 
 
 def test_lines_are_means_over_samples(done, samples):
-    scene, data = done[0], done[1].dataset
+    scene = done[0]
+    data = done[1].dataset
     assert data.line_frequency.dims == ("load", "medium", "polarisation", "wavevector")
     for at, pair in enumerate(samples):
-        way = find_path_points(pair[0].network, ideal_lattice(scene.packing), 8e-3, scene.path.arrays, 5)
+        way = find_path_points(
+            pair[0].network, ideal_lattice(scene.packing), 8e-3, scene.path.arrays, 5
+        )
         np.testing.assert_allclose(data.path_distance[at, 0], way.distances)
         for number, name in enumerate(("longitudinal", "rotational")):
             lines = [gp.Waves(one).spectral_function(way.q, name) for one in pair]
             found = data.isel(load=at, medium=0, polarisation=number)
             assert str(found.polarisation.values) == name
-            for variable, of in (("line_frequency", "peak"), ("line_width", "width"), ("phase_velocity", "phase_velocity")):
+            for variable, of in (
+                ("line_frequency", "peak"),
+                ("line_width", "width"),
+                ("phase_velocity", "phase_velocity"),
+            ):
                 mean, error = _mean_and_error([getattr(one, of) for one in lines])
                 np.testing.assert_allclose(found[variable], mean, rtol=1e-5)
-                np.testing.assert_allclose(found[f"{variable}_error"], error, rtol=1e-3, atol=1e-5 * np.max(mean))
+                np.testing.assert_allclose(
+                    found[f"{variable}_error"], error, rtol=1e-3, atol=1e-5 * np.max(mean)
+                )
             alpha = np.pi * found.line_width.values / found.phase_velocity.values
             np.testing.assert_allclose(found.attenuation, alpha)
             there = alpha > 0.0
@@ -67,16 +85,24 @@ def test_lines_are_means_over_samples(done, samples):
 def test_densities_are_means_over_samples_with_random_vectors_of_their_own(done, samples):
     data = done[1].dataset
     for at, pair in enumerate(samples):
-        found, each = data.isel(load=at, medium=0), [gp.Waves(one).dos(seed=seed) for seed, one in enumerate(pair)]
+        found = data.isel(load=at, medium=0)
+        each = [gp.Waves(one).dos(seed=seed) for seed, one in enumerate(pair)]
         f = found.dos_frequency.values
         np.testing.assert_allclose(f, max((one.frequencies for one in each), key=max))
-        mean, error = _mean_and_error([np.interp(f, one.frequencies, one.total, right=0.0) for one in each])
+        mean, error = _mean_and_error(
+            [np.interp(f, one.frequencies, one.total, right=0.0) for one in each]
+        )
         scale = float(mean.max())
-        np.testing.assert_allclose(found.dos_total, mean, atol=0.02 * scale)  # splines there, straight lines here
+        # splines there, straight lines here
+        np.testing.assert_allclose(found.dos_total, mean, atol=0.02 * scale)
         np.testing.assert_allclose(found.dos_error, error, atol=0.02 * scale)
-        np.testing.assert_allclose(found.dos_total, found.dos_translational + found.dos_rotational, rtol=1e-12)
+        np.testing.assert_allclose(
+            found.dos_total, found.dos_translational + found.dos_rotational, rtol=1e-12
+        )
         # three motions of a ball
-        assert float(np.sum(found.dos_total.values[1:] * np.diff(f))) == pytest.approx(3.0, rel=0.02)
+        assert float(np.sum(found.dos_total.values[1:] * np.diff(f))) == pytest.approx(
+            3.0, rel=0.02
+        )
 
 
 def test_pulses_are_means_over_samples(done, samples):
@@ -84,19 +110,32 @@ def test_pulses_are_means_over_samples(done, samples):
         sent = [gp.Waves(one).transmit(8000.0, (0, 1), 0.04, 1.5, ends="free") for one in pair]
         found = done[1].dataset.isel(load=at, medium=0)
         mean, error = _mean_and_error([one.velocity for one in sent])
-        np.testing.assert_allclose([found.pulse_velocity, found.pulse_velocity_error], [mean, error], rtol=1e-4)
-        np.testing.assert_allclose(found.time_of_flight, np.mean([one.time_of_flight for one in sent]), rtol=1e-6)
+        np.testing.assert_allclose(
+            [found.pulse_velocity, found.pulse_velocity_error], [mean, error], rtol=1e-4
+        )
+        np.testing.assert_allclose(
+            found.time_of_flight, np.mean([one.time_of_flight for one in sent]), rtol=1e-6
+        )
 
 
 def test_quantities_have_units_and_stand_in_tables(done):
-    data, folder = done[1].dataset, done[2]
-    units = {"line_width": "Hz", "attenuation": "1/m", "mean_free_path": "m", "dos_total": "1/Hz", "pulse_velocity": "m/s"}
+    data = done[1].dataset
+    folder = done[2]
+    units = {
+        "line_width": "Hz",
+        "attenuation": "1/m",
+        "mean_free_path": "m",
+        "dos_total": "1/Hz",
+        "pulse_velocity": "m/s",
+    }
     assert {name: data[name].attrs["units"] for name in units} == units
     rows = (folder / "sweep_dos.csv").read_text().splitlines()
     assert rows[0].startswith("force (N),medium,dos_frequency (Hz),dos_total (1/Hz)")
     assert len(rows) == 1 + data.dos_total.size
     rows = (folder / "sweep_spectra.csv").read_text().splitlines()
-    assert rows[0].startswith("force (N),medium,polarisation,path_distance (1/m),wavenumber (1/m),line_frequency (Hz)")
+    assert rows[0].startswith(
+        "force (N),medium,polarisation,path_distance (1/m),wavenumber (1/m),line_frequency (Hz)"
+    )
     assert len(rows) == 1 + data.line_frequency.size
     again = load_sweep(folder / "sweep.nc")
     assert again.identical(data)
@@ -106,8 +145,10 @@ def test_figures_are_drawn_and_drawn_again(done, tmp_path):
     scene, result, folder = done
     assert {path.name for path in result.files} == set(expected_files(scene, figures=False))
     assert set(expected_files(scene)) - set(expected_files(scene, figures=False)) == {
-        "sweep.png", "sweep_dos.png", "sweep_spectra.png",
-    }  # fmt: skip
+        "sweep.png",
+        "sweep_dos.png",
+        "sweep_spectra.png",
+    }
     assert redraw(folder, out=tmp_path / "sweep_dos.svg").stat().st_size > 5000
     spectra = result.figure("sweep_spectra.png")
     assert [ax.get_ylabel() for ax in spectra.axes] == [
@@ -116,12 +157,18 @@ def test_figures_are_drawn_and_drawn_again(done, tmp_path):
         for what, unit in (("Frequency", "kHz"), ("Attenuation", "1/m"))
     ]
     assert [text.get_text() for text in spectra.legends[0].get_texts()] == ["2 N", "40 N"]
-    assert "velocity of pulses" in [text.get_text() for text in result.figure("sweep.png").legends[0].get_texts()]
+    assert "velocity of pulses" in [
+        text.get_text() for text in result.figure("sweep.png").legends[0].get_texts()
+    ]
 
 
 def test_sweep_finds_what_it_observes_alone(done, tmp_path):
     assert "exponent" not in done[1].dataset  # two more equilibria at each load
-    data = gp.Scene.from_text(HEAD + "observe: [velocities, pulse]\n" + PULSE).run(tmp_path / "out", figures=False).dataset
+    data = (
+        gp.Scene.from_text(HEAD + "observe: [velocities, pulse]\n" + PULSE)
+        .run(tmp_path / "out", figures=False)
+        .dataset
+    )
     assert {"exponent", "pulse_velocity"} <= set(data)
     assert not [name for name in data if name.startswith(("dos", "line", "ioffe"))]
 
@@ -151,8 +198,13 @@ def test_ioffe_regel_frequency_is_that_of_the_mean_lines():
     found, notes = average_waves([record([1.0, 8.0, 50.0]), record([1.0, 12.0, 70.0])], wanted)
     assert float(found["ioffe_regel_longitudinal"]) == pytest.approx(25.0)
     assert not notes
-    each = [20.0 + 10.0 * np.log(20.0 / a) / (np.log(20.0 / a) - np.log(30.0 / b)) for a, b in ((8.0, 50.0), (12.0, 70.0))]
-    assert float(found["ioffe_regel_longitudinal_error"]) == pytest.approx(0.5 * abs(each[0] - each[1]))
+    each = [
+        20.0 + 10.0 * np.log(20.0 / a) / (np.log(20.0 / a) - np.log(30.0 / b))
+        for a, b in ((8.0, 50.0), (12.0, 70.0))
+    ]
+    assert float(found["ioffe_regel_longitudinal_error"]) == pytest.approx(
+        0.5 * abs(each[0] - each[1])
+    )
     found, notes = average_waves([record([1.0, 1.0, 1.0])], wanted)
     assert "ioffe_regel_longitudinal" not in found
     assert "longer" in notes[0]
@@ -163,10 +215,14 @@ def test_ioffe_regel_frequency_is_that_of_the_mean_lines():
 def test_python_takes_the_same_as_mappings(done):
     packing = done[0].packing
     data = gp.sweep(
-        packing, force=[40.0], media={"simulation": {"shape": (6, 18), "samples": 2}}, direction=(0, 1), dos=True,
+        packing,
+        force=[40.0],
+        media={"simulation": {"shape": (6, 18), "samples": 2}},
+        direction=(0, 1),
+        dos=True,
         spectrum={"polarisation": ["longitudinal", "rotational"], "points": 5, "path": "GKMG"},
         pulse={"frequency": 8e3, "cycles": 1.5, "distance": 0.04},
-    )  # fmt: skip
+    )
     for name in ("dos_total", "line_width", "pulse_velocity_error", "mean_free_path"):
         np.testing.assert_allclose(data[name], done[1].dataset[name][1:], rtol=1e-9)
     assert "exponent" in data
@@ -181,12 +237,17 @@ def test_python_takes_the_same_as_mappings(done):
             gp.sweep(packing, force=[1.0], **({"media": {"simulation": {"shape": (6, 18)}}} | more))
 
 
-# -- what cannot be found ---------------------------------------------------------------------------------------------
+# -- what cannot be found --------------------------------------------------------------------------
 
 
 def _with_pulse(text, **more):
     given = {"frequency": "8 kHz", "cycles": "1.5", "distance": "40 mm"} | more
-    return text + "observe: [pulse]\npulse: {" + ", ".join(f"{key}: {value}" for key, value in given.items()) + "}\n"
+    return (
+        text
+        + "observe: [pulse]\npulse: {"
+        + ", ".join(f"{key}: {value}" for key, value in given.items())
+        + "}\n"
+    )
 
 
 BEFORE = {
@@ -220,18 +281,27 @@ def test_large_arrays_are_checked_when_they_are_run(monkeypatch, tmp_path):
         (HEAD.replace("6, 18", "1, 1") + "observe: [spectrum]\n", "no wave vector"),
         (
             HEAD.replace("um}}", "um}, friction: false}")
-            + "observe: [spectrum]\nspectrum: {polarisation: rotational}\n", "rotational",
+            + "observe: [spectrum]\nspectrum: {polarisation: rotational}\n",
+            "rotational",
         ),
         (HEAD + "observe: [spectrum]\nspectrum: {resolution: 1 mHz}\n", "moments"),
         (HEAD + "sweep: {lattice: [triangular, square]}\nobserve: [spectrum]\n", "lattice"),
-        (HEAD.replace("{simulation", "[ema, {simulation").replace("2}}", "2}}]") + "observe: [dos]\n", "simulation"),
         (
-            HEAD.replace("{simulation: {shape: [6, 18], samples: 2}}", "[{simulation: {shape: [6, 6]}}, "
-            "{simulation: {shape: [8, 8]}}]") + "observe: [spectrum]\n", "shape",
+            HEAD.replace("{simulation", "[ema, {simulation").replace("2}}", "2}}]")
+            + "observe: [dos]\n",
+            "simulation",
+        ),
+        (
+            HEAD.replace(
+                "{simulation: {shape: [6, 18], samples: 2}}",
+                "[{simulation: {shape: [6, 6]}}, {simulation: {shape: [8, 8]}}]",
+            )
+            + "observe: [spectrum]\n",
+            "shape",
         ),
     ],
     ids=["small", "rotational", "fine", "lattices", "a medium beside", "shapes"],
-)  # fmt: skip
+)
 def test_spectra_that_cannot_be_are_refused_before_a_simulation(text, said):
     with pytest.raises(gp.GranphonError, match=said) as caught:
         gp.Scene.from_text(text)
@@ -246,7 +316,9 @@ def test_pulse_that_cannot_be_read_is_told_and_all_else_is_written(tmp_path):
     result = gp.Scene.from_text(_with_pulse(ONE, **LATE)).run(tmp_path / "out")
     assert not result.failures
     assert any("arrival of the pulse is not known" in text for text in result.warnings)
-    assert {"pulse.json", "pulse.png", "sample.extxyz", "forces.png"} <= {path.name for path in result.files}
+    assert {"pulse.json", "pulse.png", "sample.extxyz", "forces.png"} <= {
+        path.name for path in result.files
+    }
     assert {"coherent_fraction", "pulse_distance"} <= set(result.summary())
     assert not {"time_of_flight", "pulse_velocity"} & set(result.summary())
     assert redraw(tmp_path / "out", out=tmp_path / "pulse.svg").stat().st_size > 5000
@@ -256,7 +328,10 @@ def test_pulse_that_cannot_be_sent_is_told_and_all_else_is_written(tmp_path):
     # the top of the modes is known once the forces are, and margins before
     scene = gp.Scene.from_text(_with_pulse(ONE, frequency="100 kHz"))
     result = scene.run(tmp_path / "out", figures=False)
-    assert any("arrival of the pulse is not known" in text and "above the top" in text for text in result.warnings)
+    assert any(
+        "arrival of the pulse is not known" in text and "above the top" in text
+        for text in result.warnings
+    )
     assert (tmp_path / "out" / "summary.yaml").exists()
     assert not list((tmp_path / "out").glob("pulse.*"))
     assert not {"coherent_fraction", "pulse_velocity"} & set(result.summary())
@@ -274,7 +349,9 @@ def test_load_at_which_no_pulse_is_read_is_nan_with_a_warning(tmp_path):
     assert "above the top" in told
     assert not result.failures
     assert result.summary()["pulse_velocity"] == [velocity[1], velocity[1]]
-    data = gp.Scene.from_text(_with_pulse(one.replace("2 N, 40 N", "39 N, 40 N"), frequency="100 kHz")).sweep()
+    data = gp.Scene.from_text(
+        _with_pulse(one.replace("2 N, 40 N", "39 N, 40 N"), frequency="100 kHz")
+    ).sweep()
     assert not {"pulse_velocity", "pulse_velocity_error", "time_of_flight"} & set(data)
 
 
@@ -283,13 +360,25 @@ def test_mean_of_samples_leaves_out_those_that_cannot_be_read():
     from granphon.waves.settings import PulseSettings, WaveSettings
 
     def record(velocity, note=""):
-        numbers = {"pulse_velocity": velocity, "time_of_flight": 1.0 / velocity, "coherent_fraction": 0.5}
-        return {name: np.array(one) for name, one in numbers.items()} | {"pulse_note": note, "pulse_echo": ""}
+        numbers = {
+            "pulse_velocity": velocity,
+            "time_of_flight": 1.0 / velocity,
+            "coherent_fraction": 0.5,
+        }
+        return {name: np.array(one) for name, one in numbers.items()} | {
+            "pulse_note": note,
+            "pulse_echo": "",
+        }
 
     wanted = WaveSettings(pulse=PulseSettings(1e3))
     found, notes = average_waves([record(3.0), record(np.nan, "too late"), record(5.0)], wanted)
-    assert (float(found["pulse_velocity"]), float(found["pulse_velocity_error"])) == pytest.approx((4.0, 1.0))
-    assert notes == ["the arrival of the pulse is not known in 1 of 3 samples, and the mean is that of the others: too late"]
+    assert (float(found["pulse_velocity"]), float(found["pulse_velocity_error"])) == pytest.approx(
+        (4.0, 1.0)
+    )
+    assert notes == [
+        "the arrival of the pulse is not known in 1 of 3 samples, and the mean is that of the"
+        " others: too late"
+    ]
 
 
 def test_array_too_large_for_the_memory_is_refused_with_an_estimate(memory, monkeypatch):
@@ -305,6 +394,9 @@ def test_array_too_large_for_the_memory_is_refused_with_an_estimate(memory, monk
         scene.cost()
     few = dataclasses.replace(scene, observe=("dos",))
     monkeypatch.undo()
-    assert scene.cost().known > 3.0 * few.cost().known  # spectra and pulses, at two loads and in two samples
-    once = gp.Scene.from_text(text.replace("[2 N, 40 N]", "40 N").replace("[dos, spectrum, pulse]", "[dos]"))
+    # spectra and pulses, at two loads and in two samples
+    assert scene.cost().known > 3.0 * few.cost().known
+    once = gp.Scene.from_text(
+        text.replace("[2 N, 40 N]", "40 N").replace("[dos, spectrum, pulse]", "[dos]")
+    )
     assert few.cost().known == pytest.approx(2.0 * once.cost().known, rel=0.01)

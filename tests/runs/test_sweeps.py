@@ -1,4 +1,6 @@
-"""Sweeps: the same numbers as direct calls, from any executor, in files, and after an interruption."""
+"""Sweeps: the same numbers as direct calls, from any executor, in files, and after an
+interruption.
+"""
 
 from __future__ import annotations
 
@@ -47,12 +49,24 @@ FORCES = [18.446, 2.0, 5.0, 2.0]
 LADDER = ("ala", "afa", "ema")
 WIDTH = 2.04e-6
 STATE = [
-    "overlap", "pressure", "relative_overlap", "normal_stiffness", "shear_stiffness", "effective_density", "reduced_force",
-    "reduced_spacing", "force_fluctuation", "contact_fraction", "stiffness_ratio", "valid", "regime",
-]  # fmt: skip
+    "overlap",
+    "pressure",
+    "relative_overlap",
+    "normal_stiffness",
+    "shear_stiffness",
+    "effective_density",
+    "reduced_force",
+    "reduced_spacing",
+    "force_fluctuation",
+    "contact_fraction",
+    "stiffness_ratio",
+    "valid",
+    "regime",
+]
 OTHERS = ["longitudinal", "transverse", "bulk", "shear", "exponent", "exponent_error"]
 BIMODAL = gp.Discrete((7.999e-3, 8.001e-3), (0.5, 0.5))
-#: equal forces along its two directions, which are not at right angles, make a stress that is no pressure
+#: equal forces along its two directions, which are not at right angles, make a stress that is no
+#: pressure
 CHAINED = gp.Lattice("chained", ((1.0, 0.0), (0.3, math.sqrt(0.91))))
 
 
@@ -84,7 +98,7 @@ def same(found, expected):
         assert_allclose(found, expected, rtol=1e-12)
 
 
-# -- the numbers ----------------------------------------------------------------------------------------------------
+# -- the numbers -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -92,17 +106,31 @@ def same(found, expected):
     [("force", FORCES, False), ("pressure", [4e3, 500.0], True), ("overlap", [2e-6, 1e-7], False)],
 )
 def test_every_variable_is_what_direct_calls_give(rough, load, values, finite_overlap):
-    widths, frictions = [0.0, 1e-6], [True, False]
+    widths = [0.0, 1e-6]
+    frictions = [True, False]
     ds = sweep(
-        rough, **{load: values}, media=LADDER, finite_overlap=finite_overlap, width=widths, friction=frictions
-    )  # fmt: skip
+        rough,
+        **{load: values},
+        media=LADDER,
+        finite_overlap=finite_overlap,
+        width=widths,
+        friction=frictions,
+    )
     assert ds["longitudinal"].dims == ("load", "medium", "width", "friction")
     assert_array_equal(ds[load], values)
-    expected_names = {*STATE, *OTHERS, "force"} - {load} - ({"exponent", "exponent_error"} if finite_overlap else set())
+    expected_names = (
+        {*STATE, *OTHERS, "force"}
+        - {load}
+        - ({"exponent", "exponent_error"} if finite_overlap else set())
+    )
     assert set(ds.data_vars) == expected_names
-    for (i, value), name, width, friction in itertools.product(enumerate(values), LADDER, widths, frictions):
+    for (i, value), name, width, friction in itertools.product(
+        enumerate(values), LADDER, widths, frictions
+    ):
         packing = gp.Packing(rough.material, 8e-3, gp.Uniform(width), friction=friction)
-        state = getattr(MediumChoice(name).of(packing), f"at_{load}")(value, finite_overlap=finite_overlap)
+        state = getattr(MediumChoice(name).of(packing), f"at_{load}")(
+            value, finite_overlap=finite_overlap
+        )
         point = ds.isel(load=i).sel(medium=name, width=width, friction=friction)
         for variable, expected in direct(state).items():
             same(point[variable], expected)
@@ -111,9 +139,21 @@ def test_every_variable_is_what_direct_calls_give(rough, load, values, finite_ov
 @pytest.mark.parametrize(
     ("name", "values", "build"),
     [
-        ("young_modulus", [70e9, 2e11], lambda p, v: gp.Packing(gp.Material(v, 0.276, 7840.0), 8e-3, p.spread)),
-        ("poisson_ratio", [0.0, 0.3, 0.5], lambda p, v: gp.Packing(gp.Material(211.65e9, v, 7840.0), 8e-3, p.spread)),
-        ("density", [2500.0, 7840.0], lambda p, v: gp.Packing(gp.Material(211.65e9, 0.276, v), 8e-3, p.spread)),
+        (
+            "young_modulus",
+            [70e9, 2e11],
+            lambda p, v: gp.Packing(gp.Material(v, 0.276, 7840.0), 8e-3, p.spread),
+        ),
+        (
+            "poisson_ratio",
+            [0.0, 0.3, 0.5],
+            lambda p, v: gp.Packing(gp.Material(211.65e9, v, 7840.0), 8e-3, p.spread),
+        ),
+        (
+            "density",
+            [2500.0, 7840.0],
+            lambda p, v: gp.Packing(gp.Material(211.65e9, 0.276, v), 8e-3, p.spread),
+        ),
         ("diameter", [4e-3, 8e-3, 16e-3], lambda p, v: gp.Packing(p.material, v, p.spread)),
         ("spread", [None, gp.Uniform(1e-6), BIMODAL], lambda p, v: gp.Packing(p.material, 8e-3, v)),
         ("lattice", ["square", "kagome"], lambda p, v: gp.Packing(p.material, 8e-3, p.spread, v)),
@@ -134,17 +174,28 @@ def test_one_number_is_a_sweep_of_one(rough):
     one = sweep(rough, force=5.0, width=1e-6, friction=False)
     many = sweep(rough, force=[5.0], width=[1e-6], friction=[False])
     assert one.identical(many)
-    assert one.identical(sweep(rough, force=np.float64(5.0), width=np.array(1e-6), friction=np.False_))
+    assert one.identical(
+        sweep(rough, force=np.float64(5.0), width=np.array(1e-6), friction=np.False_)
+    )
 
 
 def test_every_variable_has_a_meaning_and_numbers_have_units(rough):
-    ds = sweep(rough, force=FORCES, media=LADDER, bands="GK", npoints=3, width=[1e-6], poisson_ratio=[0.2])
+    ds = sweep(
+        rough, force=FORCES, media=LADDER, bands="GK", npoints=3, width=[1e-6], poisson_ratio=[0.2]
+    )
     for name, variable in ds.variables.items():
         if name != "medium":
             assert variable.attrs["long_name"]
             assert ("units" in variable.attrs) == (variable.dtype.kind == "f"), name
     assert ds["valid"].dtype == bool
-    units = {"force": "N", "pressure": "N/m", "longitudinal": "m/s", "bulk": "Pa", "exponent": "1", "width": "m"}
+    units = {
+        "force": "N",
+        "pressure": "N/m",
+        "longitudinal": "m/s",
+        "bulk": "Pa",
+        "exponent": "1",
+        "width": "m",
+    }
     assert {name: ds[name].attrs["units"] for name in units} == units
 
 
@@ -156,11 +207,15 @@ def test_nothing_is_nan_and_equal_balls_are_infinitely_regular(packing):
 
 
 def test_options_of_a_medium_show_in_its_label(rough):
-    ds = sweep(rough, force=FORCES, media=["ema", {"ema": {"local_field": "paper"}}, MediumChoice("ala")])
+    ds = sweep(
+        rough, force=FORCES, media=["ema", {"ema": {"local_field": "paper"}}, MediumChoice("ala")]
+    )
     assert ds["medium"].values.tolist() == ["ema", "ema(local_field=paper)", "ala"]
     state = gp.EffectiveMedium(rough, local_field="paper").at_force(2.0)
     same(ds["overlap"].sel(medium="ema(local_field=paper)")[1], state.overlap)
-    assert [MediumChoice.parse(m).label for m in json.loads(ds.attrs["media"])] == ds["medium"].values.tolist()
+    assert [MediumChoice.parse(m).label for m in json.loads(ds.attrs["media"])] == ds[
+        "medium"
+    ].values.tolist()
 
 
 @settings(max_examples=20)
@@ -169,11 +224,13 @@ def test_the_order_of_loads_is_only_an_order(steel, forces, random):
     rough = gp.Packing(steel, 8e-3, gp.Uniform(WIDTH))
     order = list(range(len(forces)))
     random.shuffle(order)
-    straight, shuffled = (sweep(rough, force=values, media=LADDER) for values in (forces, [forces[i] for i in order]))
+    straight, shuffled = (
+        sweep(rough, force=values, media=LADDER) for values in (forces, [forces[i] for i in order])
+    )
     assert straight.isel(load=order).identical(shuffled)
 
 
-# -- simulations ----------------------------------------------------------------------------------------------------
+# -- simulations -----------------------------------------------------------------------------------
 
 SAMPLES = {"simulation": {"shape": (10, 10), "seed": 2, "samples": 3}}
 ERRORS = ["longitudinal_error", "transverse_error", "bulk_error", "shear_error"]
@@ -192,19 +249,30 @@ def test_a_sweep_of_samples_warns_as_their_state_does(rough):
 
 def test_media_that_sample_nothing_have_no_error(rough):
     ds = sweep(rough, force=FORCES, media=["ema", SAMPLES, "ala"])
-    assert ds["medium"].values.tolist() == ["ema", "simulation(samples=3, seed=2, shape=10 10)", "ala"]
+    assert ds["medium"].values.tolist() == [
+        "ema",
+        "simulation(samples=3, seed=2, shape=10 10)",
+        "ala",
+    ]
     for name in ERRORS:
         assert np.all(ds[name].sel(medium=["ema", "ala"]) == 0.0)
         assert np.all(ds[name][:, 1] > 0.0)
         assert ds[name].attrs["units"] == ("Pa" if name in ("bulk_error", "shear_error") else "m/s")
     assert "contact_force_fluctuation" not in ds
     alone = sweep(rough, force=FORCES, media=["ema", "ala"])
-    assert ds.sel(medium=["ema", "ala"]).drop_vars(ERRORS).drop_attrs(deep=False).identical(alone.drop_attrs(deep=False))
+    assert (
+        ds.sel(medium=["ema", "ala"])
+        .drop_vars(ERRORS)
+        .drop_attrs(deep=False)
+        .identical(alone.drop_attrs(deep=False))
+    )
     # one sample has no error at all
     alone = sweep(rough, force=5.0, media=["ema", {"simulation": {"shape": (8, 8)}}])
     assert not set(ERRORS) & set(alone.data_vars)
     assert "ema" in json.loads(ds.attrs["media"])[0]
-    assert json.loads(ds.attrs["media"])[1] == {"simulation": {"shape": [10, 10], "seed": 2, "samples": 3}}
+    assert json.loads(ds.attrs["media"])[1] == {
+        "simulation": {"shape": [10, 10], "seed": 2, "samples": 3}
+    }
 
 
 def test_an_interrupted_sample_is_not_simulated_again(rough, tmp_path):
@@ -228,52 +296,71 @@ def test_an_interrupted_sample_is_not_simulated_again(rough, tmp_path):
         ({"overlap": [1e-6, -1e-7, 3e-7]}, ProcessPoolExecutor),
         pytest.param({"overlap": [1e-6, -1e-7, 3e-7]}, None, marks=pytest.mark.exhaustive),
         pytest.param({"force": FORCES}, ThreadPoolExecutor, marks=pytest.mark.exhaustive),
-        pytest.param({"overlap": [1e-6, -1e-7, 3e-7]}, ThreadPoolExecutor, marks=pytest.mark.exhaustive),
+        pytest.param(
+            {"overlap": [1e-6, -1e-7, 3e-7]}, ThreadPoolExecutor, marks=pytest.mark.exhaustive
+        ),
         pytest.param({"force": FORCES}, ProcessPoolExecutor, marks=pytest.mark.exhaustive),
     ],
 )
 def test_each_load_of_a_sample_is_kept(rough, tmp_path, load, executor):
-    """What goes on from the middle of a sample has the numbers of what went through, to the last bit."""
+    """What goes on from the middle of a sample has the numbers of what went through, to the last
+    bit.
+    """
     arguments = {**load, "media": {"simulation": {"shape": (8, 8), "geometry": "lattice"}}}
-    whole, (values,) = sweep(rough, **arguments), load.values()
+    whole = sweep(rough, **arguments)
+    (values,) = load.values()
     for stop in range(1, len(values)):
         path = tmp_path / str(stop) / "sweep.nc"
-        with nullcontext() if executor is None else executor(1) as pool, pytest.raises(KeyboardInterrupt):
+        with (
+            nullcontext() if executor is None else executor(1) as pool,
+            pytest.raises(KeyboardInterrupt),
+        ):
             sweep(rough, path=path, executor=pool, progress=Meter(stop=stop), **arguments)
         kept = dict(read_entries(path.parent / PARTIAL)).popitem()[1]
         there = len(kept["force"])
-        assert there == stop or (executor is not None and there > stop)  # a worker does what it can in half a second
+        # a worker does what it can in half a second
+        assert there == stop or (executor is not None and there > stop)
         if there < len(values):  # the highest load first
-            given, expected = kept[next(iter(load))], sorted(values, reverse=True)[:there]
+            given = kept[next(iter(load))]
+            expected = sorted(values, reverse=True)[:there]
             assert_allclose(given, expected, rtol=1e-9)
             assert kept["rest_balls"].shape == (2, 8, 8)
         assert resumed(rough, path.parent, whole, arguments) == len(values) - there
 
 
 def test_a_sample_that_carries_no_load_is_named(rough):
-    told = r"^simulation\(samples=3, seed=2, shape=10 10\), friction = True, seed 2, overlap = -6e-07 m: .*carries no load"
+    told = (
+        r"^simulation\(samples=3, seed=2, shape=10 10\), friction = True, seed 2, overlap ="
+        r" -6e-07 m: .*carries no load"
+    )
     with pytest.raises(InputError, match=told) as caught:
         sweep(rough, overlap=[1e-6, -6e-7], media=["ema", SAMPLES], friction=True)
     assert caught.value.load_index == 1
 
 
-# -- lattices that are not isotropic --------------------------------------------------------------------------------
+# -- lattices that are not isotropic ---------------------------------------------------------------
 
 
 def test_a_lattice_that_is_not_isotropic_has_a_tensor(rough, tmp_path):
-    ds = sweep(rough, force=[5.0, 7.0], lattice=["square", "triangular"], path=tmp_path / "sweep.nc")
+    ds = sweep(
+        rough, force=[5.0, 7.0], lattice=["square", "triangular"], path=tmp_path / "sweep.nc"
+    )
     head = (tmp_path / "sweep.csv").read_text(encoding="utf-8").splitlines()[0]
     assert ("longitudinal (m/s)" in head, "tensor" in head) == (True, False)
     assert ds["tensor"].dims == ("load", "medium", "lattice", "voigt_row", "voigt_column")
     assert "shear" not in ds
-    square = gp.AveragedLattice(gp.Packing(rough.material, 8e-3, rough.spread, "square")).at_force(7.0)
+    square = gp.AveragedLattice(gp.Packing(rough.material, 8e-3, rough.spread, "square")).at_force(
+        7.0
+    )
     found = ds.sel(lattice="square").isel(load=1, medium=0)
     same(found["tensor"], gp.moduli(square).tensor)
     same(found["bulk"], gp.moduli(square).bulk)
     same(found["tensor"].sel(voigt_row="xx", voigt_column="yy"), gp.moduli(square).tensor[0, 1])
     same(found["longitudinal"], gp.sound_velocities(square, (1, 0)).longitudinal)
     triangular = gp.AveragedLattice(rough).at_force(5.0)
-    same(ds["tensor"].sel(lattice="triangular").isel(load=0, medium=0), gp.moduli(triangular).tensor)
+    same(
+        ds["tensor"].sel(lattice="triangular").isel(load=0, medium=0), gp.moduli(triangular).tensor
+    )
 
 
 def test_a_lattice_without_a_pressure_has_none(rough):
@@ -288,7 +375,7 @@ def test_a_lattice_without_a_pressure_has_none(rough):
         sweep(rough, pressure=500.0, lattice=CHAINED)
 
 
-# -- widths ---------------------------------------------------------------------------------------------------------
+# -- widths ----------------------------------------------------------------------------------------
 
 
 @given(
@@ -312,7 +399,12 @@ def test_a_width_keeps_the_shape(spread, width):
     if width and spread is not None:
         probability = np.linspace(0.01, 0.99, 21)
         # a listed diameter has the digits that 8 mm leaves a deviation
-        assert_allclose(found.shape.quantile(probability), spread.shape.quantile(probability), rtol=1e-9, atol=1e-9)
+        assert_allclose(
+            found.shape.quantile(probability),
+            spread.shape.quantile(probability),
+            rtol=1e-9,
+            atol=1e-9,
+        )
 
 
 def test_equal_diameters_and_a_distribution_of_another_make_keep_their_width():
@@ -342,20 +434,35 @@ def test_a_width_may_be_what_makes_room_for_a_diameter(rough):
 def test_labels_of_spreads_are_told_apart():
     other = gp.Discrete((7.998e-3, 8e-3, 8.002e-3), (0.125, 0.75, 0.125))
     assert Axis.of("spread", [None, gp.Uniform(1e-6), BIMODAL, other]).labels == (
-        "equal balls", "Uniform, W = 1e-06 m", "Discrete, W = 3.4641e-06 m", "Discrete, W = 3.4641e-06 m #2",
-    )  # fmt: skip
+        "equal balls",
+        "Uniform, W = 1e-06 m",
+        "Discrete, W = 3.4641e-06 m",
+        "Discrete, W = 3.4641e-06 m #2",
+    )
 
 
-# -- bands ----------------------------------------------------------------------------------------------------------
+# -- bands -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("finite_overlap", [False, True])
 def test_bands_are_those_of_each_state(rough, finite_overlap):
     ds = sweep(
-        rough, force=[18.446, 5.0], media=("ala", "ema"), finite_overlap=finite_overlap, bands="GKMG", npoints=7,
+        rough,
+        force=[18.446, 5.0],
+        media=("ala", "ema"),
+        finite_overlap=finite_overlap,
+        bands="GKMG",
+        npoints=7,
         poisson_ratio=[0.1, 0.3],
-    )  # fmt: skip
-    assert ds["frequencies"].dims == ("load", "medium", "poisson_ratio", "segment", "point", "branch")
+    )
+    assert ds["frequencies"].dims == (
+        "load",
+        "medium",
+        "poisson_ratio",
+        "segment",
+        "point",
+        "branch",
+    )
     assert ds["frequencies"].shape == (2, 2, 2, 3, 7, 3)
     assert ds["labels"].values.tolist() == ["G", "K", "M", "G"]
     # no reader takes "1" for one a day
@@ -363,10 +470,19 @@ def test_bands_are_those_of_each_state(rough, finite_overlap):
     assert f"units of {'1/a' if finite_overlap else '1/d'}," in ds["distances"].attrs["long_name"]
     for i, medium, sigma in itertools.product((0, 1), ("ala", "ema"), (0.1, 0.3)):
         packing = change_packing(rough, {"poisson_ratio": sigma})
-        state = MediumChoice(medium).of(packing).at_force([18.446, 5.0][i], finite_overlap=finite_overlap)
+        state = (
+            MediumChoice(medium)
+            .of(packing)
+            .at_force([18.446, 5.0][i], finite_overlap=finite_overlap)
+        )
         bands = Phonons(state).bands("GKMG", npoints=7)
         found = ds.isel(load=i).sel(medium=medium, poisson_ratio=sigma)
-        assert_allclose(found["frequencies"], bands.frequencies, rtol=1e-12, atol=1e-12 * bands.frequencies.max())
+        assert_allclose(
+            found["frequencies"],
+            bands.frequencies,
+            rtol=1e-12,
+            atol=1e-12 * bands.frequencies.max(),
+        )
         assert_allclose(ds["qpoints"], bands.qpoints, rtol=0, atol=1e-15)
         spacing = 1.0 - state.relative_overlap if finite_overlap else 1.0
         assert_allclose(ds["distances"], bands.distances * spacing, rtol=1e-12)
@@ -378,7 +494,11 @@ def test_bands_of_a_state_whose_balls_are_apart_on_average(steel):
     ds = sweep(loose, force=[0.05, 18.446], media="ema", bands=[[0, 0], [1 / 3, 1 / 3]], npoints=3)
     assert ds["overlap"][0, 0] < 0.0
     ratio = np.sqrt(ds["normal_stiffness"][0] / ds["normal_stiffness"][1])
-    assert_allclose(ds["frequencies"][0], ratio.values[:, None, None, None] * ds["frequencies"][1].values, rtol=1e-14)
+    assert_allclose(
+        ds["frequencies"][0],
+        ratio.values[:, None, None, None] * ds["frequencies"][1].values,
+        rtol=1e-14,
+    )
 
 
 def test_labels_of_the_path_may_be_given(rough):
@@ -388,16 +508,21 @@ def test_labels_of_the_path_may_be_given(rough):
     letters = sweep(rough, force=5.0, bands="GM,KG", npoints=3)
     assert letters["labels"].values.tolist() == ["G", "M|K", "G"]
     assert given.drop_vars("labels").identical(letters.drop_vars("labels"))
-    assert_allclose(letters["distances"], Phonons(gp.AveragedLattice(rough).at_force(5.0)).bands("GM,KG", 3).distances)
+    assert_allclose(
+        letters["distances"],
+        Phonons(gp.AveragedLattice(rough).at_force(5.0)).bands("GM,KG", 3).distances,
+    )
 
 
-@pytest.mark.parametrize("axis", [{"friction": [True, False]}, {"lattice": ["triangular", "kagome"]}])
+@pytest.mark.parametrize(
+    "axis", [{"friction": [True, False]}, {"lattice": ["triangular", "kagome"]}]
+)
 def test_bands_of_different_numbers_make_no_array(rough, axis):
     with pytest.raises(InputError, match=r"number of branches.* differs"):
         sweep(rough, force=5.0, bands="GK", **axis)
 
 
-# -- errors ---------------------------------------------------------------------------------------------------------
+# -- errors ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -411,27 +536,49 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "media": ()}, "no medium"),
         ({"force": 1.0, "media": "emma"}, "medium: found 'emma'; .*'ema'"),
         ({"force": 1.0, "media": ("ema", "ala", "ema")}, "the medium 'ema' is given twice"),
-        ({"force": 1.0, "media": ["ema", {"ema": {"local_field": "computed"}}]}, "the medium 'ema' is given twice"),
+        (
+            {"force": 1.0, "media": ["ema", {"ema": {"local_field": "computed"}}]},
+            "the medium 'ema' is given twice",
+        ),
         (
             {"force": 1.0, "media": {"ema": {"local_field": "guess"}}},
             "medium.ema.local_field: found 'guess'; allowed: computed, paper",
         ),
-        ({"force": 1.0, "wdith": [1e-6]}, "no parameter 'wdith'.*young_modulus.*lattice.*mean width"),
+        (
+            {"force": 1.0, "wdith": [1e-6]},
+            "no parameter 'wdith'.*young_modulus.*lattice.*mean width",
+        ),
         ({"force": 1.0, "width": ["2 um"]}, "width: found .*2 um"),
         ({"force": 1.0, "friction": []}, "friction is an empty list"),
         ({"force": 1.0, "width": [1e-6, -1e-6]}, "width = -1e-06 m: .*zero or above"),
         ({"force": 1.0, "width": [1e-6, 2e-6, 1e-6]}, "width = 1e-06 m twice.*each value once"),
         ({"force": 1.0, "torsion": [0, 0.0]}, "torsion = 0.0 twice"),
-        ({"force": 1.0, "spread": [None, gp.Uniform(1e-6), gp.Uniform(1e-6)]}, "spread = Uniform.* twice"),
+        (
+            {"force": 1.0, "spread": [None, gp.Uniform(1e-6), gp.Uniform(1e-6)]},
+            "spread = Uniform.* twice",
+        ),
         ({"force": 1.0, "width": [1e-6, 1.0]}, "width = 1.0 m: the smallest ball"),
-        ({"force": 1.0, "poisson_ratio": [0.2, 0.7], "density": [1e3]}, "poisson_ratio = 0.7, density = 1000.0 kg/m.3: "),
-        ({"force": 1.0, "spread": BIMODAL, "diameter": [8e-3, 9e-3]}, "diameter = 0.009 m: the mean of the diameters"),
+        (
+            {"force": 1.0, "poisson_ratio": [0.2, 0.7], "density": [1e3]},
+            "poisson_ratio = 0.7, density = 1000.0 kg/m.3: ",
+        ),
+        (
+            {"force": 1.0, "spread": BIMODAL, "diameter": [8e-3, 9e-3]},
+            "diameter = 0.009 m: the mean of the diameters",
+        ),
         ({"force": 1.0, "bands": "GQ"}, "special point"),
         ({"force": 1.0, "bands": "GK", "labels": ["G"]}, "1 label for 2 corners"),
         ({"force": 1.0, "bands": "GK", "npoints": 1}, "npoints"),
-        ({"force": 1.0, "media": {"simulation": {"shape": 8}}}, "medium.simulation.shape: found 8; allowed: two whole"),
         (
-            {"force": 1.0, "media": {"simulation": {"geometry": "lattice"}}, "finite_overlap": True},
+            {"force": 1.0, "media": {"simulation": {"shape": 8}}},
+            "medium.simulation.shape: found 8; allowed: two whole",
+        ),
+        (
+            {
+                "force": 1.0,
+                "media": {"simulation": {"geometry": "lattice"}},
+                "finite_overlap": True,
+            },
             r"'simulation\(geometry=lattice\)' has no terms of finite overlap",
         ),
         (
@@ -442,7 +589,10 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "path": "sweep.csv"}, "does not end in .nc"),
         ({"force": [1.0, math.nan]}, "force: found nan among 2 numbers"),
         ({"force": [1.0, -1.0]}, r"force is .*: tensile"),
-        ({"force": 5.0, "lattice": ["square"], "friction": [False]}, "^ala, lattice = square, friction = False.*mechanism"),
+        (
+            {"force": 5.0, "lattice": ["square"], "friction": [False]},
+            "^ala, lattice = square, friction = False.*mechanism",
+        ),
     ],
 )
 def test_what_makes_no_sweep(rough, tmp_path, arguments, words):
@@ -477,14 +627,16 @@ def test_warnings_of_validity_say_where(rough):
     assert expected
 
 
-# -- side by side ---------------------------------------------------------------------------------------------------
+# -- side by side ----------------------------------------------------------------------------------
 
 
 class Backwards(Executor):
     """Does nothing until it has all tasks, and then the last one first."""
 
     def __init__(self, total):
-        self.waiting, self.total, self._max_workers = [], total, total
+        self.waiting = []
+        self.total = total
+        self._max_workers = total
 
     def submit(self, function, /, *args, **kwargs):
         future = Future()
@@ -495,7 +647,13 @@ class Backwards(Executor):
         return future
 
 
-ARGUMENTS = {"force": FORCES, "media": LADDER, "width": [0.0, 1e-6, WIDTH], "bands": "GK", "npoints": 5}
+ARGUMENTS = {
+    "force": FORCES,
+    "media": LADDER,
+    "width": [0.0, 1e-6, WIDTH],
+    "bands": "GK",
+    "npoints": 5,
+}
 
 
 @pytest.fixture(scope="module")
@@ -504,7 +662,9 @@ def serial(rough):
 
 
 @pytest.mark.claim("sweep-same-numbers")
-@pytest.mark.parametrize("pool", [partial(ThreadPoolExecutor, 3), partial(ProcessPoolExecutor, 3), partial(Backwards, 9)])
+@pytest.mark.parametrize(
+    "pool", [partial(ThreadPoolExecutor, 3), partial(ProcessPoolExecutor, 3), partial(Backwards, 9)]
+)
 def test_the_numbers_do_not_depend_on_the_workers(rough, serial, pool):
     """Nor on who is first."""
     with pool() as executor:
@@ -514,10 +674,14 @@ def test_the_numbers_do_not_depend_on_the_workers(rough, serial, pool):
 class Piece:
     """A task that notes that it was done."""
 
-    memory, kind = 0.0, "piece"
+    memory = 0.0
+    kind = "piece"
 
     def __init__(self, number, fails=False, steps=1):
-        self.number, self.fails, self.runs, self.steps = number, fails, 0, steps
+        self.number = number
+        self.fails = fails
+        self.runs = 0
+        self.steps = steps
 
     @property
     def name(self):
@@ -554,7 +718,8 @@ class Held(Executor):
     _max_workers = 4
 
     def __init__(self, fails_at=math.inf):
-        self.futures, self.fails_at = [], fails_at
+        self.futures = []
+        self.fails_at = fails_at
 
     def submit(self, function, /, *args, **kwargs):
         if len(self.futures) == self.fails_at:
@@ -566,7 +731,9 @@ class Held(Executor):
         return future
 
 
-@pytest.mark.parametrize(("executor", "error"), [(Held(), KeyboardInterrupt), (Held(fails_at=3), RuntimeError)])
+@pytest.mark.parametrize(
+    ("executor", "error"), [(Held(), KeyboardInterrupt), (Held(fails_at=3), RuntimeError)]
+)
 def test_outstanding_tasks_are_cancelled_on_an_interruption(executor, error):
     """Or if the executor gives up."""
     with pytest.raises(error):
@@ -587,14 +754,18 @@ class AtOnce(Executor):
 @pytest.mark.parametrize("executor", [None, AtOnce(), Backwards(3)])
 def test_steps_follow_each_other(tmp_path, executor):
     steps = 1 if isinstance(executor, Backwards) else 4
-    pieces, meter = [Piece(10 * n, steps=steps) for n in range(3)], Meter()
+    pieces = [Piece(10 * n, steps=steps) for n in range(3)]
+    meter = Meter()
     parts = solve_all("pieces", pieces, executor, meter, Store(tmp_path / "parts"))
-    assert [part["x"].tolist() for part in parts] == [[10 * n + k for k in range(steps)] for n in range(3)]
+    assert [part["x"].tolist() for part in parts] == [
+        [10 * n + k for k in range(steps)] for n in range(3)
+    ]
     assert (meter.steps, meter.done) == ([("pieces", 3 * steps)], 3 * steps)
 
 
 def test_what_is_finished_when_an_interruption_comes_is_kept(tmp_path):
-    pieces, store = [Piece(n, steps=2) for n in range(5)], Store(tmp_path / "parts")
+    pieces = [Piece(n, steps=2) for n in range(5)]
+    store = Store(tmp_path / "parts")
     with pytest.raises(KeyboardInterrupt):
         solve_all("pieces", pieces, Backwards(5), Meter(stop=1), store)
     assert [store.read(piece.name)["x"].tolist() for piece in pieces] == [[n] for n in range(5)]
@@ -633,7 +804,7 @@ def test_an_interruption_while_a_result_is_kept_does_not_lose_it(tmp_path, execu
     assert [path.name for path in tmp_path.iterdir()] == ["parts"]
 
 
-# -- files ----------------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 
 
 def test_a_sweep_comes_back_from_its_file(rough, serial, tmp_path):
@@ -641,8 +812,14 @@ def test_a_sweep_comes_back_from_its_file(rough, serial, tmp_path):
     assert sweep(rough, path=path, **ARGUMENTS).identical(serial)
     again = load_sweep(path)
     assert again.identical(serial)
-    assert {name: v.dtype for name, v in again.variables.items()} == {name: v.dtype for name, v in serial.variables.items()}
-    assert sorted(p.name for p in path.parent.iterdir()) == [".granphon-files", "sweep.csv", "sweep.nc"]
+    assert {name: v.dtype for name, v in again.variables.items()} == {
+        name: v.dtype for name, v in serial.variables.items()
+    }
+    assert sorted(p.name for p in path.parent.iterdir()) == [
+        ".granphon-files",
+        "sweep.csv",
+        "sweep.nc",
+    ]
     path.unlink()  # the file is closed
     assert again.identical(serial)
 
@@ -661,11 +838,13 @@ def test_another_library_reads_the_file(rough, tmp_path):
 @pytest.mark.parametrize(
     ("spread", "lattice"),
     [
-        (None, "triangular"), (gp.Uniform(WIDTH), gp.Lattice("mine", ((1.0, 0.0), (-0.5, math.sqrt(0.75))))),
-        (gp.Normal(1e-6, 2.0), "triangular"), (BIMODAL, "square"),
+        (None, "triangular"),
+        (gp.Uniform(WIDTH), gp.Lattice("mine", ((1.0, 0.0), (-0.5, math.sqrt(0.75))))),
+        (gp.Normal(1e-6, 2.0), "triangular"),
+        (BIMODAL, "square"),
         (gp.Measured(tuple(8e-3 + 1e-10 * (n - 4999.5) for n in range(10_000))), "triangular"),
     ],
-)  # fmt: skip
+)
 def test_the_packing_comes_back_from_the_file(steel, tmp_path, spread, lattice):
     packing = gp.Packing(steel, getattr(spread, "mean", None) or 8e-3, spread, lattice)
     ds = sweep(packing, force=5.0, path=tmp_path / "sweep.nc")
@@ -688,18 +867,34 @@ def test_provenance(rough, tmp_path):
 
 @pytest.mark.claim("files-all-digits")
 def test_the_table_has_every_digit(rough, tmp_path):
-    ds = sweep(rough, pressure=[500.0, 4e3], media=LADDER, width=[0.0, 1e-6], spread=[None, BIMODAL], bands="GK",
-               path=tmp_path / "sweep.nc")  # fmt: skip
+    ds = sweep(
+        rough,
+        pressure=[500.0, 4e3],
+        media=LADDER,
+        width=[0.0, 1e-6],
+        spread=[None, BIMODAL],
+        bands="GK",
+        path=tmp_path / "sweep.nc",
+    )
     with (tmp_path / "sweep.csv").open(encoding="utf-8", newline="") as stream:
         head, *rows = csv.reader(stream)
-    assert head[:6] == ["pressure (N/m)", "medium", "width (m)", "spread", "force (N)", "overlap (m)"]
+    assert head[:6] == [
+        "pressure (N/m)",
+        "medium",
+        "width (m)",
+        "spread",
+        "force (N)",
+        "overlap (m)",
+    ]
     assert len(rows) == 2 * 3 * 2 * 2
     names = [title.split(" (")[0] for title in head]
     assert set(names) == {"pressure", "medium", "width", "spread"} | {
         name for name, data in ds.data_vars.items() if data.dims == ds["bulk"].dims
     }
     for title, name in zip(head, names, strict=True):
-        assert title == name + (f" ({ds[name].attrs['units']})" if "units" in ds[name].attrs else "")
+        assert title == name + (
+            f" ({ds[name].attrs['units']})" if "units" in ds[name].attrs else ""
+        )
     points = itertools.product(range(2), range(3), range(2), range(2))
     for row, (i, j, k, m) in zip(rows, points, strict=True):
         point = ds.isel(load=i, medium=j, width=k, spread=m)
@@ -733,7 +928,9 @@ def _other_file(path):
 
 
 def _numbered(path, schema=99):
-    xarray.Dataset(attrs={"format": "granphon sweep", "schema": schema}).to_netcdf(path, engine="h5netcdf")
+    xarray.Dataset(attrs={"format": "granphon sweep", "schema": schema}).to_netcdf(
+        path, engine="h5netcdf"
+    )
 
 
 @pytest.mark.parametrize(
@@ -752,7 +949,7 @@ def test_what_is_no_sweep_is_not_loaded(tmp_path, make, words):
         load_sweep(tmp_path / "sweep.nc")
 
 
-# -- going on -------------------------------------------------------------------------------------------------------
+# -- going on --------------------------------------------------------------------------------------
 
 
 PARTIAL = ".sweep.nc.partial"
@@ -795,7 +992,11 @@ def resumed(packing, folder, expected, arguments=ARGUMENTS, **options):
         found = sweep(packing, path=folder / "sweep.nc", executor=executor, **arguments, **options)
     assert found.identical(expected)
     assert load_sweep(folder / "sweep.nc").identical(expected)
-    assert sorted(path.name for path in folder.iterdir()) == [".granphon-files", "sweep.csv", "sweep.nc"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        ".granphon-files",
+        "sweep.csv",
+        "sweep.nc",
+    ]
     return len(executor.begun)
 
 
@@ -812,11 +1013,18 @@ def test_an_interrupted_sweep_goes_on_from_what_it_has(rough, serial, interrupte
 
 
 @pytest.mark.parametrize(
-    ("error", "pool"), [(RuntimeError("out of memory"), ThreadPoolExecutor), (SystemExit(1), ProcessPoolExecutor)]
+    ("error", "pool"),
+    [(RuntimeError("out of memory"), ThreadPoolExecutor), (SystemExit(1), ProcessPoolExecutor)],
 )
 def test_any_end_leaves_the_parts(rough, serial, tmp_path, error, pool):
     with pool(2) as executor, pytest.raises(type(error)):
-        sweep(rough, path=tmp_path / "sweep.nc", executor=executor, progress=Meter(3, error), **ARGUMENTS)
+        sweep(
+            rough,
+            path=tmp_path / "sweep.nc",
+            executor=executor,
+            progress=Meter(3, error),
+            **ARGUMENTS,
+        )
     # those that were finished meanwhile are kept as well
     left = 9 - len(parts_in(tmp_path))
     assert left <= 9 - 3
@@ -832,7 +1040,8 @@ def test_any_end_leaves_the_parts(rough, serial, tmp_path, error, pool):
     ],
 )
 def test_a_complete_sweep_is_read_again(rough, tmp_path, more):
-    arguments, path = {**more, "path": tmp_path / "sweep.nc"}, tmp_path / "sweep.nc"
+    arguments = {**more, "path": tmp_path / "sweep.nc"}
+    path = tmp_path / "sweep.nc"
     whole = sweep(rough, **arguments)
     before = {one: (one.read_bytes(), one.stat().st_mtime_ns) for one in tmp_path.iterdir()}
     assert {one.name for one in before} == {"sweep.nc", "sweep.csv", ".granphon-files"}
@@ -864,7 +1073,9 @@ def _flip(place):
     return change
 
 
-@pytest.mark.parametrize("change", [_flip(0), lambda entry: entry[:-1], lambda entry: None, lambda entry: "text"])
+@pytest.mark.parametrize(
+    "change", [_flip(0), lambda entry: entry[:-1], lambda entry: None, lambda entry: "text"]
+)
 def test_damaged_parts_are_done_again(rough, serial, interrupted, change):
     name = parts_in(interrupted)[1]
     with opened(interrupted) as base:
@@ -876,11 +1087,16 @@ def test_damaged_parts_are_done_again(rough, serial, interrupted, change):
     assert resumed(rough, interrupted, serial) == 5
 
 
-@given(st.floats(0.0, 1.0), st.sampled_from(["flip", "cut", "zero", "junk", "more"]), st.integers(0, 7))
+@given(
+    st.floats(0.0, 1.0), st.sampled_from(["flip", "cut", "zero", "junk", "more"]), st.integers(0, 7)
+)
 @settings(max_examples=60, deadline=None)
-def test_a_damaged_file_is_refused_or_gives_the_numbers_that_were_kept(tmp_path_factory, place, kind, bit):
+def test_a_damaged_file_is_refused_or_gives_the_numbers_that_were_kept(
+    tmp_path_factory, place, kind, bit
+):
     folder = tmp_path_factory.mktemp("damaged")
-    store, parts = Store(folder / "store"), {f"piece-{n}": {"x": np.arange(900.0) + n} for n in range(4)}
+    store = Store(folder / "store")
+    parts = {f"piece-{n}": {"x": np.arange(900.0) + n} for n in range(4)}
     store.claim({"of": "this"})
     for name, part in parts.items():
         store.append(name, encode(name, part))
@@ -892,9 +1108,15 @@ def test_a_damaged_file_is_refused_or_gives_the_numbers_that_were_kept(tmp_path_
     elif kind == "more":
         data += b"\xff" * (at % 5000)
     else:
-        data[at:] = {"cut": b"", "zero": bytes(len(data) - at), "junk": b"\xa5" * 4096 + data[at + 4096 :]}[kind]
+        data[at:] = {
+            "cut": b"",
+            "zero": bytes(len(data) - at),
+            "junk": b"\xa5" * 4096 + data[at + 4096 :],
+        }[kind]
     (folder / "store").write_bytes(data)
-    damaged, found, told = Store(folder / "store"), {}, ""
+    damaged = Store(folder / "store")
+    found = {}
+    told = ""
     try:
         damaged.claim({"of": "this"}, lambda: parts)
         found = {name: damaged.read(name) for name in parts if name in damaged}
@@ -918,10 +1140,14 @@ def test_a_damaged_store_is_refused_unless_it_is_to_be_discarded(rough, serial, 
         stream.write(bytes(4096))
     for resume in (False, True):
         with pytest.raises(
-            OutputError, match=r"\.sweep\.nc\.partial, with the finished parts .*, is damaged: .* Use --force"
+            OutputError,
+            match=r"\.sweep\.nc\.partial, with the finished parts .*, is damaged: .* Use --force",
         ):
             sweep(rough, path=interrupted / "sweep.nc", resume=resume, **ARGUMENTS)
-    with without_rights(interrupted / PARTIAL, remove=False), pytest.raises(OutputError, match="is damaged"):
+    with (
+        without_rights(interrupted / PARTIAL, remove=False),
+        pytest.raises(OutputError, match="is damaged"),
+    ):
         Store(interrupted / PARTIAL, force=True).claim({"of": "this"})
     assert resumed(rough, interrupted, serial, overwrite=True) == 9
 
@@ -942,10 +1168,16 @@ def test_what_is_a_file_of_the_user_or_none_is_no_store(rough, tmp_path, make):
     make(tmp_path / PARTIAL)
     before = (tmp_path / PARTIAL).lstat()
     for overwrite in (False, True):
-        with pytest.raises(OutputError, match=r"\.sweep\.nc\.partial is no store of finished tasks"):
+        with pytest.raises(
+            OutputError, match=r"\.sweep\.nc\.partial is no store of finished tasks"
+        ):
             sweep(rough, force=5.0, path=tmp_path / "sweep.nc", overwrite=overwrite)
     after = (tmp_path / PARTIAL).lstat()
-    assert (after.st_ino, after.st_mode, after.st_size) == (before.st_ino, before.st_mode, before.st_size)
+    assert (after.st_ino, after.st_mode, after.st_size) == (
+        before.st_ino,
+        before.st_mode,
+        before.st_size,
+    )
     assert (tmp_path / "elsewhere").read_text() == "mine"
     assert {path.name for path in tmp_path.iterdir()} == {"elsewhere", PARTIAL}
 
@@ -956,7 +1188,8 @@ def test_a_data_base_of_the_user_or_of_another_version_is_no_store(rough, interr
         base.execute(order)
     before = (interrupted / PARTIAL).read_bytes()
     with pytest.raises(
-        OutputError, match=r"is no store of finished tasks, or one of another version of granphon\. .* Move it"
+        OutputError,
+        match=r"is no store of finished tasks, or one of another version of granphon\. .* Move it",
     ):
         sweep(rough, force=5.0, path=interrupted / "sweep.nc", overwrite=True)
     assert (interrupted / PARTIAL).read_bytes() == before
@@ -986,14 +1219,17 @@ def test_a_store_needs_no_locks_of_the_file_system(rough, serial, tmp_path, no_l
 
 
 def test_a_reader_does_not_undo_what_is_being_written_where_there_are_no_locks(tmp_path, no_locks):
-    store, path = Store(tmp_path / "store"), tmp_path / "store"
+    store = Store(tmp_path / "store")
+    path = tmp_path / "store"
     store.claim({"of": "this"})
     store.append("a", encode("a", {"x": np.zeros(1)}))
     base = store._connect(make=True)
     base.execute("PRAGMA cache_size = 1")  # pages go to the disk before the end of the transaction
     base.execute("BEGIN IMMEDIATE")
     for n in range(50):
-        base.execute("INSERT INTO task VALUES (?, 0, ?)", (f"b{n}", encode(f"b{n}", {"x": np.ones(1000)})))
+        base.execute(
+            "INSERT INTO task VALUES (?, 0, ?)", (f"b{n}", encode(f"b{n}", {"x": np.ones(1000)}))
+        )
     assert (tmp_path / "store-journal").stat().st_size > 0
     with suppress(OutputError):
         assert set(dict(read_entries(path))) <= {"a", *(f"b{n}" for n in range(50))}
@@ -1017,8 +1253,15 @@ def test_a_store_that_is_removed_or_replaced_meanwhile_is_named(tmp_path, replac
 
 
 def test_a_store_that_may_not_be_written_is_found_out_first(rough, interrupted):
-    told = r"\.sweep\.nc\.partial cannot be written: Permission denied\. What was finished before is kept\. Run the same"
-    with Counted() as executor, without_rights(interrupted / PARTIAL), pytest.raises(OutputError, match=told):
+    told = (
+        r"\.sweep\.nc\.partial cannot be written: Permission denied\. What was finished before is"
+        r" kept\. Run the same"
+    )
+    with (
+        Counted() as executor,
+        without_rights(interrupted / PARTIAL),
+        pytest.raises(OutputError, match=told),
+    ):
         sweep(rough, path=interrupted / "sweep.nc", executor=executor, **ARGUMENTS)
     assert executor.begun == []
     assert len(parts_in(interrupted)) == 4
@@ -1033,8 +1276,15 @@ def test_a_store_that_may_not_be_written_can_be_discarded(tmp_path):
     path.chmod(0o400)
     with without_rights(path), pytest.raises(FileExistsInRunError, match="--force"):
         Store(path).claim({"of": "this"})
-    for identity in ({"of": "that"}, {"of": "this"}):  # its own results, and those that cannot be removed
-        with without_rights(path, remove=False), pytest.raises(OutputError, match="cannot be written"):
+    for identity in (
+        {"of": "that"},
+        {"of": "this"},
+    ):
+        # its own results, and those that cannot be removed
+        with (
+            without_rights(path, remove=False),
+            pytest.raises(OutputError, match="cannot be written"),
+        ):
             Store(path, force=True).claim(identity)
         assert list(dict(read_entries(path))) == ["a"]
     with without_rights(path):
@@ -1064,15 +1314,22 @@ def test_a_store_can_be_read_while_it_grows(rough, serial, tmp_path):
 
 
 def test_a_store_does_not_grow_by_what_it_replaces(tmp_path):
-    store, sizes = Store(tmp_path / "parts"), []
+    store = Store(tmp_path / "parts")
+    sizes = []
     store.claim({"of": "this"}, tuple)
     for step in range(20):
         for number in range(2):
-            store.append(f"piece-{number}", encode(f"piece-{number}", {"x": np.arange(5000.0) + number + step}))
+            store.append(
+                f"piece-{number}",
+                encode(f"piece-{number}", {"x": np.arange(5000.0) + number + step}),
+            )
         sizes.append((tmp_path / "parts").stat().st_size)
     assert max(sizes) < 4 * 40_000
     for one in (store, Store(tmp_path / "parts")):
-        assert_array_equal([one.read(f"piece-{n}")["x"] for n in range(2)], [np.arange(5000.0) + n + 19 for n in range(2)])
+        assert_array_equal(
+            [one.read(f"piece-{n}")["x"] for n in range(2)],
+            [np.arange(5000.0) + n + 19 for n in range(2)],
+        )
     with pytest.raises(FileExistsInRunError, match="of is 'this' there, and 'that' here"):
         Store(tmp_path / "parts").claim({"of": "that"}, tuple)
     store.clear()
@@ -1113,7 +1370,9 @@ for n in range(100_000):
 @pytest.mark.parametrize("count", only([1, 150], [1, 2, 3, 20, 150, 800, 1500]))
 def test_what_was_kept_survives_a_kill_at_any_moment(tmp_path, count):
     path = tmp_path / "store"
-    with subprocess.Popen([sys.executable, "-c", KEPT, str(path)], stdout=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(
+        [sys.executable, "-c", KEPT, str(path)], stdout=subprocess.PIPE, text=True
+    ) as running:
         for _ in range(count):
             running.stdout.readline()
         running.kill()  # in the midst of another one, as a rule
@@ -1123,7 +1382,10 @@ def test_what_was_kept_survives_a_kill_at_any_moment(tmp_path, count):
     for n in range(max(0, last - 49), last + 1):
         found = store.read(f"piece-{n % 50}")["x"]
         # the next one may have been kept, and not been said
-        assert any(np.array_equal(found, np.full(m % 999, float(m))) for m in ((n, n + 50) if n + 49 == last else (n,)))
+        assert any(
+            np.array_equal(found, np.full(m % 999, float(m)))
+            for m in ((n, n + 50) if n + 49 == last else (n,))
+        )
     store.append("more", encode("more", {"x": np.ones(3)}))
     assert sorted(one.name for one in tmp_path.iterdir()) == ["store"]
 
@@ -1150,11 +1412,17 @@ def test_an_entry_holds_every_bit(layout, seed):
             part[name] = rng.integers(0, 999, shape).astype(dtype)
         else:
             raw = rng.bytes(int(np.prod(shape)) * dtype.itemsize)
-            part[name] = np.frombuffer(bytes(b & 1 for b in raw) if dtype.kind == "b" else raw, dtype).reshape(shape)
+            part[name] = np.frombuffer(
+                bytes(b & 1 for b in raw) if dtype.kind == "b" else raw, dtype
+            ).reshape(shape)
     found = decode(encode("name", part))
     assert list(found) == list(part)
     for name, one in part.items():
-        assert (found[name].dtype, found[name].shape, found[name].tobytes()) == (one.dtype, one.shape, one.tobytes())
+        assert (found[name].dtype, found[name].shape, found[name].tobytes()) == (
+            one.dtype,
+            one.shape,
+            one.tobytes(),
+        )
     assert encode("name", found) == encode("name", part)
 
 
@@ -1164,10 +1432,14 @@ def test_an_entry_holds_no_python_objects():
 
 
 def test_parts_of_another_sweep_are_not_discarded_unless_told(rough, interrupted):
-    before, meter = (interrupted / PARTIAL).read_bytes(), Meter()
+    before = (interrupted / PARTIAL).read_bytes()
+    meter = Meter()
     for change, told in (
         ({"force": [18.446, 2.0, 5.0, 2.1]}, r"differ: force\[3\] is 2\.0 there, and 2\.1 here\."),
-        ({"force": [2.0, 18.446, 5.0, 2.0]}, r"differ: force\[0\] is 18\.446 there, and 2\.0 here; force\[1\] is"),
+        (
+            {"force": [2.0, 18.446, 5.0, 2.0]},
+            r"differ: force\[0\] is 18\.446 there, and 2\.0 here; force\[1\] is",
+        ),
         ({"force": [18.446]}, r"differ: force has 4 values there, and 1 here\."),
         ({"npoints": 6}, r"differ: qpoints\[0\] has 5 values there, and 6 here\."),
         ({"bands": "GM"}, r"differ: labels\[1\] is 'K' there, and 'M' here; qpoints"),
@@ -1182,20 +1454,34 @@ def test_parts_of_another_sweep_are_not_discarded_unless_told(rough, interrupted
         arguments = {**ARGUMENTS, **change}
         for resume in (False, True):
             with pytest.raises(FileExistsInRunError, match=told):
-                sweep(rough, path=interrupted / "sweep.nc", resume=resume, progress=meter, **arguments)
+                sweep(
+                    rough, path=interrupted / "sweep.nc", resume=resume, progress=meter, **arguments
+                )
     assert not meter.steps
     assert (interrupted / PARTIAL).read_bytes() == before
-    assert resumed(rough, interrupted, sweep(rough, **arguments), arguments, overwrite=True) == 2 * 3
+    assert (
+        resumed(rough, interrupted, sweep(rough, **arguments), arguments, overwrite=True) == 2 * 3
+    )
 
 
-def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(rough, serial, interrupted, monkeypatch):
-    other, path = change_packing(rough, {"density": 7841.0}), interrupted / "sweep.nc"
+def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(
+    rough, serial, interrupted, monkeypatch
+):
+    other = change_packing(rough, {"density": 7841.0})
+    path = interrupted / "sweep.nc"
     with monkeypatch.context() as patch:
         for module in ("tasks", "dataset"):
-            patch.setattr(f"granphon.runs.{module}.packages", lambda: packages() | {"numpy": "0.0.9"})
-        with pytest.raises(FileExistsInRunError, match=r"versions\.numpy is '[^']*' there, and '0\.0\.9' here"):
+            patch.setattr(
+                f"granphon.runs.{module}.packages", lambda: packages() | {"numpy": "0.0.9"}
+            )
+        with pytest.raises(
+            FileExistsInRunError, match=r"versions\.numpy is '[^']*' there, and '0\.0\.9' here"
+        ):
             sweep(rough, path=path, **ARGUMENTS)
-    with pytest.raises(FileExistsInRunError, match=r"differ: packing\.material\.density is 7840\.0 there, and 7841\.0 here"):
+    with pytest.raises(
+        FileExistsInRunError,
+        match=r"differ: packing\.material\.density is 7840\.0 there, and 7841\.0 here",
+    ):
         sweep(other, path=path, **ARGUMENTS)
     with pytest.raises(KeyboardInterrupt):
         sweep(other, path=path, overwrite=True, progress=Meter(stop=3), **ARGUMENTS)
@@ -1205,12 +1491,16 @@ def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(rough
     assert resumed(rough, interrupted, serial, overwrite=True) == 9
 
 
-@pytest.mark.parametrize("change", [lambda entry: b"", _flip(0.5), lambda entry: stores._seal("", b"[" * 100_000)])
+@pytest.mark.parametrize(
+    "change", [lambda entry: b"", _flip(0.5), lambda entry: stores._seal("", b"[" * 100_000)]
+)
 def test_parts_that_belong_to_nothing_known(rough, serial, interrupted, change):
     with opened(interrupted) as base:
         (entry,) = base.execute("SELECT entry FROM task WHERE name = ''").fetchone()
         base.execute("UPDATE task SET entry = ? WHERE name = ''", (change(entry),))
-    with pytest.raises(FileExistsInRunError, match="The file does not say which work it belongs to"):
+    with pytest.raises(
+        FileExistsInRunError, match="The file does not say which work it belongs to"
+    ):
         sweep(rough, path=interrupted / "sweep.nc", **{**ARGUMENTS, "force": 1.0})
     assert resumed(rough, interrupted, serial) == 9 - 4  # each part says what it is
 
@@ -1233,7 +1523,13 @@ def test_an_identity_is_that_of_the_sweep_to_which_all_parts_belong(rough, tmp_p
     def run(stop, samples):
         media = {"simulation": SAMPLES["simulation"] | {"samples": samples}}
         with pytest.raises(KeyboardInterrupt):
-            sweep(rough, path=tmp_path / "sweep.nc", progress=Meter(stop=stop), force=18.446, media=media)
+            sweep(
+                rough,
+                path=tmp_path / "sweep.nc",
+                progress=Meter(stop=stop),
+                force=18.446,
+                media=media,
+            )
 
     def said():
         with closing(sqlite3.connect(tmp_path / PARTIAL)) as base:
@@ -1260,7 +1556,10 @@ def test_an_identity_is_that_of_the_sweep_to_which_all_parts_belong(rough, tmp_p
 @pytest.mark.parametrize(("most", "executor"), [(0, None), (1, AtOnce()), (4, None)])
 def test_a_disk_that_is_full_keeps_what_it_has(rough, serial, tmp_path, most, executor):
     folder = tmp_path / "new"
-    told = r"new/.* cannot be written: No space left on device\. What was finished before is kept\. Free some space, and"
+    told = (
+        r"new/.* cannot be written: No space left on device\. What was finished before is kept\."
+        r" Free some space, and"
+    )
     with full_disk(most), pytest.raises(OutputError, match=told):
         sweep(rough, path=folder / "sweep.nc", executor=executor, **ARGUMENTS)
     assert folder.exists() == bool(most)
@@ -1302,7 +1601,9 @@ def small_disk(tmp_path):
 @pytest.mark.parametrize("count", [9, 1])
 def test_a_small_disk_fills_up(rough, small_disk, count):
     """By what is kept; or, where that is one part, by the result."""
-    arguments = ARGUMENTS | {"npoints": 300} | ({} if count > 1 else {"media": "ala", "width": WIDTH})
+    arguments = (
+        ARGUMENTS | {"npoints": 300} | ({} if count > 1 else {"media": "ala", "width": WIDTH})
+    )
     with pytest.raises(OutputError, match="cannot be written: No space left on device"):
         sweep(rough, **arguments, path=small_disk / "sweep.nc")
     assert [path.name for path in small_disk.iterdir()] == [PARTIAL]
@@ -1315,11 +1616,15 @@ def rough(steel):
     return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(WIDTH))
 
 
-@pytest.mark.parametrize(("lattice", "path"), [("square", "GXMG"), ("kagome", "GKMG"), (CHAINED, "GXA1Y")])
+@pytest.mark.parametrize(
+    ("lattice", "path"), [("square", "GXMG"), ("kagome", "GKMG"), (CHAINED, "GXA1Y")]
+)
 def test_the_path_is_that_of_phonons_on_every_lattice(rough, lattice, path):
     packing = gp.Packing(rough.material, 8e-3, rough.spread, lattice)
     ds = sweep(packing, force=5.0, bands=path, npoints=4)
     bands = Phonons(gp.AveragedLattice(packing).at_force(5.0)).bands(path, npoints=4)
     assert_array_equal(ds["qpoints"], bands.qpoints)
     assert_allclose(ds["distances"], bands.distances, rtol=1e-14)
-    assert_allclose(ds["frequencies"][0, 0], bands.frequencies, rtol=1e-12, atol=1e-12 * bands.frequencies.max())
+    assert_allclose(
+        ds["frequencies"][0, 0], bands.frequencies, rtol=1e-12, atol=1e-12 * bands.frequencies.max()
+    )

@@ -15,7 +15,13 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
-from granphon.base.errors import InputError, InstabilityError, MechanismError, SceneError, UnverifiedFileWarning
+from granphon.base.errors import (
+    InputError,
+    InstabilityError,
+    MechanismError,
+    SceneError,
+    UnverifiedFileWarning,
+)
 from granphon.base.text import parse_yaml
 from granphon.cli.commands import main
 from granphon.cli.scenes import PRESETS
@@ -43,7 +49,7 @@ def read_summary(folder: Path):
     return parse_yaml((folder / "summary.yaml").read_text(), "summary.yaml").data
 
 
-# -- what a scene says ----------------------------------------------------------------------------------------------
+# -- what a scene says -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", LATTICES)
@@ -57,9 +63,15 @@ def test_a_scene_names_every_lattice(name):
 
 def test_motions_and_stiffnesses_are_read_and_written_where_they_differ_from_the_defaults():
     scene = read("lattice: chain, motions: all, torsion: mindlin, bending: 0.125")
-    assert (scene.packing.motions, scene.packing.torsion, scene.packing.bending) == ("all", "mindlin", 0.125)
+    assert (scene.packing.motions, scene.packing.torsion, scene.packing.bending) == (
+        "all",
+        "mindlin",
+        0.125,
+    )
     written = scene.to_yaml()
-    assert all(line in written for line in ('motions: "all"', 'torsion: "mindlin"', "bending: 0.125"))
+    assert all(
+        line in written for line in ('motions: "all"', 'torsion: "mindlin"', "bending: 0.125")
+    )
     assert Scene.from_text(written) == scene
     plain = read("lattice: square").to_yaml()
     assert not any(word in plain for word in ("motions", "torsion", "bending"))
@@ -68,21 +80,33 @@ def test_motions_and_stiffnesses_are_read_and_written_where_they_differ_from_the
 def test_a_lattice_of_ones_own_is_a_block():
     thirds = "[[1/3, 2/3], [2/3, 1/3]]"
     cell = f"[[{math.sqrt(3.0)!r}, 0], [{-math.sqrt(0.75)!r}, 1.5]]"
-    scene = read(f"lattice: {{name: mine, cell: {cell}, sites: {thirds}}}, motions: out_of_plane, bending: 0.1")
-    assert scene.packing.structure.contacts.normal == pytest.approx(LATTICES["honeycomb"].contacts.normal)
+    scene = read(
+        f"lattice: {{name: mine, cell: {cell}, sites: {thirds}}}, motions: out_of_plane,"
+        f" bending: 0.1"
+    )
+    assert scene.packing.structure.contacts.normal == pytest.approx(
+        LATTICES["honeycomb"].contacts.normal
+    )
     assert Scene.from_text(scene.to_yaml()) == scene
     row = gp.Lattice("row in space", ((2.0, 0.0, 0.0),), ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)))
-    ladder = Scene(gp.Packing(gp.Material(1e9, 0.3, 1e3), 1e-3, lattice=row), Load("force", 1.0), observe=("bands",))
+    ladder = Scene(
+        gp.Packing(gp.Material(1e9, 0.3, 1e3), 1e-3, lattice=row),
+        Load("force", 1.0),
+        observe=("bands",),
+    )
     assert Scene.from_text(ladder.to_yaml()) == ladder
 
 
 @pytest.mark.parametrize(
     ("lattice", "load", "force"),
     [
-        ("chain", "2 N", 2.0), ("triangular", "2 kN/m", 2e3 * 8e-3 / math.sqrt(3.0)), ("square", "2 N/mm", 16.0),
-        ("sc", "10 kPa", 1e4 * 64e-6), ("fcc", "0.1 bar", 1e4 * 64e-6 / (2.0 * math.sqrt(2.0))),
+        ("chain", "2 N", 2.0),
+        ("triangular", "2 kN/m", 2e3 * 8e-3 / math.sqrt(3.0)),
+        ("square", "2 N/mm", 16.0),
+        ("sc", "10 kPa", 1e4 * 64e-6),
+        ("fcc", "0.1 bar", 1e4 * 64e-6 / (2.0 * math.sqrt(2.0))),
     ],
-)  # fmt: skip
+)
 def test_a_pressure_has_the_unit_of_the_dimension(lattice, load, force):
     scene = read(f"lattice: {lattice}", f"pressure: {load}")
     assert scene.state().force == pytest.approx(force, rel=1e-14)
@@ -92,10 +116,12 @@ def test_a_pressure_has_the_unit_of_the_dimension(lattice, load, force):
 @pytest.mark.parametrize(
     ("lattice", "mesh", "dim", "found"),
     [
-        ("chain", "32", "3", ((32,), (3,))), ("chain", "32 1 1", "4 1 1", ((32,), (4,))),
-        ("square", "8 4", "3 4", ((8, 4), (3, 4))), ("fcc", "8 4 6", "[3, 3, 4]", ((8, 4, 6), (3, 3, 4))),
+        ("chain", "32", "3", ((32,), (3,))),
+        ("chain", "32 1 1", "4 1 1", ((32,), (4,))),
+        ("square", "8 4", "3 4", ((8, 4), (3, 4))),
+        ("fcc", "8 4 6", "[3, 3, 4]", ((8, 4, 6), (3, 3, 4))),
     ],
-)  # fmt: skip
+)
 def test_meshes_and_supercells_have_the_numbers_of_the_dimension(lattice, mesh, dim, found):
     scene = read(f"lattice: {lattice}", rest=f"phonopy: {{mesh: {mesh}, dim: {dim}}}")
     assert (scene.mesh, scene.dim) == found
@@ -117,7 +143,10 @@ def test_a_path_may_be_given_in_letters(lattice, band, corners, labels):
     assert scene.path.labels == tuple(labels.split())
     assert len(scene.path.paths) == 1 + band.count(",")
     assert Scene.from_text(scene.to_yaml()) == scene
-    named = read(f"lattice: {lattice}", rest=f"phonopy: {{band: '{band}', band_labels: {' '.join(labels.lower().split())}}}")
+    named = read(
+        f"lattice: {lattice}",
+        rest=f"phonopy: {{band: '{band}', band_labels: {' '.join(labels.lower().split())}}}",
+    )
     assert named.path == BandPath(scene.path.paths, tuple(labels.lower().split()))
 
 
@@ -125,9 +154,14 @@ def test_a_path_may_be_given_in_letters(lattice, band, corners, labels):
 def test_the_paths_that_an_error_names_are_taken(lattice):
     with pytest.raises(SceneError) as caught:
         read(f"lattice: {lattice}", rest="phonopy: {band: 0 0 0}")
-    told = re.search(r"letters of special points, such as (.+), or points .* such as '(.*)'; a comma", str(caught.value))
+    told = re.search(
+        r"letters of special points, such as (.+), or points .* such as '(.*)'; a comma",
+        str(caught.value),
+    )
     for band in told.groups():
-        path = read(f"lattice: {lattice}", rest=f"observe: [bands]\nphonopy: {{band: '{band}'}}").path
+        path = read(
+            f"lattice: {lattice}", rest=f"observe: [bands]\nphonopy: {{band: '{band}'}}"
+        ).path
         assert path.labels == (None if " " in band else tuple(band.replace(",", "")))
 
 
@@ -138,7 +172,7 @@ def test_torsion_belongs_to_the_lattices_of_a_sweep():
         read("lattice: fcc, torsion: 0.02", rest="sweep: {lattice: [square, kagome]}")
 
 
-# -- the direction of sound -----------------------------------------------------------------------------------------
+# -- the direction of sound ------------------------------------------------------------------------
 
 WAYS = ((1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (1 / 3, 1.0, -2.0))
 
@@ -159,7 +193,9 @@ def test_the_direction_of_a_scene_is_that_of_its_velocities(tmp_path):
     assert_allclose(told["direction"], [0.5**0.5, 0.5**0.5, 0], rtol=1e-15)
     assert told["transverse_slow"] == expected.transverse_slow
     assert dict(describe_scene(scene))["direction"] == "1, 1, 0"
-    assert dict(describe_result(found))["slow transverse velocity"].endswith("m/s along (0.707107, 0.707107, 0)")
+    assert dict(describe_result(found))["slow transverse velocity"].endswith(
+        "m/s along (0.707107, 0.707107, 0)"
+    )
     # along x, as before, if none is given
     bare = read("lattice: fcc", "force: 5 N").run(tmp_path / "x", figures=False)
     assert read_summary(tmp_path / "x")["direction"] == [1.0, 0.0, 0.0]
@@ -175,12 +211,18 @@ def test_a_sweep_without_a_direction_says_that_sound_is_along_x(tmp_path):
 
 
 def test_lattices_of_one_name_cannot_be_swept(steel):
-    one, other = (gp.Lattice("mine", cell=cell) for cell in (np.eye(3), math.sqrt(0.5) * (1.0 - np.eye(3))))
+    one, other = (
+        gp.Lattice("mine", cell=cell) for cell in (np.eye(3), math.sqrt(0.5) * (1.0 - np.eye(3)))
+    )
     with pytest.raises(InputError, match="two lattices of the sweep have the name 'mine'"):
         gp.sweep(gp.Packing(steel, 8e-3, lattice="fcc"), force=[1.0], lattice=[one, other])
     blocks = ("[[1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[[1, 0, 0], [0, 1, 0], [0, -1, 1]]")
     with pytest.raises(SceneError, match=r"sweep.lattice: .* Give each a name of its own"):
-        read("lattice: fcc", rest=f"sweep: {{lattice: [{', '.join(f'{{name: mine, cell: {cell}}}' for cell in blocks)}]}}")
+        read(
+            "lattice: fcc",
+            rest=f"sweep: {{lattice:"
+            f" [{', '.join(f'{{name: mine, cell: {cell}}}' for cell in blocks)}]}}",
+        )
 
 
 def test_a_lattice_of_a_known_name_must_have_its_cell():
@@ -200,7 +242,11 @@ def test_a_scene_simulates_the_torsion_of_hertz_contacts():
     # a simulation has no terms of finite overlap that could be asked for
     (told,) = [text for text in gp.validity(state).warnings if "torsion" in text]
     assert "finite_overlap" not in told
-    (told,) = [text for text in gp.validity(read(packing, "force: 5 N").state()).warnings if "torsion" in text]
+    (told,) = [
+        text
+        for text in gp.validity(read(packing, "force: 5 N").state()).warnings
+        if "torsion" in text
+    ]
     assert "finite_overlap=True keeps" in told
 
 
@@ -208,7 +254,10 @@ def test_counts_of_a_sweep_are_singular_where_they_are_one():
     for more, wanted in (
         ("sweep: {lattice: [fcc]}", "1 load x 1 medium x 1 value of lattice = 1 state"),
         ("sweep: {lattice: [fcc, hcp]}", "1 load x 1 medium x 2 values of lattice = 2 states"),
-        ("medium: [ala, afa]\nsweep: {torsion: [0, 0.1]}", "1 load x 2 media x 2 values of torsion = 4 states"),
+        (
+            "medium: [ala, afa]\nsweep: {torsion: [0, 0.1]}",
+            "1 load x 2 media x 2 values of torsion = 4 states",
+        ),
     ):
         assert dict(describe_scene(read("lattice: fcc", "force: 5 N", more)))["sweep"] == wanted
 
@@ -218,7 +267,8 @@ def test_a_warning_of_many_cases_of_a_sweep_is_said_once(steel):
     data = gp.sweep(packing, pressure=[1e5, 1e6], lattice=["fcc", "bcc"], media=("ala", "afa"))
     (told,) = json.loads(data.attrs["warnings"])
     assert told.startswith(
-        "ala, lattice = fcc and 3 more: At both loads overlap over diameter is up to 414.4 % of the torsion of a contact"
+        "ala, lattice = fcc and 3 more: At both loads overlap over diameter is up to 414.4 %"
+        " of the torsion of a contact"
     )
 
 
@@ -237,24 +287,35 @@ def test_many_directions_of_a_scene(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("lattice", "ways"), [("fcc", WAYS), ("square", ((1.0, 1.0), (0.0, 1.0))), ("triangular", ((0.5, 1.0), (3.0, 4.0)))]
+    ("lattice", "ways"),
+    [("fcc", WAYS), ("square", ((1.0, 1.0), (0.0, 1.0))), ("triangular", ((0.5, 1.0), (3.0, 4.0)))],
 )
 def test_a_sweep_has_its_directions_as_a_dimension(lattice, ways, tmp_path):
     text = scene_text(
-        f"lattice: {lattice}", "force: [5 N, 9 N]", f"direction: {[list(one) for one in ways]}\nsweep: {{bending: [0, 0.1]}}"
+        f"lattice: {lattice}",
+        "force: [5 N, 9 N]",
+        f"direction: {[list(one) for one in ways]}\nsweep: {{bending: [0, 0.1]}}",
     )
     scene = Scene.from_text(text)
     result = scene.run(tmp_path / "s", figures=False)
     data = gp.load_sweep(tmp_path / "s" / "sweep.nc")
     assert data.identical(result.dataset)
-    names = [name for name in ("longitudinal", "transverse", "transverse_slow", "transverse_fast") if name in data]
-    expected = gp.sound_velocities(gp.AveragedLattice(scene.packing).at_force(np.array([5.0, 9.0])), ways)
+    names = [
+        name
+        for name in ("longitudinal", "transverse", "transverse_slow", "transverse_fast")
+        if name in data
+    ]
+    expected = gp.sound_velocities(
+        gp.AveragedLattice(scene.packing).at_force(np.array([5.0, 9.0])), ways
+    )
     for name in names:
         assert data[name].dims == ("load", "medium", "bending", "direction")
         for place in (0, 1):  # bending does not change the sound of one ball in a cell
             assert_allclose(data[name].values[:, 0, place], getattr(expected, name), rtol=1e-14)
     assert data["valid"].dims == data["exponent"].dims == ("load", "medium", "bending")
-    assert data["direction"].values.tolist() == [f"({', '.join(f'{x:g}' for x in one)})" for one in ways]
+    assert data["direction"].values.tolist() == [
+        f"({', '.join(f'{x:g}' for x in one)})" for one in ways
+    ]
     assert data.attrs["direction"] == f"{', '.join(data['direction'].values)}, Cartesian"
     told = read_summary(tmp_path / "s")
     assert told["direction"] == [list(one) for one in ways]
@@ -270,15 +331,24 @@ def test_a_sweep_has_its_directions_as_a_dimension(lattice, ways, tmp_path):
     assert [row["direction"] for row in rows[: len(ways)]] == data["direction"].values.tolist()
     # the same sweep goes on from its file; another direction is another sweep
     assert is_complete(scene, tmp_path / "s")
-    assert not is_complete(Scene.from_text(text.replace("direction: [[", "direction: [[-")), tmp_path / "s")
+    assert not is_complete(
+        Scene.from_text(text.replace("direction: [[", "direction: [[-")), tmp_path / "s"
+    )
 
 
 def test_one_direction_of_a_sweep_is_told_in_its_files(tmp_path):
-    result = read("lattice: fcc", "force: [5 N, 9 N]", "direction: [1, 1, 0]").run(tmp_path / "s", figures=False)
+    result = read("lattice: fcc", "force: [5 N, 9 N]", "direction: [1, 1, 0]").run(
+        tmp_path / "s", figures=False
+    )
     data = gp.load_sweep(tmp_path / "s" / "sweep.nc")
     assert data["longitudinal"].dims == ("load", "medium")
-    assert (str(data["direction"].values), data.attrs["direction"]) == ("(1, 1, 0)", "(1, 1, 0), Cartesian")
-    state = gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="fcc")).at_force(9.0)
+    assert (str(data["direction"].values), data.attrs["direction"]) == (
+        "(1, 1, 0)",
+        "(1, 1, 0), Cartesian",
+    )
+    state = gp.AveragedLattice(
+        gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="fcc")
+    ).at_force(9.0)
     assert data["transverse_slow"].values[1, 0] == pytest.approx(
         gp.sound_velocities(state, (1, 1, 0)).transverse_slow, rel=1e-14
     )
@@ -290,15 +360,17 @@ def test_one_direction_of_a_sweep_is_told_in_its_files(tmp_path):
 
 def test_directions_in_a_sweep_with_a_simulation_and_its_figure(tmp_path):
     scene = read(
-        "lattice: triangular, spread: {uniform: 2 um}", "force: [5 N, 9 N]",
+        "lattice: triangular, spread: {uniform: 2 um}",
+        "force: [5 N, 9 N]",
         "direction: [[0, 1], [1, 0]]\nmedium: [ema, {simulation: {shape: 8 8, samples: 2}}]",
-    )  # fmt: skip
+    )
     result = scene.run(tmp_path / "s")
     assert "sweep.png" in {path.name for path in result.files}
     data = result.dataset
     for name in ("longitudinal", "longitudinal_error"):
         assert data[name].dims == ("load", "medium", "direction")
-        assert_allclose(data[name][..., 0], data[name][..., 1], rtol=1e-12)  # the triangular lattice is isotropic
+        # the triangular lattice is isotropic
+        assert_allclose(data[name][..., 0], data[name][..., 1], rtol=1e-12)
     assert np.all(data["longitudinal_error"].values[:, 0] == 0.0)
     assert np.all(data["longitudinal_error"].values[:, 1] > 0.0)
     lines = {line.get_gid() for ax in result.figure("sweep.png").axes for line in ax.lines}
@@ -309,124 +381,294 @@ def test_a_sweep_in_python_takes_directions():
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="hcp")
     near = gp.sweep(packing, force=[5.0], direction=[(0.0, 0.0, 1.0), (0.0, 1e-9, 1.0)])
     assert near["direction"].values.tolist() == ["(0, 0, 1)", "(0, 1e-09, 1)"]
-    for bad, text in (((1, 0), "three finite numbers"), ((0, 0, 0), "not all zero"), ([(1, 0, 0), (2, 0, 0)], "twice")):
+    for bad, text in (
+        ((1, 0), "three finite numbers"),
+        ((0, 0, 0), "not all zero"),
+        ([(1, 0, 0), (2, 0, 0)], "twice"),
+    ):
         with pytest.raises(InputError, match=text):
             gp.sweep(packing, force=[5.0], direction=bad)
 
 
-# -- mistakes -------------------------------------------------------------------------------------------------------
+# -- mistakes --------------------------------------------------------------------------------------
 
 #: packing, load, rest; then line and key, what was found, what is allowed, and what is meant
 MISTAKES = {
-    "unknown lattice": ("lattice: fccc", "", "", "2: packing.lattice", "'fccc'", "sc, bcc, fcc, hcp", "'fcc'?"),
+    "unknown lattice": (
+        "lattice: fccc",
+        "",
+        "",
+        "2: packing.lattice",
+        "'fccc'",
+        "sc, bcc, fcc, hcp",
+        "'fcc'?",
+    ),
     "balls overlap": (
-        "lattice: {name: box, cell: [[0.5, 0], [0, 1]]}", "", "", "2: packing.lattice", "'box'", "do not overlap",
+        "lattice: {name: box, cell: [[0.5, 0], [0, 1]]}",
+        "",
+        "",
+        "2: packing.lattice",
+        "'box'",
+        "do not overlap",
         "0.5 apart",
     ),
     "lattice without a cell": (
-        "lattice: {name: box}", "", "", "2: packing.lattice.cell", "nothing", "a list of one or more", "",
+        "lattice: {name: box}",
+        "",
+        "",
+        "2: packing.lattice.cell",
+        "nothing",
+        "a list of one or more",
+        "",
     ),
     "motions in space": (
-        "lattice: fcc, motions: in_plane", "", "", "2: packing.motions", "'in_plane'", "all; the fcc", "space",
+        "lattice: fcc, motions: in_plane",
+        "",
+        "",
+        "2: packing.motions",
+        "'in_plane'",
+        "all; the fcc",
+        "space",
     ),
     "torsion without rotations": (
-        "lattice: chain, torsion: 0.1", "", "", "2: packing.torsion", "0.1", "up to 1e6, and 0 where no motion is",
-        "torsion without rotations. The motions 'longitudinal' of the chain lattice have no rotation that could be resisted."
+        "lattice: chain, torsion: 0.1",
+        "",
+        "",
+        "2: packing.torsion",
+        "0.1",
+        "up to 1e6, and 0 where no motion is",
+        "torsion without rotations. The motions 'longitudinal' of the chain lattice have no"
+        " rotation that could be resisted."
         " Use motions out_of_plane, all, or",
     ),
     "torsion where contacts do not twist": (
-        "lattice: kagome, torsion: mindlin", "", "", "2: packing.torsion", "mindlin", "up to 1e6, and 0 where no motion is",
+        "lattice: kagome, torsion: mindlin",
+        "",
+        "",
+        "2: packing.torsion",
+        "mindlin",
+        "up to 1e6, and 0 where no motion is",
         "Use motions out_of_plane, all, or leave it out",
     ),
     "swept motions that twist no contact": (
-        "lattice: square, motions: all, torsion: 0.1", "", "sweep: {motions: [all, in_plane]}", "4: sweep.motions.1",
-        "in_plane", "a value that the packing can have", "Use motions out_of_plane, all",
+        "lattice: square, motions: all, torsion: 0.1",
+        "",
+        "sweep: {motions: [all, in_plane]}",
+        "4: sweep.motions.1",
+        "in_plane",
+        "a value that the packing can have",
+        "Use motions out_of_plane, all",
     ),
     "bending with a unit": (
-        "lattice: fcc, bending: 1 N m", "", "", "2: packing.bending", "'1 N m'", "a finite", "unit",
+        "lattice: fcc, bending: 1 N m",
+        "",
+        "",
+        "2: packing.bending",
+        "'1 N m'",
+        "a finite",
+        "unit",
     ),
     "pressure of a plane in space": (
-        "lattice: fcc", "pressure: 4 kN/m", "", "3: load.pressure", "'4 kN/m'", "a force per area", "is in Pa",
+        "lattice: fcc",
+        "pressure: 4 kN/m",
+        "",
+        "3: load.pressure",
+        "'4 kN/m'",
+        "a force per area",
+        "is in Pa",
     ),
     "pressure of space in a plane": (
-        "lattice: square", "pressure: 4 kPa", "", "3: load.pressure", "'4 kPa'", "a force per length", "is in N/m",
+        "lattice: square",
+        "pressure: 4 kPa",
+        "",
+        "3: load.pressure",
+        "'4 kPa'",
+        "a force per length",
+        "is in N/m",
     ),
     "side force in space": (
-        "lattice: fcc", "side_force: 1 N, balls_per_side: 3", "", "3: load.side_force", "a side_force", "triangular",
+        "lattice: fcc",
+        "side_force: 1 N, balls_per_side: 3",
+        "",
+        "3: load.side_force",
+        "a side_force",
+        "triangular",
         "",
     ),
     "mesh of a layer in space": (
-        "lattice: fcc", "", "phonopy: {mesh: 8 8 1}", "4: phonopy.mesh", "'8 8 1'", "from 2 to", "",
+        "lattice: fcc",
+        "",
+        "phonopy: {mesh: 8 8 1}",
+        "4: phonopy.mesh",
+        "'8 8 1'",
+        "from 2 to",
+        "",
     ),
     "path in space for a plane": (
-        "lattice: square", "", "phonopy: {band: 0 0 0 0 0 1/2}", "4: phonopy.band", "a third number", "points",
+        "lattice: square",
+        "",
+        "phonopy: {band: 0 0 0 0 0 1/2}",
+        "4: phonopy.band",
+        "a third number",
+        "points",
         "one layer",
     ),
     "letter of another lattice": (
-        "lattice: square", "", "phonopy: {band: GKMG}", "4: phonopy.band", "'GKMG', with the letter K", "G, M, X",
+        "lattice: square",
+        "",
+        "phonopy: {band: GKMG}",
+        "4: phonopy.band",
+        "'GKMG', with the letter K",
+        "G, M, X",
         "such as GXMG, or points in numbers",
     ),
     "direction of a plane in space": (
-        "lattice: fcc", "", "direction: [1, 1]", "4: direction", "[1, 1]", "three numbers, not all zero", "in space",
+        "lattice: fcc",
+        "",
+        "direction: [1, 1]",
+        "4: direction",
+        "[1, 1]",
+        "three numbers, not all zero",
+        "in space",
     ),
     "direction of space in a plane": (
-        "lattice: square", "", "direction: [[1, 0], [1, 0, 0]]", "4: direction.1", "[1, 0, 0]", "two numbers", "in a plane",
+        "lattice: square",
+        "",
+        "direction: [[1, 0], [1, 0, 0]]",
+        "4: direction.1",
+        "[1, 0, 0]",
+        "two numbers",
+        "in a plane",
     ),
     "direction twice": (
-        "lattice: fcc", "", "direction: [[1, 1, 0], [2, 2, 0]]", "4: direction.1", "[2, 2, 0] twice", "each direction once",
+        "lattice: fcc",
+        "",
+        "direction: [[1, 1, 0], [2, 2, 0]]",
+        "4: direction.1",
+        "[2, 2, 0] twice",
+        "each direction once",
         "",
     ),
     "lattices of two dimensions": (
-        "lattice: fcc", "", "sweep: {lattice: [fcc, chain]}", "4: sweep.lattice", "['fcc', 'chain']", "one dimension",
+        "lattice: fcc",
+        "",
+        "sweep: {lattice: [fcc, chain]}",
+        "4: sweep.lattice",
+        "['fcc', 'chain']",
+        "one dimension",
         "sweep of each",
     ),
     "motions of a sweep over lattices": (
-        "", "",
-        "sweep: {motions: [in_plane], lattice: [square, {name: flat, cell: [[1, 0, 0], [0, 1, 0]], sites: [[0, 0, 0]]}]}",
-        "4: sweep.motions.0", "'in_plane'", "all; the flat lattice", "in space",
+        "",
+        "",
+        "sweep: {motions: [in_plane], lattice: [square, {name: flat, cell: [[1, 0, 0], [0, 1,"
+        " 0]], sites: [[0, 0, 0]]}]}",
+        "4: sweep.motions.0",
+        "'in_plane'",
+        "all; the flat lattice",
+        "in space",
     ),
     "torsion twice in a sweep": (
-        "lattice: fcc", "", "sweep: {torsion: [0.1, 0, 0.]}", "4: sweep.torsion.2", "0.0 twice", "each value once", "",
+        "lattice: fcc",
+        "",
+        "sweep: {torsion: [0.1, 0, 0.]}",
+        "4: sweep.torsion.2",
+        "0.0 twice",
+        "each value once",
+        "",
     ),
     "diameter twice in a sweep": (
-        "lattice: fcc", "", "sweep: {diameter: [8 mm, 0.8 cm]}", "4: sweep.diameter.1", "'0.8 cm' twice", "each value", "",
+        "lattice: fcc",
+        "",
+        "sweep: {diameter: [8 mm, 0.8 cm]}",
+        "4: sweep.diameter.1",
+        "'0.8 cm' twice",
+        "each value",
+        "",
     ),
     "torsion of a chain of a sweep": (
-        "lattice: chain", "", "sweep: {torsion: [0, 1]}", "4: sweep.torsion.1", "1",
-        "a value that the packing can have", "rotation",
+        "lattice: chain",
+        "",
+        "sweep: {torsion: [0, 1]}",
+        "4: sweep.torsion.1",
+        "1",
+        "a value that the packing can have",
+        "rotation",
     ),
     "mechanism": (
-        "lattice: diamond", "", "", "2: packing.lattice", "'diamond'", "a lattice that is rigid", "without a cost",
+        "lattice: diamond",
+        "",
+        "",
+        "2: packing.lattice",
+        "'diamond'",
+        "a lattice that is rigid",
+        "without a cost",
     ),
     "mechanism, and what it has": (
-        "lattice: square, friction: false", "", "observe: [velocities, bands]", "2: packing.lattice", "'square'", "rigid",
-        "It has bands and a density of states: observe them without velocities, as observe: [bands, dos].",
+        "lattice: square, friction: false",
+        "",
+        "observe: [velocities, bands]",
+        "2: packing.lattice",
+        "'square'",
+        "rigid",
+        "It has bands and a density of states: observe them without velocities, as observe:"
+        " [bands, dos].",
     ),
     "mechanism in a sweep": (
-        "lattice: square, friction: false", "force: [1 N, 2 N]", "", "2: packing.lattice", "'square'", "rigid",
+        "lattice: square, friction: false",
+        "force: [1 N, 2 N]",
+        "",
+        "2: packing.lattice",
+        "'square'",
+        "rigid",
         "It has bands, which a sweep without velocities has: observe: [bands].",
     ),
     "mechanism in a sweep without bands": (
-        "lattice: square", "", "sweep: {friction: [true, false]}", "2: packing.lattice", "'square'",
-        "rigid; friction = False: the lattice", "In a scene of its own it has bands and a density of states: observe: [b",
+        "lattice: square",
+        "",
+        "sweep: {friction: [true, false]}",
+        "2: packing.lattice",
+        "'square'",
+        "rigid; friction = False: the lattice",
+        "In a scene of its own it has bands and a density of states: observe: [b",
     ),
     "effective medium of a mechanism by default": (
-        "lattice: sc, friction: false, spread: {uniform: 1 um}", "", "observe: [bands]", "1: medium", "'ema', the default",
-        "a medium for the", "Use friction",
+        "lattice: sc, friction: false, spread: {uniform: 1 um}",
+        "",
+        "observe: [bands]",
+        "1: medium",
+        "'ema', the default",
+        "a medium for the",
+        "Use friction",
     ),
     "simulation in space": (
-        "lattice: sc, spread: {uniform: 1 um}", "", "medium: simulation", "4: medium", "'simulation'",
-        "a medium for the", "does not stand without friction",
+        "lattice: sc, spread: {uniform: 1 um}",
+        "",
+        "medium: simulation",
+        "4: medium",
+        "'simulation'",
+        "a medium for the",
+        "does not stand without friction",
     ),
     "choice of medium in space": (
-        "lattice: sc, spread: {uniform: 1 um}", "", "medium: auto", "4: medium", "'auto'", "a tolerance",
+        "lattice: sc, spread: {uniform: 1 um}",
+        "",
+        "medium: auto",
+        "4: medium",
+        "'auto'",
+        "a tolerance",
         "Name a medium",
     ),
     "bands of different motions": (
-        "lattice: fcc, friction: false", "", "observe: [bands]\nsweep: {torsion: [0, 0.1]}", "4: observe", "torsion",
-        "velocities", "",
+        "lattice: fcc, friction: false",
+        "",
+        "observe: [bands]\nsweep: {torsion: [0, 0.1]}",
+        "4: observe",
+        "torsion",
+        "velocities",
+        "",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", MISTAKES)
@@ -458,17 +700,22 @@ def test_mistakes_in_python(steel):
     with pytest.raises(InputError, match="a third number that is not 0"):
         Scene(gp.Packing(steel, 8e-3), Load("force", 1.0), band=BandPath.parse("0 0 0 1/2 1/2 1/2"))
     with pytest.raises(
-        InputError, match="lattices of different dimension in one sweep: square, in a plane, and fcc, in space"
+        InputError,
+        match="lattices of different dimension in one sweep: square, in a plane, and fcc, in space",
     ):
         gp.sweep(packing, force=1.0, lattice=["fcc", "square"])
-    with pytest.raises(InputError, match="bands cannot be swept over friction, motions or lattices"):
+    with pytest.raises(
+        InputError, match="bands cannot be swept over friction, motions or lattices"
+    ):
         gp.sweep(gp.Packing(steel, 8e-3), force=1.0, bands="GK", motions=["in_plane", "all"])
 
 
-# -- running --------------------------------------------------------------------------------------------------------
+# -- running ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("preset", ["chain", "membrane", "fcc", pytest.param("hcp", marks=pytest.mark.exhaustive)])
+@pytest.mark.parametrize(
+    "preset", ["chain", "membrane", "fcc", pytest.param("hcp", marks=pytest.mark.exhaustive)]
+)
 def test_presets_of_each_dimension_run(tmp_path, monkeypatch, capsys, preset):
     monkeypatch.chdir(tmp_path)
     assert preset in PRESETS
@@ -480,12 +727,17 @@ def test_presets_of_each_dimension_run(tmp_path, monkeypatch, capsys, preset):
     text = Path("scene.yaml").read_text()
     scene = Scene.from_text(text)
     # as it is, but on fewer points
-    points, mesh = f"band_points: {scene.band_points}", " ".join(map(str, scene.mesh))
+    points = f"band_points: {scene.band_points}"
+    mesh = " ".join(map(str, scene.mesh))
     assert f"mesh: {mesh}" in text
     coarse = " ".join(["6"] * len(scene.mesh))
-    Path("small.yaml").write_text(text.replace(points, "band_points: 3").replace(f"mesh: {mesh}", f"mesh: {coarse}"))
+    Path("small.yaml").write_text(
+        text.replace(points, "band_points: 3").replace(f"mesh: {mesh}", f"mesh: {coarse}")
+    )
     assert main(["run", "small.yaml", "-o", "out"]) == 0
-    assert {"band.yaml", "phonopy_params.yaml", "dos.csv", "bands.png"} <= {path.name for path in Path("out").iterdir()}
+    assert {"band.yaml", "phonopy_params.yaml", "dos.csv", "bands.png"} <= {
+        path.name for path in Path("out").iterdir()
+    }
     out = capsys.readouterr().out
     summary = read_summary(Path("out"))
     assert summary["units"]["pressure"] == {"chain": "N", "membrane": "N/m"}.get(preset, "Pa")
@@ -500,15 +752,22 @@ def test_presets_of_each_dimension_run(tmp_path, monkeypatch, capsys, preset):
 def test_what_is_commented_out_in_a_preset_is_right_too(preset):
     text = write_preset(preset)
     lines = text.splitlines()
-    own, *others = [at for at, line in enumerate(lines) if re.match(r" +(# )?(force|pressure|overlap):", line)]
+    own, *others = [
+        at for at, line in enumerate(lines) if re.match(r" +(# )?(force|pressure|overlap):", line)
+    ]
     force = Scene.from_text(text).state().force
     assert others
     for other in others:
         changed = [*lines[:own], lines[other].replace("# ", "", 1), *lines[own + 1 :]]
         assert Scene.from_text("\n".join(changed)).state().force == pytest.approx(force, rel=0.2)
     for key in ("yield_strength", "dim", "torsion", "bending", "band"):
-        plain = text.replace(f"# {key}:", f"{key}:").replace("# band_labels:", "band_labels:" if key == "band" else "#")
-        assert Scene.from_text(plain).packing.structure.name == Scene.from_text(text).packing.structure.name
+        plain = text.replace(f"# {key}:", f"{key}:").replace(
+            "# band_labels:", "band_labels:" if key == "band" else "#"
+        )
+        assert (
+            Scene.from_text(plain).packing.structure.name
+            == Scene.from_text(text).packing.structure.name
+        )
 
 
 @pytest.mark.parametrize("preset", ["membrane", "fcc", "hcp"])
@@ -532,12 +791,15 @@ def test_the_motions_that_the_preset_of_a_chain_names_can_take_the_place_of_its_
 
 
 def test_a_mechanism_has_bands_and_says_why_it_has_no_velocities(tmp_path):
-    scene = read("lattice: square, friction: false", rest="observe: [bands]\nphonopy: {band_points: 3}")
+    scene = read(
+        "lattice: square, friction: false", rest="observe: [bands]\nphonopy: {band_points: 3}"
+    )
     result = scene.run(tmp_path / "out", figures=False)
     assert result.velocities is None
     assert result.bands.frequencies.shape == (3, 3, 2)
     assert any(
-        text.startswith("velocities and moduli are left out: the lattice square is a mechanism") for text in result.warnings
+        text.startswith("velocities and moduli are left out: the lattice square is a mechanism")
+        for text in result.warnings
     )
     summary = read_summary(tmp_path / "out")
     assert "longitudinal" not in summary
@@ -554,19 +816,31 @@ def test_a_sweep_of_a_mechanism_has_bands_only(steel, tmp_path):
     assert "longitudinal" not in data
     assert data["frequencies"].shape == (2, 1, 1, 3, 2)
     assert "velocities and moduli are left out" in data.attrs["warnings"]
-    assert gp.sweep(packing, force=[1.0, 2.0], bands="GX", npoints=3, path=tmp_path / "sweep.nc", resume=True).equals(data)
-    scene = read("lattice: square, friction: false", "force: [1 N, 2 N]", "observe: [bands]\nphonopy: {band_points: 3}")
+    assert gp.sweep(
+        packing, force=[1.0, 2.0], bands="GX", npoints=3, path=tmp_path / "sweep.nc", resume=True
+    ).equals(data)
+    scene = read(
+        "lattice: square, friction: false",
+        "force: [1 N, 2 N]",
+        "observe: [bands]\nphonopy: {band_points: 3}",
+    )
     result = scene.run(tmp_path / "out")
     assert "sweep.png" in {path.name for path in result.files}
     assert any("mechanism" in text for text in result.warnings)
 
 
-# -- sweeps ---------------------------------------------------------------------------------------------------------
+# -- sweeps ----------------------------------------------------------------------------------------
 
 
 def test_a_sweep_over_lattices_of_space(steel, tmp_path):
     names = ["sc", "bcc", "fcc", "hcp"]
-    data = gp.sweep(gp.Packing(steel, 8e-3), pressure=[1e4, 1e5], lattice=names, torsion=[0.0, 0.05], path=tmp_path / "s.nc")
+    data = gp.sweep(
+        gp.Packing(steel, 8e-3),
+        pressure=[1e4, 1e5],
+        lattice=names,
+        torsion=[0.0, 0.05],
+        path=tmp_path / "s.nc",
+    )
     assert data["longitudinal"].dims == ("load", "medium", "lattice", "torsion")
     assert data["pressure"].attrs["units"] == "Pa"
     assert data["effective_density"].attrs["units"] == "kg/m^3"
@@ -580,7 +854,9 @@ def test_a_sweep_over_lattices_of_space(steel, tmp_path):
             v = gp.sound_velocities(gp.AveragedLattice(packing).at_pressure([1e4, 1e5]), (1, 0, 0))
             here = data.sel(lattice=name, torsion=torsion, medium="ala")
             assert np.array_equal(here["longitudinal"], v.longitudinal)
-            assert np.array_equal(np.stack([here["transverse_slow"], here["transverse_fast"]], axis=-1), v.transverse)
+            assert np.array_equal(
+                np.stack([here["transverse_slow"], here["transverse_fast"]], axis=-1), v.transverse
+            )
     # Duffy and Mindlin's constants: C11 = sqrt 2 (k + kappa)/d = 2 C44 along the cube's edge
     here = data.sel(lattice="fcc", torsion=0.0, medium="ala")
     stiffness = (here["normal_stiffness"] + here["shear_stiffness"]).values
@@ -611,7 +887,12 @@ def test_a_sweep_over_motions_of_a_chain(steel):
 
 def test_a_sweep_over_motions_says_which_quantities_some_of_them_lack(steel, tmp_path):
     packing = gp.Packing(steel, 8e-3)
-    data = gp.sweep(packing, force=[1.0, 2.0], motions=["in_plane", "out_of_plane", "all"], path=tmp_path / "sweep.nc")
+    data = gp.sweep(
+        packing,
+        force=[1.0, 2.0],
+        motions=["in_plane", "out_of_plane", "all"],
+        path=tmp_path / "sweep.nc",
+    )
     plane = gp.sweep(packing, force=[1.0, 2.0])
     for name in ("longitudinal", "transverse", "bulk", "shear"):
         for motions in ("in_plane", "all"):
@@ -620,9 +901,10 @@ def test_a_sweep_over_motions_says_which_quantities_some_of_them_lack(steel, tmp
     assert np.all(np.isnan(data["out_of_plane"].sel(motions="in_plane")))
     assert np.all(data["out_of_plane"].sel(motions=["out_of_plane", "all"]) == 0.0)
     assert json.loads(data.attrs["warnings"]) == [
-        "ala, motions = in_plane: out_of_plane is nan, as balls with these motions have no such wave",
-        "ala, motions = out_of_plane: longitudinal, transverse, bulk, shear are nan, as balls with these motions have"
-        " no such waves",
+        "ala, motions = in_plane: out_of_plane is nan, as balls with these motions have no"
+        " such wave",
+        "ala, motions = out_of_plane: longitudinal, transverse, bulk, shear are nan, as balls"
+        " with these motions have no such waves",
     ]
     assert data.equals(gp.load_sweep(tmp_path / "sweep.nc"))
     # a file that another program has rewritten is not damaged by what is nan
@@ -632,7 +914,8 @@ def test_a_sweep_over_motions_says_which_quantities_some_of_them_lack(steel, tmp
     figure = sweep_figure(data)
     assert {text.get_text() for text in figure.axes[0].texts} == {"$v_L$", "$v_T$"}
     assert all(np.all(np.isfinite(text.xy)) for text in figure.axes[0].texts)
-    # a tensor stands for the shear modulus if one of the lattices is not isotropic; both have a bulk modulus
+    # a tensor stands for the shear modulus if one of the lattices is not isotropic; both have a
+    # bulk modulus
     mixed = gp.sweep(packing, force=1.0, lattice=["square", "triangular"])
     assert "tensor" in mixed
     assert "bulk" in mixed
@@ -642,12 +925,21 @@ def test_a_sweep_over_motions_says_which_quantities_some_of_them_lack(steel, tmp
 
 @pytest.mark.parametrize(
     ("given", "told"),
-    [({"friction": False, "lattice": ["fcc", "diamond"]}, r"^ala, lattice = diamond: the lattice diamond is a mechanism"),
-     ({"lattice": ["triangular"], "motions": ["in_plane", "all"], "finite_overlap": True},
-      "^ala, lattice = triangular, motions = all: the lattice triangular buckles")],
-)  # fmt: skip
+    [
+        (
+            {"friction": False, "lattice": ["fcc", "diamond"]},
+            r"^ala, lattice = diamond: the lattice diamond is a mechanism",
+        ),
+        (
+            {"lattice": ["triangular"], "motions": ["in_plane", "all"], "finite_overlap": True},
+            "^ala, lattice = triangular, motions = all: the lattice triangular buckles",
+        ),
+    ],
+)
 def test_a_sweep_without_sound_leaves_nothing_behind(steel, tmp_path, given, told):
-    packing = gp.Packing(steel, 8e-3, lattice=given["lattice"][0], friction=given.pop("friction", True))
+    packing = gp.Packing(
+        steel, 8e-3, lattice=given["lattice"][0], friction=given.pop("friction", True)
+    )
     with pytest.raises((MechanismError, InstabilityError), match=told):
         gp.sweep(packing, force=[1.0, 2.0], path=tmp_path / "sweep.nc", **given)
     assert not list(tmp_path.iterdir())
@@ -655,7 +947,14 @@ def test_a_sweep_without_sound_leaves_nothing_behind(steel, tmp_path, given, tol
 
 def test_a_sweep_over_torsion_may_have_a_word_among_its_values(steel, tmp_path):
     packing = gp.Packing(steel, 8e-3, lattice="hcp")
-    data = gp.sweep(packing, force=[1.0, 8.0], torsion=[0.0, "mindlin"], bands="GA", npoints=3, path=tmp_path / "t.nc")
+    data = gp.sweep(
+        packing,
+        force=[1.0, 8.0],
+        torsion=[0.0, "mindlin"],
+        bands="GA",
+        npoints=3,
+        path=tmp_path / "t.nc",
+    )
     assert list(data["torsion"].values) == ["0.0", "mindlin"]
     assert "units" not in data["torsion"].attrs
     frequencies = data["frequencies"].values[:, 0]
@@ -664,23 +963,36 @@ def test_a_sweep_over_torsion_may_have_a_word_among_its_values(steel, tmp_path):
     assert scaled[0, 0] == pytest.approx(scaled[1, 0], rel=1e-12, abs=1e-9 * scaled.max())
     assert np.max(np.abs(scaled[0, 1] - scaled[1, 1])) > 1e-6 * scaled.max()
     for n, force in enumerate((1.0, 8.0)):
-        state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice="hcp", torsion="mindlin")).at_force(force)
+        state = gp.AveragedLattice(
+            gp.Packing(steel, 8e-3, lattice="hcp", torsion="mindlin")
+        ).at_force(force)
         exact = gp.Phonons(state).frequencies(data["qpoints"].values[0])
         assert frequencies[n, 1, 0] == pytest.approx(exact, rel=1e-12, abs=1e-9 * exact.max())
     again = gp.sweep(
-        packing, force=[1.0, 8.0], torsion=[0.0, "mindlin"], bands="GA", npoints=3, path=tmp_path / "t.nc", resume=True
+        packing,
+        force=[1.0, 8.0],
+        torsion=[0.0, "mindlin"],
+        bands="GA",
+        npoints=3,
+        path=tmp_path / "t.nc",
+        resume=True,
     )
     assert again.equals(data)
 
 
 def test_motions_are_judged_by_the_lattices_of_a_sweep_and_not_by_the_packings_own():
-    flat = "lattice: {name: flat, cell: [[1, 0, 0], [0, 1, 0]], sites: [[0, 0, 0]]}"  # its balls may have all motions only
+    # its balls may have all motions only
+    flat = "lattice: {name: flat, cell: [[1, 0, 0], [0, 1, 0]], sites: [[0, 0, 0]]}"
     scene = read(flat, rest="sweep: {lattice: [triangular, square], motions: [in_plane, all]}")
     assert dict(scene.parameters)["motions"] == ("in_plane", "all")
 
 
 def test_a_scene_sweeps_lattices_of_another_dimension_than_its_packing(tmp_path):
-    scene = read("friction: true", "pressure: [10 kPa, 20 kPa]", "sweep: {lattice: [fcc, hcp], bending: [0, 0.1]}")
+    scene = read(
+        "friction: true",
+        "pressure: [10 kPa, 20 kPa]",
+        "sweep: {lattice: [fcc, hcp], bending: [0, 0.1]}",
+    )
     assert scene.packing.lattice == "fcc"
     assert Scene.from_text(scene.to_yaml()) == scene
     result = scene.run(tmp_path / "out", figures=False)
@@ -698,40 +1010,62 @@ def test_equal_balls_are_the_same_in_every_medium(steel, lattice):
             assert np.array_equal(values.values, first.values), name
 
 
-# -- fits -----------------------------------------------------------------------------------------------------------
+# -- fits ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("lattice", "branch"),
     [
-        ("chain", "longitudinal"), ("kagome", "transverse"), ("fcc", "transverse_slow"), ("hcp", "transverse_fast"),
+        ("chain", "longitudinal"),
+        ("kagome", "transverse"),
+        ("fcc", "transverse_slow"),
+        ("hcp", "transverse_fast"),
     ],
-)  # fmt: skip
+)
 def test_the_young_modulus_of_equal_balls_is_fitted_on_every_lattice(steel, lattice, branch):
     true = gp.Packing(steel, 8e-3, lattice=lattice)
-    force, direction = np.geomspace(1.0, 30.0, 5), np.arange(1.0, true.structure.periods + 1.0)
-    measured = getattr(gp.sound_velocities(gp.AveragedLattice(true).at_force(force), direction), branch)
+    force = np.geomspace(1.0, 30.0, 5)
+    direction = np.arange(1.0, true.structure.periods + 1.0)
+    measured = getattr(
+        gp.sound_velocities(gp.AveragedLattice(true).at_force(force), direction), branch
+    )
     start = gp.Packing(gp.Material(150e9, 0.276, 7840.0), 8e-3, lattice=lattice)
     fit = gp.fit_width(
-        start, force, measured, 1.0, parameters=("young_modulus",), branch=branch, direction=direction, medium="ema"
+        start,
+        force,
+        measured,
+        1.0,
+        parameters=("young_modulus",),
+        branch=branch,
+        direction=direction,
+        medium="ema",
     )
     assert fit.values[0] == pytest.approx(steel.young_modulus, rel=1e-10)
     assert (fit.width, fit.stderr, fit.medium) == (0.0, 0.0, "ala")
     # v goes as E^(1/3): the standard error of n velocities of sigma 1 m/s
-    assert fit.stderrs[0] / fit.values[0] == pytest.approx(3.0 / math.sqrt(float(np.sum(measured**2))), rel=1e-9)
+    assert fit.stderrs[0] / fit.values[0] == pytest.approx(
+        3.0 / math.sqrt(float(np.sum(measured**2))), rel=1e-9
+    )
     assert type(fit).from_dict(fit.to_dict()).to_dict() == fit.to_dict()
 
 
 def test_fits_that_a_lattice_does_not_have(steel):
     def fit(**more):
-        return gp.fit_width(gp.Packing(steel, 8e-3, lattice="fcc"), [1.0, 2.0, 4.0], [500.0, 560.0, 630.0], **more)
+        return gp.fit_width(
+            gp.Packing(steel, 8e-3, lattice="fcc"), [1.0, 2.0, 4.0], [500.0, 560.0, 630.0], **more
+        )
 
     with pytest.raises(InputError, match="the fcc lattice has no transverse wave"):
         fit(branch="transverse", parameters=("young_modulus",))
     with pytest.raises(InputError, match="three finite numbers"):
         fit(direction=(0, 1), parameters=("young_modulus",))
     with pytest.raises(MechanismError, match="the lattice sc is a mechanism"):
-        gp.fit_width(gp.Packing(steel, 8e-3, lattice="sc", friction=False), [1.0, 2.0], [500.0, 560.0], direction=(1, 0, 0))
+        gp.fit_width(
+            gp.Packing(steel, 8e-3, lattice="sc", friction=False),
+            [1.0, 2.0],
+            [500.0, 560.0],
+            direction=(1, 0, 0),
+        )
     with pytest.raises(InputError, match="cannot tell young_modulus and diameter apart"):
         fit(parameters=("young_modulus", "diameter"))
 
@@ -743,7 +1077,15 @@ def test_the_command_line_fits_a_crystal(tmp_path, monkeypatch, capsys, steel):
     v = gp.sound_velocities(state, (1, 1, 0)).transverse_slow
     rows = "\n".join(f"{p},{x!r}" for p, x in zip((100, 1000, 4000), v.tolist(), strict=True))
     Path("data.csv").write_text(f"pressure (kPa),velocity (m/s)\n{rows}\n")
-    asked = ["--no-width", "--parameter", "young_modulus", "--sigma", "1 m/s", "--branch", "transverse_slow"]
+    asked = [
+        "--no-width",
+        "--parameter",
+        "young_modulus",
+        "--sigma",
+        "1 m/s",
+        "--branch",
+        "transverse_slow",
+    ]
     assert main(["fit", "s.yaml", "data.csv", *asked, "--direction", "1 1 0", "-o", "out"]) == 0
     out = capsys.readouterr().out
     assert "Young modulus         211.65 +/- 0.57 GPa" in out
@@ -777,14 +1119,21 @@ def test_a_fit_takes_the_direction_of_its_scene(tmp_path, monkeypatch, capsys, s
     code, out, err = fit("")
     assert code == 0
     assert "direction             (0, 0, 1)" in out
-    assert "sound in the lattice hcp depends on the direction, and none is given: the fit takes (0, 0, 1)" in err
+    assert (
+        "sound in the lattice hcp depends on the direction, and none is given: the fit takes"
+        " (0, 0, 1)" in err
+    )
     code, _, err = fit("direction: [[1, 0, 0], [0, 0, 1]]")
     assert code == 2
-    assert "s.yaml has 2 directions. A fit takes sound along one direction. Name one by --direction" in err
+    assert (
+        "s.yaml has 2 directions. A fit takes sound along one direction. Name one by --direction"
+        in err
+    )
     Path("s.yaml").write_text(scene_text("lattice: hcp"))
     assert main(["fit", "s.yaml", "data.csv", "--no-width"]) == 2
     assert (
-        "nothing is left to fit. --no-width keeps the spread. Leave it out, or give --parameter" in capsys.readouterr().err
+        "nothing is left to fit. --no-width keeps the spread. Leave it out, or give --parameter"
+        in capsys.readouterr().err
     )
     code, out, err = fit("direction: [[1, 0, 0], [0, 0, 1]]", "--direction", "1 0 0")
     assert (code, "direction" in err) == (0, False)
@@ -792,18 +1141,30 @@ def test_a_fit_takes_the_direction_of_its_scene(tmp_path, monkeypatch, capsys, s
 
 
 def test_a_sweep_says_which_branches_cost_nothing(steel):
-    chain = gp.sweep(gp.Packing(steel, 8e-3, lattice="chain", motions="all"), force=[1.0, 2.0], bands="GX", npoints=3)
+    chain = gp.sweep(
+        gp.Packing(steel, 8e-3, lattice="chain", motions="all"),
+        force=[1.0, 2.0],
+        bands="GX",
+        npoints=3,
+    )
     assert "3 of 6 branches vanish at every wave vector" in chain.attrs["warnings"]
-    square = gp.sweep(gp.Packing(steel, 8e-3, lattice="square"), force=[1.0, 2.0], bands="GXM", npoints=3)
+    square = gp.sweep(
+        gp.Packing(steel, 8e-3, lattice="square"), force=[1.0, 2.0], bands="GXM", npoints=3
+    )
     assert "the first at q = (0.5, 0.5)" in square.attrs["warnings"]
     still = gp.sweep(gp.Packing(steel, 8e-3, lattice="chain", motions="all"), force=[1.0, 2.0])
     assert still.attrs["warnings"].count("3 of 6 branches vanish") == 1
-    held = gp.sweep(gp.Packing(steel, 8e-3, lattice="chain", motions="all", torsion=0.1, bending=0.1), force=[1.0, 2.0])
+    held = gp.sweep(
+        gp.Packing(steel, 8e-3, lattice="chain", motions="all", torsion=0.1, bending=0.1),
+        force=[1.0, 2.0],
+    )
     assert held.attrs["warnings"] == "[]"
 
 
 def test_a_scene_of_velocities_says_which_branches_cost_nothing(tmp_path):
-    result = read("lattice: chain, motions: all", rest="observe: [velocities]").run(tmp_path / "out")
+    result = read("lattice: chain, motions: all", rest="observe: [velocities]").run(
+        tmp_path / "out"
+    )
     (text,) = result.warnings
     assert text.startswith("3 of 6 branches vanish at every wave vector")
     assert read_summary(tmp_path / "out")["warnings"] == [text]

@@ -1,4 +1,6 @@
-"""Scenes whose balls move by the whole of their contact law: numbers, files, figures, sweeps and errors."""
+"""Scenes whose balls move by the whole of their contact law: numbers, files, figures, sweeps and
+errors.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,13 @@ def scene(text, **words):
 
 
 def chain(force, layers, speed, time, frames, **words):
-    words |= {"FORCE": force, "LAYERS": str(layers), "SPEED": speed, "TIME": time, "FRAMES": str(frames)}
+    words |= {
+        "FORCE": force,
+        "LAYERS": str(layers),
+        "SPEED": speed,
+        "TIME": time,
+        "FRAMES": str(frames),
+    }
     return scene(CHAIN, **words)
 
 
@@ -71,29 +79,52 @@ def test_a_solitary_wave_through_a_scene(tmp_path):
     result = one.run(tmp_path, figures=False)
     table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)
     force = table["greatest_force_N"][40]
-    state, numbers = one.state(), result.summary()
+    state = one.state()
+    numbers = result.summary()
     coefficient = state.force / state.overlap**1.5
     wanted = 0.90553 * 8e-3 * coefficient ** (1 / 3) * state.packing.mass**-0.5 * force ** (1 / 6)
     assert_allclose([numbers["front_velocity"], numbers["peak_velocity"]], wanted, rtol=1e-4)
     rise = np.polyfit(table["peak_s"][20:60], table["distance_m"][20:60], 1)[0]
     assert_allclose(rise, wanted, rtol=1e-4)
-    assert numbers["greatest_force"] == table["greatest_force_N"].max() or numbers["greatest_force"] > force
-    assert_allclose(numbers["energy_translation"] + numbers["energy_stored"], numbers["energy_supplied"], rtol=1e-4)
+    assert (
+        numbers["greatest_force"] == table["greatest_force_N"].max()
+        or numbers["greatest_force"] > force
+    )
+    assert_allclose(
+        numbers["energy_translation"] + numbers["energy_stored"],
+        numbers["energy_supplied"],
+        rtol=1e-4,
+    )
     assert numbers["energy_lost"] == 0.0
 
 
 @pytest.mark.claim("solitary-wave")
-@pytest.mark.parametrize(("speed", "low", "high"), [(None, 1.045, 1.055), ("0.12 m/s", 1.5, 2.0), ("0.3 m/s", 2.5, 4.5)])
+@pytest.mark.parametrize(
+    ("speed", "low", "high"), [(None, 1.045, 1.055), ("0.12 m/s", 1.5, 2.0), ("0.3 m/s", 2.5, 4.5)]
+)
 def test_pulses_of_a_pressed_chain_through_scenes(speed, low, high, tmp_path):
-    """V/c of the long-wave theory at r = F_m/F_0, within 0.5 %; a weak pulse is sent by the displacement of its soliton."""
+    """V/c of the long-wave theory at r = F_m/F_0, within 0.5 %; a weak pulse is sent by the
+    displacement of its soliton.
+    """
     one = chain("10 N", 140, speed or "1 m/s", "1.7 ms", 851)
-    sound, overlap = gp.sound_velocities(one.state()).longitudinal, one.state().overlap
+    sound = gp.sound_velocities(one.state()).longitudinal
+    overlap = one.state().overlap
     if speed is None:
         size = 1.05 ** (2.0 / 3.0) - 1.0  # compression over the overlap at rest
-        length, velocity = 8e-3 * np.sqrt(2.0 / size), sound * np.sqrt(1.0 + size / 6.0)
+        length = 8e-3 * np.sqrt(2.0 / size)
+        velocity = sound * np.sqrt(1.0 + size / 6.0)
         times = np.linspace(0.0, 8.0 * length / velocity, 81)
-        way = size * overlap * length / 8e-3 * (np.tanh(velocity * times / length - 4.0) + np.tanh(4.0))
-        lists = {"time": [f"{t!r} s" for t in times.tolist()], "displacement": [f"{u!r} m" for u in way.tolist()]}
+        way = (
+            size
+            * overlap
+            * length
+            / 8e-3
+            * (np.tanh(velocity * times / length - 4.0) + np.tanh(4.0))
+        )
+        lists = {
+            "time": [f"{t!r} s" for t in times.tolist()],
+            "displacement": [f"{u!r} m" for u in way.tolist()],
+        }
         text = one.to_yaml()
         text = (
             text[: text.index("  drive:")]
@@ -104,7 +135,9 @@ def test_pulses_of_a_pressed_chain_through_scenes(speed, low, high, tmp_path):
     result = one.run(tmp_path, figures=False)
     table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)
     r = table["greatest_force_N"][60] / 10.0
-    wanted = np.sqrt(4.0 / 15.0 * (3.0 + 2.0 * r ** (5.0 / 3.0) - 5.0 * r ** (2.0 / 3.0))) / (r ** (2.0 / 3.0) - 1.0)
+    wanted = np.sqrt(4.0 / 15.0 * (3.0 + 2.0 * r ** (5.0 / 3.0) - 5.0 * r ** (2.0 / 3.0))) / (
+        r ** (2.0 / 3.0) - 1.0
+    )
     assert low < r < high
     assert_allclose(result.summary()["peak_velocity"] / sound, wanted, rtol=5e-3)
 
@@ -124,7 +157,8 @@ def test_a_single_state_has_its_balls_tables_and_a_figure(tmp_path):
     assert_allclose(np.sum(parts, axis=0), table["motion_supplied_J"], rtol=2e-3)
     assert result.summary()["energy_lost"] == parts[3][-1] > 0.0
     assert redraw(tmp_path, force=True).name == "motion.png"
-    assert 'id="balls"' in redraw(tmp_path, tmp_path / "other.svg").read_text()  # and not velocities
+    # and not velocities
+    assert 'id="balls"' in redraw(tmp_path, tmp_path / "other.svg").read_text()
     assert len(gp.plot(result).axes) == 5
     again = gp.Scene.from_text(one.to_yaml())
     assert again == one
@@ -132,7 +166,9 @@ def test_a_single_state_has_its_balls_tables_and_a_figure(tmp_path):
 
 
 def test_balls_that_may_go_anywhere_by_steps_that_keep_the_energy(tmp_path):
-    """Block ``motion`` reaches the true directions and the implicit scheme; both are those of the call."""
+    """Block ``motion`` reaches the true directions and the implicit scheme; both are those of the
+    call.
+    """
     text = PLANE.replace("frames: 21", "frames: 5\n  geometry: exact\n  scheme: midpoint")
     one = scene(text, DRIVE="{balls: 2, impact: 2 m/s, direction: 0 1}")
     result = one.run(tmp_path, figures=False)
@@ -140,7 +176,9 @@ def test_balls_that_may_go_anywhere_by_steps_that_keep_the_energy(tmp_path):
     velocities = np.zeros((network.n_balls, 3))
     velocities[2, 1] = 2.0
     waves = gp.NonlinearWaves(network, friction_coefficient=0.3, damping=1e-6, geometry="exact")
-    assert result.waves.motion == waves.run(4e-5, velocities=velocities, frames=5, scheme="midpoint")
+    assert result.waves.motion == waves.run(
+        4e-5, velocities=velocities, frames=5, scheme="midpoint"
+    )
     numbers = result.summary()
     kept = sum(numbers[f"energy_{name}"] for name in ("translation", "rotation", "stored", "lost"))
     assert_allclose(kept, numbers["energy_supplied"], rtol=1e-9)
@@ -151,7 +189,9 @@ def test_balls_that_have_met_are_in_the_table_of_contacts(tmp_path):
     waves, start = meeting()
     motion = waves.run(0.03 * 8e-3 / 2.0, **start, frames=101)
     drive = DriveSettings(balls=(2,), impact=2.0)
-    write_contacts(motion, tmp_path / "contacts.csv", MotionSettings(duration=1.2e-4, drive=(drive,)))
+    write_contacts(
+        motion, tmp_path / "contacts.csv", MotionSettings(duration=1.2e-4, drive=(drive,))
+    )
     table = np.genfromtxt(tmp_path / "contacts.csv", delimiter=",", names=True)
     assert_allclose(np.stack([table["ball_i"], table["ball_j"]]), [[0, 1, 0], [1, 2, 2]])
     assert_allclose(table["greatest_force_N"], motion.peaks()[1])
@@ -162,15 +202,27 @@ def test_a_sweep_has_the_numbers_of_single_runs(tmp_path):
     data = loads.run(tmp_path).dataset
     assert {"sweep.png", "motion.png", "motion.csv"} <= {path.name for path in tmp_path.iterdir()}
     for index, force in enumerate(("1 N", "20 N")):
-        alone = chain(force, 30, "0.1 m/s", "0.5 ms", 401).run(tmp_path / force[:2], figures=False).dataset
-        for name in ("front_velocity", "peak_velocity", "greatest_force", "energy_supplied", "motion_force"):
+        alone = (
+            chain(force, 30, "0.1 m/s", "0.5 ms", 401)
+            .run(tmp_path / force[:2], figures=False)
+            .dataset
+        )
+        for name in (
+            "front_velocity",
+            "peak_velocity",
+            "greatest_force",
+            "energy_supplied",
+            "motion_force",
+        ):
             np.testing.assert_array_equal(data[name].values[index], alone[name].values[0])
     assert redraw(tmp_path, tmp_path / "motion.pdf").exists()
     assert draw_sweep(data, "sweep.png").axes[0].get_ylabel() == "Peak velocity (m/s)"
 
 
 def test_what_diffuses_has_no_velocity(tmp_path):
-    """Dashpots that are far stronger than springs let the force diffuse, t ~ x^2: no front is read from that."""
+    """Dashpots that are far stronger than springs let the force diffuse, t ~ x^2: no front is read
+    from that.
+    """
     one = chain("10 N", 20, "1 mm/s", "0.02 ms", 201)
     text = re.sub(r"(\n  damping: ).*", r"\g<1>1 ms", one.to_yaml())
     data = gp.Scene.from_text(text).run(tmp_path, figures=False).dataset
@@ -179,13 +231,18 @@ def test_what_diffuses_has_no_velocity(tmp_path):
 
 
 def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):
-    """A force over time, from a table or as lists, and a displacement of the floor; the work is what the balls have."""
+    """A force over time, from a table or as lists, and a displacement of the floor; the work is
+    what the balls have.
+    """
     times = np.linspace(0.0, 2e-5, 51)
     push = 3.0 * np.sin(np.pi * times / 2e-5) ** 2
     (tmp_path / "push.csv").write_text(
-        "time (us), force (N)\n" + "".join(f"{1e6 * t}, {f}\n" for t, f in zip(times, push, strict=True))
+        "time (us), force (N)\n"
+        + "".join(f"{1e6 * t}, {f}\n" for t, f in zip(times, push, strict=True))
     )
-    (tmp_path / "scene.yaml").write_text(PLANE.replace("DRIVE", "{balls: [1, 3], force: push.csv, direction: 0 1}"))
+    (tmp_path / "scene.yaml").write_text(
+        PLANE.replace("DRIVE", "{balls: [1, 3], force: push.csv, direction: 0 1}")
+    )
     one = gp.Scene.from_yaml(tmp_path / "scene.yaml")
     result = one.run(tmp_path / "out", figures=False)
     listed = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
@@ -194,31 +251,42 @@ def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):
     numbers = result.summary()
     kept = sum(numbers[f"energy_{name}"] for name in ("translation", "rotation", "stored", "lost"))
     assert_allclose(kept, numbers["energy_supplied"], rtol=2e-3)
-    floor = scene(PLANE, DRIVE="{balls: lower, shaker: {amplitude: 20 nm, frequency: 50 kHz, ramp: 1}, direction: 0 1}")
+    floor = scene(
+        PLANE,
+        DRIVE="{balls: lower, shaker: {amplitude: 20 nm, frequency: 50 kHz, ramp: 1}, direction: 0"
+        " 1}",
+    )
     motion = floor.run(tmp_path / "floor", figures=False).waves.motion
-    assert_allclose(np.abs(motion.displacements[:, 20, 1]).max(), 2e-8, rtol=0.05)  # the floor comes after the balls
+    # the floor comes after the balls
+    assert_allclose(np.abs(motion.displacements[:, 20, 1]).max(), 2e-8, rtol=0.05)
     assert motion.work[-1] > 0.0
     table = np.genfromtxt(tmp_path / "floor" / "motion_contacts.csv", delimiter=",", names=True)
-    assert_allclose(table["distance_m"], table["y_m"] + 4e-3, rtol=1e-12)  # of the whole floor, wherever it is touched
+    # of the whole floor, wherever it is touched
+    assert_allclose(table["distance_m"], table["y_m"] + 4e-3, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("law", "same"),
     [
-        ("hertz", gp.Hertz()), ("{power: {exponent: 2, coefficient: 1e12}}", gp.PowerLaw(2.0, 1e12)),
-        ("{dmt: {adhesion: 0.5 J/m^2}}", None), ("{A A: hertz, A B: {jkr: {adhesion: 9 J/m^2}}, B B: hertz}", None),
+        ("hertz", gp.Hertz()),
+        ("{power: {exponent: 2, coefficient: 1e12}}", gp.PowerLaw(2.0, 1e12)),
+        ("{dmt: {adhesion: 0.5 J/m^2}}", None),
+        ("{A A: hertz, A B: {jkr: {adhesion: 9 J/m^2}}, B B: hertz}", None),
     ],
-)  # fmt: skip
+)
 def test_crystals_move_by_their_own_law(law, same, tmp_path):
     one = scene(CRYSTAL, LAW=law)
-    motion, crystal = one.run(tmp_path / "run", figures=False).waves.motion, one.packing.crystal
-    network, velocities = one.state().network.cut(0, 10), np.zeros((20, 3))
+    motion = one.run(tmp_path / "run", figures=False).waves.motion
+    crystal = one.packing.crystal
+    network = one.state().network.cut(0, 10)
+    velocities = np.zeros((20, 3))
     velocities[0, 0] = 0.1
     assert motion == gp.NonlinearWaves(network, crystal).run(5e-4, velocities=velocities)
     if same is not None:
         found = gp.NonlinearWaves(network, same).run(5e-4, velocities=velocities)
         assert_allclose(motion.forces, found.forces, rtol=1e-9, atol=1e-9)
-    own, moved = crystal.law_of(0, 1)[0], motion.displacements[:, :, 0]
+    own = crystal.law_of(0, 1)[0]
+    moved = motion.displacements[:, :, 0]
     overlap = own.overlap(10.0) + network.normal[:, 0] * (moved[:, network.i] - moved[:, network.j])
     # contacts that have parted pull again once the balls have touched
     closed = (overlap > own.least_overlap) & ((overlap > 0.0) | (motion.forces != 0.0))
@@ -229,9 +297,9 @@ def test_crystals_move_by_their_own_law(law, same, tmp_path):
 @pytest.mark.parametrize("edges", ["free", "clamped free"])
 def test_what_repeats_nowhere_moves_and_responds(edges, tmp_path):
     """A chain that is cut in the crystal, under two loads, with the law of the crystal."""
-    text = CRYSTAL.replace("motions:", f"cut: {{axis: 0, layers: 5, edges: {edges}}}, motions:").replace(
-        "10 N", "[5 N, 10 N]"
-    )
+    text = CRYSTAL.replace(
+        "motions:", f"cut: {{axis: 0, layers: 5, edges: {edges}}}, motions:"
+    ).replace("10 N", "[5 N, 10 N]")
     text = text.replace("cut: {axis: 0, layers: 10}, drive: {balls: lower", "drive: {balls: upper")
     text = text.replace("[motion]", "[motion, response]")
     text += "response: {frequencies: [1 kHz, 2 kHz], source: 9 x, receiver: 4 x}\n"
@@ -241,7 +309,9 @@ def test_what_repeats_nowhere_moves_and_responds(edges, tmp_path):
     assert not any(state.network.pbc)
     velocities = np.zeros((10, 3))
     velocities[-1, 0] = 0.1
-    motion = gp.NonlinearWaves(state.network, gp.PowerLaw(2.0, 1e12)).run(5e-4, velocities=velocities)
+    motion = gp.NonlinearWaves(state.network, gp.PowerLaw(2.0, 1e12)).run(
+        5e-4, velocities=velocities
+    )
     assert_allclose(data["greatest_force"].values[1, 0], motion.forces.max(), rtol=1e-12)
     response = gp.Waves(state.network).response([1e3, 2e3], [(9, "x")], [(4, "x")])
     assert_allclose(data["receptance"].values[1, 0], np.abs(response.values), rtol=1e-12)
@@ -250,7 +320,9 @@ def test_what_repeats_nowhere_moves_and_responds(edges, tmp_path):
 
 
 def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
-    text = PLANE.replace("repeat: 5 1\n  cut: {axis: 1, layers: 4, edges: floor free}", "cut: {axis: 1, layers: 1}")
+    text = PLANE.replace(
+        "repeat: 5 1\n  cut: {axis: 1, layers: 4, edges: floor free}", "cut: {axis: 1, layers: 1}"
+    )
     text = text.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 1 um}")
     text += "medium: {simulation: {shape: 6 8, samples: 2}}\n"
     one = scene(text, DRIVE="{balls: lower, impact: 0.1 m/s, direction: 0 1}")
@@ -258,20 +330,32 @@ def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
     numbers = result.summary()
     assert numbers["greatest_force_error"] > 0.0
     peaks = [
-        (gp.Scene.from_text(one.to_yaml().replace("samples: 2", "samples: 1").replace("seed: 0", f"seed: {seed}"))
-              .run(tmp_path / str(seed), figures=False).dataset["greatest_force"].item())
+        (
+            gp.Scene.from_text(
+                one.to_yaml()
+                .replace("samples: 2", "samples: 1")
+                .replace("seed: 0", f"seed: {seed}")
+            )
+            .run(tmp_path / str(seed), figures=False)
+            .dataset["greatest_force"]
+            .item()
+        )
         for seed in (0, 1)
-    ]  # fmt: skip
+    ]
     assert_allclose(numbers["greatest_force"], np.mean(peaks), rtol=1e-12)
     assert result.waves.motion.forces.max() == peaks[0]
 
 
 def test_a_clamped_layer_of_several_balls_is_moved_as_a_whole():
-    """The cell of a honeycomb has two balls, of which the upper one touches the balls that move; both faces."""
+    """The cell of a honeycomb has two balls, of which the upper one touches the balls that move;
+    both faces.
+    """
     crystal = gp.Crystal.on("honeycomb", [gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)])
     array = crystal.at_force(10.0).network.cut(1, 4, "clamped")
     for word, wanted in (("lower", [0, 1]), ("upper", [6, 7])):
-        np.testing.assert_array_equal(DriveSettings(balls=word, impact=1.0).find_balls(array), wanted)
+        np.testing.assert_array_equal(
+            DriveSettings(balls=word, impact=1.0).find_balls(array), wanted
+        )
 
 
 @pytest.mark.parametrize(
@@ -281,17 +365,26 @@ def test_a_clamped_layer_of_several_balls_is_moved_as_a_whole():
         ("{balls: 2, impact: 1 m/s, force: push.csv}", "impact and force"),
         ("{balls: 99, impact: 1 m/s}", "indices of balls, 0 to 20, each once"),
         ("{balls: lower, impact: 1 m/s}", "an impact on a body that is held"),
-        ("{balls: lower, force: {time: [0 s, 1 us], force: [0 N, 1 N]}}", "a force acts on a body that is held"),
+        (
+            "{balls: lower, force: {time: [0 s, 1 us], force: [0 N, 1 N]}}",
+            "a force acts on a body that is held",
+        ),
         (
             "[{balls: 2, shaker: {amplitude: 1 um, frequency: 1 kHz}}, {balls: 2, impact: 1 m/s}]",
             "a body that is held or displaced",
         ),
         ("{balls: 2, impact: 1 m/s, direction: 0 0 1}", "Balls move along x and y only"),
-        ("{balls: 2, shaker: {amplitude: 1 nm, frequency: 1 THz}}", "A period would have fewer than 10 steps"),
+        (
+            "{balls: 2, shaker: {amplitude: 1 nm, frequency: 1 THz}}",
+            "A period would have fewer than 10 steps",
+        ),
         ("{balls: middle, impact: 1 m/s}", "lower, upper"),
         ("{balls: 2, impact: 1 kg}", "velocity"),
         ("{balls: 2, impact: 1 m/s, direction: 0 0}", "not all zero"),
-        ("{balls: 2, force: {time: [10.1 us, 10.2 us, 10.3 us], force: [0 N, 9 N, 0 N]}}", "the table of a drive are lost"),
+        (
+            "{balls: 2, force: {time: [10.1 us, 10.2 us, 10.3 us], force: [0 N, 9 N, 0 N]}}",
+            "the table of a drive are lost",
+        ),
         ("{balls: 2, shaker: {amplitude: 1 um}}", "frequency"),
         ("{balls: 2, force: {time: [0 s, -1 us], force: [0 N, 1 N]}}", "negative"),
         ("{balls: 2, force: {time: [1 us, 0 s], force: [0 N, 1 N]}}", "each after the one before"),
@@ -326,15 +419,24 @@ def test_drives_that_are_refused(drive, said, tmp_path):
 )
 def test_what_is_refused(change, said, tmp_path):
     with pytest.raises(InputError, match=said) as caught:
-        scene(PLANE.replace(*change), DRIVE="{balls: 2, impact: 0.2 m/s}").run(tmp_path, figures=False)
+        scene(PLANE.replace(*change), DRIVE="{balls: 2, impact: 0.2 m/s}").run(
+            tmp_path, figures=False
+        )
     assert "motion" in str(caught.value)
 
 
 def test_an_impact_beyond_hertz_law_is_noted(tmp_path):
-    result = scene(CHAIN + "  geometry: exact\n", FORCE="1 N", LAYERS="4", SPEED="300 m/s", TIME="20 us", FRAMES="11").run(
-        tmp_path, figures=False
+    result = scene(
+        CHAIN + "  geometry: exact\n",
+        FORCE="1 N",
+        LAYERS="4",
+        SPEED="300 m/s",
+        TIME="20 us",
+        FRAMES="11",
+    ).run(tmp_path, figures=False)
+    assert any(
+        "the radius of a contact is" in one and "in the motion" in one for one in result.warnings
     )
-    assert any("the radius of a contact is" in one and "in the motion" in one for one in result.warnings)
 
 
 def test_a_ball_that_flies_away_ends_the_run(tmp_path):
@@ -345,17 +447,23 @@ def test_a_ball_that_flies_away_ends_the_run(tmp_path):
 
 
 def test_a_check_refuses_more_steps_than_a_run_makes():
-    found = scene(PLANE.replace("duration: 40 us", "duration: 1 h"), DRIVE="{balls: 2, impact: 0.2 m/s}")
+    found = scene(
+        PLANE.replace("duration: 40 us", "duration: 1 h"), DRIVE="{balls: 2, impact: 0.2 m/s}"
+    )
     with pytest.raises(InputError, match=r"motion: the run takes .* steps"):
         found.cost()
 
 
 def test_a_wave_that_is_not_through_has_no_velocity(tmp_path):
     """A run that ends while most forces still rise: half of what they ever do is not known."""
-    text = PLANE.replace("layers: 4, edges: floor free", "layers: 8").replace("duration: 40 us", "duration: 20 us")
+    text = PLANE.replace("layers: 4, edges: floor free", "layers: 8").replace(
+        "duration: 40 us", "duration: 20 us"
+    )
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        found = scene(text, DRIVE="{balls: lower, impact: 0.5 m/s, direction: 0 1}").run(tmp_path, figures=False)
+        found = scene(text, DRIVE="{balls: lower, impact: 0.5 m/s, direction: 0 1}").run(
+            tmp_path, figures=False
+        )
     assert "front_velocity" not in found.dataset
     assert any("the front velocity is not known" in one for one in found.warnings)
     assert not [one for one in said if "Polyfit" in str(one.message)]

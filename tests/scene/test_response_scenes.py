@@ -1,4 +1,6 @@
-"""Scenes with a response in frequency: closed forms, the calls of Python, sweeps, samples, figures and refusals."""
+"""Scenes with a response in frequency: closed forms, the calls of Python, sweeps, samples, figures
+and refusals.
+"""
 
 import numpy as np
 import pytest
@@ -57,16 +59,20 @@ def complex_of(dataset, name):
 def respond(network, **more):
     """Return what the scene of the chain asks for, by the call of Python."""
     places = [(19, "x"), (0, "x")]
-    return gp.Waves(network).response(FREQUENCIES, "plane", places, quantity="transmissibility", **more)
+    return gp.Waves(network).response(
+        FREQUENCIES, "plane", places, quantity="transmissibility", **more
+    )
 
 
 def test_the_driven_chain_has_its_closed_form(tmp_path):
     one = scene(CHAIN, FORCE="20 N")
     result = one.run(tmp_path)
-    network, found = one.state().network, complex_of(result.dataset, "transmissibility")[0, 0]
+    network = one.state().network
+    found = complex_of(result.dataset, "transmissibility")[0, 0]
     rate = np.sqrt(network.normal_stiffness[0] / network.masses[0])
     t = 2.0 * np.arcsin((np.pi * FREQUENCIES / rate).astype(complex))  # above the band t is complex
-    # u_n = A cos((N + 1/2 - n) t), and the floor is twice as stiff as the contact of two balls that ends at a ball 0
+    # u_n = A cos((N + 1/2 - n) t), and the floor is twice as stiff as the contact of two balls that
+    # ends at a ball 0
     floor = 0.5 * (np.cos(20.5 * t) + np.cos(19.5 * t))
     for column, place in ((0, 20), (1, 1)):
         exact = (np.cos((20.5 - place) * t) / floor).real
@@ -92,9 +98,14 @@ def test_a_sweep_over_loads_has_the_numbers_of_python_and_a_map(tmp_path):
     for force, values in zip(forces, found, strict=True):
         own = crystal.at_force(force).network.cut(0, 20, ("floor", "free"))
         assert_allclose(values, respond(own, loss_factor=0.02).values, rtol=1e-12)
-    # Hertz: frequencies go as f^(1/6), so that twice the frequency has the response at 64 times the load
-    again = gp.Scene.from_text(one.to_yaml().replace("400.0 Hz", "800.0 Hz").replace("14000.0 Hz", "28000.0 Hz"))
-    doubled = complex_of(again.run(tmp_path / "again", figures=False).dataset, "transmissibility")[:, 0]
+    # Hertz: frequencies go as f^(1/6), so that twice the frequency has the response at 64 times the
+    # load
+    again = gp.Scene.from_text(
+        one.to_yaml().replace("400.0 Hz", "800.0 Hz").replace("14000.0 Hz", "28000.0 Hz")
+    )
+    doubled = complex_of(again.run(tmp_path / "again", figures=False).dataset, "transmissibility")[
+        :, 0
+    ]
     assert_allclose(doubled[-1], found[0], rtol=1e-8)
     assert redraw(tmp_path, tmp_path / "response.pdf").name == "response.pdf"
 
@@ -128,23 +139,36 @@ def test_the_floor_is_one_in_response_in_motion_and_in_the_crystal(tmp_path):
     result = one.run(tmp_path, figures=False)
     network = one.packing.crystal.cut(0, 20, "floor").at_force(20.0).network
     frequencies = np.linspace(50.0, 11e3, 1500)
-    expected = gp.Waves(network).response(frequencies, "plane", (39, "x"), damping=1e-6, quantity="transmissibility")
+    expected = gp.Waves(network).response(
+        frequencies, "plane", (39, "x"), damping=1e-6, quantity="transmissibility"
+    )
     assert_allclose(result.dataset["transmissibility"].values[0, 0], expected.magnitude, rtol=1e-9)
     motion = result.waves.motion
-    floor = int(np.flatnonzero((motion.network.i == 0) & np.isinf(motion.network.radii[motion.network.j]))[0])
+    floor = int(
+        np.flatnonzero((motion.network.i == 0) & np.isinf(motion.network.radii[motion.network.j]))[
+            0
+        ]
+    )
     change = motion.forces[:, floor] - motion.forces[0, floor]
     moved = np.abs(motion.displacements[:, 0, 0]) > 1e-12
     own = network.normal_stiffness[(network.i == 0) & np.isinf(network.radii[network.j])]
     assert np.any(moved)
     assert_allclose(change[moved] / -motion.displacements[moved, 0, 0], own[0], rtol=1e-4)
-    # the highest peak is narrower than the step, and told in full: as frequencies close to each other have it
+    # the highest peak is narrower than the step, and told in full: as frequencies close to each
+    # other have it
     numbers = result.summary()
     near = numbers["peak_frequency"] * (1.0 + np.linspace(-1e-3, 1e-3, 2001))
-    dense = gp.Waves(network).response(near, "plane", (39, "x"), damping=1e-6, quantity="transmissibility").magnitude
+    dense = (
+        gp.Waves(network)
+        .response(near, "plane", (39, "x"), damping=1e-6, quantity="transmissibility")
+        .magnitude
+    )
     assert_allclose(numbers["peak_transmissibility"], dense.max(), rtol=1e-5)
     assert_allclose(numbers["peak_frequency"], near[np.argmax(dense)], rtol=2e-6)
     assert numbers["peak_transmissibility"] > 1.2 * expected.magnitude.max()
-    assert numbers["peaks"]["39 x"][0]["quality"] > 2.0 * numbers["peak_frequency"] / (frequencies[1] - frequencies[0])
+    assert numbers["peaks"]["39 x"][0]["quality"] > 2.0 * numbers["peak_frequency"] / (
+        frequencies[1] - frequencies[0]
+    )
 
 
 def test_a_peak_that_is_not_resolved_has_no_height(tmp_path):
@@ -152,7 +176,9 @@ def test_a_peak_that_is_not_resolved_has_no_height(tmp_path):
     lossless = scene(CHAIN, FORCE="20 N").run(tmp_path / "chain", figures=False)
     assert "peak_transmissibility" not in lossless.summary()
     assert any("narrower" in text for text in lossless.warnings)
-    text = ARRAY.replace("[2 kHz, 5 kHz, 9 kHz]", "{from: 1 kHz, to: 12 kHz, points: 60, scale: linear}")
+    text = ARRAY.replace(
+        "[2 kHz, 5 kHz, 9 kHz]", "{from: 1 kHz, to: 12 kHz, points: 60, scale: linear}"
+    )
     text = text.replace("[2 us, 1 us]\n  loss_factor: 0.01", "0 us\n  loss_factor: 1e-4")
     samples = scene(text, FORCE="20 N").run(tmp_path / "samples", figures=False)
     assert any("narrower" in said for said in samples.warnings)
@@ -161,12 +187,20 @@ def test_a_peak_that_is_not_resolved_has_no_height(tmp_path):
 
 
 def test_peaks_are_those_of_the_damped_modes(tmp_path):
-    text = CHAIN.replace("from: 400 Hz, to: 14 kHz, points: 30", "from: 100 Hz, to: 3 kHz, points: 600")
-    one = gp.Scene.from_text(text.replace("quantity:", "loss_factor: 0.03\n  quantity:").replace("FORCE", "20 N"))
+    text = CHAIN.replace(
+        "from: 400 Hz, to: 14 kHz, points: 30", "from: 100 Hz, to: 3 kHz, points: 600"
+    )
+    one = gp.Scene.from_text(
+        text.replace("quantity:", "loss_factor: 0.03\n  quantity:").replace("FORCE", "20 N")
+    )
     result = one.run(tmp_path, figures=False)
-    modes = gp.Waves(one.state().network.cut(0, 20, ("floor", "free"))).damped_modes(4, loss_factor=0.03)
+    modes = gp.Waves(one.state().network.cut(0, 20, ("floor", "free"))).damped_modes(
+        4, loss_factor=0.03
+    )
     peaks = result.summary()["peaks"]["19 x"]
-    for peak, frequency, quality in zip(peaks[:4], np.abs(modes.frequencies), modes.quality, strict=True):
+    for peak, frequency, quality in zip(
+        peaks[:4], np.abs(modes.frequencies), modes.quality, strict=True
+    ):
         assert abs(peak["frequency"] / frequency - 1.0) < 1e-3
         assert abs(peak["quality"] / quality - 1.0) < 0.03
     assert result.summary()["peak_frequency"] == peaks[0]["frequency"]
@@ -175,16 +209,20 @@ def test_peaks_are_those_of_the_damped_modes(tmp_path):
 
 def test_a_mode_by_itself_has_its_closed_form():
     # B + R/(p - f^2): a single mode over a background, of which three frequencies are enough
-    f, pole = np.linspace(90.0, 110.0, 41), 100.0**2 * (1.0 + 0.02j)
+    f = np.linspace(90.0, 110.0, 41)
+    pole = 100.0**2 * (1.0 + 0.02j)
     response = 0.3 - 0.1j + (40.0 + 300.0j) / (pole - f**2)
     (peak,) = zip(*find_peaks(f, response[:, None])[0], strict=True)
-    assert_allclose(peak, [100.0, np.abs(0.3 - 0.1j + (40.0 + 300.0j) / (1j * pole.imag)), 50.0], rtol=1e-3)
+    assert_allclose(
+        peak, [100.0, np.abs(0.3 - 0.1j + (40.0 + 300.0j) / (1j * pole.imag)), 50.0], rtol=1e-3
+    )
 
 
 def test_samples_are_averaged_with_their_standard_error(tmp_path):
     one = scene(ARRAY, FORCE="[20 N, 40 N]")
     result = one.run(tmp_path)
-    found, error = complex_of(result.dataset, "mobility")[..., 0], result.dataset["mobility_error"].values[..., 0]
+    found = complex_of(result.dataset, "mobility")[..., 0]
+    error = result.dataset["mobility_error"].values[..., 0]
     every = []
     for sample in one.cases[0].case.medium.of(one.packing).at_force(40.0).samples:
         waves = gp.Waves(sample.network.cut(1, 1, "free"))
@@ -195,7 +233,9 @@ def test_samples_are_averaged_with_their_standard_error(tmp_path):
 
 
 def test_a_lattice_that_is_cut_has_the_response_of_its_medium(tmp_path):
-    text = ARRAY.replace("{simulation: {shape: 4 8, samples: 3}}", "[ala, ema]").replace("layers: 1", "layers: 8")
+    text = ARRAY.replace("{simulation: {shape: 4 8, samples: 3}}", "[ala, ema]").replace(
+        "layers: 1", "layers: 8"
+    )
     one = scene(text, FORCE="[20 N, 40 N]")
     found = complex_of(one.run(tmp_path, figures=False).dataset, "mobility")[..., 0]
     network = gp.EffectiveMedium(one.packing).at_force(40.0).network.cut(1, 8, "free")
@@ -206,7 +246,10 @@ def test_a_lattice_that_is_cut_has_the_response_of_its_medium(tmp_path):
 
 
 def test_a_sweep_that_was_cut_off_goes_on(tmp_path):
-    one = scene(CHAIN.replace("load:", "sweep: {S.young_modulus: [150 GPa, 193 GPa, 210 GPa]}\nload:"), FORCE="20 N")
+    one = scene(
+        CHAIN.replace("load:", "sweep: {S.young_modulus: [150 GPa, 193 GPa, 210 GPa]}\nload:"),
+        FORCE="20 N",
+    )
     whole = one.run(tmp_path / "whole", figures=False).dataset
     with pytest.raises(KeyboardInterrupt):
         one.run(tmp_path / "parts", figures=False, progress=Meter(stop=2))
@@ -222,10 +265,16 @@ def test_a_sweep_that_was_cut_off_goes_on(tmp_path):
         (("response:\n", "direction: [1]\nvelocity:\n"), "velocity"),
         (("source: plane", "source: 3 x"), "ball 3 of the source moves.*infinite mass"),
         (
-            ("source: plane\n  receiver: [19 x, 0 x]\n  quantity: transmissibility", "source: 20 x\n  receiver: plane"),
+            (
+                "source: plane\n  receiver: [19 x, 0 x]\n  quantity: transmissibility",
+                "source: 20 x\n  receiver: plane",
+            ),
             "is held",
         ),
-        (("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[2 kHz, 1 kHz]"), "ascending order"),
+        (
+            ("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[2 kHz, 1 kHz]"),
+            "ascending order",
+        ),
         (("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[2, 1]"), "without a unit"),
         (("source: plane", "source: plane\n  damping: -1 us"), "damping"),
         (("source: plane", "source: plane\n  loss_factor: -0.1"), "zero or above"),
@@ -248,7 +297,10 @@ def test_what_is_refused(change, said):
 
 def test_lattices_and_arrays_are_not_mixed():
     with pytest.raises(SceneError, match="of lattices and of arrays"):
-        scene(ARRAY.replace("medium: {", "medium: [ema, {").replace("}}\nobserve", "}}]\nobserve"), FORCE="20 N")
+        scene(
+            ARRAY.replace("medium: {", "medium: [ema, {").replace("}}\nobserve", "}}]\nobserve"),
+            FORCE="20 N",
+        )
 
 
 BANDS = (
@@ -266,9 +318,17 @@ def test_bands_have_the_damped_modes_of_python(tmp_path):
     data = one.run(tmp_path, figures=False).dataset
     q = data["qpoints"].values
     for row, force in enumerate((2.0, 128.0)):
-        modes = gp.Phonons(one.packing.crystal.at_force(force)).damped(q.reshape(-1, 3), (1e-6, 2e-6), 0.01)
-        for name, exact in (("frequency", modes.frequencies.real), ("decay", modes.decay), ("quality", modes.quality)):
-            assert_allclose(data[f"damped_{name}"].values[row, 0], exact.reshape(*q.shape[:2], -1), rtol=1e-13)
+        modes = gp.Phonons(one.packing.crystal.at_force(force)).damped(
+            q.reshape(-1, 3), (1e-6, 2e-6), 0.01
+        )
+        for name, exact in (
+            ("frequency", modes.frequencies.real),
+            ("decay", modes.decay),
+            ("quality", modes.quality),
+        ):
+            assert_allclose(
+                data[f"damped_{name}"].values[row, 0], exact.reshape(*q.shape[:2], -1), rtol=1e-13
+            )
     table = np.genfromtxt(tmp_path / "damped_bands.csv", delimiter=",", names=True)
     assert_allclose(table["damped_decay_1s"], data["damped_decay"].values.ravel(), rtol=1e-15)
     assert gp.Scene.from_text(one.to_yaml()) == one
@@ -288,15 +348,24 @@ def test_check_says_what_is_driven_and_heard(tmp_path, capsys):
     (tmp_path / "scene.yaml").write_text(ARRAY.replace("FORCE", "20 N"))
     assert main(["check", str(tmp_path / "scene.yaml")]) == 0
     said = capsys.readouterr().out
-    assert all(word in said for word in ("velocity", "2 kHz to 9 kHz", "2e-06, 1e-06 s", "response.csv", "response.png"))
+    assert all(
+        word in said
+        for word in ("velocity", "2 kHz to 9 kHz", "2e-06, 1e-06 s", "response.csv", "response.png")
+    )
 
 
 def test_losses_of_a_scene_reach_from_none_to_a_bound():
     chain = scene(CHAIN, FORCE="10 N")
     assert scene(CHAIN + "  damping: [0 us, 0 s]\n", FORCE="10 N").response.damping == (0.0, 0.0)
     assert chain.response.damping == 0.0
-    for line, told in (("loss_factor: 1e300", "loss_factor up to"), ("damping: 1e300 s", "damping up to")):
+    for line, told in (
+        ("loss_factor: 1e300", "loss_factor up to"),
+        ("damping: 1e300 s", "damping up to"),
+    ):
         with pytest.raises(SceneError, match=told):
             scene(f"{CHAIN}  {line}\n", FORCE="10 N")
     with pytest.raises(SceneError, match="frequencies up to"):
-        scene(CHAIN.replace("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[1e200 Hz]"), FORCE="10 N")
+        scene(
+            CHAIN.replace("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[1e200 Hz]"),
+            FORCE="10 N",
+        )

@@ -31,14 +31,18 @@ packing: {diameter: 8 mm}
 load: {force: 18.446 N}
 """
 
-# -- what a scene means ---------------------------------------------------------------------------------------------
+# -- what a scene means ----------------------------------------------------------------------------
 
 
 def test_defaults():
     scene = Scene.from_text(MINIMAL)
     assert scene.packing == gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
     assert scene.load == Load("force", 18.446) == Load("force", (18.446,))
-    assert (scene.media, scene.finite_overlap, scene.observe) == ((MediumChoice("ala"),), False, ("velocities",))
+    assert (scene.media, scene.finite_overlap, scene.observe) == (
+        (MediumChoice("ala"),),
+        False,
+        ("velocities",),
+    )
     assert (scene.parameters, scene.is_single, scene.diameters) == ((), True, None)
     assert (scene.band_points, scene.mesh, scene.dim, scene.source) == (101, (64, 64), None, None)
     assert scene.path == BandPath.parse("0 0 0 1/3 1/3 0 1/2 0 0 0 0 0", "G K M G")
@@ -57,7 +61,11 @@ def test_examples_are_the_presets_and_are_valid(name):
 def test_what_is_commented_out_in_a_preset_is_right_too(name):
     text = write_preset(name)
     chosen = next(line for line in text.splitlines() if line.split(":")[0].strip() in LOADS)
-    others = [line for line in text.splitlines() if line.strip("# ").split(":")[0] in LOADS and line != chosen]
+    others = [
+        line
+        for line in text.splitlines()
+        if line.strip("# ").split(":")[0] in LOADS and line != chosen
+    ]
     frame = next((line for line in text.splitlines() if "balls_per_side" in line), "")
     assert len(others) >= 2
     for line in others:
@@ -76,13 +84,23 @@ def test_the_preset_of_a_sweep_and_what_is_commented_out_in_it():
     assert not scene.is_single
     assert [len(state.force) for _, state in scene.states()] == [60, 60, 60]
     assert all(gp.validity(state)["contact_radius"].ok.all() for _, state in scene.states())
-    normal = Scene.from_text(text.replace("  spread: {uniform", "  # ").replace("# spread: {normal", "spread: {normal"))
+    normal = Scene.from_text(
+        text.replace("  spread: {uniform", "  # ").replace("# spread: {normal", "spread: {normal")
+    )
     assert normal.packing.width == pytest.approx(2.04e-6, rel=0.01)
-    framed = text.replace("  force: {from", "  # ").replace("# side_force", "side_force").replace("# balls_per", "balls_per")
+    framed = (
+        text.replace("  force: {from", "  # ")
+        .replace("# side_force", "side_force")
+        .replace("# balls_per", "balls_per")
+    )
     assert len(Scene.from_text(framed).load.values) == 3
-    simulated = Scene.from_text(text.replace("medium: [", "# [").replace("# medium: {", "medium: {"))
+    simulated = Scene.from_text(
+        text.replace("medium: [", "# [").replace("# medium: {", "medium: {")
+    )
     assert [choice.label for choice in simulated.media] == ["simulation(samples=4, shape=64 64)"]
-    assert dict(Scene.from_text(text.replace("# sweep:", "sweep:")).parameters) == {"width": (1e-6, 2e-6, 4e-6)}
+    assert dict(Scene.from_text(text.replace("# sweep:", "sweep:")).parameters) == {
+        "width": (1e-6, 2e-6, 4e-6)
+    }
 
 
 def test_presets_are_what_they_say():
@@ -95,23 +113,34 @@ def test_presets_are_what_they_say():
 
 def test_the_frame_of_section_iv():
     # each of the n balls of a side passes F/n on to two contacts at 30 degrees
-    assert 2.0 * math.cos(math.pi / 6) * force_of_frame(990.0, 31) * 31 == pytest.approx(990.0, rel=1e-15)
+    assert 2.0 * math.cos(math.pi / 6) * force_of_frame(990.0, 31) * 31 == pytest.approx(
+        990.0, rel=1e-15
+    )
     # "~990 N" is 990.4 N: the printed force follows to the digits of the printed push
     assert force_of_frame(990.43, 31) == pytest.approx(18.446, abs=5e-4)
-    scene = Scene.from_text(MINIMAL.replace("force: 18.446 N", "side_force: 990 N, balls_per_side: 31"))
+    scene = Scene.from_text(
+        MINIMAL.replace("force: 18.446 N", "side_force: 990 N, balls_per_side: 31")
+    )
     state = scene.state()
     assert state.force == force_of_frame(990.0, 31)
     assert state.pressure == pytest.approx(990.0 / (31 * 8e-3), rel=1e-15)
 
 
-@pytest.mark.parametrize(("kind", "text"), [("force", "3 N"), ("pressure", "4 kN/m"), ("overlap", "1 um")])
+@pytest.mark.parametrize(
+    ("kind", "text"), [("force", "3 N"), ("pressure", "4 kN/m"), ("overlap", "1 um")]
+)
 def test_loads_reach_the_medium(kind, text):
     scene = Scene.from_text(MINIMAL.replace("force: 18.446 N", f"{kind}: {text}"))
-    assert getattr(scene.state(), kind) == pytest.approx({"force": 3.0, "pressure": 4e3, "overlap": 1e-6}[kind], rel=1e-15)
+    assert getattr(scene.state(), kind) == pytest.approx(
+        {"force": 3.0, "pressure": 4e3, "overlap": 1e-6}[kind], rel=1e-15
+    )
 
 
 def test_paths_and_grids():
-    text = MINIMAL + "phonopy: {dim: [4, 3, 1], band: '0 0 0 1/2 0 0, 1/3 1/3 0 -0.25 1e-3 0', mesh: 8 6 1}\n"
+    text = (
+        MINIMAL
+        + "phonopy: {dim: [4, 3, 1], band: '0 0 0 1/2 0 0, 1/3 1/3 0 -0.25 1e-3 0', mesh: 8 6 1}\n"
+    )
     scene = Scene.from_text(text)
     assert (scene.dim, scene.mesh) == ((4, 3), (8, 6))
     assert scene.path.labels is None
@@ -125,18 +154,25 @@ def test_an_empty_phonopy_block_is_none():
 
 
 def test_observables_come_in_one_order():
-    assert Scene.from_text(MINIMAL + "observe: [dos, velocities]\n").observe == ("velocities", "dos")
+    assert Scene.from_text(MINIMAL + "observe: [dos, velocities]\n").observe == (
+        "velocities",
+        "dos",
+    )
 
 
-# -- simulations ----------------------------------------------------------------------------------------------------
+# -- simulations -----------------------------------------------------------------------------------
 
 SIMULATION = MINIMAL.replace("8 mm", "8 mm, spread: {uniform: 2 um}").replace("18.446 N", "5 N")
 
 
 def test_a_simulation_in_a_scene():
     for shape in ("16 12", "[16, 12]", '"16 12"'):
-        scene = Scene.from_text(SIMULATION + f"medium: {{simulation: {{shape: {shape}, seed: 3, samples: 2}}}}\n")
-        assert scene.media == (MediumChoice("simulation", (("shape", (16, 12)), ("seed", 3), ("samples", 2))),)
+        scene = Scene.from_text(
+            SIMULATION + f"medium: {{simulation: {{shape: {shape}, seed: 3, samples: 2}}}}\n"
+        )
+        assert scene.media == (
+            MediumChoice("simulation", (("shape", (16, 12)), ("seed", 3), ("samples", 2))),
+        )
     assert scene.is_single
     state = scene.state()
     assert state == gp.DirectSimulation(scene.packing, (16, 12), seed=3, samples=2).at_force(5.0)
@@ -147,46 +183,73 @@ def test_a_simulation_in_a_scene():
 
 def test_a_simulation_beside_other_media_and_over_parameters():
     text = (
-        SIMULATION.replace("5 N", "[9 N, 5 N]") + "medium: [ema, {simulation: {shape: 8 8}}]\nsweep: {width: [1 um, 2 um]}\n"
+        SIMULATION.replace("5 N", "[9 N, 5 N]")
+        + "medium: [ema, {simulation: {shape: 8 8}}]\nsweep: {width: [1 um, 2 um]}\n"
     )
     scene = Scene.from_text(text)
     states = dict(scene.states())
-    assert list(states) == [f"{m}, width = {w} m" for w in ("1e-06", "2e-06") for m in ("ema", "simulation(shape=8 8)")]
+    assert list(states) == [
+        f"{m}, width = {w} m" for w in ("1e-06", "2e-06") for m in ("ema", "simulation(shape=8 8)")
+    ]
     found = states["simulation(shape=8 8), width = 1e-06 m"]
-    np.testing.assert_array_equal(found.overlap, gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(1e-6)), (8, 8))
-                                  .at_force([9.0, 5.0]).overlap)  # fmt: skip
-    assert [label for label, _ in scene.states(quick=True)] == ["ema, width = 1e-06 m", "ema, width = 2e-06 m"]
+    np.testing.assert_array_equal(
+        found.overlap,
+        gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(1e-6)), (8, 8))
+        .at_force([9.0, 5.0])
+        .overlap,
+    )
+    assert [label for label, _ in scene.states(quick=True)] == [
+        "ema, width = 1e-06 m",
+        "ema, width = 2e-06 m",
+    ]
     assert Scene.from_text(scene.to_yaml()) == scene
 
 
 def test_the_cost_of_a_scene_is_that_of_its_simulations():
     scene = Scene.from_text(
-        SIMULATION.replace("5 N", "[9 N, 5 N]") + "medium: [ema, simulation]\nsweep: {width: [1 um, 2 um]}\n"
+        SIMULATION.replace("5 N", "[9 N, 5 N]")
+        + "medium: [ema, simulation]\nsweep: {width: [1 um, 2 um]}\n"
     )
     cost = scene.cost()
-    assert (cost.balls, cost.equilibria) == (128 * 128, 12)  # two loads of two packings, each with two more for the exponent
+    # two loads of two packings, each with two more for the exponent
+    assert (cost.balls, cost.equilibria) == (
+        128 * 128,
+        12,
+    )
     load = Load("force", [9.0, 5.0])
-    each = [estimate(gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(w))), load, exponents=True)
-            for w in (1e-6, 2e-6)]  # fmt: skip
+    each = [
+        estimate(
+            gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(w))), load, exponents=True
+        )
+        for w in (1e-6, 2e-6)
+    ]
     assert cost.seconds == pytest.approx(sum(one.seconds for one in each), rel=1e-12)
     assert cost.memory == max(one.memory for one in each)
     assert Scene.from_text(SIMULATION).cost() is None
 
 
 def test_a_load_that_samples_cannot_carry_is_named():
-    text = SIMULATION.replace("force: 5 N", "overlap: -0.6 um") + "medium: {simulation: {shape: 8 8}}\n"
+    text = (
+        SIMULATION.replace("force: 5 N", "overlap: -0.6 um")
+        + "medium: {simulation: {shape: 8 8}}\n"
+    )
     scene = Scene.from_text(text, "loose.yaml")
-    told = r"loose.yaml:3: load.overlap: found '-0.6 um'; allowed: a load that the balls can carry; .*carries no load"
+    told = (
+        r"loose.yaml:3: load.overlap: found '-0.6 um'; allowed: a load that the balls can carry;"
+        r" .*carries no load"
+    )
     with pytest.raises(SceneError, match=told):
         scene.state()
     several = Scene.from_text(text.replace("-0.6 um", "[1 um, -0.6 um]"), "loose.yaml")
     with pytest.raises(
-        SceneError, match=r"loose.yaml:3: load.overlap.1: found '-0.6 um'; .*simulation\(shape=8 8\), overlap = "
+        SceneError,
+        match=r"loose.yaml:3: load.overlap.1: found '-0.6 um'; .*simulation\(shape=8 8\), overlap ="
+        r" ",
     ):
         several.sweep()
 
 
-# -- balls that differ, many loads, many media ----------------------------------------------------------------------
+# -- balls that differ, many loads, many media -----------------------------------------------------
 
 #: as the design of the file has it
 FULL = """\
@@ -210,19 +273,26 @@ def with_spread(spread: str) -> Scene:
 
 
 def with_load(load: str, spread: str = "{uniform: 2 um}") -> Scene:
-    return Scene.from_text(MINIMAL.replace("8 mm", f"8 mm, spread: {spread}").replace("force: 18.446 N", load))
+    return Scene.from_text(
+        MINIMAL.replace("8 mm", f"8 mm, spread: {spread}").replace("force: 18.446 N", load)
+    )
 
 
 @pytest.mark.parametrize(
     ("text", "spread"),
     [
-        ("{uniform: 2.04 um}", gp.Uniform(2.04e-6)), ("{uniform: 0 um}", gp.Uniform(0.0)),
-        ("{normal: 0.6 um}", gp.Normal(0.6e-6)), ("{normal: {std: 0.6 um}}", gp.Normal(0.6e-6)),
+        ("{uniform: 2.04 um}", gp.Uniform(2.04e-6)),
+        ("{uniform: 0 um}", gp.Uniform(0.0)),
+        ("{normal: 0.6 um}", gp.Normal(0.6e-6)),
+        ("{normal: {std: 0.6 um}}", gp.Normal(0.6e-6)),
         ("{normal: {std: 0.6 um, cutoff: 2}}", gp.Normal(0.6e-6, 2.0)),
-        ("{discrete: {diameters: [7 mm, 9 mm], fractions: [0.5, 0.5]}}", gp.Discrete((7e-3, 9e-3), (0.5, 0.5))),
+        (
+            "{discrete: {diameters: [7 mm, 9 mm], fractions: [0.5, 0.5]}}",
+            gp.Discrete((7e-3, 9e-3), (0.5, 0.5)),
+        ),
         ("{measured: {diameters: [7.999 mm, 8.001 mm]}}", gp.Measured((7.999e-3, 8.001e-3))),
     ],
-)  # fmt: skip
+)
 def test_spreads(text, spread):
     scene = with_spread(text)
     assert scene.packing.spread == spread
@@ -240,19 +310,30 @@ def test_measured_diameters_are_looked_for_where_the_scene_is(tmp_path, monkeypa
     for text in ("{file: balls.csv, column: size}", "one.csv", "{file: one.csv}"):
         scene.write_text(MINIMAL.replace("8 mm", f"8 mm, spread: {{measured: {text}}}"))
         assert Scene.from_yaml("lot/scene.yaml").packing.spread == gp.Measured((7.999e-3, 8.001e-3))
-    scene.write_text(MINIMAL.replace("8 mm", "8 mm, spread: {measured: {file: balls.csv, column: sice}}"))
-    with pytest.raises(SceneError, match=r"scene.yaml:2: packing.spread.measured: found 'balls.csv'; .* 'size'"):
+    scene.write_text(
+        MINIMAL.replace("8 mm", "8 mm, spread: {measured: {file: balls.csv, column: sice}}")
+    )
+    with pytest.raises(
+        SceneError, match=r"scene.yaml:2: packing.spread.measured: found 'balls.csv'; .* 'size'"
+    ):
         Scene.from_yaml("lot/scene.yaml")
 
 
-@pytest.mark.parametrize("given", ["secret.txt", "{file: secret.txt}", "{file: secret.txt, column: size}"])
 @pytest.mark.parametrize(
-    "text", ["root:hunter2:0:0::/root:/bin/sh\n", "hunter2,b\n", "hunter2\nhunter2\n", "size\nhunter2\n"]
+    "given", ["secret.txt", "{file: secret.txt}", "{file: secret.txt, column: size}"]
+)
+@pytest.mark.parametrize(
+    "text",
+    ["root:hunter2:0:0::/root:/bin/sh\n", "hunter2,b\n", "hunter2\nhunter2\n", "size\nhunter2\n"],
 )
 def test_a_scene_does_not_show_what_is_in_a_file_that_is_no_table(tmp_path, given, text):
     (tmp_path / "secret.txt").write_text(text, encoding="utf-8")
-    (tmp_path / "scene.yaml").write_text(MINIMAL.replace("8 mm", f"8 mm, spread: {{measured: {given}}}"), encoding="utf-8")
-    with pytest.raises(SceneError, match=r"packing\.spread\.measured: found 'secret\.txt'") as error:
+    (tmp_path / "scene.yaml").write_text(
+        MINIMAL.replace("8 mm", f"8 mm, spread: {{measured: {given}}}"), encoding="utf-8"
+    )
+    with pytest.raises(
+        SceneError, match=r"packing\.spread\.measured: found 'secret\.txt'"
+    ) as error:
         Scene.from_yaml(tmp_path / "scene.yaml")
     assert "hunter2" not in str(error.value)
 
@@ -266,7 +347,9 @@ def test_many_measured_diameters_go_into_a_table(tmp_path, steel):
     (tmp_path / "scene.yaml").write_text(scene.to_yaml())
     (tmp_path / "diameters.csv").write_text(scene.diameters)
     assert Scene.from_yaml(tmp_path / "scene.yaml") == scene
-    fewer = Scene(gp.Packing(steel, 8e-3, gp.Measured(diameters[:994])), Load("force", 3.0), media="afa")
+    fewer = Scene(
+        gp.Packing(steel, 8e-3, gp.Measured(diameters[:994])), Load("force", 3.0), media="afa"
+    )
     assert fewer.diameters is None
     assert Scene.from_text(fewer.to_yaml()) == fewer
 
@@ -274,10 +357,18 @@ def test_many_measured_diameters_go_into_a_table(tmp_path, steel):
 def test_lists_and_ranges_of_loads():
     assert with_load("force: [3 N, 1 N, 3 N]").load == Load("force", (3.0, 1.0, 3.0))
     assert with_load("force: [3 N]").is_single
-    assert with_load("force: [3 N]") == with_load("force: 3 N") == with_load("force: {from: 3 N, to: 3 N, points: 1}")
+    assert (
+        with_load("force: [3 N]")
+        == with_load("force: 3 N")
+        == with_load("force: {from: 3 N, to: 3 N, points: 1}")
+    )
     log, linear, down = (
         with_load(f"pressure: {{{ends}, points: 5}}").load.values
-        for ends in ("from: 1 N/m, to: 1 kN/m", "from: 1 N/m, to: 1 kN/m, scale: linear", "from: 1 kN/m, to: 1 N/m")
+        for ends in (
+            "from: 1 N/m, to: 1 kN/m",
+            "from: 1 N/m, to: 1 kN/m, scale: linear",
+            "from: 1 kN/m, to: 1 N/m",
+        )
     )
     np.testing.assert_allclose(log, 10.0 ** np.array([0.0, 0.75, 1.5, 2.25, 3.0]), rtol=1e-15)
     np.testing.assert_allclose(linear, [1.0, 250.75, 500.5, 750.25, 1000.0], rtol=1e-15)
@@ -287,7 +378,9 @@ def test_lists_and_ranges_of_loads():
 
 def test_a_frame_may_be_pressed_many_times():
     scene = with_load("side_force: {from: 100 N, to: 990 N, points: 3}, balls_per_side: 31")
-    assert scene.load.applied == Load("force", [force_of_frame(push, 31) for push in scene.load.values])
+    assert scene.load.applied == Load(
+        "force", [force_of_frame(push, 31) for push in scene.load.values]
+    )
     ((label, state),) = scene.states()
     assert label == "ema"
     np.testing.assert_array_equal(state.force, scene.load.applied.array)
@@ -304,7 +397,8 @@ def test_an_overlap_may_be_negative_where_balls_differ():
 def test_a_ladder_of_media_at_every_combination_of_parameters():
     text = MINIMAL.replace("18.446 N", "[2 N, 9 N]") + (
         "medium: [ema, {ema: {local_field: paper}}, ala]\n"
-        "sweep: {friction: [true, false], width: [1 um, 2 um], poisson_ratio: {from: 0.1, to: 0.2, points: 2}}\n"
+        "sweep: {friction: [true, false], width: [1 um, 2 um], poisson_ratio: {from: 0.1, to:"
+        " 0.2, points: 2}}\n"
     )
     scene = Scene.from_text(text)
     assert [choice.label for choice in scene.media] == ["ema", "ema(local_field=paper)", "ala"]
@@ -313,7 +407,10 @@ def test_a_ladder_of_media_at_every_combination_of_parameters():
     assert len(states) == 3 * 2 * 2 * 2
     packing = gp.Packing(gp.Material(211.65e9, 0.2, 7840.0), 8e-3, gp.Uniform(1e-6), friction=False)
     expected = gp.EffectiveMedium(packing, local_field="paper").at_force([2.0, 9.0])
-    assert states["ema(local_field=paper), friction = False, width = 1e-06 m, poisson_ratio = 0.2"] == expected
+    assert (
+        states["ema(local_field=paper), friction = False, width = 1e-06 m, poisson_ratio = 0.2"]
+        == expected
+    )
     with pytest.raises(InputError, match="is a sweep"):
         scene.state()
     again = Scene.from_text(scene.to_yaml())
@@ -321,11 +418,17 @@ def test_a_ladder_of_media_at_every_combination_of_parameters():
 
 
 def test_what_is_swept_decides_what_a_medium_must_average(packing):
-    for name, value, medium in (("width", 1e-6, "ema"), ("spread", gp.Normal(1e-6), "ema"), ("density", 1.0, "ala")):
+    for name, value, medium in (
+        ("width", 1e-6, "ema"),
+        ("spread", gp.Normal(1e-6), "ema"),
+        ("density", 1.0, "ala"),
+    ):
         scene = Scene(packing, Load("force", 1.0), parameters={name: [value]})
         assert (scene.media, scene.balls_differ) == ((MediumChoice(medium),), medium == "ema")
     assert not Scene(packing, Load("force", 1.0), media="ema").balls_differ
-    assert Scene(replace(packing, spread=gp.Uniform(1e-6)), Load("force", 1.0), media="ala").balls_differ
+    assert Scene(
+        replace(packing, spread=gp.Uniform(1e-6)), Load("force", 1.0), media="ala"
+    ).balls_differ
     # the load is carried by the packings of the sweep, not by equal balls
     text = MINIMAL.replace("force: 18.446 N", "overlap: -0.1 um")
     assert not Scene.from_text(text + "sweep: {width: [1 um, 2 um]}\n").is_single
@@ -350,10 +453,11 @@ sweep: {width: [1 um, 2 um]}
         # before the sweep the least load is tried, and in it the first that fails is named
         (
             "{from: 5 N, to: 1e-15 N, points: 9}",
-            r"load\.force\.to: found '1e-15 N'", r"load\.force: found value 4 of 9 from '5 N' to '1e-15 N'",
+            r"load\.force\.to: found '1e-15 N'",
+            r"load\.force: found value 4 of 9 from '5 N' to '1e-15 N'",
         ),
     ],
-)  # fmt: skip
+)
 def test_a_load_that_shows_in_the_sweep_is_named_as_one_that_shows_before(load, last, first):
     text = LISTED.replace("\n    - 5 N\n    - 9 N\n", f" {load}\n")
     scene = Scene.from_text(text, "lot.yaml")
@@ -366,10 +470,16 @@ def test_a_load_that_shows_in_the_sweep_is_named_as_one_that_shows_before(load, 
     where = rf"^lot\.yaml:4: {first}{allowed}ema, width = 1e-06 m"
     with pytest.raises(SceneError, match=where + r", force = \d.* N: .*Raise the load"):
         scene.sweep()
-    with ProcessPoolExecutor(1) as executor, pytest.raises(SceneError, match=where + r", force = \d.* N: "):
+    with (
+        ProcessPoolExecutor(1) as executor,
+        pytest.raises(SceneError, match=where + r", force = \d.* N: "),
+    ):
         scene.sweep(executor=executor)
     # a scene that was made, or changed, has no file to be named
-    for other in (replace(scene), Scene(scene.packing, scene.load, media=scene.media, parameters=scene.parameters)):
+    for other in (
+        replace(scene),
+        Scene(scene.packing, scene.load, media=scene.media, parameters=scene.parameters),
+    ):
         with pytest.raises(PrecisionError, match=r"^ema, width = 1e-06 m, force = "):
             other.sweep()
 
@@ -382,8 +492,14 @@ def test_the_line_is_that_of_the_load():
 
 def test_an_error_of_a_value_within_a_range_is_placed_at_the_range():
     # the second of them is the first that is refused
-    with pytest.raises(SceneError, match=r"4: sweep\.width: found value 2 of 3 from '1 um' to '40 mm'; allowed: a value"):
-        Scene.from_text(BALLS + "sweep: {width: {from: 1 um, to: 40 mm, points: 3, scale: linear}}\n", "range.yaml")
+    with pytest.raises(
+        SceneError,
+        match=r"4: sweep\.width: found value 2 of 3 from '1 um' to '40 mm'; allowed: a value",
+    ):
+        Scene.from_text(
+            BALLS + "sweep: {width: {from: 1 um, to: 40 mm, points: 3, scale: linear}}\n",
+            "range.yaml",
+        )
 
 
 def test_other_errors_of_a_sweep_are_their_own(tmp_path):
@@ -396,8 +512,14 @@ def test_other_errors_of_a_sweep_are_their_own(tmp_path):
 
 
 def test_spreads_and_lattices_are_swept():
-    scene = Scene.from_text(MINIMAL + "sweep: {spread: [{uniform: 0 um}, {normal: 1 um}], lattice: [kagome, triangular]}\n")
-    assert dict(scene.parameters) == {"spread": (gp.Uniform(0.0), gp.Normal(1e-6)), "lattice": ("kagome", "triangular")}
+    scene = Scene.from_text(
+        MINIMAL
+        + "sweep: {spread: [{uniform: 0 um}, {normal: 1 um}], lattice: [kagome, triangular]}\n"
+    )
+    assert dict(scene.parameters) == {
+        "spread": (gp.Uniform(0.0), gp.Normal(1e-6)),
+        "lattice": ("kagome", "triangular"),
+    }
     assert Scene.from_text(scene.to_yaml()) == scene
 
 
@@ -405,7 +527,8 @@ def test_what_makes_no_sweep(packing):
     load = Load("force", (1.0, 2.0))
     with pytest.raises(
         InputError,
-        match=r"found .dos.; allowed: dos of one state, or of arrays that a medium: simulation makes",
+        match=r"found .dos.; allowed: dos of one state, or of arrays that a medium: simulation"
+        r" makes",
     ):
         Scene(packing, load, observe=("dos",))
     with pytest.raises(InputError, match="found 'bands' with a sweep over lattice"):
@@ -417,28 +540,46 @@ def test_what_makes_no_sweep(packing):
 def test_a_scene_that_no_file_can_hold(packing):
     rng = np.random.default_rng(0)
     scene = Scene(packing, Load("force", rng.uniform(1.0, 2.0, 20_000)))
-    with pytest.raises(InputError, match=r"kB as a text; a scene file holds 100 kB\. Give long lists as a range"):
+    with pytest.raises(
+        InputError, match=r"kB as a text; a scene file holds 100 kB\. Give long lists as a range"
+    ):
         scene.to_yaml()
     ranged = Scene(packing, Load("force", space_evenly(1.0, 2.0, 200_000, "log")))
     assert len(ranged.to_yaml()) < 1000
     assert Scene.from_text(ranged.to_yaml()) == ranged
 
 
-# -- quantities -----------------------------------------------------------------------------------------------------
+# -- quantities ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("kind", "text", "value"),
     [
-        (LENGTH, "8 mm", 8e-3), (LENGTH, "8mm", 8e-3), (LENGTH, "+8.0e0 mm", 8e-3), (LENGTH, "2.04 um", 2.04e-6),
-        (LENGTH, "2.04 µm", 2.04e-6), (LENGTH, "2.04 μm", 2.04e-6), (LENGTH, "1 inch", 0.0254), (LENGTH, ".5 m", 0.5),
-        (MODULUS, "211.65 GPa", 211.65e9), (MODULUS, "1 N/m^2", 1.0), (MODULUS, "1 N/m²", 1.0), (MODULUS, "1 N*m^-2", 1.0),
-        (MODULUS, "1 psi", 6894.757293168362), (MODULUS, "2 bar", 2e5), (DENSITY, "7.84 g/cm^3", 7840.0),
-        (DENSITY, "7840 kg/m3", 7840.0), (DENSITY, "7840 kg/m**3", 7840.0), (DENSITY, "7840 kg/m³", 7840.0),
-        (LOADS["pressure"], "4 kN/m", 4e3), (LOADS["pressure"], "4 N/mm", 4e3), (LOADS["pressure"], "4 Pa*m", 4.0),
-        (LOADS["force"], "1 kgf", 9.80665), (LOADS["force"], "5e-324 N", 5e-324),
+        (LENGTH, "8 mm", 8e-3),
+        (LENGTH, "8mm", 8e-3),
+        (LENGTH, "+8.0e0 mm", 8e-3),
+        (LENGTH, "2.04 um", 2.04e-6),
+        (LENGTH, "2.04 µm", 2.04e-6),
+        (LENGTH, "2.04 μm", 2.04e-6),
+        (LENGTH, "1 inch", 0.0254),
+        (LENGTH, ".5 m", 0.5),
+        (MODULUS, "211.65 GPa", 211.65e9),
+        (MODULUS, "1 N/m^2", 1.0),
+        (MODULUS, "1 N/m²", 1.0),
+        (MODULUS, "1 N*m^-2", 1.0),
+        (MODULUS, "1 psi", 6894.757293168362),
+        (MODULUS, "2 bar", 2e5),
+        (DENSITY, "7.84 g/cm^3", 7840.0),
+        (DENSITY, "7840 kg/m3", 7840.0),
+        (DENSITY, "7840 kg/m**3", 7840.0),
+        (DENSITY, "7840 kg/m³", 7840.0),
+        (LOADS["pressure"], "4 kN/m", 4e3),
+        (LOADS["pressure"], "4 N/mm", 4e3),
+        (LOADS["pressure"], "4 Pa*m", 4.0),
+        (LOADS["force"], "1 kgf", 9.80665),
+        (LOADS["force"], "5e-324 N", 5e-324),
     ],
-)  # fmt: skip
+)
 def test_quantities(kind: Quantity, text, value):
     assert kind.read(text) == value
 
@@ -447,7 +588,9 @@ def test_zero_and_below_where_they_are_allowed():
     for text in ("0 um", "-0.0 um", "0e9 m"):
         assert WIDTH.read(text) == LOADS["overlap"].read(text) == 0.0
     assert LOADS["overlap"].read("-0.1 um") == -1e-7
-    with pytest.raises(Refused, match=r"which is negative; allowed: a length, zero or above, with its unit"):
+    with pytest.raises(
+        Refused, match=r"which is negative; allowed: a length, zero or above, with its unit"
+    ):
         WIDTH.read("-1 um")
     with pytest.raises(Refused, match=r"which is tensile .*; allowed: a force above zero"):
         LOADS["force"].read("-1 N")
@@ -460,7 +603,10 @@ def test_a_written_quantity_is_read_to_the_last_bit(value):
     assert LOADS["overlap"].read(LOADS["overlap"].write(value)) == value
 
 
-@given(st.floats(1e-300, 1e290).map(repr), st.sampled_from([("mm", 3), ("um", 6), ("nm", 9), ("m", 0), ("pm", 12)]))
+@given(
+    st.floats(1e-300, 1e290).map(repr),
+    st.sampled_from([("mm", 3), ("um", 6), ("nm", 9), ("m", 0), ("pm", 12)]),
+)
 def test_a_quantity_is_the_float_nearest_to_what_is_written(number, unit):
     from fractions import Fraction
 
@@ -470,19 +616,72 @@ def test_a_quantity_is_the_float_nearest_to_what_is_written(number, unit):
 @pytest.mark.parametrize(
     "text",
     [
-        "8 m m", "8 mm mm", "8*9 mm", "8/2 mm", "(8) mm", "8 mm + 1 mm", "8,5 mm", "8 e mm", "0x8 mm", "８ mm", "1_000 mm",
-        "8 PA", "8 k", "8 c", "8 m^", "8 m^99", "8 m^0.5", "8 m/m", "8 1/m", "8 m^2", "8 s", "8 K", "8 degC", "8 %", "8 mm.",
-        "8 parsnip", "8 __import__('os')", "mm", "eight mm", "", " ", "nan mm", "inf mm", "-inf mm", "1e999 mm", "1e-999 mm",
-        "1e999999999999 mm", "1e-999999999999 mm", "5e-324 pm", "0 mm", "-0.0 mm", "-8 mm", "8" * 200 + " mm",
-        "8 " + "m*" * 90 + "m", 8, 8.0, 0, True, None, [], ["8 mm"], {}, {"mm": 8}, math.nan, math.inf, 10**400,
+        "8 m m",
+        "8 mm mm",
+        "8*9 mm",
+        "8/2 mm",
+        "(8) mm",
+        "8 mm + 1 mm",
+        "8,5 mm",
+        "8 e mm",
+        "0x8 mm",
+        "８ mm",
+        "1_000 mm",
+        "8 PA",
+        "8 k",
+        "8 c",
+        "8 m^",
+        "8 m^99",
+        "8 m^0.5",
+        "8 m/m",
+        "8 1/m",
+        "8 m^2",
+        "8 s",
+        "8 K",
+        "8 degC",
+        "8 %",
+        "8 mm.",
+        "8 parsnip",
+        "8 __import__('os')",
+        "mm",
+        "eight mm",
+        "",
+        " ",
+        "nan mm",
+        "inf mm",
+        "-inf mm",
+        "1e999 mm",
+        "1e-999 mm",
+        "1e999999999999 mm",
+        "1e-999999999999 mm",
+        "5e-324 pm",
+        "0 mm",
+        "-0.0 mm",
+        "-8 mm",
+        "8" * 200 + " mm",
+        "8 " + "m*" * 90 + "m",
+        8,
+        8.0,
+        0,
+        True,
+        None,
+        [],
+        ["8 mm"],
+        {},
+        {"mm": 8},
+        math.nan,
+        math.inf,
+        10**400,
     ],
-)  # fmt: skip
+)
 def test_what_is_no_length(text):
-    with pytest.raises(Refused, match=r"^found .*; allowed: a length above zero with its unit, such as '8 mm'"):
+    with pytest.raises(
+        Refused, match=r"^found .*; allowed: a length above zero with its unit, such as '8 mm'"
+    ):
         LENGTH.read(text)
 
 
-# -- written and read back ------------------------------------------------------------------------------------------
+# -- written and read back -------------------------------------------------------------------------
 
 sizes = st.floats(1e-12, 1e12)
 fractions = st.integers(-9, 9).map(lambda n: n / 7) | st.floats(-3, 3)
@@ -492,23 +691,38 @@ factors = st.floats(0.5, 2.0)
 
 
 @st.composite
-def spreads(draw: st.DrawFn, diameter: float) -> gp.Uniform | gp.Normal | gp.Discrete | gp.Measured | None:
+def spreads(
+    draw: st.DrawFn, diameter: float
+) -> gp.Uniform | gp.Normal | gp.Discrete | gp.Measured | None:
     """Of no more than 2e-4 of the diameter."""
     width = draw(st.floats(1e-9, 2e-4)) * diameter
     few = [diameter - width / 2, diameter + width / 2]
     listed = [gp.Discrete(few, (0.5, 0.5)), gp.Measured(few)]
-    return draw(st.sampled_from([None, gp.Uniform(0.0), gp.Uniform(width), gp.Normal(width / 4, 2.0), *listed]))
+    return draw(
+        st.sampled_from(
+            [None, gp.Uniform(0.0), gp.Uniform(width), gp.Normal(width / 4, 2.0), *listed]
+        )
+    )
 
 
 @st.composite
 def loads(draw: st.DrawFn, packing: gp.Packing) -> Load:
     """Overlaps from 3e-4 to 4e-2 of the diameter, given as one kind or another."""
     first, factor = draw(st.floats(6e-4, 2e-2)), draw(factors)
-    several = st.integers(3, 60).map(lambda n: space_evenly(first, factor * first, n, draw(st.sampled_from(SCALES))))
-    overlaps = draw(st.just((first,)) | st.lists(factors, min_size=2, max_size=5).map(lambda fs: [f * first for f in fs])
-                    | (several if factor != 1.0 else st.nothing()))  # fmt: skip
+    several = st.integers(3, 60).map(
+        lambda n: space_evenly(first, factor * first, n, draw(st.sampled_from(SCALES)))
+    )
+    overlaps = draw(
+        st.just((first,))
+        | st.lists(factors, min_size=2, max_size=5).map(lambda fs: [f * first for f in fs])
+        | (several if factor != 1.0 else st.nothing())
+    )
     states = gp.AveragedLattice(packing).at_overlap(np.array(overlaps) * packing.diameter)
-    kind = draw(st.sampled_from([kind for kind in LOADS if packing.lattice == "triangular" or kind != "side_force"]))
+    kind = draw(
+        st.sampled_from(
+            [kind for kind in LOADS if packing.lattice == "triangular" or kind != "side_force"]
+        )
+    )
     if kind != "side_force":
         return Load(kind, getattr(states, kind))
     return Load(kind, states.force, draw(st.integers(1, 3)))
@@ -516,21 +730,36 @@ def loads(draw: st.DrawFn, packing: gp.Packing) -> Load:
 
 @st.composite
 def scenes(draw: st.DrawFn) -> Scene:
-    material = gp.Material(draw(sizes), draw(st.floats(-0.9, 0.5)), draw(sizes), draw(st.none() | st.floats(1e-3, 1e12)))
+    material = gp.Material(
+        draw(sizes),
+        draw(st.floats(-0.9, 0.5)),
+        draw(sizes),
+        draw(st.none() | st.floats(1e-3, 1e12)),
+    )
     lattice = draw(st.sampled_from(["triangular", "square", "kagome"]))
     diameter = draw(st.floats(1e-6, 1e3))
     friction = lattice != "triangular" or draw(st.booleans())
-    packing = gp.Packing(material, diameter, draw(spreads(diameter)), lattice=lattice, friction=friction)
+    packing = gp.Packing(
+        material, diameter, draw(spreads(diameter)), lattice=lattice, friction=friction
+    )
     several = st.lists(factors, min_size=1, max_size=2, unique_by=lambda factor: f"{factor:.6g}")
-    parameters = draw(st.just({}) | st.fixed_dictionaries({}, optional={
-        "young_modulus": several.map(lambda fs: [f * material.young_modulus for f in fs]),
-        "poisson_ratio": st.just(space_evenly(0.1, 0.3, 3, "linear")),
-        "density": several.map(lambda fs: [f * material.density for f in fs]),
-        "spread": st.just([gp.Uniform(1e-5 * diameter), gp.Normal(1e-6 * diameter)]),
-        "friction": st.just([friction]),
-        "lattice": st.just([lattice]),
-    }))  # fmt: skip
-    media = ["ala", "afa", "ema", ("ema", "ala"), ()] + [{"ema": {"local_field": "paper"}}] * (lattice == "triangular")
+    parameters = draw(
+        st.just({})
+        | st.fixed_dictionaries(
+            {},
+            optional={
+                "young_modulus": several.map(lambda fs: [f * material.young_modulus for f in fs]),
+                "poisson_ratio": st.just(space_evenly(0.1, 0.3, 3, "linear")),
+                "density": several.map(lambda fs: [f * material.density for f in fs]),
+                "spread": st.just([gp.Uniform(1e-5 * diameter), gp.Normal(1e-6 * diameter)]),
+                "friction": st.just([friction]),
+                "lattice": st.just([lattice]),
+            },
+        )
+    )
+    media = ["ala", "afa", "ema", ("ema", "ala"), ()] + [{"ema": {"local_field": "paper"}}] * (
+        lattice == "triangular"
+    )
     finite_overlap = draw(st.booleans())
     if lattice == "triangular" and not finite_overlap:
         options = {
@@ -539,28 +768,42 @@ def scenes(draw: st.DrawFn) -> Scene:
             "samples": st.integers(1, 99),
         }
         media.append({"simulation": draw(st.fixed_dictionaries({}, optional=options))})
-    load, choice = draw(loads(packing)), draw(st.sampled_from(media))
+    load = draw(loads(packing))
+    choice = draw(st.sampled_from(media))
     swept = parameters or len(load.values) > 1 or choice == ("ema", "ala")
-    observables = ["velocities"] if "lattice" in parameters or "friction" in parameters else ["velocities", "bands"]
-    paths = draw(st.none() | st.lists(st.lists(points, min_size=2, max_size=4), min_size=1, max_size=3))
+    observables = (
+        ["velocities"]
+        if "lattice" in parameters or "friction" in parameters
+        else ["velocities", "bands"]
+    )
+    paths = draw(
+        st.none() | st.lists(st.lists(points, min_size=2, max_size=4), min_size=1, max_size=3)
+    )
     band = None
     if paths is not None:
         assume(all(a != b for path in paths for a, b in itertools.pairwise(path)))
         count = sum(map(len, paths))
-        label = st.text(st.characters(categories=["L", "N", "S", "P"], exclude_characters="'\"|"), min_size=1, max_size=6)
+        label = st.text(
+            st.characters(categories=["L", "N", "S", "P"], exclude_characters="'\"|"),
+            min_size=1,
+            max_size=6,
+        )
         labels = draw(st.none() | st.lists(label, min_size=count, max_size=count).map(tuple))
         band = BandPath(tuple(map(tuple, paths)), labels)
     return Scene(
-        packing, load,
+        packing,
+        load,
         media=choice,
         parameters=parameters,
         finite_overlap=finite_overlap,
-        observe=tuple(draw(st.sets(st.sampled_from(observables + ["dos"] * (not swept)), min_size=1))),
+        observe=tuple(
+            draw(st.sets(st.sampled_from(observables + ["dos"] * (not swept)), min_size=1))
+        ),
         band=band,
         band_points=draw(st.integers(2, 1000)),
         mesh=(draw(st.integers(1, 200)), draw(st.integers(1, 200))),
         dim=draw(st.none() | st.tuples(st.integers(3, 9), st.integers(3, 9))),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.claim("files-all-digits")
@@ -571,19 +814,30 @@ def test_a_written_scene_is_the_same_scene_to_the_last_bit(scene):
     assert again.to_yaml() == scene.to_yaml()
 
 
-# -- mistakes in Python ---------------------------------------------------------------------------------------------
+# -- mistakes in Python ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("media", "simulaton"), ("media", {"simulation": {"shape": (16.0, 16)}}),
-        ("media", {"simulation": {"seed": True}}), ("media", ("ala", "emma")), ("media", ("ala", "ala")),
-        ("finite_overlap", 1), ("observe", ()), ("observe", ("bands", "bands")), ("observe", ("noise",)), ("band_points", 1),
-        ("band_points", 2.0), ("mesh", (0, 1)), ("mesh", 8),
-        ("mesh", (8, 8, 2)), ("dim", (2, 3)), ("dim", (3,)),
+        ("media", "simulaton"),
+        ("media", {"simulation": {"shape": (16.0, 16)}}),
+        ("media", {"simulation": {"seed": True}}),
+        ("media", ("ala", "emma")),
+        ("media", ("ala", "ala")),
+        ("finite_overlap", 1),
+        ("observe", ()),
+        ("observe", ("bands", "bands")),
+        ("observe", ("noise",)),
+        ("band_points", 1),
+        ("band_points", 2.0),
+        ("mesh", (0, 1)),
+        ("mesh", 8),
+        ("mesh", (8, 8, 2)),
+        ("dim", (2, 3)),
+        ("dim", (3,)),
     ],
-)  # fmt: skip
+)
 def test_values_that_a_scene_does_not_take(packing, name, value):
     with pytest.raises(InputError, match=r"found .*allowed: "):
         Scene(packing, Load("force", 1.0), **{name: value})
@@ -591,14 +845,24 @@ def test_values_that_a_scene_does_not_take(packing, name, value):
 
 def test_values_that_a_load_does_not_take(steel):
     for arguments in (
-        ("weight", 1.0), ("force", 0.0), ("force", math.nan), ("force", 1.0, 31), ("side_force", 1.0), ("force", ()),
-        ("force", (1.0, -1.0)), ("force", "1 N"), ("overlap", math.inf), ("overlap", (1.0, math.nan)),
-    ):  # fmt: skip
+        ("weight", 1.0),
+        ("force", 0.0),
+        ("force", math.nan),
+        ("force", 1.0, 31),
+        ("side_force", 1.0),
+        ("force", ()),
+        ("force", (1.0, -1.0)),
+        ("force", "1 N"),
+        ("overlap", math.inf),
+        ("overlap", (1.0, math.nan)),
+    ):
         with pytest.raises(InputError):
             Load(*arguments)
     with pytest.raises(InputError, match="whole number"):
         Load("side_force", 1.0, 0)
-    with pytest.raises(InputError, match=r"the load has the shape \(1, 1\). Give one number, or a list"):
+    with pytest.raises(
+        InputError, match=r"the load has the shape \(1, 1\). Give one number, or a list"
+    ):
         Scene(gp.Packing(steel, 8e-3), Load("force", [[1.0]]))
     with pytest.raises(InputError, match="hexagon"):
         Scene(gp.Packing(steel, 8e-3, lattice="square"), Load("side_force", 990.0, 31))
@@ -609,10 +873,19 @@ def test_values_that_a_load_does_not_take(steel):
 @pytest.mark.parametrize(
     "paths",
     [
-        (), [], None, "GKMG", 3, ((),), (((0.0, 0.0, 0.0),),), (((0.0, 0.0), (0.5, 0.0)),),
-        ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)), (((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0)),), (((0.0, 0.0, 0.0), (0.5, 0.0)),),
+        (),
+        [],
+        None,
+        "GKMG",
+        3,
+        ((),),
+        (((0.0, 0.0, 0.0),),),
+        (((0.0, 0.0), (0.5, 0.0)),),
+        ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)),
+        (((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0)),),
+        (((0.0, 0.0, 0.0), (0.5, 0.0)),),
     ],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("labels", [None, ()])
 def test_a_band_is_a_path_of_two_points_or_more(paths, labels):
     with pytest.raises(InputError, match="band"):
@@ -622,29 +895,84 @@ def test_a_band_is_a_path_of_two_points_or_more(paths, labels):
 def test_a_path_keeps_plain_numbers():
     path = BandPath([np.array([[0, 0, 0], [0.5, 0, 0]]), [(0, 0, 0), (1, 1, 0)]], None)
     assert path.paths == (((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)), ((0.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
-    assert (str(path), hash(path)) == ("0 0 0 1/2 0 0, 0 0 0 1 1 0", hash(BandPath.parse("0 0 0 1/2 0 0, 0 0 0 1 1 0")))
+    assert (str(path), hash(path)) == (
+        "0 0 0 1/2 0 0, 0 0 0 1 1 0",
+        hash(BandPath.parse("0 0 0 1/2 0 0, 0 0 0 1 1 0")),
+    )
 
 
-# -- anything at all ------------------------------------------------------------------------------------------------
+# -- anything at all -------------------------------------------------------------------------------
 
 PIECES = [
-    "", " ", "\n", "\n  ", ":", ": ", "- ", "[", "]", "{", "}", ",", "'", '"', "#", "&a ", "*a", "!x ", "|", ">", "?", "%",
-    "@", "!!python/object:a.b ", "~", "null", "true", "yes", "nan", ".inf", "-1", "0", "1e999", "1e-320", "9" * 50, "8 mm",
-    "µ", "\t", "\x00", "\x85", "\ufeff", "\U0001f600", "<<: ", "---", "...", "1/0", "m m", "^2", "1:2:3", "simulation",
-    "kagome", "square",
-]  # fmt: skip
+    "",
+    " ",
+    "\n",
+    "\n  ",
+    ":",
+    ": ",
+    "- ",
+    "[",
+    "]",
+    "{",
+    "}",
+    ",",
+    "'",
+    '"',
+    "#",
+    "&a ",
+    "*a",
+    "!x ",
+    "|",
+    ">",
+    "?",
+    "%",
+    "@",
+    "!!python/object:a.b ",
+    "~",
+    "null",
+    "true",
+    "yes",
+    "nan",
+    ".inf",
+    "-1",
+    "0",
+    "1e999",
+    "1e-320",
+    "9" * 50,
+    "8 mm",
+    "µ",
+    "\t",
+    "\x00",
+    "\x85",
+    "\ufeff",
+    "\U0001f600",
+    "<<: ",
+    "---",
+    "...",
+    "1/0",
+    "m m",
+    "^2",
+    "1:2:3",
+    "simulation",
+    "kagome",
+    "square",
+]
 
 
 SWEPT = (
     FULL.replace("18.446 N", "{from: 2 N, to: 20 N, points: 40, scale: log}")
     .replace(", dos", "")
     .replace(
-        "medium: ema", "medium: [afa, {ema: {local_field: paper}}]\nsweep: {width: [1 um], spread: [{normal: {std: 1 um}}]}"
+        "medium: ema",
+        "medium: [afa, {ema: {local_field: paper}}]\nsweep: {width: [1 um], spread: [{normal:"
+        " {std: 1 um}}]}",
     )
 )
 
 
-SIMULATED = FULL.replace("medium: ema", "medium:\n  simulation:\n    shape: 64 64\n    seed: 7\n    samples: 4")
+SIMULATED = FULL.replace(
+    "medium: ema", "medium:\n  simulation:\n    shape: 64 64\n    seed: 7\n    samples: 4"
+)
 
 
 @pytest.mark.parametrize("name", ["steel_hexagon", "swept", "simulated"])
@@ -657,10 +985,16 @@ def test_mutated_scenes_are_read_or_refused(name):
         text = base
         for _ in range(rng.randint(1, 3)):
             # of the text that counts, not of the comments
-            spots = [i for i, c in enumerate(text) if "#" not in text[text.rfind("\n", 0, i) + 1 : i + 1]]
+            spots = [
+                i for i, c in enumerate(text) if "#" not in text[text.rfind("\n", 0, i) + 1 : i + 1]
+            ]
             at = rng.choice(spots or [0])
             length = rng.choice([0, 0, 1, 2, 5, 20])
-            text = text[:at] + rng.choice([*PIECES, chr(rng.randrange(1, 0x3000))]) + text[at + length :]
+            text = (
+                text[:at]
+                + rng.choice([*PIECES, chr(rng.randrange(1, 0x3000))])
+                + text[at + length :]
+            )
         try:
             scene = Scene.from_text(text, "mutant.yaml")
         except SceneError as error:
@@ -673,7 +1007,10 @@ def test_mutated_scenes_are_read_or_refused(name):
         assert "\n" not in message
 
 
-@given(st.text(max_size=40), st.sampled_from(["8 mm", "211.65 GPa", "0.276", "18.446 N", "diameter", "load"]))
+@given(
+    st.text(max_size=40),
+    st.sampled_from(["8 mm", "211.65 GPa", "0.276", "18.446 N", "diameter", "load"]),
+)
 def test_any_value_is_taken_or_refused(text, instead_of):
     with suppress(SceneError):
         Scene.from_text(MINIMAL.replace(instead_of, text))
@@ -693,14 +1030,17 @@ def test_loads_that_no_sample_bears_are_found_before_any_is_made(load, words):
         Scene.from_text(text)
 
 
-# -- counted before it is enumerated ------------------------------------------------------------------------------------
+# -- counted before it is enumerated ---------------------------------------------------------------
 
 BALLS = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
 packing: {diameter: 8 mm, spread: {uniform: 2 um}}
 load: {force: 5 N}
 """
-WIDTHS = "sweep: {width: {from: 1 um, to: 3 um, points: 1000}, density: {from: 7 g/cm^3, to: 8 g/cm^3, points: 100}}\n"
+WIDTHS = (
+    "sweep: {width: {from: 1 um, to: 3 um, points: 1000}, density: {from: 7 g/cm^3, to: 8 g/cm^3,"
+    " points: 100}}\n"
+)
 
 
 @pytest.mark.parametrize("medium", ["ema", "simulation", "auto"])
@@ -715,16 +1055,23 @@ def test_of_very_many_packings_the_ends_are_looked_at(medium):
         assert cost.equilibria == 300_000
         (dearest,) = {
             estimate(
-                gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(3e-6))), Load("force", 50.0), exponents=True
+                gp.DirectSimulation(replace(scene.packing, spread=gp.Uniform(3e-6))),
+                Load("force", 50.0),
+                exponents=True,
             ).work
         }
         assert cost.work == pytest.approx(1e5 * dearest)
 
 
 def test_the_first_value_that_a_packing_cannot_have_is_named():
-    with pytest.raises(SceneError, match=r"<scene>:4: sweep.width.2: found '17 mm'; allowed: a value that the packing"):
+    with pytest.raises(
+        SceneError,
+        match=r"<scene>:4: sweep.width.2: found '17 mm'; allowed: a value that the packing",
+    ):
         Scene.from_text(BALLS + "sweep: {width: [1 um, 2 um, 17 mm, 18 mm, 3 um]}\n")
-    with pytest.raises(SceneError, match=r"<scene>:4: sweep: width = 0.01 m, diameter = 0.004 m: the smallest ball"):
+    with pytest.raises(
+        SceneError, match=r"<scene>:4: sweep: width = 0.01 m, diameter = 0.004 m: the smallest ball"
+    ):
         Scene.from_text(BALLS + "sweep: {width: [1 um, 10 mm, 2 um], diameter: [8 mm, 4 mm]}\n")
 
 
@@ -732,28 +1079,45 @@ def test_the_first_value_that_a_packing_cannot_have_is_named():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}") + WIDTHS, "4: sweep: 20,000,000,000 states: about "),
-        (BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}"), "3: load.force: 200,000 states: about 625 MB"),
         (
-            BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 100}") + "observe: [bands]\nphonopy: {band_points: 100000}",
+            BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}") + WIDTHS,
+            "4: sweep: 20,000,000,000 states: about ",
+        ),
+        (
+            BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}"),
+            "3: load.force: 200,000 states: about 625 MB",
+        ),
+        (
+            BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 100}")
+            + "observe: [bands]\nphonopy: {band_points: 100000}",
             "5: phonopy.band_points: 100 states with 900,000 frequencies each: about ",
         ),
         (
             BALLS + "observe: [bands]\nphonopy: {band_points: 100000}",
             "5: phonopy.band_points: bands at 300,000 wave vectors",
         ),
-        (BALLS + "observe: [dos]\nphonopy: {mesh: 4096 4096 1}", "5: phonopy.mesh: density of states on 4096 x 4096 "),
-        (BALLS + "observe: [bands]\nphonopy: {dim: 100 100 1}", "5: phonopy.dim: force constants of 100 x 100 cells: "),
+        (
+            BALLS + "observe: [dos]\nphonopy: {mesh: 4096 4096 1}",
+            "5: phonopy.mesh: density of states on 4096 x 4096 ",
+        ),
+        (
+            BALLS + "observe: [bands]\nphonopy: {dim: 100 100 1}",
+            "5: phonopy.dim: force constants of 100 x 100 cells: ",
+        ),
         (
             BALLS + "medium: {simulation: {shape: 4096 4096}}",
             r"4: medium: simulation of 16,777,216 balls, 3 equilibria: about .*",
         ),
     ],
 )
-def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_done(text, words, memory, tmp_path):
+def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_done(
+    text, words, memory, tmp_path
+):
     scene = Scene.from_text(text)
     memory(4e8)
-    with pytest.raises(SceneError, match=f"<scene>:{words}.*this machine has 0.4 GB of memory available. Take "):
+    with pytest.raises(
+        SceneError, match=f"<scene>:{words}.*this machine has 0.4 GB of memory available. Take "
+    ):
         scene.run(tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -762,8 +1126,10 @@ def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_
     ("text", "words"),
     [
         (
-            "observe: [spectrum]\nspectrum: {resolution: 0.06 Hz, points: 1000}\nmedium: {simulation: {shape: 4096 4096}}",
-            r"6: medium: simulation of .*; waves in 16,777,216 balls: about .* days, %s.*fewer wave vectors",
+            "observe: [spectrum]\nspectrum: {resolution: 0.06 Hz, points: 1000}\nmedium:"
+            " {simulation: {shape: 4096 4096}}",
+            r"6: medium: simulation of .*; waves in 16,777,216 balls: about .* days,"
+            r" %s.*fewer wave vectors",
         ),
         (
             "medium: {simulation: {shape: 16384 16384, samples: 10000}}",
@@ -771,18 +1137,25 @@ def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_
         ),
     ],
 )
-def test_what_takes_longer_than_any_run_is_refused_before_anything_is_done(text, words, memory, monkeypatch, tmp_path):
+def test_what_takes_longer_than_any_run_is_refused_before_anything_is_done(
+    text, words, memory, monkeypatch, tmp_path
+):
     monkeypatch.setattr("granphon.media.cost._measure_time_per_ball", lambda: 1e-3)
     scene = Scene.from_text(BALLS + text)
     memory(math.inf)
-    with pytest.raises(SceneError, match="<scene>:" + words % "and no run may take more than 10,000 days on one processor"):
+    with pytest.raises(
+        SceneError,
+        match="<scene>:" + words % "and no run may take more than 10,000 days on one processor",
+    ):
         scene.run(tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_long_lists_are_left_to_the_run(tmp_path):
     sizes = 8e-3 + 1e-6 * np.random.default_rng(1).normal(size=1000)
-    (tmp_path / "lot.csv").write_text("diameter (m)\n" + "".join(f"{size!r}\n" for size in sizes.tolist()))
+    (tmp_path / "lot.csv").write_text(
+        "diameter (m)\n" + "".join(f"{size!r}\n" for size in sizes.tolist())
+    )
     mean = gp.Measured(sizes).mean
     text = BALLS.replace("8 mm", f"{mean!r} m").replace("uniform: 2 um", "measured: lot.csv")
     for medium, few in (("ema", 0), ("[ala, ema]", 1)):

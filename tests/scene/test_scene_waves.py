@@ -1,4 +1,6 @@
-"""Scenes that observe the waves in a simulated array: files, figures, what is read back, and what is refused."""
+"""Scenes that observe the waves in a simulated array: files, figures, what is read back, and what
+is refused.
+"""
 
 import dataclasses
 
@@ -19,7 +21,8 @@ HEAD = (
 )
 ARRAY = HEAD + "medium: {simulation: {shape: [12, 24]}}\ndirection: [0, 1]\n"
 ALL = (
-    ARRAY + "observe: [dos, spectrum, pulse]\nspectrum: {polarisation: [longitudinal, rotational], points: 5}\n"
+    ARRAY + "observe: [dos, spectrum, pulse]\nspectrum: {polarisation: [longitudinal, rotational],"
+    " points: 5}\n"
     "pulse: {frequency: 9 kHz, cycles: 2, distance: 80 mm}\nphonopy: {mesh: 6 6 1}\n"
 )
 
@@ -55,8 +58,12 @@ def test_files_hold_what_the_library_finds(done):
 
 @pytest.mark.parametrize("seed", [2, 3])
 def test_a_scene_at_a_low_load_gives_its_pulse(seed, tmp_path):
-    text = HEAD.replace("5 N", "2 N") + f"medium: {{simulation: {{shape: [20, 40], seed: {seed}}}}}\n"
-    scene = gp.Scene.from_text(text + "observe: [velocities, pulse]\npulse: {frequency: 5200 Hz, cycles: 2}\n")
+    text = (
+        HEAD.replace("5 N", "2 N") + f"medium: {{simulation: {{shape: [20, 40], seed: {seed}}}}}\n"
+    )
+    scene = gp.Scene.from_text(
+        text + "observe: [velocities, pulse]\npulse: {frequency: 5200 Hz, cycles: 2}\n"
+    )
     summary = scene.run(tmp_path / "out", figures=False).summary()
     assert 0.9 < summary["pulse_velocity"] / summary["longitudinal"] < 0.97
 
@@ -72,7 +79,9 @@ def test_tables_are_those_of_the_results(done):
     assert len(rows) == 1 + 2 * len(result.waves.spectra.distances)
     place = rows[0].split(",").index("resolved")
     told = [row.split(",")[place] for row in rows[1:]]
-    assert told == [str(int(one)) for spectrum in result.waves.spectra.spectra for one in spectrum.resolved]
+    assert told == [
+        str(int(one)) for spectrum in result.waves.spectra.spectra for one in spectrum.resolved
+    ]
 
 
 def test_scene_with_waves_is_written_and_read_back(done):
@@ -121,10 +130,17 @@ def test_path_to_a_vector_of_the_reciprocal_lattice_leaves_out_gamma_at_both_end
 def test_path_of_an_array_has_the_wave_vectors_of_its_cell():
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(2.04e-6))
     state = gp.DirectSimulation(packing, shape=(12, 12)).at_force(50.0)
-    waves, path = gp.Waves(state.sample), BandPath.default(packing.structure)
+    waves = gp.Waves(state.sample)
+    path = BandPath.default(packing.structure)
     lattice = gp.ContactLattice.of("triangular", packing.mindlin_ratio)
     found = find_path_spectra(
-        waves, lattice, state.scales, path.arrays, path.labels, points=13, polarisations=["longitudinal"]
+        waves,
+        lattice,
+        state.scales,
+        path.arrays,
+        path.labels,
+        points=13,
+        polarisations=["longitudinal"],
     )
     assert found.labels == ("G", "K", "M", "G")
     q = found.spectra[0].q
@@ -139,8 +155,14 @@ def test_path_of_an_array_has_the_wave_vectors_of_its_cell():
 
 REFUSED = {
     "no array": (HEAD + "observe: [spectrum]\n", "medium: simulation"),
-    "no array for a pulse": (HEAD + "observe: [pulse]\npulse: {frequency: 1 kHz}\n", "medium: simulation"),
-    "several loads of a lattice": (HEAD.replace("5 N", "[5 N, 6 N]") + "observe: [dos]\n", "medium: simulation"),
+    "no array for a pulse": (
+        HEAD + "observe: [pulse]\npulse: {frequency: 1 kHz}\n",
+        "medium: simulation",
+    ),
+    "several loads of a lattice": (
+        HEAD.replace("5 N", "[5 N, 6 N]") + "observe: [dos]\n",
+        "medium: simulation",
+    ),
     "a medium beside": (
         ARRAY.replace("medium: {", "medium: [ema, {").replace("24]}}", "24]}}]")
         + "observe: [pulse]\npulse: {frequency: 4 kHz}\n",
@@ -148,17 +170,29 @@ REFUSED = {
     ),
     "no frequency": (ARRAY + "observe: [pulse]\n", "frequency: 6.5 kHz"),
     "an empty block": (ARRAY + "observe: [pulse]\npulse: {cycles: 3}\n", "frequency"),
-    "a frequency without unit": (ARRAY + "observe: [pulse]\npulse: {frequency: 6500}\n", "without a unit"),
+    "a frequency without unit": (
+        ARRAY + "observe: [pulse]\npulse: {frequency: 6500}\n",
+        "without a unit",
+    ),
     "an unknown key": (ARRAY + "observe: [pulse]\npulse: {frequency: 1 kHz, cycle: 3}\n", "cycles"),
-    "an unknown polarisation": (ARRAY + "observe: [spectrum]\nspectrum: {polarisation: long}\n", "longitudinal"),
+    "an unknown polarisation": (
+        ARRAY + "observe: [spectrum]\nspectrum: {polarisation: long}\n",
+        "longitudinal",
+    ),
     "a polarisation twice": (
-        ARRAY + "observe: [spectrum]\nspectrum: {polarisation: [transverse, transverse]}\n", "once",
+        ARRAY + "observe: [spectrum]\nspectrum: {polarisation: [transverse, transverse]}\n",
+        "once",
     ),
-    "negative damping": (ARRAY + "observe: [pulse]\npulse: {frequency: 1 kHz, damping: -1 us}\n", "negative|zero"),
+    "negative damping": (
+        ARRAY + "observe: [pulse]\npulse: {frequency: 1 kHz, damping: -1 us}\n",
+        "negative|zero",
+    ),
     "two directions": (
-        ARRAY.replace("[0, 1]", "[[0, 1], [1, 0]]") + "observe: [pulse]\npulse: {frequency: 1 kHz}\n", "one direction",
+        ARRAY.replace("[0, 1]", "[[0, 1], [1, 0]]")
+        + "observe: [pulse]\npulse: {frequency: 1 kHz}\n",
+        "one direction",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("text", "said"), REFUSED.values(), ids=REFUSED.keys())
@@ -182,12 +216,17 @@ def test_cost_of_waves_grows_with_what_is_asked():
 
     alone = seconds("observe: [spectrum]\nspectrum: {points: 11}\n")
     assert alone > 100.0  # a million balls
-    twice = seconds("observe: [spectrum]\nspectrum: {points: 11, polarisation: [longitudinal, transverse]}\n")
+    twice = seconds(
+        "observe: [spectrum]\nspectrum: {points: 11, polarisation: [longitudinal, transverse]}\n"
+    )
     assert twice == pytest.approx(2.0 * alone)
     assert seconds("observe: [spectrum]\nspectrum: {points: 11, resolution: 20 Hz}\n") > 5.0 * alone
     short = seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 0.5 m}\n")
     assert seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 5 m}\n") > 5.0 * short
-    assert seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 0.5 m, cycles: 5000}\n") > 50.0 * short
+    assert (
+        seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 0.5 m, cycles: 5000}\n")
+        > 50.0 * short
+    )
 
 
 def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
@@ -201,7 +240,10 @@ def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
 
 def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
     def seconds(frequency, cycles):
-        pulse = f"observe: [pulse]\npulse: {{frequency: {frequency} Hz, distance: 20 mm, cycles: {cycles}}}\n"
+        pulse = (
+            f"observe: [pulse]\npulse: {{frequency: {frequency} Hz, distance: 20 mm, cycles:"
+            f" {cycles}}}\n"
+        )
         return gp.Scene.from_text(ARRAY + pulse).parts[-1][-1].known
 
     # of the same duration, the one with more periods is read more often
@@ -209,7 +251,9 @@ def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
 
 
 def test_echo_in_a_scene_is_a_warning(tmp_path):
-    scene = gp.Scene.from_text(ARRAY + "observe: [pulse]\npulse: {frequency: 4 kHz, distance: 80 mm}\n")
+    scene = gp.Scene.from_text(
+        ARRAY + "observe: [pulse]\npulse: {frequency: 4 kHz, distance: 80 mm}\n"
+    )
     result = scene.run(tmp_path / "out", figures=False)
     assert any("echo" in text for text in result.warnings)
     assert "echo" in (tmp_path / "out" / "summary.yaml").read_text()
@@ -229,6 +273,9 @@ def test_damaged_results_are_named_with_their_file(done, tmp_path):
 
 
 def test_corners_of_a_path_in_numbers_are_labelled_with_their_numbers(tmp_path):
-    text = ARRAY + "observe: [spectrum]\nspectrum: {points: 3}\nphonopy: {band: 0 0 0 1/3 1/3 0 1/2 0 0}\n"
+    text = (
+        ARRAY
+        + "observe: [spectrum]\nspectrum: {points: 3}\nphonopy: {band: 0 0 0 1/3 1/3 0 1/2 0 0}\n"
+    )
     labels = gp.Scene.from_text(text).run(tmp_path / "out", figures=False).waves.spectra.labels
     assert labels == ("0 0 0", "0.3333 0.3333 0", "0.5 0 0")

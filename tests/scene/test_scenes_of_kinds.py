@@ -18,18 +18,24 @@ from granphon.media.arrangement import Arrangement
 from granphon.observables.catalogue import entry_of
 from granphon.runs.dataset import load_sweep
 
-STEEL, ALUMINIUM = gp.Material(193e9, 0.30, 8000.0), gp.Material(73.5e9, 0.33, 2700.0)
+STEEL = gp.Material(193e9, 0.30, 8000.0)
+ALUMINIUM = gp.Material(73.5e9, 0.33, 2700.0)
 BALLS = """
 balls:
   S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19.05 mm, mass: 28.84 g}
   A: {material: {young_modulus: 73.5 GPa, poisson_ratio: 0.33, density: 2700 kg/m^3}, diameter: 19.05 mm, mass: 9.75 g}
 """
-CHAIN = BALLS + "crystal: {lattice: chain, kinds: [A, S]}\nload: {force: 20 N}\nobserve: [velocities, bands, gaps, dos]\n"
+CHAIN = (
+    BALLS + "crystal: {lattice: chain, kinds: [A, S]}\nload: {force: 20 N}\nobserve: [velocities,"
+    " bands, gaps, dos]\n"
+)
 
 
 def balls(diameter: float = 19.05e-3) -> tuple[gp.Ball, gp.Ball]:
     """Aluminium and steel."""
-    return gp.Ball(ALUMINIUM, diameter, mass=9.75e-3, name="A"), gp.Ball(STEEL, 19.05e-3, mass=28.84e-3, name="S")
+    return gp.Ball(ALUMINIUM, diameter, mass=9.75e-3, name="A"), gp.Ball(
+        STEEL, 19.05e-3, mass=28.84e-3, name="S"
+    )
 
 
 def test_the_preset_of_a_diatomic_chain_runs(tmp_path, monkeypatch, capsys):
@@ -49,21 +55,32 @@ def test_a_diatomic_chain_has_the_edges_of_its_bands_and_its_gap(tmp_path):
     assert numbers["longitudinal"] == pytest.approx(487.42, abs=0.01)
     assert numbers["exponent"] == pytest.approx(1.0 / 6.0, rel=1e-13)
     assert result.validity.ok
-    assert {"bands.png", "band.yaml", "phonopy_params.yaml", "dos.csv", "sweep.csv"} <= {path.name for path in result.files}
+    assert {"bands.png", "band.yaml", "phonopy_params.yaml", "dos.csv", "sweep.csv"} <= {
+        path.name for path in result.files
+    }
     again = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
     assert again == replace(gp.Scene.from_text(CHAIN), source=again.source)
-    assert again.run(tmp_path / "out", resume=True).summary()["longitudinal"] == numbers["longitudinal"]
+    assert (
+        again.run(tmp_path / "out", resume=True).summary()["longitudinal"]
+        == numbers["longitudinal"]
+    )
 
 
 def test_what_a_sweep_finds_is_what_states_have(tmp_path):
-    text = BALLS + "crystal: {lattice: chain, kinds: [A, S]}\nload: {force: {from: 1 N, to: 20 N, points: 3}}\n"
-    scene = gp.Scene.from_text(text + "sweep: {A.diameter: [12 mm, 19.05 mm], S.density: [8000 kg/m^3, 7000 kg/m^3]}\n")
+    text = (
+        BALLS + "crystal: {lattice: chain, kinds: [A, S]}\nload: {force: {from: 1 N, to: 20 N,"
+        " points: 3}}\n"
+    )
+    scene = gp.Scene.from_text(
+        text + "sweep: {A.diameter: [12 mm, 19.05 mm], S.density: [8000 kg/m^3, 7000 kg/m^3]}\n"
+    )
     data = scene.run(tmp_path / "out", figures=False).dataset
     assert data["longitudinal"].dims == ("load", "medium", "A.diameter", "S.density")
     read = load_sweep(tmp_path / "out" / "sweep.nc")
     for d, diameter in enumerate((12e-3, 19.05e-3)):
         small, large = balls(diameter)
-        for m, mass in enumerate((28.84e-3, 28.84e-3)):  # a mass that was given stays where the density is another
+        for m, mass in enumerate((28.84e-3, 28.84e-3)):
+            # a mass that was given stays where the density is another
             crystal = gp.Crystal.on("chain", [small, replace(large, mass=mass)])
             states = crystal.at_force(np.array(data["force"]))
             right = gp.sound_velocities(states).longitudinal
@@ -82,11 +99,17 @@ def test_sweeps_in_python_take_crystals():
     data = gp.sweep(crystal, pressure=pressures, direction=(1, 1, 0))
     right = gp.sound_velocities(crystal.at_pressure(pressures), (1, 1, 0))
     assert data["longitudinal"].values[:, 0] == pytest.approx(right.longitudinal, rel=1e-13)
-    assert data["tensor"].values[:, 0] == pytest.approx(gp.moduli(crystal.at_pressure(pressures)).tensor, rel=1e-12)
+    assert data["tensor"].values[:, 0] == pytest.approx(
+        gp.moduli(crystal.at_pressure(pressures)).tensor, rel=1e-12
+    )
     assert data["pressure"].values == pytest.approx(pressures)
     softer = gp.sweep(crystal, pressure=[1e5], **{"A.young_modulus": [50e9, 73.5e9]})
-    other = crystal.with_balls({"A": replace(balls()[0], material=replace(ALUMINIUM, young_modulus=50e9))})
-    assert softer["bulk"].values[0, 0] == pytest.approx([gp.moduli(one.at_pressure(1e5)).bulk for one in (other, crystal)])
+    other = crystal.with_balls(
+        {"A": replace(balls()[0], material=replace(ALUMINIUM, young_modulus=50e9))}
+    )
+    assert softer["bulk"].values[0, 0] == pytest.approx(
+        [gp.moduli(one.at_pressure(1e5)).bulk for one in (other, crystal)]
+    )
     with pytest.raises(InputError, match=r"do not touch.*Make the crystal anew"):
         gp.sweep(crystal, pressure=[1e5], **{"A.diameter": [0.019]})
     with pytest.raises(InputError, match=r"no parameter 'B\.mass'"):
@@ -101,7 +124,9 @@ def test_sweeps_in_python_take_crystals():
 
 def test_loads_that_are_tensors():
     text = BALLS + "crystal: {lattice: fcc, kinds: [S]}\ndirection: [0, 0, 1]\n"
-    scene = gp.Scene.from_text(text + "load: {strain: [0, 0, -1e-4, 0, 0, 0], times: [0.1, 1, 2]}\n")
+    scene = gp.Scene.from_text(
+        text + "load: {strain: [0, 0, -1e-4, 0, 0, 0], times: [0.1, 1, 2]}\n"
+    )
     data = scene.sweep()
     crystal = gp.Crystal.on("fcc", [balls()[1]])
     strains = -1e-4 * np.array([0.1, 1.0, 2.0])[:, None] * np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -111,9 +136,12 @@ def test_loads_that_are_tensors():
     assert data["contact_fraction"].values == pytest.approx(8.0 / 12.0)
     assert data["strain"].values == pytest.approx([1e-5, 1e-4, 2e-4])
     # along [001] v^2 = k + kappa, in units d^2/m
-    k, ratio = states.normal_stiffness.max(axis=1), crystal.mindlin_ratios[0]
+    k = states.normal_stiffness.max(axis=1)
+    ratio = crystal.mindlin_ratios[0]
     ball = crystal.kinds[0]
-    assert right.longitudinal**2 == pytest.approx(ball.diameter**2 * k * (1.0 + ratio) / ball.mass, rel=1e-12)
+    assert right.longitudinal**2 == pytest.approx(
+        ball.diameter**2 * k * (1.0 + ratio) / ball.mass, rel=1e-12
+    )
     matrix = "load: {strain: [[0, 0, 0], [0, 0, 0], [0, 0, -1e-4]], times: [0.1, 1, 2]}\n"
     assert gp.Scene.from_text(text + matrix) == replace(scene, source=None)
 
@@ -121,20 +149,26 @@ def test_loads_that_are_tensors():
 @pytest.mark.parametrize(
     ("lines", "check"),
     [
-        ("crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 8, edges: floor free}}\n"
-         "load: {gravity: 9.81 m/s^2}\nobserve: [bands]\n",
-         lambda c: c.cut(1, 8, ("floor", "free")).at_pressure(0.0, gravity=(0.0, -9.81))),
-        ("crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 8, edges: free floor}}\n"
-         "load: {pressure: 5 N/m, gravity: 9.81 m/s^2}\nobserve: [bands]\n",
-         lambda c: c.cut(1, 8, ("free", "floor")).at_pressure(5.0, gravity=(0.0, 9.81))),
+        (
+            "crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 8, edges: floor free}}\n"
+            "load: {gravity: 9.81 m/s^2}\nobserve: [bands]\n",
+            lambda c: c.cut(1, 8, ("floor", "free")).at_pressure(0.0, gravity=(0.0, -9.81)),
+        ),
+        (
+            "crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 8, edges: free floor}}\n"
+            "load: {pressure: 5 N/m, gravity: 9.81 m/s^2}\nobserve: [bands]\n",
+            lambda c: c.cut(1, 8, ("free", "floor")).at_pressure(5.0, gravity=(0.0, 9.81)),
+        ),
     ],
-)  # fmt: skip
+)
 def test_layers_stand_on_a_floor(tmp_path, lines, check):
     state = check(gp.Crystal.on("square", [balls()[0]]))
     result = gp.Scene.from_text(BALLS + lines).run(tmp_path / "out", figures=False)
     live = state.normal_force[state.normal_stiffness > 0.0]
     assert result.summary()["force"] == pytest.approx(live.mean(), rel=1e-12)
-    assert result.bands.frequencies.max() == pytest.approx(gp.Phonons(state).bands().frequencies.max(), rel=1e-9)
+    assert result.bands.frequencies.max() == pytest.approx(
+        gp.Phonons(state).bands().frequencies.max(), rel=1e-9
+    )
     assert not any("velocities" in text for text in result.warnings)
 
 
@@ -154,7 +188,11 @@ load: {force: 5 N}
     scene = gp.Scene.from_text(text)
     small, large = balls()
     law = {("A", "A"): gp.PowerLaw(2.0, 1e11), ("A", "S"): gp.Hertz()}
-    crystal = gp.Crystal([small, large], [[38.1e-3]], [[0.0], [19.05e-3]], law=law).repeat(4).replace(3, small)
+    crystal = (
+        gp.Crystal([small, large], [[38.1e-3]], [[0.0], [19.05e-3]], law=law)
+        .repeat(4)
+        .replace(3, small)
+    )
     right = crystal.at_force(5.0)
     assert scene.state().source.normal_stiffness == pytest.approx(right.normal_stiffness, rel=1e-14)
     assert gp.Scene.from_text(scene.to_yaml()) == replace(scene, source=None)
@@ -169,7 +207,11 @@ load: {pressure: 20 kN/m}
 """
     )
     scene = gp.Scene.from_text(text)
-    rows = [("spread of S", "uniform", ""), ("width of S", 1e-6, "m"), ("Young modulus of S", 193e9, "Pa")]
+    rows = [
+        ("spread of S", "uniform", ""),
+        ("width of S", 1e-6, "m"),
+        ("Young modulus of S", 193e9, "Pa"),
+    ]
     assert set(rows) <= set(scene.packing.describe())
     ball = replace(balls()[1], spread=gp.Uniform(1e-6))
     right = gp.Crystal.on("triangular", [ball]).sample((6, 6), 3).at_pressure(2e4)
@@ -189,60 +231,153 @@ load: {pressure: 20 kN/m}
 def test_pages_and_modes_of_a_scene(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "s.yaml").write_text(CHAIN, encoding="utf-8")
-    for command in (["page", "s.yaml", "-o", "p.html"], ["mode", "s.yaml", "--at", "X", "--branch", "1", "-o", "m.png"],
-                    ["export", "s.yaml", "-o", "m.json"], ["check", "s.yaml"]):  # fmt: skip
+    for command in (
+        ["page", "s.yaml", "-o", "p.html"],
+        ["mode", "s.yaml", "--at", "X", "--branch", "1", "-o", "m.png"],
+        ["export", "s.yaml", "-o", "m.json"],
+        ["check", "s.yaml"],
+    ):
         assert main(command) == 0
     assert json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
 
 
-#: what is wrong: lines in place of those from "crystal" on, the place that the error names, and what it says
+#: what is wrong: lines in place of those from "crystal" on, the place that the error names, and
+#: what it says
 _ON_CHAIN = "crystal: {lattice: chain}\n"
 MISTAKES = {
-    "a packing beside": (f"{_ON_CHAIN}packing: {{diameter: 8 mm}}\nload: {{force: 1 N}}", "packing", "in place of"),
+    "a packing beside": (
+        f"{_ON_CHAIN}packing: {{diameter: 8 mm}}\nload: {{force: 1 N}}",
+        "packing",
+        "in place of",
+    ),
     "no crystal": ("load: {force: 1 N}", "", "crystal"),
-    "no lattice": ("crystal: {kinds: [A]}\nload: {force: 1 N}", "crystal", "a lattice, or cell and sites"),
-    "no kind": ("crystal: {lattice: chain, kinds: [A, T]}\nload: {force: 1 N}", "crystal", "no kind of ball 'T'"),
-    "no law": ("crystal: {lattice: chain, law: hooke}\nload: {force: 1 N}", "crystal.law", "hertz, power"),
-    "a pair is missing": ("crystal: {lattice: chain, law: {A A: hertz}}\nload: {force: 1 N}", "crystal", "'S'"),
+    "no lattice": (
+        "crystal: {kinds: [A]}\nload: {force: 1 N}",
+        "crystal",
+        "a lattice, or cell and sites",
+    ),
+    "no kind": (
+        "crystal: {lattice: chain, kinds: [A, T]}\nload: {force: 1 N}",
+        "crystal",
+        "no kind of ball 'T'",
+    ),
+    "no law": (
+        "crystal: {lattice: chain, law: hooke}\nload: {force: 1 N}",
+        "crystal.law",
+        "hertz, power",
+    ),
+    "a pair is missing": (
+        "crystal: {lattice: chain, law: {A A: hertz}}\nload: {force: 1 N}",
+        "crystal",
+        "'S'",
+    ),
     "an unknown edge": (
-        "crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 3, edges: glued}}\nload: {force: 1 N}",
-        "crystal.cut.edges", "free, clamped, floor",
+        "crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 3, edges:"
+        " glued}}\nload: {force: 1 N}",
+        "crystal.cut.edges",
+        "free, clamped, floor",
     ),
-    "two loads": (f"{_ON_CHAIN}load: {{force: 1 N, strain: [-1e-4]}}", "load", "Remove all but one"),
-    "times alone": (f"{_ON_CHAIN}load: {{force: 1 N, times: [1, 2]}}", "load.times", "with stress or strain"),
+    "two loads": (
+        f"{_ON_CHAIN}load: {{force: 1 N, strain: [-1e-4]}}",
+        "load",
+        "Remove all but one",
+    ),
+    "times alone": (
+        f"{_ON_CHAIN}load: {{force: 1 N, times: [1, 2]}}",
+        "load.times",
+        "with stress or strain",
+    ),
     "gravity and a pressure without a floor": (
-        f"{_ON_CHAIN}load: {{force: 10 N, gravity: 9.81 m/s^2}}", "load.gravity", "nothing holds",
+        f"{_ON_CHAIN}load: {{force: 10 N, gravity: 9.81 m/s^2}}",
+        "load.gravity",
+        "nothing holds",
     ),
-    "gravity without a floor": (f"{_ON_CHAIN}load: {{gravity: 9.81 m/s^2}}", "load.gravity", "nothing holds"),
-    "a short tensor": ("crystal: {lattice: fcc, kinds: [A]}\nload: {strain: [-1e-4]}", "load.strain", "6 numbers"),
+    "gravity without a floor": (
+        f"{_ON_CHAIN}load: {{gravity: 9.81 m/s^2}}",
+        "load.gravity",
+        "nothing holds",
+    ),
+    "a short tensor": (
+        "crystal: {lattice: fcc, kinds: [A]}\nload: {strain: [-1e-4]}",
+        "load.strain",
+        "6 numbers",
+    ),
     "a tensor of zeros": (f"{_ON_CHAIN}load: {{stress: [0 N]}}", "load.stress", "which is zero"),
-    "a stress without a unit": (f"{_ON_CHAIN}load: {{stress: [-3]}}", "load.stress", "with its unit"),
+    "a stress without a unit": (
+        f"{_ON_CHAIN}load: {{stress: [-3]}}",
+        "load.stress",
+        "with its unit",
+    ),
     "another medium": (f"{_ON_CHAIN}load: {{force: 1 N}}\nmedium: ema", "medium", "crystal"),
     "a pulse": (f"{_ON_CHAIN}load: {{force: 1 N}}\nobserve: [pulse]", "observe", "gp.Waves"),
-    "gaps of several": (f"{_ON_CHAIN}load: {{force: [1 N, 2 N]}}\nobserve: [gaps]", "observe", "one state"),
+    "gaps of several": (
+        f"{_ON_CHAIN}load: {{force: [1 N, 2 N]}}\nobserve: [gaps]",
+        "observe",
+        "one state",
+    ),
     "sound of what is held": (
-        "crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 3, edges: floor free}}\nload: {gravity: 9.81 m/s^2}",
-        "observe", "Long waves",
+        "crystal: {lattice: square, kinds: [A], cut: {axis: 1, layers: 3, edges: floor"
+        " free}}\nload: {gravity: 9.81 m/s^2}",
+        "observe",
+        "Long waves",
     ),
-    "a stress that opens": (f"{_ON_CHAIN}load: {{stress: [3 N]}}", "load.stress", "a load that the balls can carry"),
-    "a parameter of a packing": (f"{_ON_CHAIN}load: {{force: 1 N}}\nsweep: {{width: [1 um]}}", "sweep", "A.diameter"),
-    "a side force": (f"{_ON_CHAIN}load: {{side_force: 9 N, balls_per_side: 3}}", "load.side_force", "triangular"),
-    "no period": ("crystal: {lattice: chain, cut: {axis: 0, layers: 5}}\nload: {force: 1 N}", "observe", "repeats nowhere"),
-    "twice": ("crystal: {lattice: chain, repeat: 8, remove: 3 5 3}\nload: {force: 1 N}", "crystal.remove", "ball 3 more"),
-    "no such ball": ("crystal: {lattice: chain, remove: [7]}\nload: {force: 1 N}", "crystal.remove", "0 to 1, each once"),
+    "a stress that opens": (
+        f"{_ON_CHAIN}load: {{stress: [3 N]}}",
+        "load.stress",
+        "a load that the balls can carry",
+    ),
+    "a parameter of a packing": (
+        f"{_ON_CHAIN}load: {{force: 1 N}}\nsweep: {{width: [1 um]}}",
+        "sweep",
+        "A.diameter",
+    ),
+    "a side force": (
+        f"{_ON_CHAIN}load: {{side_force: 9 N, balls_per_side: 3}}",
+        "load.side_force",
+        "triangular",
+    ),
+    "no period": (
+        "crystal: {lattice: chain, cut: {axis: 0, layers: 5}}\nload: {force: 1 N}",
+        "observe",
+        "repeats nowhere",
+    ),
+    "twice": (
+        "crystal: {lattice: chain, repeat: 8, remove: 3 5 3}\nload: {force: 1 N}",
+        "crystal.remove",
+        "ball 3 more",
+    ),
+    "no such ball": (
+        "crystal: {lattice: chain, remove: [7]}\nload: {force: 1 N}",
+        "crystal.remove",
+        "0 to 1, each once",
+    ),
     "no such layer": (
-        "crystal: {lattice: fcc, kinds: [A], repeat: 2 2 2, cut: {axis: 1 1, layers: 3}}\nload: {force: 1 N}",
-        "crystal.cut", "Miller",
+        "crystal: {lattice: fcc, kinds: [A], repeat: 2 2 2, cut: {axis: 1 1, layers:"
+        " 3}}\nload: {force: 1 N}",
+        "crystal.cut",
+        "Miller",
     ),
-    "a mechanism": ("crystal: {lattice: square, kinds: [A], friction: false}\nload: {force: 1 N}", "crystal", "mechanism"),
+    "a mechanism": (
+        "crystal: {lattice: square, kinds: [A], friction: false}\nload: {force: 1 N}",
+        "crystal",
+        "mechanism",
+    ),
     "contacts that open": (
-        "crystal: {lattice: NaCl, kinds: [A, S]}\nload: {strain: [0, 0, -1e-4, 0, 0, 0]}", "crystal", "mechanism",
+        "crystal: {lattice: NaCl, kinds: [A, S]}\nload: {strain: [0, 0, -1e-4, 0, 0, 0]}",
+        "crystal",
+        "mechanism",
     ),
-    "a spectrum": (f"{_ON_CHAIN}load: {{force: 1 N}}\nspectrum: {{points: 3}}", "spectrum", "unknown key"),
+    "a spectrum": (
+        f"{_ON_CHAIN}load: {{force: 1 N}}\nspectrum: {{points: 3}}",
+        "spectrum",
+        "unknown key",
+    ),
     "a kind without a ball": (
-        "crystal: {lattice: fcc, kinds: [A]}\nload: {force: 1 N}\nsweep: {S.mass: [1 g]}", "sweep.S.mass", "unknown key",
+        "crystal: {lattice: fcc, kinds: [A]}\nload: {force: 1 N}\nsweep: {S.mass: [1 g]}",
+        "sweep.S.mass",
+        "unknown key",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", MISTAKES)
@@ -260,13 +395,19 @@ def test_a_mistake_is_one_error(tmp_path, monkeypatch, capsys, name):
 
 
 def test_the_key_of_a_wrong_ball_is_named():
-    text = BALLS.replace("mass: 28.84 g", "inertia: 1 kg*m^2") + "crystal: {lattice: chain}\nload: {force: 1 N}\n"
+    text = (
+        BALLS.replace("mass: 28.84 g", "inertia: 1 kg*m^2")
+        + "crystal: {lattice: chain}\nload: {force: 1 N}\n"
+    )
     with pytest.raises(SceneError, match=r"balls\.S\.inertia: found '1 kg\*m\^2'"):
         gp.Scene.from_text(text)
 
 
 def test_loads_of_crystals_are_refused_for_packings():
-    packing = "material: {young_modulus: 1 GPa, poisson_ratio: 0.3, density: 1 g/cm^3}\npacking: {diameter: 1 mm}\n"
+    packing = (
+        "material: {young_modulus: 1 GPa, poisson_ratio: 0.3, density: 1 g/cm^3}\npacking:"
+        " {diameter: 1 mm}\n"
+    )
     with pytest.raises(SceneError, match=r"load\.strain: found strain of a packing"):
         gp.Scene.from_text(packing + "load: {strain: [-1e-4, 0, 0]}\n")
 
@@ -278,13 +419,22 @@ _LENGTHS = st.floats(1e-4, 1e-1)
 def scenes(draw: st.DrawFn) -> gp.Scene:
     """Scenes of crystals, whose numbers have all digits."""
     size = draw(_LENGTHS)
-    moduli, ratios, densities = st.floats(1e9, 3e11), st.floats(-0.5, 0.49), st.floats(1e3, 1e4)
-    kinds = tuple((name, gp.Ball(gp.Material(draw(moduli), draw(ratios), draw(densities)), size)) for name in "AB")
+    moduli = st.floats(1e9, 3e11)
+    ratios = st.floats(-0.5, 0.49)
+    densities = st.floats(1e3, 1e4)
+    kinds = tuple(
+        (name, gp.Ball(gp.Material(draw(moduli), draw(ratios), draw(densities)), size))
+        for name in "AB"
+    )
     table = gp.TabulatedLaw([1e-6, 2e-6], [1.0, 3.1])
-    law = draw(st.sampled_from([gp.Hertz(), gp.PowerLaw(1.75, 3e8), gp.DMT(0.05), gp.JKR(0.02), table]))
+    law = draw(
+        st.sampled_from([gp.Hertz(), gp.PowerLaw(1.75, 3e8), gp.DMT(0.05), gp.JKR(0.02), table])
+    )
     lattice = draw(st.sampled_from(["chain", "NaCl", "square", "fcc"]))
     order = ("A", "B") if lattice in ("chain", "NaCl") else ("B",)
-    cut = ((draw(st.sampled_from([1, (1, 1)])), 3, ("free", "free")),) if lattice == "square" else ()
+    cut = (
+        ((draw(st.sampled_from([1, (1, 1)])), 3, ("free", "free")),) if lattice == "square" else ()
+    )
     repeat = draw(st.sampled_from([(), (2,)])) if lattice == "chain" else ()
     balls = Arrangement(kinds, lattice, order, law=law, cut=cut, repeat=repeat)
     p = balls.structure.periods
@@ -305,6 +455,7 @@ def test_a_written_scene_is_the_same_to_the_last_bit(scene):
     try:
         again = gp.Scene.from_text(scene.to_yaml())
     except GranphonError as error:  # a load that the balls cannot carry
-        again, refused = scene, str(error)
+        again = scene
+        refused = str(error)
     assert again == scene
     assert refused is None or "carry" in refused or "beyond" in refused

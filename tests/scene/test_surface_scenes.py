@@ -56,15 +56,22 @@ def test_a_single_state_has_a_map_a_table_and_a_figure(tmp_path):
     assert again == one
 
 
-@pytest.mark.parametrize(("text", "words"), [(PACKING, {"LATTICE": "fcc", "AXIS": "1 1 0"}), (CRYSTAL, {})])
+@pytest.mark.parametrize(
+    ("text", "words"), [(PACKING, {"LATTICE": "fcc", "AXIS": "1 1 0"}), (CRYSTAL, {})]
+)
 def test_a_run_searches_the_waves_of_a_state_once(text, words, tmp_path, monkeypatch):
-    searches, find = [], HalfSpace.find_waves
-    monkeypatch.setattr(HalfSpace, "find_waves", lambda half, q: searches.append(q) or find(half, q))
+    searches = []
+    find = HalfSpace.find_waves
+    monkeypatch.setattr(
+        HalfSpace, "find_waves", lambda half, q: searches.append(q) or find(half, q)
+    )
     scene(text, FORCE="18 N", **words).run(tmp_path, figures=False)
     assert len(searches) == 1
 
 
-@pytest.mark.parametrize(("text", "words"), [(PACKING, {"LATTICE": "fcc", "AXIS": "1 1 0"}), (CRYSTAL, {})])
+@pytest.mark.parametrize(
+    ("text", "words"), [(PACKING, {"LATTICE": "fcc", "AXIS": "1 1 0"}), (CRYSTAL, {})]
+)
 def test_a_sweep_has_the_waves_of_every_state(text, words, tmp_path):
     result = scene(text, FORCE="[2 N, 128 N]", **words).run(tmp_path, figures=False)
     data = result.dataset["surface_frequency"].values[:, 0]
@@ -81,32 +88,53 @@ def test_a_sweep_has_the_waves_of_every_state(text, words, tmp_path):
 
 @pytest.mark.parametrize("medium", ["[ala, ema]", "ema"])
 def test_balls_that_differ_have_the_waves_of_their_mean_lattice(medium, tmp_path):
-    text = PACKING.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 2 um}") + f"medium: {medium}\n"
-    result = scene(text, LATTICE="triangular", AXIS="1", FORCE="[20 N, 40 N]").run(tmp_path, figures=False)
+    text = (
+        PACKING.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 2 um}")
+        + f"medium: {medium}\n"
+    )
+    result = scene(text, LATTICE="triangular", AXIS="1", FORCE="[20 N, 40 N]").run(
+        tmp_path, figures=False
+    )
     assert np.all(result.dataset["surface_velocity"] > 0.0)
 
 
 CUTS = {
-    "zigzag": ("honeycomb", "1"), "armchair": ("honeycomb", "1 1"), "square": ("square", "1"),
-    "along a bond": ("triangular", "1"), "across a bond": ("triangular", "1 1"), "001": ("fcc", "1 1 0"),
-    "110": ("fcc", "1 1 2"), "111": ("fcc", "1 1 1"), "0001": ("hcp", "2"), "sc": ("sc", "2"),
-}  # fmt: skip
+    "zigzag": ("honeycomb", "1"),
+    "armchair": ("honeycomb", "1 1"),
+    "square": ("square", "1"),
+    "along a bond": ("triangular", "1"),
+    "across a bond": ("triangular", "1 1"),
+    "001": ("fcc", "1 1 0"),
+    "110": ("fcc", "1 1 2"),
+    "111": ("fcc", "1 1 1"),
+    "0001": ("hcp", "2"),
+    "sc": ("sc", "2"),
+}
 
 
 @pytest.mark.parametrize(("lattice", "axis"), CUTS.values(), ids=CUTS)
 def test_scenes_of_each_cut(lattice, axis):
     words = {"LATTICE": lattice, "AXIS": axis}
     one = scene(PACKING, FORCE="18 N", **words)
-    # the long wave is slower than sound in the crystal, as is every wave of the edge below the lowest band
+    # the long wave is slower than sound in the crystal, as is every wave of the edge below the
+    # lowest band
     edge = gp.Surface(one.state(), one.surface.axis)
     q = edge.path(3)[0][1:2, : len(edge.cell)]
-    waves, continuum = edge.branches(q), edge.continuum(q)
+    waves = edge.branches(q)
+    continuum = edge.continuum(q)
     assert np.all(waves.frequencies < continuum.max())
     text = CRYSTAL.replace(
-        "lattice: chain, kinds: [B, A]", f"lattice: {lattice}, kinds: [A], cut: {{axis: {axis}, layers: 4}}"
+        "lattice: chain, kinds: [B, A]",
+        f"lattice: {lattice}, kinds: [A], cut: {{axis: {axis}, layers: 4}}",
     )
-    text = text.replace("[surface]", "[bands]").replace("surface: {axis: 0}", "phonopy: {band_points: 2}")
-    if (lattice, axis) == ("honeycomb", "1 1"):  # a ball of that edge has two contacts, which cannot balance
+    text = text.replace("[surface]", "[bands]").replace(
+        "surface: {axis: 0}", "phonopy: {band_points: 2}"
+    )
+    if (lattice, axis) == (
+        "honeycomb",
+        "1 1",
+    ):
+        # a ball of that edge has two contacts, which cannot balance
         with pytest.raises(SceneError, match="no such forces add up"):
             scene(text, FORCE="20 N")
         return

@@ -1,4 +1,6 @@
-"""Ensembles: regression on what is known exactly, the same means as the simulation's own, and errors that are true."""
+"""Ensembles: regression on what is known exactly, the same means as the simulation's own, and
+errors that are true.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,14 @@ import granphon as gp
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
-from granphon.tradeoffs.measure import QUANTITIES, Ensemble, find_near_pairs, measure_excess, observe, regress
+from granphon.tradeoffs.measure import (
+    QUANTITIES,
+    Ensemble,
+    find_near_pairs,
+    measure_excess,
+    observe,
+    regress,
+)
 from tests.conftest import only
 
 KINDS = ("force", "pressure", "overlap")
@@ -35,11 +44,13 @@ def collect(packing, kind, loads, shape, count, seed=0):
 
 
 def noise(found):
-    """Relative standard deviation of the quantities of a sample (n_loads, 3): half of that of the moduli."""
+    """Relative standard deviation of the quantities of a sample (n_loads, 3): half of that of the
+    moduli.
+    """
     return 0.5 * np.std(found.moduli, axis=0, ddof=1) / np.mean(found.moduli, axis=0)
 
 
-# -- the regression -----------------------------------------------------------------------------------------------------
+# -- the regression --------------------------------------------------------------------------------
 
 
 def test_what_is_linear_in_the_excess_is_taken_out_exactly():
@@ -58,7 +69,9 @@ def test_what_is_linear_in_the_excess_is_taken_out_exactly():
 
 @pytest.mark.parametrize("count", [10, 60])
 def test_errors_are_those_of_a_fake_linear_model(count):
-    """Many ensembles of a model with a known mean: deviations over standard errors have Student's variance."""
+    """Many ensembles of a model with a known mean: deviations over standard errors have Student's
+    variance.
+    """
     rng = np.random.default_rng(count)
     pulls = []
     for _ in range(4000):
@@ -75,7 +88,8 @@ def test_errors_are_those_of_a_fake_linear_model(count):
 @given(st.integers(0, 10**6), st.floats(-1e3, 1e3), st.floats(1e-3, 1e3))
 def test_a_mean_moves_and_scales_with_what_is_averaged(seed, shift, factor):
     rng = np.random.default_rng(seed)
-    excess, values = rng.normal(size=(32, 4)), rng.normal(size=(32, 2))
+    excess = rng.normal(size=(32, 4))
+    values = rng.normal(size=(32, 2))
     mean, error = regress(values, excess)
     moved, scaled = regress(shift + factor * values, excess)
     assert_allclose(moved, shift + factor * mean, rtol=1e-9, atol=1e-9 * (abs(shift) + factor))
@@ -86,7 +100,8 @@ def test_a_mean_moves_and_scales_with_what_is_averaged(seed, shift, factor):
 
 def test_a_known_part_that_never_varies_is_no_reason_to_regress():
     rng = np.random.default_rng(1)
-    excess, values = rng.normal(size=(40, 4)), rng.normal(size=(40, 1))
+    excess = rng.normal(size=(40, 4))
+    values = rng.normal(size=(40, 1))
     excess[:, 2] = 0.0
     mean, error = regress(values, excess)
     assert_allclose(mean, np.mean(values, axis=0))
@@ -95,14 +110,24 @@ def test_a_known_part_that_never_varies_is_no_reason_to_regress():
 
 @pytest.mark.parametrize(
     ("lattice", "shape", "pairs"),
-    [("triangular", (16, 16), [3, 3, 3]), ("fcc", (6, 6, 6), [6, 3, 12]), ("hcp", (6, 6, 4), [6, 3, 1])],
+    [
+        ("triangular", (16, 16), [3, 3, 3]),
+        ("fcc", (6, 6, 6), [6, 3, 12]),
+        ("hcp", (6, 6, 4), [6, 3, 1]),
+    ],
 )
 def test_the_excess_of_samples_is_zero_in_the_mean(rough, lattice, shape, pairs):
-    """The variance is 1/12 and near pairs are not correlated, but for the mean that each sample is shifted by."""
+    """The variance is 1/12 and near pairs are not correlated, but for the mean that each sample is
+    shifted by.
+    """
     simulation = gp.DirectSimulation(replace(rough, lattice=lattice), shape, 5, 400)
-    excess, balls = np.array(list(measure_excess(simulation))), simulation.balls
-    expected = -1.0 / (12.0 * balls)  # of x^2, and of each pair, with the sample's own mean taken away
-    assert_allclose(np.mean(excess, axis=0), expected, atol=4.0 * np.max(np.std(excess, axis=0)) / 20.0)
+    excess = np.array(list(measure_excess(simulation)))
+    balls = simulation.balls
+    # of x^2, and of each pair, with the sample's own mean taken away
+    expected = -1.0 / (12.0 * balls)
+    assert_allclose(
+        np.mean(excess, axis=0), expected, atol=4.0 * np.max(np.std(excess, axis=0)) / 20.0
+    )
     # var of x^2 is (1/80 - 1/144)/N; of a mean over p pairs x x' for each ball it is (1/12)^2/(p N)
     spread = np.array([math.sqrt(1 / 80 - 1 / 144), *(1 / 12 / np.sqrt(pairs))]) / math.sqrt(balls)
     assert_allclose(np.std(excess, axis=0), spread, rtol=0.15)
@@ -110,17 +135,23 @@ def test_the_excess_of_samples_is_zero_in_the_mean(rough, lattice, shape, pairs)
 
 @pytest.mark.parametrize(
     ("lattice", "shape", "squares"),
-    [("triangular", (5, 6), (1, 3, 4)), ("fcc", (6, 5, 7), (1, 2, 3)), ("hcp", (5, 6, 4), (1, 2, 8 / 3)),
-     ("kagome", (4, 5), (1, 3, 4))],
-)  # fmt: skip
+    [
+        ("triangular", (5, 6), (1, 3, 4)),
+        ("fcc", (6, 5, 7), (1, 2, 3)),
+        ("hcp", (5, 6, 4), (1, 2, 8 / 3)),
+        ("kagome", (4, 5), (1, 3, 4)),
+    ],
+)
 def test_near_pairs_are_those_of_all_balls_at_these_distances(lattice, shape, squares):
     """One by one, over every ball and its images in a periodic sample."""
     structure = find_lattice(lattice)
     rng = np.random.default_rng(3)
-    n, cells = structure.n_balls, np.array(list(np.ndindex(shape)))
+    n = structure.n_balls
+    cells = np.array(list(np.ndindex(shape)))
     x = rng.normal(size=(n, *shape))
     places = (cells @ structure.vectors)[None] + structure.positions[:, None]  # (n, cells, d)
-    places, values = places.reshape(-1, places.shape[-1]), x.reshape(-1)
+    places = places.reshape(-1, places.shape[-1])
+    values = x.reshape(-1)
     box = np.array(shape)[:, None] * structure.vectors
     images = np.array(list(np.ndindex(*(3,) * len(shape)))) - 1
     apart = places[None, :, None] + (images @ box)[None, None] - places[:, None, None]
@@ -133,7 +164,7 @@ def test_near_pairs_are_those_of_all_balls_at_these_distances(lattice, shape, sq
         assert_allclose(2.0 * np.sum(products), np.sum(values[one] * values[other]), rtol=1e-10)
 
 
-# -- against the simulation's own means ---------------------------------------------------------------------------------
+# -- against the simulation's own means ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -147,8 +178,11 @@ def test_of_few_samples_it_is_the_mean_of_the_simulation(steel, kind, friction):
     assert_allclose(values, observe(state), rtol=1e-12)
     assert found.samples == 3
     velocities = gp.sound_velocities(state)
-    # a velocity is the root of a modulus, whose error is twice its own, to first order in the chance
-    assert_allclose(errors[:, 0], velocities.longitudinal_error / velocities.longitudinal, rtol=0.01)
+    # a velocity is the root of a modulus, whose error is twice its own, to first order in the
+    # chance
+    assert_allclose(
+        errors[:, 0], velocities.longitudinal_error / velocities.longitudinal, rtol=0.01
+    )
     assert_allclose(errors[:, 1], velocities.transverse_error / velocities.transverse, rtol=0.01)
     assert_allclose(errors, noise(found) / math.sqrt(3), rtol=1e-9)
 
@@ -160,11 +194,14 @@ def test_what_is_observed_is_velocities_and_the_scale_of_frequencies(packing):
     assert values.shape == (2, len(QUANTITIES))
     assert_array_equal(values[:, 0], velocities.longitudinal)
     assert_array_equal(values[:, 1], velocities.transverse)
-    assert_allclose(values[:, 2], [state[i].scales.frequency * (2.0 * math.pi) for i in (0, 1)], rtol=1e-12)
+    assert_allclose(
+        values[:, 2], [state[i].scales.frequency * (2.0 * math.pi) for i in (0, 1)], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
-    ("lattice", "shape"), [("fcc", (4, 4, 4)), pytest.param("hcp", (4, 4, 3), marks=pytest.mark.exhaustive)]
+    ("lattice", "shape"),
+    [("fcc", (4, 4, 4)), pytest.param("hcp", (4, 4, 3), marks=pytest.mark.exhaustive)],
 )
 @pytest.mark.parametrize("kind", only(KINDS[:1], KINDS))
 def test_in_space_it_is_the_mean_of_the_simulation_over_all_directions(steel, lattice, shape, kind):
@@ -173,9 +210,12 @@ def test_in_space_it_is_the_mean_of_the_simulation_over_all_directions(steel, la
     values, errors = collect(packing, kind, loads, shape, 3, 7).means()
     state = getattr(gp.DirectSimulation(packing, shape, 7, 3), f"at_{kind}")(np.array(loads))
     assert_allclose(values, observe(state), rtol=1e-12)
-    moduli, density = gp.moduli(state), packing.effective_density
+    moduli = gp.moduli(state)
+    density = packing.effective_density
     averages = moduli.voigt
-    assert_allclose(values[:, 0], np.sqrt((averages.bulk + 4.0 / 3.0 * averages.shear) / density), rtol=1e-12)
+    assert_allclose(
+        values[:, 0], np.sqrt((averages.bulk + 4.0 / 3.0 * averages.shear) / density), rtol=1e-12
+    )
     assert_allclose(values[:, 1], np.sqrt(averages.shear / density), rtol=1e-12)
     assert_allclose(values[:, 2], np.sqrt(state.normal_stiffness / packing.mass), rtol=1e-12)
     assert_allclose(errors[:, 1], 0.5 * moduli.shear_error / averages.shear, rtol=1e-9)
@@ -188,7 +228,7 @@ def test_samples_may_be_added_one_by_one(rough):
     assert_array_equal(apart.means(), collect(rough, "force", (18.446,), (8, 8), 4, 3).means())
 
 
-# -- what the regression is worth ---------------------------------------------------------------------------------------
+# -- what the regression is worth ------------------------------------------------------------------
 
 
 @pytest.mark.exhaustive
@@ -200,7 +240,8 @@ def test_control_variates_leave_the_part_of_the_chance_that_is_promised(many):
 @pytest.mark.exhaustive
 def test_two_ensembles_of_other_samples_agree_within_their_errors(rough, unit, many):
     (one, error), (other, chance) = (
-        found.means() for found in (many, collect(rough, "force", many.load.values, (12, 12), 32, 10_000))
+        found.means()
+        for found in (many, collect(rough, "force", many.load.values, (12, 12), 32, 10_000))
     )
     pulls = (other / one - 1.0) / np.hypot(error, chance)
     assert np.max(np.abs(pulls)) < 4.0
@@ -216,15 +257,24 @@ def test_small_samples_with_control_variates_agree_with_one_large_one(rough, uni
     assert np.all(np.abs(observe(state) / values[1] - 1.0) < 3.5 * chance)
 
 
-@pytest.mark.parametrize(("lattice", "shape"), [
-    ("triangular", (12, 12)), ("fcc", (6, 6, 6)), pytest.param("hcp", (6, 6, 4), marks=pytest.mark.exhaustive),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("lattice", "shape"),
+    [
+        ("triangular", (12, 12)),
+        ("fcc", (6, 6, 6)),
+        pytest.param("hcp", (6, 6, 4), marks=pytest.mark.exhaustive),
+    ],
+)
 def test_without_friction_the_second_order_is_that_of_the_effective_medium(steel, lattice, shape):
-    """f* = x^(3/2) (1 + r/(64 x^2)): the medium is exact to that order, the averaged lattice has r = 0."""
+    """f* = x^(3/2) (1 + r/(64 x^2)): the medium is exact to that order, the averaged lattice has r
+    = 0.
+    """
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6), friction=False, lattice=lattice)
     force = 100.0 * packing.law.coefficient * packing.width**1.5
     values, errors = collect(packing, "force", (force,), shape, 32).means()
-    medium, lattice = (observe(one(packing).at_force(force))[2] for one in (gp.EffectiveMedium, gp.AveragedLattice))
+    medium, lattice = (
+        observe(one(packing).at_force(force))[2] for one in (gp.EffectiveMedium, gp.AveragedLattice)
+    )
     correction = lattice / values[0, 2] - 1.0
     assert errors[0, 2] < 0.02 * abs(correction)
     assert abs(medium / values[0, 2] - 1.0) < 0.02 * abs(correction)
@@ -233,17 +283,30 @@ def test_without_friction_the_second_order_is_that_of_the_effective_medium(steel
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", KINDS)
 def test_kinds_of_load_that_are_one_state_give_one_answer(rough, many, unit, kind):
-    """At f* = 3; the mean overlap as a load gives the same velocities, to the second order of the chance."""
+    """At f* = 3; the mean overlap as a load gives the same velocities, to the second order of the
+    chance.
+    """
     force = 3.0 * unit
     overlap = float(gp.DirectSimulation(rough, (12, 12), 0, 48).at_force(force).overlap)
     load = {"force": force, "pressure": math.sqrt(3.0) * force / 8e-3, "overlap": overlap}[kind]
-    (values, errors), (expected, known) = collect(rough, kind, (load,), (12, 12), 32, 500).means(), many.means()
+    (values, errors), (expected, known) = (
+        collect(rough, kind, (load,), (12, 12), 32, 500).means(),
+        many.means(),
+    )
     chance = noise(many)[1]
     # the mean overlap of plain samples is uncertain too, about v ~ delta^(1/4)
-    tolerance = 4.0 * np.hypot(errors[0], known[1]) + chance**2 + 0.5 * chance[2] / math.sqrt(many.samples)
+    tolerance = (
+        4.0 * np.hypot(errors[0], known[1]) + chance**2 + 0.5 * chance[2] / math.sqrt(many.samples)
+    )
     assert np.all(np.abs(values[0] / expected[1] - 1.0) < tolerance)
 
 
 def test_a_lattice_that_is_not_simulated_has_no_ensemble(steel):
     with pytest.raises(InputError, match="not simulated"):
-        collect(gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), lattice="square"), "force", (1.0,), (8, 8), 1)
+        collect(
+            gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6), lattice="square"),
+            "force",
+            (1.0,),
+            (8, 8),
+            1,
+        )

@@ -1,4 +1,6 @@
-"""Speed against accuracy: errors that can be worked out by hand, a budget that is kept, and what is written of it."""
+"""Speed against accuracy: errors that can be worked out by hand, a budget that is kept, and what is
+written of it.
+"""
 
 from __future__ import annotations
 
@@ -52,12 +54,16 @@ medium: ema
 class WorkCounter(Stopwatch):
     """Counts work, so that no test depends on how busy the machine is.
 
-    Time goes on a little whenever it is asked for, as the checks within long work do, and else by what is told:
-    :meth:`work`, or each part of a piece of work that is named in ``parts``. It is a progress as well, to hear of these.
+    Time goes on a little whenever it is asked for, as the checks within long work do, and else by
+    what is told: :meth:`work`, or each part of a piece of work that is named in ``parts``. It is a
+    progress as well, to hear of these.
     """
 
     def __init__(self, **parts):
-        self.time, self.asked, self.parts, self.label = 100.0, 0, parts, ""
+        self.time = 100.0
+        self.asked = 0
+        self.parts = parts
+        self.label = ""
 
     def now(self):
         self.asked += 1
@@ -86,12 +92,18 @@ LEAST = {"sides": (8,), "counts": (1,), "reference_side": 12}
 
 @pytest.fixture(scope="module")
 def measured():
-    """``tradeoff`` with few knobs and counted work: a sample of the media's reference takes ``sample`` s."""
+    """``tradeoff`` with few knobs and counted work: a sample of the media's reference takes
+    ``sample`` s.
+    """
 
     def call(*arguments, sample=3.0, knobs=SMALL, **options):
         counter = WorkCounter(**{"media: reference": sample})
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(tradeoffs, "carry_out", lambda study, *rest: carry_out(replace(study, **knobs), *rest))
+            patch.setattr(
+                tradeoffs,
+                "carry_out",
+                lambda study, *rest: carry_out(replace(study, **knobs), *rest),
+            )
             return tradeoff(*arguments, **options, progress=counter, stopwatch=counter)
 
     return call
@@ -116,7 +128,9 @@ def media(packing, force=FORCES, **options):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """What :func:`carry_out` is asked for by a trade-off, which goes no further: a study, and what is to be done with it."""
+    """What :func:`carry_out` is asked for by a trade-off, which goes no further: a study, and what
+    is to be done with it.
+    """
     calls = []
 
     def refuse(*given):
@@ -132,16 +146,25 @@ def whenever():
     return Deadline(WorkCounter(), math.inf)
 
 
-# -- counted work -------------------------------------------------------------------------------------------------------
+# -- counted work ----------------------------------------------------------------------------------
 
 
 class FakeStudy:
-    """Points that take so many seconds and have such errors, and a reference that takes its time."""
+    """Points that take so many seconds and have such errors, and a reference that takes its
+    time.
+    """
 
-    name, quantities, load, condition = "fake", ("longitudinal",), Load("force", (1.0, 2.0)), 1.0
+    name = "fake"
+    quantities = ("longitudinal",)
+    load = Load("force", (1.0, 2.0))
+    condition = 1.0
 
     def __init__(self, clock, costs, reference=0.0, fails=(), estimated=False):
-        self.stopwatch, self.costs, self.taken, self.fails, self.estimated = clock, costs, reference, fails, estimated
+        self.stopwatch = clock
+        self.costs = costs
+        self.taken = reference
+        self.fails = fails
+        self.estimated = estimated
         self.solved = []
 
     def make_points(self):
@@ -183,9 +206,13 @@ def test_a_finished_study_is_kept_until_its_trade_off_is(clock, tmp_path, by_exe
 
     def run(study, store, budget=1000.0):
         with ThreadPoolExecutor(1) if by_executor else nullcontext() as executor:
-            return carry_out(study, budget=budget, executor=executor, store=store, identity={"budget": budget})
+            return carry_out(
+                study, budget=budget, executor=executor, store=store, identity={"budget": budget}
+            )
 
-    first, other, again = (FakeStudy(clock, [("m", "a", 2.0, 1e-2), ("n", "b", 1.0, 1e-3)]) for _ in range(3))
+    first, other, again = (
+        FakeStudy(clock, [("m", "a", 2.0, 1e-2), ("n", "b", 1.0, 1e-3)]) for _ in range(3)
+    )
     with suppress(KeyboardInterrupt), open_store(tmp_path / "store") as store:
         expected = run(first, store)
         raise KeyboardInterrupt
@@ -202,14 +229,19 @@ def test_a_finished_study_is_kept_until_its_trade_off_is(clock, tmp_path, by_exe
     assert expected.reference == "by hand"
 
 
-def test_studies_of_another_friction_coefficient_are_those_of_another_trade_off(rough, asked, tmp_path):
+def test_studies_of_another_friction_coefficient_are_those_of_another_trade_off(
+    rough, asked, tmp_path
+):
     for coefficient in (0.2, 0.2000001):
         with pytest.raises(InputError, match="enough"):
             tradeoff(rough, force=FORCES, friction_history=True, friction_coefficient=coefficient)
     with open_store(tmp_path / "store") as store:
         store.claim(asked[0][-1])
         store.append("study", encode("study", {"seconds": np.ones(1)}))
-        with pytest.raises(FileExistsInRunError, match=r"against\.friction_coefficient is 0\.2 there, and 0\.2000001 here"):
+        with pytest.raises(
+            FileExistsInRunError,
+            match=r"against\.friction_coefficient is 0\.2 there, and 0\.2000001 here",
+        ):
             store.claim(asked[1][-1])
 
 
@@ -226,7 +258,9 @@ class RandomStudy(FakeStudy):
 
 
 def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
-    """In half of the time that the timed runs leave: a hundred times at most, each with numbers of its own."""
+    """In half of the time that the timed runs leave: a hundred times at most, each with numbers of
+    its own.
+    """
     study = RandomStudy(clock, [("m", "cheap", 0.01, 0.1), ("m", "dear", 2.0, 0.01)])
     cheap, dear = carry_out(study, budget=100.0).points
     assert [run for knob, run in study.solved if knob == "cheap"] == [*range(6), 0, *range(6, 101)]
@@ -234,26 +268,43 @@ def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
     assert dear.draws == 5 + int((0.5 * (40.0 - 7 * 2.01) - 0.95 - 1.0) / 2.0)
     assert cheap.draws == 100
     for point, scale in ((cheap, 0.1), (dear, 0.01)):
-        drawn = scale * np.array([np.random.default_rng(run).normal(size=2) for run in range(1, point.draws + 1)])
+        drawn = scale * np.array(
+            [np.random.default_rng(run).normal(size=2) for run in range(1, point.draws + 1)]
+        )
         assert_allclose(point.errors[:, 0], np.sqrt(np.mean(drawn**2, axis=0)), rtol=1e-12)
-        # of the mean square s^2 the error is sqrt(2/n) s^2 in normal numbers, of its root half as much
-        assert_allclose(point.stderrs[:, 0], point.errors[:, 0] / np.sqrt(2.0 * point.draws), rtol=0.8)
-        twin = [np.sqrt(np.mean(np.delete(drawn, i, axis=0) ** 2, axis=0)) for i in range(point.draws)]
-        assert_allclose(point.stderrs[:, 0], np.std(twin, axis=0) * np.sqrt(point.draws - 1), rtol=0.2)  # the jackknife
+        # of the mean square s^2 the error is sqrt(2/n) s^2 in normal numbers, of its root half as
+        # much
+        assert_allclose(
+            point.stderrs[:, 0], point.errors[:, 0] / np.sqrt(2.0 * point.draws), rtol=0.8
+        )
+        twin = [
+            np.sqrt(np.mean(np.delete(drawn, i, axis=0) ** 2, axis=0)) for i in range(point.draws)
+        ]
+        # the jackknife
+        assert_allclose(
+            point.stderrs[:, 0], np.std(twin, axis=0) * np.sqrt(point.draws - 1), rtol=0.2
+        )
         assert point.stderr == point.stderrs.flat[np.argmax(point.errors)]
     (one,) = carry_out(FakeStudy(clock, [("m", "a", 1.0, 1e-2)]), budget=1e3).points
     assert (one.draws, one.stderr) == (5, 0.0)
 
 
 def test_the_error_of_a_small_simulation_is_that_over_many_seeds(rough, found, reference):
-    """Five runs of 8 x 8 balls told 2.6e-2 of what is 6.6e-2, without a word of how well that is known."""
+    """Five runs of 8 x 8 balls told 2.6e-2 of what is 6.6e-2, without a word of how well that is
+    known.
+    """
     small = point_of(found, "simulation, 1 sample", "8 x 8")
     assert small.draws == 100
-    states = (observe(gp.DirectSimulation(rough, (8, 8), seed).at_force(np.array(FORCES))) for seed in range(5000, 5100))
+    states = (
+        observe(gp.DirectSimulation(rough, (8, 8), seed).at_force(np.array(FORCES)))
+        for seed in range(5000, 5100)
+    )
     squares = np.array([(state / reference.values - 1.0) ** 2 for state in states])
     errors = np.sqrt(np.mean(squares, axis=0))
     own = np.std(squares, axis=0) / 10.0 / (2.0 * errors)
-    known = np.hypot(np.hypot(small.stderrs, own), np.hypot(small.reference_errors, reference.errors))
+    known = np.hypot(
+        np.hypot(small.stderrs, own), np.hypot(small.reference_errors, reference.errors)
+    )
     assert np.all(np.abs(small.errors - errors) < 4.0 * known)
     assert np.all(small.stderrs < 0.25 * small.errors)
 
@@ -273,7 +324,12 @@ def test_times_are_medians_of_warm_runs_without_what_is_made_ready(clock):
 
 
 def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
-    costs = [("m", "1", 0.1, 1e-2), ("m", "2", 50.0, 1e-3), ("m", "3", 0.1, 1e-4), ("n", "1", 0.2, 1e-2)]
+    costs = [
+        ("m", "1", 0.1, 1e-2),
+        ("m", "2", 50.0, 1e-3),
+        ("m", "3", 0.1, 1e-4),
+        ("n", "1", 0.2, 1e-2),
+    ]
     study = FakeStudy(clock, [*costs, ("n", "2", 3.0, 0.1)])
     result = carry_out(study, budget=300.0)
     assert [bool(p.failure) for p in result.points] == [False, True, True, False, False]
@@ -286,8 +342,12 @@ def test_what_does_not_fit_is_listed_and_the_rest_is_run(clock):
 @pytest.mark.parametrize("budget", [0.01, 1.0, 5.0, 30.0, 200.0])
 @pytest.mark.parametrize("seconds", [1e-3, 0.03, 1.0])
 @pytest.mark.parametrize("known", [False, True])
-def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(clock, budget, seconds, known):
-    study = FakeStudy(clock, [(m, str(k), seconds * 2**k, 1e-3) for m in "ab" for k in range(6)], estimated=known)
+def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(
+    clock, budget, seconds, known
+):
+    study = FakeStudy(
+        clock, [(m, str(k), seconds * 2**k, 1e-3) for m in "ab" for k in range(6)], estimated=known
+    )
     begun = clock.time
     result = carry_out(study, budget=budget)
     assert_allclose(result.seconds, clock.time - begun, atol=1e-3)
@@ -299,7 +359,9 @@ def test_a_budget_is_kept_but_for_one_run_that_shows_how_long_it_takes(clock, bu
 
 
 def test_failures_are_told_in_their_own_words(clock):
-    study = FakeStudy(clock, [("m", "1", 0.1, 1e-2), ("m", "2", 0.1, 1e-2), ("m", "3", 0.1, 1e-2)], fails=("2",))
+    study = FakeStudy(
+        clock, [("m", "1", 0.1, 1e-2), ("m", "2", 0.1, 1e-2), ("m", "3", 0.1, 1e-2)], fails=("2",)
+    )
     result = carry_out(study, budget=60.0)
     assert [point.failure for point in result.points] == ["", "2 does not converge.", ""]
     assert not result.points[1].resolved
@@ -318,7 +380,9 @@ def test_without_a_reference_no_point_has_an_error(clock):
     assert result.points[0].ran
     ax = axes_of(result)
     assert [text.get_text() for text in ax.texts] == ["run, but without a reference"]
-    assert [line.get_xdata() for line in ax.lines if line.get_gid() == "without-error"] == [[result.points[0].seconds]]
+    assert [line.get_xdata() for line in ax.lines if line.get_gid() == "without-error"] == [
+        [result.points[0].seconds]
+    ]
 
 
 def axes_of(result):
@@ -328,7 +392,9 @@ def axes_of(result):
     seen = []
     for axis, (low, high) in ((ax.xaxis, ax.get_xlim()), (ax.yaxis, ax.get_ylim())):
         ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
-        seen.append(sum(bool(tick.label1.get_text()) and low <= tick.get_loc() <= high for tick in ticks))
+        seen.append(
+            sum(bool(tick.label1.get_text()) and low <= tick.get_loc() <= high for tick in ticks)
+        )
     assert min(seen) >= 2
     return ax
 
@@ -339,7 +405,10 @@ def test_labels_stay_inside_their_axes(clock):
     frame = ax.get_window_extent()
     labels = [text.get_window_extent() for text in ax.texts if "×" in text.get_text()]
     assert len(labels) == 2
-    assert all(frame.x0 < one.x0 and one.x1 < frame.x1 and frame.y0 < one.y0 and one.y1 < frame.y1 for one in labels)
+    assert all(
+        frame.x0 < one.x0 and one.x1 < frame.x1 and frame.y0 < one.y0 and one.y1 < frame.y1
+        for one in labels
+    )
 
 
 def test_axes_have_tick_labels_where_points_lie_close_have_no_error_or_were_not_run(clock):
@@ -347,16 +416,21 @@ def test_axes_have_tick_labels_where_points_lie_close_have_no_error_or_were_not_
     close = [("m", str(k), 0.3 + 0.01 * k, 2e-3 + 1e-4 * k) for k in range(3)]
     nothing = {"nothing was run", "not run: 1 of m"}
     for costs, budget, marks, told in (
-        (close, 100.0, [], set()), ([("m", "1", 0.1, 0.0), ("m", "2", 0.2, 1e-2)], 100.0, [1], set()),
+        (close, 100.0, [], set()),
+        ([("m", "1", 0.1, 0.0), ("m", "2", 0.2, 1e-2)], 100.0, [1], set()),
         ([("m", "1", 9.0, 1e-2)], 1.0, [], nothing),
-    ):  # fmt: skip
+    ):
         ax = axes_of(carry_out(FakeStudy(clock, costs, estimated=True), budget=budget))
-        assert [len(line.get_xdata()) for line in ax.lines if line.get_gid() == "without-error"] == marks
+        assert [
+            len(line.get_xdata()) for line in ax.lines if line.get_gid() == "without-error"
+        ] == marks
         assert {text.get_text() for text in ax.texts} & nothing == told
 
 
 def test_a_point_that_the_reference_does_not_judge_says_so(clock):
-    study = FakeStudy(clock, [("m", "good", 0.1, 3e-5), ("m", "better", 0.1, 5e-7), ("m", "bad", 0.1, 1e-3)])
+    study = FakeStudy(
+        clock, [("m", "good", 0.1, 3e-5), ("m", "better", 0.1, 5e-7), ("m", "bad", 0.1, 1e-3)]
+    )
     good, better, bad = carry_out(study, budget=60.0).points
     assert (good.resolved, good.note) == (False, "the reference is 30 times better")
     assert (better.resolved, better.note) == (False, "the error is not above that of the reference")
@@ -364,7 +438,7 @@ def test_a_point_that_the_reference_does_not_judge_says_so(clock):
     assert not study.good
 
 
-# -- what is refused ----------------------------------------------------------------------------------------------------
+# -- what is refused -------------------------------------------------------------------------------
 
 
 def test_there_is_nothing_to_trade_for_equal_balls(packing):
@@ -375,15 +449,19 @@ def test_there_is_nothing_to_trade_for_equal_balls(packing):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({}, "there is no load"), ({"force": 1.0, "overlap": 1e-6}, "given as force and overlap"),
+        ({}, "there is no load"),
+        ({"force": 1.0, "overlap": 1e-6}, "given as force and overlap"),
         ({"force": 1.0, "runs": 4}, "runs: found 4; allowed: a whole number from 5"),
-        ({"force": 1.0, "budget": 0.0}, "budget: found 0.0"), ({"force": 1.0, "budget": "5"}, "budget: found '5'"),
-        ({"force": 1.0, "budget": math.inf}, "budget: found"), ({"force": 1.0, "budget": math.nan}, "budget: found"),
+        ({"force": 1.0, "budget": 0.0}, "budget: found 0.0"),
+        ({"force": 1.0, "budget": "5"}, "budget: found '5'"),
+        ({"force": 1.0, "budget": math.inf}, "budget: found"),
+        ({"force": 1.0, "budget": math.nan}, "budget: found"),
         ({"force": 1.0, "most_loads": 0}, "most_loads: found 0"),
         ({"force": 1.0, "observe": ("foo",)}, "observe.0: found 'foo'"),
-        ({"force": 1.0, "finite_overlap": True}, "with finite overlap"), ({"force": -1.0}, "tensile"),
+        ({"force": 1.0, "finite_overlap": True}, "with finite overlap"),
+        ({"force": -1.0}, "tensile"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_asked(rough, options, told):
     with pytest.raises(InputError, match=told):
         tradeoff(rough, **options)
@@ -401,18 +479,33 @@ def test_what_cannot_be_asked(rough, options, told):
 )
 def test_where_media_have_no_reference(steel, lattice, finite, told):
     with pytest.raises(InputError, match=f"media are not compared {told}"):
-        tradeoff(gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice), force=1.0, finite_overlap=finite)
+        tradeoff(
+            gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice), force=1.0, finite_overlap=finite
+        )
 
 
-@pytest.mark.parametrize(("lattice", "shape", "counted"), only([("fcc", "4 x 4 x 4", "balls")], [
-    ("fcc", "4 x 4 x 4", "balls"), ("hcp", "4 x 4 x 2", "cells"),
-]))  # fmt: skip
+@pytest.mark.parametrize(
+    ("lattice", "shape", "counted"),
+    only(
+        [("fcc", "4 x 4 x 4", "balls")],
+        [
+            ("fcc", "4 x 4 x 4", "balls"),
+            ("hcp", "4 x 4 x 2", "cells"),
+        ],
+    ),
+)
 def test_media_in_space_are_judged_by_samples_in_space(steel, measured, lattice, shape, counted):
     packing = gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice)
     knobs = {"sides": (4,), "counts": (1,), "reference_side": 5}
-    found = measured(packing, force=20.0, observe=("velocities", "dos"), knobs=knobs, budget=60.0, sample=1.0)
+    found = measured(
+        packing, force=20.0, observe=("velocities", "dos"), knobs=knobs, budget=60.0, sample=1.0
+    )
     run = {(point.method, point.knob): point for point in found.points if not point.failure}
-    assert {("averaged lattice", "ala"), ("averaged force", "afa"), ("simulation, 1 sample", shape)} <= set(run)
+    assert {
+        ("averaged lattice", "ala"),
+        ("averaged force", "afa"),
+        ("simulation, 1 sample", shape),
+    } <= set(run)
     assert not any("paper" in point.method for point in found.points)
     assert f"{counted} at rest without friction, with control variates" in found.reference
     # the error of the averaged lattice, from samples of another size and seed
@@ -426,23 +519,33 @@ def test_quantities_are_those_that_are_observed(rough, asked):
         with pytest.raises(InputError, match="enough"):
             tradeoff(rough, force=1.0, observe=words)
     both = "longitudinal", "transverse"
-    assert [study.quantities for study, *_ in asked] == [both, ("frequency",), ("frequency",), (*both, "frequency")]
+    assert [study.quantities for study, *_ in asked] == [
+        both,
+        ("frequency",),
+        ("frequency",),
+        (*both, "frequency"),
+    ]
 
 
 @pytest.mark.parametrize(
     ("given", "most", "taken"),
     [
-        ([5.0, 1.0, 3.0, 1.0], 3, (1.0, 3.0, 5.0)), (range(1, 102), 3, (1.0, 51.0, 101.0)),
-        (range(1, 102), 1, (1.0,)), (range(1, 102), 5, (1.0, 26.0, 51.0, 76.0, 101.0)), (7.0, 3, (7.0,)),
+        ([5.0, 1.0, 3.0, 1.0], 3, (1.0, 3.0, 5.0)),
+        (range(1, 102), 3, (1.0, 51.0, 101.0)),
+        (range(1, 102), 1, (1.0,)),
+        (range(1, 102), 5, (1.0, 26.0, 51.0, 76.0, 101.0)),
+        (7.0, 3, (7.0,)),
     ],
-)  # fmt: skip
-def test_many_loads_are_thinned_to_the_least_the_greatest_and_some_between(rough, asked, given, most, taken):
+)
+def test_many_loads_are_thinned_to_the_least_the_greatest_and_some_between(
+    rough, asked, given, most, taken
+):
     with pytest.raises(InputError, match="enough"):
         tradeoff(rough, overlap=given, most_loads=most)
     assert asked[0][0].load == Load("overlap", taken)
 
 
-# -- the numbers --------------------------------------------------------------------------------------------------------
+# -- the numbers -----------------------------------------------------------------------------------
 
 
 def test_every_point_is_there_once_and_has_its_costs(found):
@@ -459,7 +562,11 @@ def test_every_point_is_there_once_and_has_its_costs(found):
         assert point.seconds > 0.0 < point.memory
         assert point.spread >= 0.0 <= point.setup
         # of a random point an rms of five draws and their standard deviation
-        assert 0.3 * point.error < point.floor < 3.0 * point.error if point.random else 0.0 < point.floor < 1e-14
+        assert (
+            0.3 * point.error < point.floor < 3.0 * point.error
+            if point.random
+            else 0.0 < point.floor < 1e-14
+        )
     assert {p.method for p in run} >= {"averaged lattice", "averaged force", "effective medium"}
 
 
@@ -471,18 +578,26 @@ def test_a_budget_is_kept(found):
 @pytest.fixture(scope="module")
 def reference(rough):
     """That of the media, of as few samples as are looked at."""
-    return media(rough, reference_side=32).find_reference(whenever(), lambda one: True, WorkCounter())
+    return media(rough, reference_side=32).find_reference(
+        whenever(), lambda one: True, WorkCounter()
+    )
 
 
 def test_with_a_history_media_are_judged_by_arrays_loaded_with_friction(rough, monkeypatch):
-    """Of a few balls, just above the start of the loading: the reference is the mean of the same samples, loaded so."""
+    """Of a few balls, just above the start of the loading: the reference is the mean of the same
+    samples, loaded so.
+    """
     monkeypatch.setattr("granphon.tradeoffs.measure._CHECKED_SIDES", {2: 4})
     monkeypatch.setattr("granphon.tradeoffs.measure._SAMPLES_BETWEEN_LOOKS", 3)
     force = 0.05 * rough.law.coefficient * rough.width**1.5
-    truth = gp.AutoMedium(rough, friction_history=True, friction_coefficient=0.5, shear_response="stick").truth
+    truth = gp.AutoMedium(
+        rough, friction_history=True, friction_coefficient=0.5, shear_response="stick"
+    ).truth
     study = media(rough, (force,), truth=truth, sides=(6,), counts=(1,), reference_side=6)
     made = study.find_reference(whenever(), lambda one: True, WorkCounter())
-    assert "3 samples of 6 x 6 balls loaded with friction, mu = 0.5, shear_response stick" in made.made
+    assert (
+        "3 samples of 6 x 6 balls loaded with friction, mu = 0.5, shear_response stick" in made.made
+    )
     assert "steps of a tenth of the tolerance differ by" in made.made
     loaded = gp.DirectSimulation(rough, (6, 6), 1_000_000, 3, **truth.options).at_force(force)
     assert_allclose(made.values[0], observe(loaded), rtol=1e-3)
@@ -490,7 +605,9 @@ def test_with_a_history_media_are_judged_by_arrays_loaded_with_friction(rough, m
     assert {"simulation, 1 sample", "simulation with friction, 1 sample"} < set(methods)
     assert methods["simulation with friction, 1 sample"].prepare(0).friction_coefficient == 0.5
     assert not methods["simulation, 1 sample"].prepare(0).friction_history
-    rest = media(rough, (force,), reference_side=6).find_reference(whenever(), lambda one: True, WorkCounter())
+    rest = media(rough, (force,), reference_side=6).find_reference(
+        whenever(), lambda one: True, WorkCounter()
+    )
     assert "at rest without friction" in rest.made
 
 
@@ -503,23 +620,31 @@ medium: [ema, {simulation: {%s}}, {auto: {tolerance: 0.1, friction_history: true
 """
     file = tmp_path / "scene.yaml"
     for mu in ("0.2", "0.5"):
-        file.write_text(scene % f"friction_history: true, friction_coefficient: {mu}", encoding="utf-8")
+        file.write_text(
+            scene % f"friction_history: true, friction_coefficient: {mu}", encoding="utf-8"
+        )
         assert main(["tradeoff", str(file)]) == 2
     # media that are loaded in two ways leave two truths
-    assert [str(study.truth) for study, *_ in asked] == ["arrays loaded with friction, mu = 0.2, shear_response stick"]
+    assert [str(study.truth) for study, *_ in asked] == [
+        "arrays loaded with friction, mu = 0.2, shear_response stick"
+    ]
     with pytest.raises(InputError, match="found no friction_coefficient"):
         tradeoff(rough, force=1.0, friction_history=True)
 
 
 def test_errors_of_the_media_are_those_from_the_same_reference_by_hand(rough, found, reference):
     for method, knob, medium in (
-        ("averaged lattice", "ala", gp.AveragedLattice), ("averaged force", "afa", gp.AveragedForce),
+        ("averaged lattice", "ala", gp.AveragedLattice),
+        ("averaged force", "afa", gp.AveragedForce),
         ("effective medium", "computed field", gp.EffectiveMedium),
-    ):  # fmt: skip
+    ):
         point = point_of(found, method, knob)
         assert not point.failure
         by_hand = np.abs(observe(medium(rough).at_force(np.array(FORCES))) / reference.values - 1.0)
-        assert np.all(np.abs(point.errors - by_hand) <= 5.0 * np.hypot(point.reference_errors, reference.errors))
+        assert np.all(
+            np.abs(point.errors - by_hand)
+            <= 5.0 * np.hypot(point.reference_errors, reference.errors)
+        )
 
 
 @pytest.mark.claim("tradeoff-references")
@@ -529,8 +654,19 @@ def test_the_reference_of_the_media_is_two_algorithms_that_agree(rough, referenc
     assert np.max(media(rough, FORCES[:1]).compare(whenever())[1]) < 1e-9
     # an independent large sample
     array = observe(gp.DirectSimulation(rough, (64, 64), 5).at_force(np.array(FORCES)))
-    chance = few.errors + np.std([observe(gp.DirectSimulation(rough, (32, 32), s).at_force(np.array(FORCES))) for s in
-                                  range(6)], axis=0, ddof=1) / few.values / 4.0  # fmt: skip
+    chance = (
+        few.errors
+        + np.std(
+            [
+                observe(gp.DirectSimulation(rough, (32, 32), s).at_force(np.array(FORCES)))
+                for s in range(6)
+            ],
+            axis=0,
+            ddof=1,
+        )
+        / few.values
+        / 4.0
+    )
     assert np.all(np.abs(array / few.values - 1.0) < 4.0 * chance)
 
 
@@ -540,7 +676,9 @@ def test_the_condition_bounds_what_small_changes_of_load_and_width_do(rough, ste
         step = 1e-6
 
         def velocity(packing, load):
-            return float(gp.sound_velocities(gp.EffectiveMedium(packing).at_force(load)).longitudinal)
+            return float(
+                gp.sound_velocities(gp.EffectiveMedium(packing).at_force(load)).longitudinal
+            )
 
         here = velocity(rough, force)
         by_load = abs(velocity(rough, force * (1.0 + step)) / here - 1.0) / step
@@ -549,7 +687,7 @@ def test_the_condition_bounds_what_small_changes_of_load_and_width_do(rough, ste
         assert_allclose(one.condition, 1.0 + by_load + by_width, rtol=1e-3)
 
 
-# -- references keep the time -------------------------------------------------------------------------------------------
+# -- references keep the time ----------------------------------------------------------------------
 
 
 def test_a_reference_that_does_not_fit_is_said_to(rough):
@@ -580,7 +718,7 @@ def test_extreme_and_other_loads_list_what_fails(rough, measured, load, least):
     describe_tradeoff(result, 2)
 
 
-# -- what is written ----------------------------------------------------------------------------------------------------
+# -- what is written -------------------------------------------------------------------------------
 
 
 def test_the_table_has_every_number(found):
@@ -591,19 +729,29 @@ def test_the_table_has_every_number(found):
         mine = [row for row in rows if (row["method"], row["knob"]) == (point.method, point.knob)]
         errors = np.array([float(row["error (1)"]) for row in mine]).reshape(2, 3)
         assert_array_equal(errors, point.errors)
-        assert [float(row["force"]) for row in mine] == [force for force in FORCES for _ in range(3)]
+        assert [float(row["force"]) for row in mine] == [
+            force for force in FORCES for _ in range(3)
+        ]
         assert [row["observed"] for row in mine] == ["longitudinal", "transverse", "frequency"] * 2
         assert {float(row["seconds (s)"]) for row in mine} == {point.seconds}
         assert {int(row["memory (B)"]) for row in mine} == {point.memory}
         limits = np.array([float(row["reference_error (1)"]) for row in mine]).reshape(2, 3)
-        assert [row["resolved"] == "True" for row in mine] == (errors >= BETTER * limits).ravel().tolist()
+        assert [row["resolved"] == "True" for row in mine] == (
+            errors >= BETTER * limits
+        ).ravel().tolist()
 
 
 def test_a_table_for_the_terminal_lists_every_point_and_its_reference(found):
     lines = describe_tradeoff(found, 2)
     assert lines[0] == "errors at 2 loads, 10 N to 60 N; 5 warm runs each"
     for point in found.points:
-        assert sum(line.startswith(f"  {point.method} ") and f" {point.knob} " in line for line in lines) >= 1
+        assert (
+            sum(
+                line.startswith(f"  {point.method} ") and f" {point.knob} " in line
+                for line in lines
+            )
+            >= 1
+        )
     assert sum(line.startswith("  reference: ") for line in lines) == 1
     assert lines[-1].startswith("took ")
 
@@ -622,24 +770,32 @@ def test_the_diagrams_are_log_log_with_a_curve_for_each_method_and_can_be_read(f
         mine = [p for p in drawn if p.method == method]
         assert_array_equal(line.get_xdata(), [p.seconds for p in mine])
         assert_array_equal(line.get_ydata(), [p.error for p in mine])
-    assert any("not run" in text.get_text() for text in ax.texts) == any(p.failure for p in result.points)
+    assert any("not run" in text.get_text() for text in ax.texts) == any(
+        p.failure for p in result.points
+    )
     from matplotlib.text import Text
 
     texts = [text for text in figure.findobj(Text) if text.get_text() and text.get_visible()]
     assert min(text.get_fontsize() for text in texts) >= 7.0
 
 
-# -- the command line ---------------------------------------------------------------------------------------------------
+# -- the command line ------------------------------------------------------------------------------
 
 
 def test_a_command_writes_table_and_picture(work, capsys):
     assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "200 ms", "--loads", "1"]) == 0
-    assert sorted(path.name for path in (work / "out").iterdir()) == [".granphon-files", "tradeoff.csv", "tradeoff.png"]
+    assert sorted(path.name for path in (work / "out").iterdir()) == [
+        ".granphon-files",
+        "tradeoff.csv",
+        "tradeoff.png",
+    ]
     out, err = capsys.readouterr()
     assert "media (of longitudinal, transverse)" in out
     assert "Wrote tradeoff.csv, tradeoff.png into out" in out
     assert err == ""
-    rows = list(csv.DictReader(io.StringIO((work / "out" / "tradeoff.csv").read_text(encoding="utf-8"))))
+    rows = list(
+        csv.DictReader(io.StringIO((work / "out" / "tradeoff.csv").read_text(encoding="utf-8")))
+    )
     assert {row["force"] for row in rows} <= {"10.0", ""}
     # an existing one is kept, and that is found out before anything is measured
     before = (work / "out" / "tradeoff.csv").read_bytes()
@@ -656,17 +812,26 @@ def test_a_command_writes_table_and_picture(work, capsys):
     ("change", "arguments", "told"),
     [
         ("", ["--budget", "10"], "found '10', without a unit"),
-        *(("", ["--budget", given], "--budget") for given in ("-3 s", "0 s", "3 m", "", "nan s", "inf s")),
-        ("", ["--runs", "4"], "--runs"), ("", ["--loads", "0"], "--loads"), ("", ["-o", ""], "--out is empty"),
+        *(
+            ("", ["--budget", given], "--budget")
+            for given in ("-3 s", "0 s", "3 m", "", "nan s", "inf s")
+        ),
+        ("", ["--runs", "4"], "--runs"),
+        ("", ["--loads", "0"], "--loads"),
+        ("", ["-o", ""], "--out is empty"),
         ("", ["--wrkers", "2"], "--wrkers"),
         (", spread: {uniform: 2.04 um}|", ["-o", "out"], "equal balls leave nothing to compare"),
         ("8 mm|8 mm, lattice: square", ["-o", "out"], "on the square lattice"),
         ("8 mm|8 mm, finite_overlap: true", ["-o", "out"], "with finite overlap"),
         ("medium: ema|sweep: {width: [1 um, 2 um]}", ["-o", "out"], "scene.yaml sweeps width"),
     ],
-)  # fmt: skip
-def test_mistakes_on_the_command_line_and_scenes_that_have_no_trade_off(work, capsys, change, arguments, told):
-    (work / "scene.yaml").write_text(SCENE.replace(*change.split("|")) if change else SCENE, encoding="utf-8")
+)
+def test_mistakes_on_the_command_line_and_scenes_that_have_no_trade_off(
+    work, capsys, change, arguments, told
+):
+    (work / "scene.yaml").write_text(
+        SCENE.replace(*change.split("|")) if change else SCENE, encoding="utf-8"
+    )
     assert main(["tradeoff", "scene.yaml", *arguments]) == 2
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
@@ -687,10 +852,23 @@ def test_an_interruption_leaves_nothing(work, which):
         "measure.carry_out = tell\n"
         "sys.exit(main(sys.argv[1:]))\n"
     )
-    command = [sys.executable, "-c", code, "tradeoff", "scene.yaml", "-o", "out", "--budget", "1 hour"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    command = [
+        sys.executable,
+        "-c",
+        code,
+        "tradeoff",
+        "scene.yaml",
+        "-o",
+        "out",
+        "--budget",
+        "1 hour",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
         assert running.stdout.readline() == "measuring\n"
-        for _ in range(6):  # one that falls into a finaliser or a callback of compiled code may be lost
+        for _ in range(6):
+            # one that falls into a finaliser or a callback of compiled code may be lost
             running.send_signal(which)
             try:
                 out, err = running.communicate(timeout=30)

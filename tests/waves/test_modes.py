@@ -1,4 +1,6 @@
-"""Modes of networks: dense, factorised, filtered, against bands and each other; counts of modes without energy."""
+"""Modes of networks: dense, factorised, filtered, against bands and each other; counts of modes
+without energy.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,13 @@ UNITS = gp.Units(8e-3, 3e6, 2e-3)
 def ideal(name="triangular", shape=(6, 5), eta=0.8):
     """The network of cells of a lattice, and all its frequencies, Hz, ascending."""
     lattice = gp.ContactLattice.of(name, eta)
-    mesh = np.stack(np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
-    bands = np.sort(np.asarray(lattice.frequencies(lattice.wavevectors(mesh))).ravel()) * UNITS.frequency
+    mesh = np.stack(
+        np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij"), axis=-1
+    ).reshape(-1, len(shape))
+    bands = (
+        np.sort(np.asarray(lattice.frequencies(lattice.wavevectors(mesh))).ravel())
+        * UNITS.frequency
+    )
     return lattice.contact_network(UNITS).repeat(shape), bands
 
 
@@ -37,16 +44,23 @@ METHODS = {"dense": (10**6, 10**6), "factorised": (1, 10**6), "filtered": (1, 1)
 
 @pytest.fixture
 def limits(monkeypatch):
-    """Set the limits of the methods: those of ``METHODS``, or a constant of the filters by its name."""
+    """Set the limits of the methods: those of ``METHODS``, or a constant of the filters by its
+    name.
+    """
 
-    assert gp.Waves  # its module takes the limits when it is first loaded: before they are changed here
+    # its module takes the limits when it is first loaded: before they are changed here
+    assert gp.Waves
 
     def set_limits(method=None, **constants):
         if method is not None:
-            constants |= {"DENSE": METHODS[method][0], "LARGEST_FACTORS": dict.fromkeys((1, 2, 3), METHODS[method][1])}
+            constants |= {
+                "DENSE": METHODS[method][0],
+                "LARGEST_FACTORS": dict.fromkeys((1, 2, 3), METHODS[method][1]),
+            }
         for name, value in constants.items():
             monkeypatch.setattr(mode_finder, name, value)
-        if method == "filtered":  # what is filtered is not found among all modes by the dense matrix after all
+        if method == "filtered":
+            # what is filtered is not found among all modes by the dense matrix after all
             monkeypatch.delattr(mode_finder, "_find_dense")
 
     return set_limits
@@ -87,14 +101,20 @@ def test_methods_agree_on_disorder(limits):
     for other in found[1:]:
         assert other.zero_modes == found[0].zero_modes
         np.testing.assert_allclose(other.frequencies, found[0].frequencies, rtol=1e-6)
-        np.testing.assert_allclose(other.participation_ratio, found[0].participation_ratio, rtol=1e-3)
-        np.testing.assert_allclose(other.rotational_fraction, found[0].rotational_fraction, atol=1e-4)
+        np.testing.assert_allclose(
+            other.participation_ratio, found[0].participation_ratio, rtol=1e-3
+        )
+        np.testing.assert_allclose(
+            other.rotational_fraction, found[0].rotational_fraction, atol=1e-4
+        )
     touching = np.union1d(waves.network.i, waves.network.j).size
     assert found[0].zero_modes >= 2 + 3 * (100 - touching) > 2
 
 
 def test_mechanisms_are_counted(method):
-    """The kagome lattice without friction has lines of balls that move at no cost: as many as A lacks in rank."""
+    """The kagome lattice without friction has lines of balls that move at no cost: as many as A
+    lacks in rank.
+    """
     network, bands = ideal("kagome", (5, 4), 0.0)
     modes = gp.Waves(network).modes(4)
     rank = np.linalg.matrix_rank(gp.Waves(network).operator.root.toarray())
@@ -133,15 +153,22 @@ def line(masses, stiffness):
     """Balls on a line, each touching the next."""
     n = len(masses)
     return make(
-        2.0 * np.arange(n)[:, None], zip(range(n - 1), range(1, n), strict=True), 0.0, dimension=1, motions="longitudinal",
-        masses=masses, normal_stiffness=np.broadcast_to(stiffness, n - 1),
-    )  # fmt: skip
+        2.0 * np.arange(n)[:, None],
+        zip(range(n - 1), range(1, n), strict=True),
+        0.0,
+        dimension=1,
+        motions="longitudinal",
+        masses=masses,
+        normal_stiffness=np.broadcast_to(stiffness, n - 1),
+    )
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e25])
 def test_two_balls(scale):
     modes = gp.Waves(line([2.0 * scale, 3.0 * scale], 7.0)).modes(1)
-    assert modes.frequencies[0] == pytest.approx(math.sqrt(7.0 / (1.2 * scale)) / (2 * np.pi), rel=1e-12)
+    assert modes.frequencies[0] == pytest.approx(
+        math.sqrt(7.0 / (1.2 * scale)) / (2 * np.pi), rel=1e-12
+    )
     assert modes.zero_modes == 1
     # energies are as the inverse masses
     energy = np.array([0.6, 0.4])
@@ -160,7 +187,9 @@ def test_balls_between_walls():
     assert not np.any(modes.vectors[:, [0, 4]])
     # sines: the participation ratio is (sum s^2)^2 / (3 sum s^4)
     s = np.sin(np.pi * np.arange(1, 4) / 4)
-    assert modes.participation_ratio[0] == pytest.approx(np.sum(s**2) ** 2 / (3 * np.sum(s**4)), rel=1e-10)
+    assert modes.participation_ratio[0] == pytest.approx(
+        np.sum(s**2) ** 2 / (3 * np.sum(s**4)), rel=1e-10
+    )
     dos = waves.dos(moments=30, vectors=2)
     assert dos.integral == pytest.approx(1.0, rel=1e-12)  # per ball that moves
     assert type(modes).from_dict(modes.to_dict()) == modes
@@ -169,7 +198,8 @@ def test_balls_between_walls():
 def test_heavy_ball_is_a_mode_of_its_own():
     """A light ball among heavy ones: the highest mode is that ball alone."""
     network, _ = ideal(shape=(8, 8))
-    masses, inertias = network.masses.copy(), network.inertias.copy()
+    masses = network.masses.copy()
+    inertias = network.inertias.copy()
     masses[10] *= 1e-4
     inertias[10] *= 1e-4
     light = replace(network, masses=masses, inertias=inertias, lattice=None, shape=None)
@@ -196,17 +226,24 @@ def test_what_has_no_modes_is_refused():
 
 
 def test_factors_miss_no_mode(limits, monkeypatch):
-    """Where Lanczos has found too few of a set of equal modes, the count of the factors shows it, and more are asked for."""
+    """Where Lanczos has found too few of a set of equal modes, the count of the factors shows it,
+    and more are asked for.
+    """
     import scipy.sparse.linalg as linear
 
     limits("factorised")
     network, bands = ideal(shape=(12, 12))
-    plain, asked = linear.eigsh, []
+    plain = linear.eigsh
+    asked = []
 
     def forgetful(*args, **more):
         values, vectors = plain(*args, **more)
         asked.append(more["k"])
-        return (values, vectors) if len(asked) > 1 else (np.delete(values, 4), np.delete(vectors, 4, axis=1))
+        return (
+            (values, vectors)
+            if len(asked) > 1
+            else (np.delete(values, 4), np.delete(vectors, 4, axis=1))
+        )
 
     monkeypatch.setattr(linear, "eigsh", forgetful)
     modes = gp.Waves(network).modes(12)
@@ -215,7 +252,9 @@ def test_factors_miss_no_mode(limits, monkeypatch):
 
 
 def test_static_forces_lower_frequencies(method):
-    """With static forces D is no longer a square: modes, and the count of those without energy, are those of the matrix."""
+    """With static forces D is no longer a square: modes, and the count of those without energy, are
+    those of the matrix.
+    """
     network, _ = ideal(shape=(7, 6))
     force = 0.02 * UNITS.force * np.random.default_rng(2).uniform(0.5, 1.0, network.n_contacts)
     pressed = replace(network, prestress=True, normal_force=force, lattice=None, shape=None)
@@ -229,9 +268,14 @@ def test_static_forces_lower_frequencies(method):
 
 @pytest.mark.parametrize("friction", [True, False])
 def test_tension_raises_frequencies(method, friction):
-    """Spectra of rubber balls that adhere and are pulled apart are the bands of the crystal, and below the bound of all."""
-    rubber, cells = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3), np.arange(4) / 4
-    state = gp.Crystal.on("fcc", [rubber], law=gp.JKR(0.1), friction=friction).at_pressure(-20.0, finite_overlap=True)
+    """Spectra of rubber balls that adhere and are pulled apart are the bands of the crystal, and
+    below the bound of all.
+    """
+    rubber = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3)
+    cells = np.arange(4) / 4
+    state = gp.Crystal.on("fcc", [rubber], law=gp.JKR(0.1), friction=friction).at_pressure(
+        -20.0, finite_overlap=True
+    )
     assert np.all(state.normal_force < 0.0)
     q = np.stack(np.meshgrid(cells, cells, cells), axis=-1).reshape(-1, 3)
     bands = np.sort(gp.Phonons(state).frequencies(q).ravel())
@@ -239,7 +283,9 @@ def test_tension_raises_frequencies(method, friction):
     for target in (0.0, bands[-1]):
         modes = waves.modes(6, target)
         np.testing.assert_allclose(
-            np.sort(np.abs(modes.frequencies - target)), nearest(bands, 6, target), atol=1e-8 * bands[-1]
+            np.sort(np.abs(modes.frequencies - target)),
+            nearest(bands, 6, target),
+            atol=1e-8 * bands[-1],
         )
     assert waves.modes(1).zero_modes == np.sum(bands < 1e-6 * bands[-1])
     assert waves.operator.top > 2.0 * np.pi * bands[-1]
@@ -248,26 +294,35 @@ def test_tension_raises_frequencies(method, friction):
     assert mean == pytest.approx(np.sum(bands) / 64, rel=1e-4)
 
 
-# -- networks too large to be factorised ------------------------------------------------------------------------------
+# -- networks too large to be factorised -----------------------------------------------------------
 
 
 @pytest.fixture
 def filters(limits):
-    """Modes are filtered, with fewer random vectors than usual, as the networks are small; sets constants of the filters."""
+    """Modes are filtered, with fewer random vectors than usual, as the networks are small; sets
+    constants of the filters.
+    """
     limits("filtered", _STARTS=(6, 4))
     return limits
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["free of forces", "prestress"])
 def disordered(request):
-    """A triangular array whose springs differ, with and without static forces, and all its modes by the dense matrix."""
+    """A triangular array whose springs differ, with and without static forces, and all its modes by
+    the dense matrix.
+    """
     network, _ = ideal(shape=(36, 9))
     random = np.random.default_rng(4)
     factor, force = random.uniform(0.5, 1.5, (2, network.n_contacts))
     network = replace(
-        network, normal_stiffness=factor * network.normal_stiffness, shear_stiffness=factor * network.shear_stiffness,
-        normal_force=0.01 * UNITS.force * force, prestress=request.param, lattice=None, shape=None,
-    )  # fmt: skip
+        network,
+        normal_stiffness=factor * network.normal_stiffness,
+        shear_stiffness=factor * network.shear_stiffness,
+        normal_force=0.01 * UNITS.force * force,
+        prestress=request.param,
+        lattice=None,
+        shape=None,
+    )
     waves = gp.Waves(network)
     squares, vectors = np.linalg.eigh(waves.operator.matrix.toarray())
     return waves, np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi), vectors
@@ -277,7 +332,8 @@ def exhaustive(*case):
     return pytest.param(*case, marks=pytest.mark.exhaustive)
 
 
-#: amid the spectrum, where modes are dense; at its ends; and above all modes, below the bound of them
+#: amid the spectrum, where modes are dense; at its ends; and above all modes, below the bound of
+#: them
 @pytest.mark.parametrize("target", [None, exhaustive(900.0), 12.3e3, exhaustive(21e3), "top"])
 def test_filters_find_what_the_dense_matrix_has(filters, disordered, target):
     waves, exact, vectors = disordered
@@ -287,7 +343,9 @@ def test_filters_find_what_the_dense_matrix_has(filters, disordered, target):
     cost = np.flatnonzero(exact > 1e-6 * top)
     chosen = np.sort(cost[np.argsort(np.abs(exact[cost] - where))[:9]])
     np.testing.assert_allclose(modes.frequencies, exact[chosen], rtol=1e-10)
-    overlap = np.abs(waves.operator.vector(np.moveaxis(modes.vectors, 0, -1)).T @ vectors[:, chosen])
+    overlap = np.abs(
+        waves.operator.vector(np.moveaxis(modes.vectors, 0, -1)).T @ vectors[:, chosen]
+    )
     np.testing.assert_allclose(overlap, np.eye(9), atol=1e-6)
     assert modes.residual <= 1e-8
     assert modes.zero_modes == (2 if target is None else None)
@@ -298,22 +356,30 @@ def test_filters_find_all_modes_of_one_frequency(filters):
     """The ideal crystal has twelve modes of most frequencies."""
     network, bands = ideal(shape=(24, 24))
     modes = gp.Waves(network).modes(14, 12e3)
-    np.testing.assert_allclose(np.sort(np.abs(modes.frequencies - 12e3)), nearest(bands, 14, 12e3), rtol=1e-10, atol=1e-6)
+    np.testing.assert_allclose(
+        np.sort(np.abs(modes.frequencies - 12e3)), nearest(bands, 14, 12e3), rtol=1e-10, atol=1e-6
+    )
 
 
 @pytest.mark.exhaustive
 def test_filters_find_the_modes_at_a_gap(filters):
-    """Two masses in turn, springs that differ a little: between the bands there is nothing but a mode of an end."""
+    """Two masses in turn, springs that differ a little: between the bands there is nothing but a
+    mode of an end.
+    """
     from scipy.linalg import eigvalsh_tridiagonal
 
     filters(_STARTS=(12,))  # many modes lie close to the end of a band
-    masses, springs = np.tile([1.0, 2.0], 1000), np.random.default_rng(1).uniform(0.95, 1.05, 1999)
+    masses = np.tile([1.0, 2.0], 1000)
+    springs = np.random.default_rng(1).uniform(0.95, 1.05, 1999)
     held = np.pad(springs, 1)
     squares = eigvalsh_tridiagonal((held[:-1] + held[1:]) / masses, -springs / 2.0**0.5)
-    exact, target = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi), 1.35 / (2.0 * np.pi)
+    exact = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+    target = 1.35 / (2.0 * np.pi)
     found = gp.Waves(line(masses, springs)).modes(5, target).frequencies
     assert np.min(np.abs(exact - target)) > 0.04 * target
-    np.testing.assert_allclose(np.sort(np.abs(found - target)), nearest(exact, 5, target), rtol=1e-10)
+    np.testing.assert_allclose(
+        np.sort(np.abs(found - target)), nearest(exact, 5, target), rtol=1e-10
+    )
 
 
 def test_filters_leave_out_modes_without_energy(filters, disordered):
@@ -327,7 +393,9 @@ def test_filters_leave_out_modes_without_energy(filters, disordered):
 
 @pytest.mark.exhaustive
 def test_filters_leave_out_many_modes_without_energy(filters):
-    """The kagome lattice without friction has lines of balls that move at no cost, which are no modes of the result."""
+    """The kagome lattice without friction has lines of balls that move at no cost, which are no
+    modes of the result.
+    """
     network, bands = ideal("kagome", (19, 18), 0.0)
     filters(_ZEROS=24)
     assert np.sum(bands < 1e-6 * bands[-1]) > 30
@@ -357,7 +425,9 @@ def test_filters_miss_no_mode(filters, disordered):
     modes = waves.modes(5, 12.3e3)
     assert 0.1 < counted[0] < 5.0
     assert counted[1] < 1e-6
-    np.testing.assert_allclose(np.sort(np.abs(modes.frequencies - 12.3e3)), nearest(exact, 5, 12.3e3), rtol=1e-8)
+    np.testing.assert_allclose(
+        np.sort(np.abs(modes.frequencies - 12.3e3)), nearest(exact, 5, 12.3e3), rtol=1e-8
+    )
 
 
 @pytest.mark.parametrize(("limit", "value"), [("_BYTES", 10**6), ("_PRODUCTS", 5000)])
@@ -366,7 +436,8 @@ def test_filters_say_beforehand_what_is_too_much(filters, disordered, monkeypatc
     filters(**{limit: value})
     monkeypatch.delattr(mode_finder._Window, "apply")
     with pytest.raises(
-        InputError, match=r"9 modes of 972 motions take .* GB, and .* products of D with a vector.*density of"
+        InputError,
+        match=r"9 modes of 972 motions take .* GB, and .* products of D with a vector.*density of",
     ):
         disordered[0].modes(9, 12.3e3)
 

@@ -1,4 +1,6 @@
-"""What is found of balls in motion: peaks, fronts, spectra, harmonics, in closed form on motions that are made up."""
+"""What is found of balls in motion: peaks, fronts, spectra, harmonics, in closed form on motions
+that are made up.
+"""
 
 from __future__ import annotations
 
@@ -13,25 +15,60 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.runs.wave_records import Passage
 
-N, FRAMES, SPACING, V = 12, 801, 1e-3, 3.0
+N = 12
+FRAMES = 801
+SPACING = 1e-3
+V = 3.0
 
 
 def make(displacements=None, forces=None):
     """A motion of balls 2 m apart along x, with contacts between neighbours."""
     times, still, zero = np.linspace(0.0, 1.0, FRAMES), np.zeros((FRAMES, N, 3)), np.zeros(FRAMES)
-    chain = gp.Crystal.on("chain", [gp.Ball(gp.Material(1e9, 0.3, 1e3), 2.0)]).at_force(1.0).network.cut(0, N)
+    chain = (
+        gp.Crystal.on("chain", [gp.Ball(gp.Material(1e9, 0.3, 1e3), 2.0)])
+        .at_force(1.0)
+        .network.cut(0, N)
+    )
     moved = still if displacements is None else displacements(times)
-    pushed = np.zeros((FRAMES, N - 1)) if forces is None else forces(times[:, None], chain.positions[1:, 0] - 1.0)
-    return gp.Motion(times, moved, still, still, still, pushed, 0.0 * pushed, zero, zero, zero, zero, zero, 1e-4, chain)
+    pushed = (
+        np.zeros((FRAMES, N - 1))
+        if forces is None
+        else forces(times[:, None], chain.positions[1:, 0] - 1.0)
+    )
+    return gp.Motion(
+        times,
+        moved,
+        still,
+        still,
+        still,
+        pushed,
+        0.0 * pushed,
+        zero,
+        zero,
+        zero,
+        zero,
+        zero,
+        1e-4,
+        chain,
+    )
 
 
 def late(motion, count):
     """The last frames of a motion, as they are read of a file."""
-    return replace(motion, **{name: getattr(motion, name)[-count:] for name, one in motion._shapes.items() if one[0] == "f"})
+    return replace(
+        motion,
+        **{
+            name: getattr(motion, name)[-count:]
+            for name, one in motion._shapes.items()
+            if one[0] == "f"
+        },
+    )
 
 
 def test_peaks_and_velocities_of_a_pulse():
-    """A parabola in time is found to rounding; a front is where the force has risen to its share."""
+    """A parabola in time is found to rounding; a front is where the force has risen to its
+    share.
+    """
     motion = make(forces=lambda t, x: 5.0 + np.maximum(2.0 - 1e3 * (t - 0.2 - x / 80.0) ** 2, 0.0))
     times, heights = motion.peaks()
     assert_allclose(heights, 7.0, rtol=1e-12)
@@ -44,10 +81,13 @@ def test_peaks_and_velocities_of_a_pulse():
 
 
 def test_an_echo_does_not_count_and_a_run_may_be_too_short():
-    """The first maxima count, though what comes back from the end is higher; a force that still rises has none."""
+    """The first maxima count, though what comes back from the end is higher; a force that still
+    rises has none.
+    """
 
     def push(t, x, back):
-        onwards, echo = t - 0.1 - x / 80.0, t - 0.1 - (44.0 - x) / 80.0
+        onwards = t - 0.1 - x / 80.0
+        echo = t - 0.1 - (44.0 - x) / 80.0
         return 5.0 + np.exp(-((onwards / 0.01) ** 2)) + back * np.exp(-((echo / 0.01) ** 2))
 
     for back in (0.0, 1.0, 1.6):
@@ -55,7 +95,9 @@ def test_an_echo_does_not_count_and_a_run_may_be_too_short():
         for of in ("peak", "front"):
             assert_allclose(motion.pulse_velocity(range(8), of=of), 80.0, rtol=1e-3)
     # the pulse is at x = 24 m, between contacts 11 and 12, where the run ends
-    short = {name: getattr(motion, name)[:281] for name, one in motion._shapes.items() if one[0] == "f"}
+    short = {
+        name: getattr(motion, name)[:281] for name, one in motion._shapes.items() if one[0] == "f"
+    }
     short = replace(motion, **short)
     assert np.flatnonzero(np.isnan(short.passages())).tolist() == [10]
     assert_allclose(short.pulse_velocity(range(9)), 80.0, rtol=1e-3)
@@ -65,9 +107,13 @@ def test_an_echo_does_not_count_and_a_run_may_be_too_short():
 
 def test_a_velocity_is_that_of_a_straight_line_that_rises():
     forces = {
-        "no later": lambda t, x: np.exp(-(((t - 0.9 + x / 80.0) / 0.01) ** 2)),  # it comes from the other end
-        "no straight line": lambda t, x: np.exp(-(((t - 0.1 - x * x / 800.0) / 0.01) ** 2)),  # it diffuses
-        "scatter": lambda t, x: np.exp(-(((t - 0.3 - x / 400.0 - 0.1 * np.sin(4.0 * x)) / 0.01) ** 2)),
+        # it comes from the other end
+        "no later": lambda t, x: np.exp(-(((t - 0.9 + x / 80.0) / 0.01) ** 2)),
+        # it diffuses
+        "no straight line": lambda t, x: np.exp(-(((t - 0.1 - x * x / 800.0) / 0.01) ** 2)),
+        "scatter": lambda t, x: np.exp(
+            -(((t - 0.3 - x / 400.0 - 0.1 * np.sin(4.0 * x)) / 0.01) ** 2)
+        ),
     }
     for words, push in forces.items():
         motion = make(forces=lambda t, x, push=push: 5.0 + push(t, x))
@@ -79,7 +125,9 @@ def test_a_velocity_is_that_of_a_straight_line_that_rises():
 
 
 def test_a_hit_chain_has_one_velocity_however_long_it_is_heard():
-    """Against a floor at its other end, from which an echo comes; while the pulse is on its way there is none."""
+    """Against a floor at its other end, from which an echo comes; while the pulse is on its way
+    there is none.
+    """
     ball = gp.Ball(gp.Material(193e9, 0.30, 7958.0), 19.05e-3)
     network = gp.Crystal.on("chain", [ball]).at_force(20.0).network.cut(0, 30, ("free", "floor"))
     velocities = np.zeros((network.n_balls, 3))
@@ -87,7 +135,9 @@ def test_a_hit_chain_has_one_velocity_however_long_it_is_heard():
     run = gp.NonlinearWaves(network).run(1.6e-3, velocities=velocities, frames=321)
     found = []
     for frames in (101, 201, 321):
-        short = {name: getattr(run, name)[:frames] for name, one in run._shapes.items() if one[0] == "f"}
+        short = {
+            name: getattr(run, name)[:frames] for name, one in run._shapes.items() if one[0] == "f"
+        }
         motion = replace(run, **short)
         if frames == 101:  # 0.5 ms, 0.26 m of 0.57 m
             with pytest.raises(InputError, match="does not pass contact"):
@@ -101,7 +151,9 @@ def test_a_hit_chain_has_one_velocity_however_long_it_is_heard():
 
 
 def test_few_frames_are_refused_or_tell_the_velocity():
-    """Thinned frames of a chain that is hit: what they tell converges, and what follows the pulse is not taken for it."""
+    """Thinned frames of a chain that is hit: what they tell converges, and what follows the pulse
+    is not taken for it.
+    """
     ball = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
     network = gp.Crystal.on("chain", [ball]).at_force(10.0).network.repeat((40,)).cut(0, 1)
     velocities = np.zeros((network.n_balls, 3))
@@ -110,7 +162,28 @@ def test_few_frames_are_refused_or_tell_the_velocity():
     for of in ("peak", "front"):
         fine = run.pulse_velocity([5, 25], of=of)
         errors = {}
-        for every in (2, 3, 4, 6, 8, 10, 12, 15, 20, 24, 40, 60, 80, 100, 120, 200, 240, 300, 400, 600):
+        for every in (
+            2,
+            3,
+            4,
+            6,
+            8,
+            10,
+            12,
+            15,
+            20,
+            24,
+            40,
+            60,
+            80,
+            100,
+            120,
+            200,
+            240,
+            300,
+            400,
+            600,
+        ):
             names = [name for name, one in run._shapes.items() if one[0] == "f"]
             few = replace(run, **{name: getattr(run, name)[::every] for name in names})
             if np.isfinite(few.passages(of)[[5, 25]]).all():
@@ -130,13 +203,17 @@ def test_places_where_balls_meet_across_the_cell():
     """They are on the line to the nearest image, not half a cell away from it."""
     motion = make()
     net = replace(motion.network, cell=np.diag([2.0 * N, 0.0, 0.0]), pbc=(True, False, False))
-    motion = replace(motion, network=net, met=np.array([[1, N - 1], [0, 2]]), forces=np.zeros((FRAMES, N + 1)))
+    motion = replace(
+        motion, network=net, met=np.array([[1, N - 1], [0, 2]]), forces=np.zeros((FRAMES, N + 1))
+    )
     along = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     assert_allclose(motion.middles[N - 1 :], net.positions[0] + along, atol=1e-12)
 
 
 def test_the_greatest_force_may_be_the_first_or_the_last():
-    """Of contacts that a pull unloads, or that are still being pressed, it is that of the frame itself."""
+    """Of contacts that a pull unloads, or that are still being pressed, it is that of the frame
+    itself.
+    """
     motion = make(forces=lambda t, x: np.where(x < 10.0, 5.0 - t, 5.0 + t**2))
     times, heights = motion.peaks()
     assert_allclose(heights, motion.forces.max(axis=0), rtol=0.0)
@@ -145,7 +222,9 @@ def test_the_greatest_force_may_be_the_first_or_the_last():
 
 def test_a_peak_by_rounding_is_finite():
     """A force that one frame has larger by the last digit has its peak beside that frame."""
-    times, heights = make(forces=lambda t, x: np.where(t == 0.5, 1.0, 1.0 - 2.0**-53) + 0.0 * x).peaks()
+    times, heights = make(
+        forces=lambda t, x: np.where(t == 0.5, 1.0, 1.0 - 2.0**-53) + 0.0 * x
+    ).peaks()
     assert_allclose(heights, 1.0)
     assert_allclose(times, 0.5, rtol=1e-12)
     times, _ = make(forces=lambda t, x: np.where(t < 0.5, 1.0 - 2.0**-53, 1.0) + 0.0 * x).peaks()
@@ -184,19 +263,28 @@ def test_a_spectrum_and_harmonics_of_a_steady_motion():
 @pytest.mark.parametrize(
     ("ask", "words"),
     [
-        (lambda m: m.pulse_velocity([0]), "contacts are"), (lambda m: m.pulse_velocity([0, 99]), "indices of contacts"),
-        (lambda m: m.pulse_velocity([0, 1], of="foot"), "of: found"), (lambda m: m.pulse_velocity([0, 1]), "does not pass"),
-        (lambda m: m.pulse_velocity([0, 1], direction=(0, 0, 0)), "direction"), (lambda m: m.arrivals(0.0), "share"),
+        (lambda m: m.pulse_velocity([0]), "contacts are"),
+        (lambda m: m.pulse_velocity([0, 99]), "indices of contacts"),
+        (lambda m: m.pulse_velocity([0, 1], of="foot"), "of: found"),
+        (lambda m: m.pulse_velocity([0, 1]), "does not pass"),
+        (lambda m: m.pulse_velocity([0, 1], direction=(0, 0, 0)), "direction"),
+        (lambda m: m.arrivals(0.0), "share"),
         (lambda m: m.pulse_velocity([0, 1], share=0.5), "a peak has none"),
         (lambda m: m.pulse_velocity([1, 1]), "each once"),
-        (lambda m: m.spectrum(99), "ball"), (lambda m: m.harmonics(1.0), "periods in the run"),
-        (lambda m: m.harmonics(300.0), "frames are in a period"), (lambda m: late(m, 50).harmonics(20.0), "in the run"),
-        (lambda m: late(m, 3).spectrum(0), "3 frames have no spectrum"), (lambda m: late(m, 1).harmonics(1.0), "0 frames"),
-        (lambda m: m.harmonics(20.0, axis=3), "axis"), (lambda m: m.harmonics(5e-324, 1, 1), "periods in the run"),
-        (lambda m: m.harmonics(10**400, 1), "frequency"), (lambda m: m.harmonics(20.0, 10**400), "count"),
-        (lambda m: m.harmonics(20.0, 1, 0, 10**400), "periods"), (lambda m: gp.Motion.read(7), "Give a path"),
+        (lambda m: m.spectrum(99), "ball"),
+        (lambda m: m.harmonics(1.0), "periods in the run"),
+        (lambda m: m.harmonics(300.0), "frames are in a period"),
+        (lambda m: late(m, 50).harmonics(20.0), "in the run"),
+        (lambda m: late(m, 3).spectrum(0), "3 frames have no spectrum"),
+        (lambda m: late(m, 1).harmonics(1.0), "0 frames"),
+        (lambda m: m.harmonics(20.0, axis=3), "axis"),
+        (lambda m: m.harmonics(5e-324, 1, 1), "periods in the run"),
+        (lambda m: m.harmonics(10**400, 1), "frequency"),
+        (lambda m: m.harmonics(20.0, 10**400), "count"),
+        (lambda m: m.harmonics(20.0, 1, 0, 10**400), "periods"),
+        (lambda m: gp.Motion.read(7), "Give a path"),
     ],
-)  # fmt: skip
+)
 def test_bad_questions_are_one_error(ask, words):
     with pytest.raises(InputError, match=words):
         ask(make())
@@ -204,5 +292,8 @@ def test_bad_questions_are_one_error(ask, words):
 
 def test_a_file_of_a_motion_is_no_sweep(tmp_path):
     make().write(tmp_path / "motion.nc")
-    with pytest.raises(InputError, match=r"is not a sweep. It is a motion. Draw it in Python, gp.plot\(gp.Motion.read"):
+    with pytest.raises(
+        InputError,
+        match=r"is not a sweep. It is a motion. Draw it in Python, gp.plot\(gp.Motion.read",
+    ):
         gp.load_sweep(tmp_path / "motion.nc")

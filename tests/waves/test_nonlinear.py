@@ -1,4 +1,6 @@
-"""Balls that move by the whole contact law: solitary waves, harmonics, impacts, friction, energy, and the linear limit."""
+"""Balls that move by the whole contact law: solitary waves, harmonics, impacts, friction, energy,
+and the linear limit.
+"""
 
 from __future__ import annotations
 
@@ -46,11 +48,13 @@ def passages(motion, contacts):
         place = int(np.argmax(f))
         low, top, high = f[place - 1 : place + 2]
         shift = 0.5 * (low - high) / (low - 2.0 * top + high)
-        found.append((motion.times[place] + shift * motion.times[1], top - 0.25 * (low - high) * shift))
+        found.append(
+            (motion.times[place] + shift * motion.times[1], top - 0.25 * (low - high) * shift)
+        )
     return np.array(found).T
 
 
-# -- waves in chains --------------------------------------------------------------------------------------------------
+# -- waves in chains -------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("solitary-wave")
@@ -63,7 +67,9 @@ def test_a_solitary_wave_of_a_chain_that_is_hardly_pressed():
     coefficient = network.normal_force[0] / waves.overlap[0] ** 1.5
     speed = 40 * D / (times[1] - times[0])
     assert_allclose(
-        speed / (D * coefficient ** (1 / 3) * network.masses[0] ** -0.5 * heights[0] ** (1 / 6)), 0.90553, rtol=5e-5
+        speed / (D * coefficient ** (1 / 3) * network.masses[0] ** -0.5 * heights[0] ** (1 / 6)),
+        0.90553,
+        rtol=5e-5,
     )
     assert_allclose(heights[1], heights[0], rtol=1e-6)
 
@@ -74,10 +80,14 @@ def test_pulses_of_a_pressed_chain(speed):
     """V/c of the long-wave theory at r = F_m/F_0, within 0.5 %."""
     network = line(10.0, 260)
     sound = D * np.sqrt(network.normal_stiffness[0] / network.masses[0])
-    motion = gp.NonlinearWaves(network).run(170 * D / sound, velocities=push(network, speed), frames=2001)
+    motion = gp.NonlinearWaves(network).run(
+        170 * D / sound, velocities=push(network, speed), frames=2001
+    )
     times, heights = passages(motion, (120, 160))
     r = heights[0] / 10.0
-    wanted = np.sqrt(4.0 / 15.0 * (3.0 + 2.0 * r ** (5.0 / 3.0) - 5.0 * r ** (2.0 / 3.0))) / (r ** (2.0 / 3.0) - 1.0)
+    wanted = np.sqrt(4.0 / 15.0 * (3.0 + 2.0 * r ** (5.0 / 3.0) - 5.0 * r ** (2.0 / 3.0))) / (
+        r ** (2.0 / 3.0) - 1.0
+    )
     assert 1.3 < r < 4.0
     assert_allclose(40 * D / (times[1] - times[0]) / sound, wanted, rtol=5e-3)
 
@@ -85,43 +95,79 @@ def test_pulses_of_a_pressed_chain(speed):
 @pytest.mark.claim("second-harmonic")
 def test_the_second_harmonic_of_a_shaker():
     """A^2/(4 delta) cot(qd/2) |sin((q(2w) - 2q) n d/2)| at the ball n."""
-    network, qd = line(10.0, 400), 0.6
+    network = line(10.0, 400)
+    qd = 0.6
     waves = gp.NonlinearWaves(network)
-    delta, own = waves.overlap[0], np.sqrt(network.normal_stiffness[0] / network.masses[0])
+    delta = waves.overlap[0]
+    own = np.sqrt(network.normal_stiffness[0] / network.masses[0])
     omega = 2.0 * own * math.sin(0.5 * qd)
-    period, size = 2.0 * math.pi / omega, 3e-3 * delta
+    period = 2.0 * math.pi / omega
+    size = 3e-3 * delta
 
     def shake(time):
-        return size * 0.5 * (1.0 - math.cos(math.pi * min(time / (30.0 * period), 1.0))) * math.sin(omega * time)
+        return (
+            size
+            * 0.5
+            * (1.0 - math.cos(math.pi * min(time / (30.0 * period), 1.0)))
+            * math.sin(omega * time)
+        )
 
-    motion = waves.run(60.0 * period, drive=gp.Drive(0, (1, 0, 0), displacement=shake), frames=60 * 32 + 1)
-    balls, last = np.array([5, 10, 20]), slice(-10 * 32 - 1, -1)
+    motion = waves.run(
+        60.0 * period, drive=gp.Drive(0, (1, 0, 0), displacement=shake), frames=60 * 32 + 1
+    )
+    balls = np.array([5, 10, 20])
+    last = slice(-10 * 32 - 1, -1)
     signal = motion.displacements[last, balls, 0]
-    twice = np.abs(2.0 * np.mean(signal * np.exp(-2j * omega * motion.times[last])[:, None], axis=0))
+    twice = np.abs(
+        2.0 * np.mean(signal * np.exp(-2j * omega * motion.times[last])[:, None], axis=0)
+    )
     wanted = 2.0 * math.asin(omega / own) - 2.0 * qd
-    assert_allclose(twice, size**2 / (4.0 * delta) / math.tan(0.5 * qd) * np.abs(np.sin(0.5 * wanted * balls)), rtol=3e-4)
+    assert_allclose(
+        twice,
+        size**2 / (4.0 * delta) / math.tan(0.5 * qd) * np.abs(np.sin(0.5 * wanted * balls)),
+        rtol=3e-4,
+    )
     # the work of the shaker is the energy of the chain
     assert_allclose(motion.work[-1], motion.energy[-1], rtol=2e-4)
-    assert_allclose(motion.displacements[:, 0, 0], [shake(time) for time in motion.times], rtol=1e-12)
+    assert_allclose(
+        motion.displacements[:, 0, 0], [shake(time) for time in motion.times], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("exponent", [1.5, 2.0, 3.0])
 def test_frequency_of_a_travelling_wave_over_its_amplitude(exponent):
-    """d omega/omega = (A/delta)^2 (a-1)/4 [(a-1) cos^2(qd/2) + (a-2) sin^2(qd/2)]; cos(qd)/16 for Hertz."""
-    network, count = line(10.0, 12, periodic=True), 12
+    """d omega/omega = (A/delta)^2 (a-1)/4 [(a-1) cos^2(qd/2) + (a-2) sin^2(qd/2)]; cos(qd)/16 for
+    Hertz.
+    """
+    network = line(10.0, 12, periodic=True)
+    count = 12
     waves = gp.NonlinearWaves(network, gp.PowerLaw(exponent, 1.0))
-    qd, delta = 2.0 * math.pi / count, waves.overlap[0]
+    qd = 2.0 * math.pi / count
+    delta = waves.overlap[0]
     omega = 2.0 * np.sqrt(network.normal_stiffness[0] / network.masses[0]) * math.sin(0.5 * qd)
-    place, out, periods = np.arange(count), [], 40
+    place = np.arange(count)
+    out = []
+    periods = 40
 
     for share in (1e-4, 0.04):
-        start, speed = np.zeros((count, 3)), np.zeros((count, 3))
-        start[:, 0], speed[:, 0] = share * delta * np.cos(qd * place), share * delta * omega * np.sin(qd * place)
-        motion = waves.run(periods * 2.0 * math.pi / omega, displacements=start, velocities=speed, frames=periods * 24 + 1)
+        start = np.zeros((count, 3))
+        speed = np.zeros((count, 3))
+        start[:, 0], speed[:, 0] = (
+            share * delta * np.cos(qd * place),
+            share * delta * omega * np.sin(qd * place),
+        )
+        motion = waves.run(
+            periods * 2.0 * math.pi / omega,
+            displacements=start,
+            velocities=speed,
+            frames=periods * 24 + 1,
+        )
         phase = np.unwrap(np.angle(motion.displacements[:, :, 0] @ np.exp(-1j * qd * place)))
         out.append(np.polyfit(motion.times, phase, 1)[0] / -omega)
     wanted = (
-        0.25 * (exponent - 1.0) * ((exponent - 1.0) * math.cos(0.5 * qd) ** 2 + (exponent - 2.0) * math.sin(0.5 * qd) ** 2)
+        0.25
+        * (exponent - 1.0)
+        * ((exponent - 1.0) * math.cos(0.5 * qd) ** 2 + (exponent - 2.0) * math.sin(0.5 * qd) ** 2)
     )
     assert_allclose((out[1] - out[0]) / 0.04**2, wanted, rtol=0.03)
 
@@ -132,8 +178,11 @@ def test_frequency_of_a_travelling_wave_over_its_amplitude(exponent):
 def test_amplitude_shift_of_a_chain_in_closed_form(exponent, cell):
     for angle in (0.3, 1.1, 2.0):
         network = line(10.0, cell, periodic=True)
-        found = gp.amplitude_shift(network, [cell * angle / (2.0 * math.pi)], 0, gp.PowerLaw(exponent, 1.0))
-        cosine, rest = math.cos(0.5 * angle) ** 2, exponent - 1.0
+        found = gp.amplitude_shift(
+            network, [cell * angle / (2.0 * math.pi)], 0, gp.PowerLaw(exponent, 1.0)
+        )
+        cosine = math.cos(0.5 * angle) ** 2
+        rest = exponent - 1.0
         wanted = 0.25 * rest * (rest * cosine + (exponent - 2.0) * (1.0 - cosine))
         if cell * angle < math.pi:  # the lowest branch, as long as it is not folded
             assert_allclose(found, wanted, rtol=1e-11)
@@ -141,29 +190,42 @@ def test_amplitude_shift_of_a_chain_in_closed_form(exponent, cell):
 
 @pytest.mark.claim("amplitude-shift")
 def test_amplitude_shift_of_a_plane_in_time():
-    """The upper branch of a triangular array without friction: the run has the shift of perturbation."""
-    network, count = bulk("triangular"), 6
+    """The upper branch of a triangular array without friction: the run has the shift of
+    perturbation.
+    """
+    network = bulk("triangular")
+    count = 6
     network = replace(network, shear_stiffness=np.zeros(network.n_contacts))
     wanted = gp.amplitude_shift(network, [1.0 / count, 0.0], 1)
     modes = gp.Phonons(network).modes([[1.0 / count, 0.0]])
-    omega, shape = 2.0 * math.pi * modes.frequencies[0, 1], modes.eigenvectors[0, :, 1]
+    omega = 2.0 * math.pi * modes.frequencies[0, 1]
+    shape = modes.eigenvectors[0, :, 1]
     array = network.repeat((count, 2))
-    waves, phases = gp.NonlinearWaves(array), np.exp(1j * array.positions[:, :2] @ modes.wavevectors[0])
+    waves, phases = (
+        gp.NonlinearWaves(array),
+        np.exp(1j * array.positions[:, :2] @ modes.wavevectors[0]),
+    )
     shape = shape / np.linalg.norm(shape)
     out = []
     for share in (1e-4, 0.04):
         wave = share * waves.overlap[0] * phases[:, None] * shape
         start, speed = np.zeros((2, array.n_balls, 3))
         start[:, :2], speed[:, :2] = wave.real, (-1j * omega * wave).real
-        motion = waves.run(40.0 * 2.0 * math.pi / omega, displacements=start, velocities=speed, frames=40 * 12 + 1)
-        phase = np.unwrap(np.angle(np.einsum("fna,na->f", motion.displacements[:, :, :2], wave.conj())))
+        motion = waves.run(
+            40.0 * 2.0 * math.pi / omega, displacements=start, velocities=speed, frames=40 * 12 + 1
+        )
+        phase = np.unwrap(
+            np.angle(np.einsum("fna,na->f", motion.displacements[:, :, :2], wave.conj()))
+        )
         out.append(-np.polyfit(motion.times, phase, 1)[0] / omega)
     assert_allclose((out[1] - out[0]) / 0.04**2, wanted, rtol=0.05)
 
 
 @pytest.mark.claim("amplitude-shift")
 def test_amplitude_shift_of_balls_that_go_in_circles():
-    """At K of a honeycomb of unlike balls one kind alone moves, in circles of radius A: -1/64, and 1/192 by 2 omega."""
+    """At K of a honeycomb of unlike balls one kind alone moves, in circles of radius A: -1/64, and
+    1/192 by 2 omega.
+    """
     kinds = [gp.Ball(STEEL, D, name="A"), gp.Ball(STEEL, D, name="B", mass=1e-3)]
     state = gp.Crystal.on("honeycomb", kinds, friction=False).at_force(10.0)
     for branch in (1, 2):
@@ -181,19 +243,23 @@ def test_waves_without_an_amplitude_shift_are_refused():
             gp.amplitude_shift(network, q)
     with pytest.raises(InputError, match="branch"):
         gp.amplitude_shift(network, [0.1], 5)
-    twist = gp.AveragedLattice(gp.Packing(STEEL, D, lattice="chain", motions="all", torsion=0.02)).at_force(10.0)
+    twist = gp.AveragedLattice(
+        gp.Packing(STEEL, D, lattice="chain", motions="all", torsion=0.02)
+    ).at_force(10.0)
     with pytest.raises(InputError, match="only turn"):
         gp.amplitude_shift(twist, [0.2], 2)
 
 
-# -- contacts ---------------------------------------------------------------------------------------------------------
+# -- contacts --------------------------------------------------------------------------------------
 
 
 def test_two_balls_that_meet():
     """They are in touch for 2.94326 (5 m*/(4 c))^(2/5) v^(-1/5), and exchange their velocities."""
-    network, speed = line(1e-12, 2), 0.2
+    network = line(1e-12, 2)
+    speed = 0.2
     waves = gp.NonlinearWaves(network)
-    coefficient, reduced = network.normal_force[0] / waves.overlap[0] ** 1.5, 0.5 * network.masses[0]
+    coefficient = network.normal_force[0] / waves.overlap[0] ** 1.5
+    reduced = 0.5 * network.masses[0]
     touch = 2.94326 * (1.25 * reduced / coefficient) ** 0.4 * speed**-0.2
     motion = waves.run(1.5 * touch, velocities=push(network, speed), frames=3001)
     assert_allclose(motion.times[motion.forces[:, 0] > 1e-9][-1], touch, rtol=1e-3)
@@ -206,9 +272,14 @@ def test_two_balls_that_meet():
 def test_a_damped_ball_between_two_that_are_held():
     network = line(10.0, 3)
     network = replace(network, masses=np.where([True, False, True], np.inf, network.masses))
-    k, mass, tau = network.normal_stiffness[0], network.masses[1], 2e-6
-    motion = gp.NonlinearWaves(network, damping=tau).run(2e-3, velocities=push(network, 1e-6, 1), frames=401)
-    own, rate = math.sqrt(2.0 * k / mass), tau * k / mass
+    k = network.normal_stiffness[0]
+    mass = network.masses[1]
+    tau = 2e-6
+    motion = gp.NonlinearWaves(network, damping=tau).run(
+        2e-3, velocities=push(network, 1e-6, 1), frames=401
+    )
+    own = math.sqrt(2.0 * k / mass)
+    rate = tau * k / mass
     shaken = math.sqrt(own**2 - rate**2)
     wanted = 1e-6 / shaken * np.exp(-rate * motion.times) * np.sin(shaken * motion.times)
     assert_allclose(motion.displacements[:, 1, 0], wanted, atol=2e-3 * np.max(wanted))
@@ -217,11 +288,14 @@ def test_a_damped_ball_between_two_that_are_held():
 
 
 def test_slip_follows_mindlin_and_ends_at_coulombs_limit():
-    """A held ball is moved slowly across a contact with one that is held too: T = k_t s up to mu f."""
+    """A held ball is moved slowly across a contact with one that is held too: T = k_t s up to mu
+    f.
+    """
     packing = gp.Packing(STEEL, D, lattice="chain", motions="in_plane")
     network = gp.AveragedLattice(packing).at_force(10.0).network.repeat((3,)).cut(0, 1)
     network = replace(network, masses=np.where([True, True, False], np.inf, network.masses))
-    waves, mu = gp.NonlinearWaves(network, friction_coefficient=0.1), 0.1
+    waves = gp.NonlinearWaves(network, friction_coefficient=0.1)
+    mu = 0.1
     way = 2.0 * mu * 10.0 / network.shear_stiffness[0]
 
     def move(time):
@@ -229,17 +303,26 @@ def test_slip_follows_mindlin_and_ends_at_coulombs_limit():
 
     motion = waves.run(1e-4, drive=gp.Drive(1, (0, 1, 0), displacement=move), frames=21)
     slip = np.array([move(time) for time in motion.times])
-    assert_allclose(motion.shears[:, 0], np.minimum(network.shear_stiffness[0] * slip, mu * 10.0), rtol=1e-9, atol=1e-12)
+    assert_allclose(
+        motion.shears[:, 0],
+        np.minimum(network.shear_stiffness[0] * slip, mu * 10.0),
+        rtol=1e-9,
+        atol=1e-12,
+    )
 
 
 @pytest.mark.parametrize("mu", [math.inf, 0.2])
 def test_energy_and_momentum_of_an_array_that_is_hit(mu):
-    """Contacts open and slide; what is left of the energy is what was lost, and more with friction."""
+    """Contacts open and slide; what is left of the energy is what was lost, and more with
+    friction.
+    """
     network = bulk("triangular").repeat((6, 6)).cut(1, 1)
     random = np.random.default_rng(0)
     velocities = 0.5 * random.standard_normal((network.n_balls, 2))
     velocities -= velocities.mean(axis=0)
-    motion = gp.NonlinearWaves(network, friction_coefficient=mu).run(1e-3, velocities=velocities, frames=21)
+    motion = gp.NonlinearWaves(network, friction_coefficient=mu).run(
+        1e-3, velocities=velocities, frames=21
+    )
     assert np.any(motion.forces == 0.0)
     assert_allclose((motion.energy + motion.lost) / motion.energy[0], 1.0, atol=1e-4)
     momentum = np.einsum("n,fnc->fc", network.masses, motion.velocities)
@@ -251,7 +334,9 @@ def smooth():
     """A small periodic array without friction, and random velocities."""
     network = bulk("triangular", "in_plane").repeat((3, 3))
     network = replace(network, shear_stiffness=np.zeros(network.n_contacts))
-    return gp.NonlinearWaves(network), 0.02 * np.random.default_rng(1).standard_normal((network.n_balls, 2))
+    return gp.NonlinearWaves(network), 0.02 * np.random.default_rng(1).standard_normal(
+        (network.n_balls, 2)
+    )
 
 
 def test_time_runs_backwards():
@@ -283,9 +368,13 @@ def test_the_energy_does_not_drift_where_contacts_open():
     for seed in range(4):
         velocities = 0.5 * np.random.default_rng(seed).standard_normal((network.n_balls, 2))
         step = waves.find_step(0.5) / 6.0
-        motion = waves.run(1e5 * step, velocities=velocities - velocities.mean(axis=0), frames=2001, step=step)
+        motion = waves.run(
+            1e5 * step, velocities=velocities - velocities.mean(axis=0), frames=2001, step=step
+        )
         assert np.mean(motion.forces == 0.0) > 0.1
-        rises.append(np.polyfit(motion.times / motion.times[-1], motion.energy / motion.energy[0], 1)[0])
+        rises.append(
+            np.polyfit(motion.times / motion.times[-1], motion.energy / motion.energy[0], 1)[0]
+        )
     assert np.max(np.abs(rises)) < 1e-6
 
 
@@ -305,40 +394,63 @@ def test_the_sum_of_energies_wanders_where_contacts_open():
 
 
 @pytest.mark.claim("nonlinear-linear")
-@pytest.mark.parametrize(("lattice", "motions"), [("triangular", None), ("triangular", "out_of_plane"), ("fcc", None)])
+@pytest.mark.parametrize(
+    ("lattice", "motions"), [("triangular", None), ("triangular", "out_of_plane"), ("fcc", None)]
+)
 def test_small_motions_are_modes(lattice, motions):
     """Out of the plane no contact is stretched: all of its stiffness is that against slip."""
     cell = bulk(lattice, motions)
     network = cell.repeat((4,) * cell.dimension).cut(1, 1)
-    modes, number = gp.Waves(network).modes(5), 3
+    modes = gp.Waves(network).modes(5)
+    number = 3
     waves, axes = gp.NonlinearWaves(network), list(network.ball_motions.translations)
     shape = modes.vectors[number]
     start, turn = np.zeros((2, network.n_balls, 3))
     start[:, axes] = shape[:, : len(axes)] / np.sqrt(network.masses)[:, None]
-    turn[:, list(network.ball_motions.rotations)] = shape[:, len(axes) :] / np.sqrt(network.inertias)[:, None]
+    turn[:, list(network.ball_motions.rotations)] = (
+        shape[:, len(axes) :] / np.sqrt(network.inertias)[:, None]
+    )
     size = 1e-6 * waves.overlap[0] / np.abs(start).max()
     period = 1.0 / modes.frequencies[number]
     motion = waves.run(period, displacements=size * start, rotations=size * turn, frames=9)
     cosine = np.cos(2.0 * math.pi * motion.times / period)
     for found, one, unit in ((motion.displacements, start, 1.0), (motion.rotations, turn, 2.0 / D)):
-        assert_allclose(found, size * cosine[:, None, None] * one, atol=1e-4 * unit * size * np.abs(start).max())
+        assert_allclose(
+            found, size * cosine[:, None, None] * one, atol=1e-4 * unit * size * np.abs(start).max()
+        )
 
 
 @pytest.mark.claim("nonlinear-linear")
 def test_a_small_pulse_is_the_one_that_is_transmitted():
-    """The difference falls with the square of the step, and is below 1e-4 at a sixth of the default one."""
+    """The difference falls with the square of the step, and is below 1e-4 at a sixth of the default
+    one.
+    """
     network = bulk("triangular", "in_plane").repeat((3, 12)).cut(1, 1)
-    hertz, cycles, size = 12e3, 2.0, 1e-6
-    pulse = gp.Waves(network).transmit(hertz, (0, 1), 3.0 * D, cycles, source="ball", duration=2.4e-4, ends="periodic")
+    hertz = 12e3
+    cycles = 2.0
+    size = 1e-6
+    pulse = gp.Waves(network).transmit(
+        hertz, (0, 1), 3.0 * D, cycles, source="ball", duration=2.4e-4, ends="periodic"
+    )
     burst = 2.0 * math.pi * cycles  # its phase, in all
 
     def force(time):
         phase = 2.0 * math.pi * hertz * time
-        return size * math.sin(phase - 0.5 * burst) * 0.5 * (1.0 - math.cos(phase / cycles)) if phase < burst else 0.0
+        return (
+            size * math.sin(phase - 0.5 * burst) * 0.5 * (1.0 - math.cos(phase / cycles))
+            if phase < burst
+            else 0.0
+        )
 
-    waves, drive, differ = gp.NonlinearWaves(network), gp.Drive(list(pulse.sources), (0, 1), force=force), []
+    waves, drive, differ = (
+        gp.NonlinearWaves(network),
+        gp.Drive(list(pulse.sources), (0, 1), force=force),
+        [],
+    )
     for part in (3, 6):
-        motion = waves.run(pulse.times[-1], drive=drive, frames=len(pulse.times), step=waves.find_step() / part)
+        motion = waves.run(
+            pulse.times[-1], drive=drive, frames=len(pulse.times), step=waves.find_step() / part
+        )
         heard = motion.velocities[:, pulse.receivers, 1].T / size
         differ.append(np.abs(heard - pulse.signals).max() / np.abs(pulse.signals).max())
     assert differ[1] < 1e-4
@@ -349,11 +461,20 @@ TABLE = np.geomspace(1e-9, 1e-5, 9)
 
 
 @pytest.mark.parametrize(
-    "law", [gp.Hertz(), gp.PowerLaw(2.0, 1e13), gp.TabulatedLaw(TABLE, 1e10 * TABLE**1.5), gp.DMT(0.5), gp.JKR(0.5)]
+    "law",
+    [
+        gp.Hertz(),
+        gp.PowerLaw(2.0, 1e13),
+        gp.TabulatedLaw(TABLE, 1e10 * TABLE**1.5),
+        gp.DMT(0.5),
+        gp.JKR(0.5),
+    ],
 )
 @pytest.mark.parametrize("share", [1e-6, 1e-3, 0.1])
 def test_energies_of_motions_much_smaller_than_overlaps(law, share):
-    """They are no differences of large ones; and steps of the midpoint scheme, as long as those of the other, find them."""
+    """They are no differences of large ones; and steps of the midpoint scheme, as long as those of
+    the other, find them.
+    """
     chain = gp.Crystal.on("chain", [gp.Ball(STEEL, D)], law=law, motions="longitudinal")
     waves = gp.NonlinearWaves(chain.cut(0, 5, edges=("clamped", "free")).at_overlap(1e-7))
     own = math.sqrt(waves.network.normal_stiffness[0] / waves.network.masses[-1])
@@ -373,9 +494,15 @@ def test_a_step_that_divides_a_frame_is_taken_as_it_is():
 
 
 def test_implicit_steps_go_on_where_a_contact_that_adheres_just_parts():
-    """Steps end where its force falls to zero, and the sum of energies and losses stays to rounding."""
-    glass, law = gp.Ball(gp.Material(70e9, 0.22, 2500.0), 1e-5), gp.JKR(0.05)
-    waves, own = gp.NonlinearWaves(gp.Crystal.on("chain", [glass], law=law).cut(0, 2)), law.between(glass, glass)
+    """Steps end where its force falls to zero, and the sum of energies and losses stays to
+    rounding.
+    """
+    glass = gp.Ball(gp.Material(70e9, 0.22, 2500.0), 1e-5)
+    law = gp.JKR(0.05)
+    waves, own = (
+        gp.NonlinearWaves(gp.Crystal.on("chain", [glass], law=law).cut(0, 2)),
+        law.between(glass, glass),
+    )
     speed = math.sqrt((own.energy(own.least_overlap) - own.energy(waves.overlap[0])) / glass.mass)
 
     def part(share, **options):
@@ -399,7 +526,7 @@ def test_an_implicit_step_without_a_solution_ends_the_motion():
         waves.run(100.0 * step, velocities=velocities, frames=101, step=step, scheme="midpoint")
 
 
-# -- refusals ---------------------------------------------------------------------------------------------------------
+# -- refusals --------------------------------------------------------------------------------------
 
 
 def test_a_ball_that_flies_off_and_a_step_too_long():
@@ -467,7 +594,9 @@ def test_ctrl_c_before_the_first_frame_ends_the_program(tmp_path, monkeypatch):
 
 
 def test_only_a_motion_is_replaced(tmp_path):
-    waves, path, other = gp.NonlinearWaves(line(10.0, 4)), tmp_path / "motion.nc", tmp_path / "data.csv"
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    path = tmp_path / "motion.nc"
+    other = tmp_path / "data.csv"
     for duration in (1e-5, 2e-5):
         waves.run(duration, frames=3, file=path)
         assert gp.Motion.read(path).times[-1] == pytest.approx(duration)
@@ -481,7 +610,9 @@ def test_only_a_motion_is_replaced(tmp_path):
 
 def test_only_a_motion_is_written_over(tmp_path):
     """One check for both ways to write; what cannot be written leaves no part of a file."""
-    waves, path, other = gp.NonlinearWaves(line(10.0, 4)), tmp_path / "motion.nc", tmp_path / "mine.nc"
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    path = tmp_path / "motion.nc"
+    other = tmp_path / "mine.nc"
     other.write_text("mine")
     waves.run(1e-5, frames=3, file=path)
     motion = gp.Motion.read(path)
@@ -508,7 +639,8 @@ def test_only_a_motion_is_written_over(tmp_path):
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
 def test_a_disk_that_is_full_is_one_error(tmp_path, monkeypatch):
     """The first frame goes into a file, and what comes after it to a device that takes nothing."""
-    waves, path = gp.NonlinearWaves(line(10.0, 4)), tmp_path / "motion.nc"
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    path = tmp_path / "motion.nc"
     append = RecordFile.append
 
     def fill(self, values):
@@ -519,18 +651,23 @@ def test_a_disk_that_is_full_is_one_error(tmp_path, monkeypatch):
         append(self, values)
 
     monkeypatch.setattr(RecordFile, "append", fill)
-    with pytest.raises(OutputError, match=r"motion.nc cannot be written: .* It holds the frames that came before"):
+    with pytest.raises(
+        OutputError, match=r"motion.nc cannot be written: .* It holds the frames that came before"
+    ):
         waves.run(1e-5, frames=9, file=path)
     assert len(gp.Motion.read(path).times) == 3
 
 
 def test_whole_frames_of_a_file_that_was_cut(tmp_path):
-    waves, path = gp.NonlinearWaves(line(10.0, 4)), tmp_path / "motion.nc"
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    path = tmp_path / "motion.nc"
     whole = waves.run(1e-5, velocities=push(waves.network, 0.1), frames=41)
     whole.write(path)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) * 3 // 4])
-    with pytest.warns(StoppedEarlyWarning, match=r"motion.nc was cut: \d+ of its 41 records are whole"):
+    with pytest.warns(
+        StoppedEarlyWarning, match=r"motion.nc was cut: \d+ of its 41 records are whole"
+    ):
         part = gp.Motion.read(path)
     assert 20 < len(part.times) < 35
     for name in ("times", "displacements", "forces"):
@@ -543,7 +680,9 @@ def test_whole_frames_of_a_file_that_was_cut(tmp_path):
 
 
 def test_contacts_that_become_wider_than_their_law_allows():
-    """Two balls that meet at the speed v: overlap^(5/2) = 5 m v^2/8 c (K. L. Johnson, 1985), at the centre of mass."""
+    """Two balls that meet at the speed v: overlap^(5/2) = 5 m v^2/8 c (K. L. Johnson, 1985), at the
+    centre of mass.
+    """
     network = replace(line(1e-6, 2), motions="longitudinal")
     waves = gp.NonlinearWaves(network)
     c = network.normal_force[0] / waves.overlap[0] ** 1.5
@@ -560,14 +699,20 @@ def test_contacts_that_become_wider_than_their_law_allows():
 
 
 def test_a_dashpot_that_is_stronger_than_its_spring():
-    """Steps resolve the rate of dashpots: v falls as exp(-2 tau k t/m) where springs are weak against them."""
+    """Steps resolve the rate of dashpots: v falls as exp(-2 tau k t/m) where springs are weak
+    against them.
+    """
     network = line(10.0, 2)
-    k, m = network.normal_stiffness[0], network.masses[0]
+    k = network.normal_stiffness[0]
+    m = network.masses[0]
     tau = 100.0 * math.sqrt(m / k)
     rate = 2.0 * tau * k / m
-    # the time is nearly a period of a swing at 2^1/2 (k/m)^1/2 or less, at which it is 141 times as viscous as stiff
+    # the time is nearly a period of a swing at 2^1/2 (k/m)^1/2 or less, at which it is 141 times as
+    # viscous as stiff
     with pytest.warns(LimitWarning, match="141 times"):
-        motion = gp.NonlinearWaves(network, damping=tau).run(5.0 / rate, velocities=push(network, 1e-4), frames=11)
+        motion = gp.NonlinearWaves(network, damping=tau).run(
+            5.0 / rate, velocities=push(network, 1e-4), frames=11
+        )
     apart = motion.velocities[:, 0, 0] - motion.velocities[:, 1, 0]
     assert_allclose(apart, 1e-4 * np.exp(-rate * motion.times), atol=1e-7)
     with pytest.raises(InputError, match="less damping"):
@@ -575,17 +720,22 @@ def test_a_dashpot_that_is_stronger_than_its_spring():
 
 
 def test_a_damping_that_was_meant_as_a_loss_factor():
-    """Where dashpots are above springs at all frequencies of a run it is said before it begins; above some, it is not."""
+    """Where dashpots are above springs at all frequencies of a run it is said before it begins;
+    above some, it is not.
+    """
     network = line(10.0, 5)
     top = math.sqrt(network.normal_stiffness[0] / network.masses[0]) / math.pi  # of a chain
     start = push(network, 1e-6)
     period = 1.0 / top
     with pytest.warns(LimitWarning, match="in the motion") as told:
-        gp.NonlinearWaves(network, damping=2.0 * period).run(4.0 * period, velocities=start, frames=3)
+        gp.NonlinearWaves(network, damping=2.0 * period).run(
+            4.0 * period, velocities=start, frames=3
+        )
     frequency, ratio = re.findall(r"(\S+) (?:Hz|times)", str(told[0].message))
     assert_allclose(float(frequency), 0.25 * top, rtol=1e-3)
     assert_allclose(float(ratio), math.pi, rtol=0.01)
-    # at the top it is 2 pi 0.5 times as viscous as stiff, and pi/4 at the lowest frequency of the run
+    # at the top it is 2 pi 0.5 times as viscous as stiff, and pi/4 at the lowest frequency of the
+    # run
     gp.NonlinearWaves(network, damping=0.5 * period).run(4.0 * period, velocities=start, frames=3)
     # a run shorter than any period has no higher frequency than contacts have
     gp.NonlinearWaves(network, damping=0.1 * period).run(0.1 * period, velocities=start, frames=3)
@@ -595,14 +745,22 @@ def test_a_start_that_cannot_be():
     """What is held, displaced by a drive, or has no such motion is not moved in silence."""
     waves = gp.NonlinearWaves(line(10.0, 4))
     still = gp.Drive(0, (1, 0, 0), displacement=lambda _: 0.0)
-    with pytest.raises(InputError, match=r"velocities of ball 0 are not zero\. It is held, or is displaced"):
+    with pytest.raises(
+        InputError, match=r"velocities of ball 0 are not zero\. It is held, or is displaced"
+    ):
         waves.run(1e-5, velocities=push(waves.network, 1.0), drive=still)
     waves.run(1e-5, velocities=push(waves.network, 1.0, 1), drive=still, frames=2)
     for kind in ("force", "displacement"):
         with pytest.raises(InputError, match=r"the drive is along .*Balls move along x only"):
             waves.run(1e-5, drive=gp.Drive(0, (0, 1, 0), **{kind: lambda _: 0.0}))
-    with pytest.raises(InputError, match=r"velocities of ball 1 are \(1, 2, 0\)\. Balls move along x only"):
-        waves.run(1e-5, velocities=push(waves.network, 1.0, 1) + np.array([[0.0], [1.0], [0.0], [0.0]]) * [0.0, 2.0, 0.0])
+    with pytest.raises(
+        InputError, match=r"velocities of ball 1 are \(1, 2, 0\)\. Balls move along x only"
+    ):
+        waves.run(
+            1e-5,
+            velocities=push(waves.network, 1.0, 1)
+            + np.array([[0.0], [1.0], [0.0], [0.0]]) * [0.0, 2.0, 0.0],
+        )
     with pytest.raises(InputError, match=r"spins of ball 0 .* Balls do not turn"):
         waves.run(1e-5, spins=push(waves.network, 1.0))
     with pytest.raises(InputError, match=r"the gravity is along .* Balls move along x only"):
@@ -626,7 +784,9 @@ def force(time):
 gp.NonlinearWaves(line(10.0, 4)).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=force), frames=101, file=sys.argv[1])
 """
     for how, code in (("kill", -signal.SIGKILL), ("end", 0)):
-        done = subprocess.run([sys.executable, "-c", script, tmp_path / how, how], cwd=ROOT, check=False)
+        done = subprocess.run(
+            [sys.executable, "-c", script, tmp_path / how, how], cwd=ROOT, check=False
+        )
         assert done.returncode == code
     whole, part = (gp.Motion.read(tmp_path / how) for how in ("end", "kill"))
     count = len(part.times)
@@ -639,16 +799,27 @@ gp.NonlinearWaves(line(10.0, 4)).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=fo
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"duration": 0.0}, "duration"), ({"velocities": np.ones((3, 3))}, "velocities has the shape"),
-        ({"displacements": np.full((4, 3), np.nan)}, "displacements"), ({"frames": 1}, "frames"),
-        ({"drive": gp.Drive(0, (1, 0, 0))}, "drive is"), ({"drive": 3}, "drive"),
-        ({"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)}, "indices of balls, 0 to 3, each once"),
+        ({"duration": 0.0}, "duration"),
+        ({"velocities": np.ones((3, 3))}, "velocities has the shape"),
+        ({"displacements": np.full((4, 3), np.nan)}, "displacements"),
+        ({"frames": 1}, "frames"),
+        ({"drive": gp.Drive(0, (1, 0, 0))}, "drive is"),
+        ({"drive": 3}, "drive"),
+        (
+            {"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)},
+            "indices of balls, 0 to 3, each once",
+        ),
         ({"drive": gp.Drive(0, (1, 0, 0), displacement=lambda time: 1e-6)}, "begin at zero"),
-        ({"drive": gp.Drive(0, (0, 0, 0), force=lambda time: 1.0)}, "direction"), ({"step": -1.0}, "step"),
-        ({"positions": np.zeros((3, 3))}, "positions has the shape"), ({"scheme": "euler"}, "verlet, midpoint"),
-        ({"positions": np.zeros((4, 3)), "displacements": np.zeros((4, 3))}, "positions and displacements"),
+        ({"drive": gp.Drive(0, (0, 0, 0), force=lambda time: 1.0)}, "direction"),
+        ({"step": -1.0}, "step"),
+        ({"positions": np.zeros((3, 3))}, "positions has the shape"),
+        ({"scheme": "euler"}, "verlet, midpoint"),
+        (
+            {"positions": np.zeros((4, 3)), "displacements": np.zeros((4, 3))},
+            "positions and displacements",
+        ),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_one_error(change, words):
     waves = gp.NonlinearWaves(line(10.0, 4))
     with pytest.raises(InputError, match=words):
@@ -670,7 +841,9 @@ def test_numbers_beyond_double_precision_leave_as_one_error_or_a_short_motion():
     with pytest.raises(InputError, match="function of the time"):
         waves.run(1e-6, drive=gp.Drive(0, (1, 0, 0), size), frames=2)
     with pytest.warns(StoppedEarlyWarning):
-        motion = waves.run(1e-6, drive=gp.Drive(0, (1, 0, 0), lambda time: size * (time > 0.0)), frames=2)
+        motion = waves.run(
+            1e-6, drive=gp.Drive(0, (1, 0, 0), lambda time: size * (time > 0.0)), frames=2
+        )
     assert np.all(np.isfinite(motion.energy))
 
 

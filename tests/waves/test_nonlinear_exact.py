@@ -1,4 +1,6 @@
-"""Balls that move by true directions, meet others, fall and stick; balances of energy, momentum and angular momentum."""
+"""Balls that move by true directions, meet others, fall and stick; balances of energy, momentum and
+angular momentum.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,8 @@ def flower(**options):
 
 def angular_momentum(waves, motion):
     """(n_f, 3) of balls and spins about the origin, kg m2/s."""
-    masses, inertias = waves.network.masses, waves.network.inertias
+    masses = waves.network.masses
+    inertias = waves.network.inertias
     orbits = np.einsum("n,fna->fa", masses, np.cross(motion.positions, motion.velocities))
     return orbits + np.einsum("n,fna->fa", inertias, motion.spins)
 
@@ -38,7 +41,9 @@ def angular_momentum(waves, motion):
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
 @pytest.mark.parametrize(("mu", "damping"), [(math.inf, 0.0), (0.2, 1e-7)])
 def test_the_balance_of_energies_closes(geometry, mu, damping):
-    """Of an array that is hit so that contacts open and slide, the midpoint scheme keeps the sum to 1e-9, with losses."""
+    """Of an array that is hit so that contacts open and slide, the midpoint scheme keeps the sum to
+    1e-9, with losses.
+    """
     network = bulk("triangular").repeat((3, 3)).cut(1, 1)
     velocities = 0.5 * np.random.default_rng(0).standard_normal((network.n_balls, 2))
     waves = gp.NonlinearWaves(network, friction_coefficient=mu, damping=damping, geometry=geometry)
@@ -59,7 +64,9 @@ def test_the_work_of_drives_is_in_the_balance():
         gp.Drive(0, (1, 0, 0), displacement=lambda time: 2e-7 * math.sin(3e5 * time) ** 2),
         gp.Drive(11, (1, 1, 0), force=lambda time: 2.0 * math.sin(2e5 * time)),
     ]
-    motion = gp.NonlinearWaves(network, damping=3e-7).run(1e-4, drive=drives, frames=5, scheme="midpoint")
+    motion = gp.NonlinearWaves(network, damping=3e-7).run(
+        1e-4, drive=drives, frames=5, scheme="midpoint"
+    )
     assert motion.work[-1] > 1e-9
     assert_allclose(motion.energy + motion.lost, motion.work, atol=1e-10 * motion.work[-1])
 
@@ -73,14 +80,17 @@ def test_momentum_and_angular_momentum_are_exact(scheme):
     spins = np.zeros((7, 3))
     spins[2, 2] = 100.0
     motion = waves.run(2e-4, velocities=velocities, spins=spins, frames=5, scheme=scheme)
-    momentum, turning = np.einsum("n,fna->fa", waves.network.masses, motion.velocities), angular_momentum(waves, motion)
+    momentum = np.einsum("n,fna->fa", waves.network.masses, motion.velocities)
+    turning = angular_momentum(waves, motion)
     assert_allclose(momentum - momentum[0], 0.0, atol=1e-13 * 7 * MASS)
     assert_allclose(turning - turning[0], 0.0, atol=1e-13 * 7 * MASS * D)
     assert np.max(np.abs(np.diff(motion.spins[:, 0, 2]))) > 1.0
 
 
 def test_exact_directions_of_small_motions_are_those_of_the_lattice():
-    """In space, with friction, twist and rolling: both geometries agree to the ratio of displacement and diameter."""
+    """In space, with friction, twist and rolling: both geometries agree to the ratio of
+    displacement and diameter.
+    """
     packing = gp.Packing(STEEL, D, lattice="fcc", friction=True, torsion=0.02, bending=0.01)
     network = gp.AveragedLattice(packing).at_overlap(1e-8 * D).network.repeat((2, 2, 2)).cut(2, 2)
     random = np.random.default_rng(3)
@@ -98,19 +108,48 @@ def test_exact_directions_of_small_motions_are_those_of_the_lattice():
 
 @pytest.mark.parametrize("scheme", ["verlet", "midpoint"])
 def test_numbers_in_the_plane_are_vectors_in_space(scheme):
-    """Balls of a plane that slide, roll, meet and part move the same as where all motions are allowed."""
+    """Balls of a plane that slide, roll, meet and part move the same as where all motions are
+    allowed.
+    """
     found = []
     for motions in ("in_plane", "all"):
-        packing = gp.Packing(STEEL, D, lattice="triangular", friction=True, motions=motions, bending=0.02)
-        network = gp.AveragedLattice(packing).at_overlap(1e-5 * D).network.repeat((3, 3)).cut(1, 2, ("floor", "free"))
-        velocities = np.random.default_rng(0).standard_normal((network.n_balls, 3)) * [0.5, 0.5, 0.0]
+        packing = gp.Packing(
+            STEEL, D, lattice="triangular", friction=True, motions=motions, bending=0.02
+        )
+        network = (
+            gp.AveragedLattice(packing)
+            .at_overlap(1e-5 * D)
+            .network.repeat((3, 3))
+            .cut(1, 2, ("floor", "free"))
+        )
+        velocities = np.random.default_rng(0).standard_normal((network.n_balls, 3)) * [
+            0.5,
+            0.5,
+            0.0,
+        ]
         velocities[~network.moving] = 0.0
         waves = gp.NonlinearWaves(network, friction_coefficient=0.3, damping=1e-7, geometry="exact")
-        drive = gp.Drive(np.flatnonzero(~network.moving), (0, 1), displacement=lambda t: 1e-6 * math.sin(1e5 * t) ** 2)
-        found.append(waves.run(4e-5, velocities=velocities, drive=drive, frames=5, step=1e-7, scheme=scheme))
+        drive = gp.Drive(
+            np.flatnonzero(~network.moving),
+            (0, 1),
+            displacement=lambda t: 1e-6 * math.sin(1e5 * t) ** 2,
+        )
+        found.append(
+            waves.run(4e-5, velocities=velocities, drive=drive, frames=5, step=1e-7, scheme=scheme)
+        )
     plane, space = found
-    for name in ("displacements", "velocities", "spins", "forces", "shears", "lost", "stored", "work"):
-        a, b = getattr(plane, name), getattr(space, name)
+    for name in (
+        "displacements",
+        "velocities",
+        "spins",
+        "forces",
+        "shears",
+        "lost",
+        "stored",
+        "work",
+    ):
+        a = getattr(plane, name)
+        b = getattr(space, name)
         assert_allclose(a, b, atol=1e-9 * np.abs(b).max())
     assert np.max(plane.spins) > 10.0
     assert np.max(plane.lost) > 0.0
@@ -121,8 +160,10 @@ def test_a_contact_turns_with_its_balls():
     pair = gp.Crystal([BALL] * 2, [], [[0.0, 0.0], [D, 0.0]])
     rate = 20.0
     waves = gp.NonlinearWaves(pair, geometry="exact", law=None)
-    # what holds them together on the circle is a spring that pushes from outside: the force of a drive would turn too
-    velocities, spins = np.zeros((2, 3)), np.zeros((2, 3))
+    # what holds them together on the circle is a spring that pushes from outside: the force of a
+    # drive would turn too
+    velocities = np.zeros((2, 3))
+    spins = np.zeros((2, 3))
     velocities[:, 1], spins[:, 2] = [-0.5 * rate * D, 0.5 * rate * D], rate
     motion = waves.run(1e-5, velocities=velocities, spins=spins, frames=3, step=1e-7)
     assert_allclose(motion.shears, 0.0, atol=1e-9)
@@ -130,10 +171,15 @@ def test_a_contact_turns_with_its_balls():
 
 
 def meeting():
-    """Balls of a chain that are put elsewhere: the last flies at the first, which it did not touch in the chain."""
+    """Balls of a chain that are put elsewhere: the last flies at the first, which it did not touch
+    in the chain.
+    """
     chain = gp.Crystal([BALL] * 3, [], D * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
     places = D * np.array([[0.0, 0.0], [0.0, 3.0], [-1.01, 0.0]])
-    return gp.NonlinearWaves(chain, geometry="exact"), {"positions": places, "velocities": [[0, 0], [0, 0], [2.0, 0]]}
+    return gp.NonlinearWaves(chain, geometry="exact"), {
+        "positions": places,
+        "velocities": [[0, 0], [0, 0], [2.0, 0]],
+    }
 
 
 @pytest.mark.claim("nonlinear-exact")
@@ -154,7 +200,11 @@ def test_a_motion_goes_on_from_a_frame_in_which_balls_that_have_met_touch():
     whole = waves.run(0.03 * D / 2.0, **start, frames=401)
     at = int(np.argmax(whole.forces[:, 2]))
     rest = waves.run(
-        whole.times[-1] - whole.times[at], whole.positions[at], whole.velocities[at], frames=401 - at, step=whole.step
+        whole.times[-1] - whole.times[at],
+        whole.positions[at],
+        whole.velocities[at],
+        frames=401 - at,
+        step=whole.step,
     )
     assert_allclose(rest.forces[0], whole.forces[at], rtol=1e-9, atol=1e-9)
     assert_allclose(rest.energy, whole.energy[at:], rtol=1e-9)
@@ -164,7 +214,9 @@ def test_a_motion_goes_on_from_a_frame_in_which_balls_that_have_met_touch():
 def test_a_network_that_names_no_kinds_has_the_law_of_a_crystal_of_one():
     crystal = gp.Crystal.on("sc", [gp.Ball(STEEL, D, name="A")], law=gp.JKR(1.0))
     network = crystal.at_overlap(1e-6).network.repeat((2, 2, 2))
-    named, plain = (gp.NonlinearWaves(replace(network, kinds=kinds), crystal) for kinds in (network.kinds, None))
+    named, plain = (
+        gp.NonlinearWaves(replace(network, kinds=kinds), crystal) for kinds in (network.kinds, None)
+    )
     assert_allclose(plain.overlap, named.overlap, rtol=0.0)
     with pytest.raises(InputError, match="not of the kinds"):
         gp.NonlinearWaves(replace(network, kinds=None), unlike([("A", "B"), ("B", "C")]))
@@ -174,14 +226,24 @@ TABLE = gp.TabulatedLaw([1e-8, 1e-5], [1e-3, 1e3])
 
 
 @pytest.mark.parametrize(
-    ("law", "given"), [(gp.PowerLaw(2.0, 1e13), False), (gp.DMT(1e-6), False), (TABLE, False), (TABLE, True)]
+    ("law", "given"),
+    [(gp.PowerLaw(2.0, 1e13), False), (gp.DMT(1e-6), False), (TABLE, False), (TABLE, True)],
 )
 def test_balls_that_meet_have_their_own_law(law, given):
-    """Not that of the contacts of the crystal, nor that of the crystal where another is given: its energy is (m/4) v^2."""
+    """Not that of the contacts of the crystal, nor that of the crystal where another is given: its
+    energy is (m/4) v^2.
+    """
     kinds = [gp.Ball(STEEL, D, name=name) for name in "ABC"]
     laws = {("A", "B"): gp.Hertz(), ("B", "C"): gp.Hertz(), ("A", "C"): law}
-    chain = gp.Crystal(kinds, [], D * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), law=gp.Hertz() if given else laws)
-    waves = gp.NonlinearWaves(chain.touch() if given else chain, law if given else None, geometry="exact")
+    chain = gp.Crystal(
+        kinds,
+        [],
+        D * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]),
+        law=gp.Hertz() if given else laws,
+    )
+    waves = gp.NonlinearWaves(
+        chain.touch() if given else chain, law if given else None, geometry="exact"
+    )
     highest = waves.run(0.03 * D / 2.0, **meeting()[1], frames=1201).peaks()[1][2]
     pair = law.between(kinds[0], kinds[2])
     assert_allclose(pair.energy(pair.overlap(highest)), 0.25 * MASS * 2.0**2, rtol=1e-3)
@@ -191,12 +253,20 @@ def unlike(laws):
     """A chain of three materials, whose ends do not touch; the laws of their pairs."""
     materials = STEEL, gp.Material(100e9, 0.34, 8500.0), gp.Material(3e9, 0.42, 1150.0)
     kinds = [gp.Ball(one, D, name=name) for one, name in zip(materials, "ABC", strict=True)]
-    return gp.Crystal(kinds, [], D * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), law=dict.fromkeys(laws, gp.Hertz()))
+    return gp.Crystal(
+        kinds,
+        [],
+        D * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]),
+        law=dict.fromkeys(laws, gp.Hertz()),
+    )
 
 
 def test_kinds_without_a_law_end_a_run_where_they_meet():
-    """What was before is kept, and the kinds are told; balls that come near and do not meet go on."""
-    waves, (_, start) = gp.NonlinearWaves(unlike([("A", "B"), ("B", "C")]), geometry="exact"), meeting()
+    """What was before is kept, and the kinds are told; balls that come near and do not meet go
+    on.
+    """
+    waves = gp.NonlinearWaves(unlike([("A", "B"), ("B", "C")]), geometry="exact")
+    (_, start) = meeting()
     with pytest.warns(StoppedEarlyWarning, match=r"law has none for contacts of \('A', 'C'\)"):
         motion = waves.run(0.03 * D / 2.0, **start, frames=1201)
     assert_allclose(motion.times[-1], 0.01 * D / 2.0, rtol=0.01)
@@ -208,24 +278,38 @@ def test_kinds_without_a_law_end_a_run_where_they_meet():
 def test_balls_that_meet_resist_shear_as_their_own_pair():
     """T = kappa s, with kappa = 8 G* a of the two materials, and not the mean of contacts."""
     crystal = unlike([("A", "B"), ("B", "C"), ("A", "C")])
-    deep, step, speed = 1e-6 * D, 1e-9, 1e-3
+    deep = 1e-6 * D
+    step = 1e-9
+    speed = 1e-3
     places = D * np.array([[0.0, 0.0], [0.0, 3.0], [-1.0 + deep / D, 0.0]])
     waves = gp.NonlinearWaves(crystal, geometry="exact")
     motion = waves.run(step, places, [[0.0, 0.0], [0.0, 0.0], [0.0, speed]], frames=2, step=step)
-    one, other = crystal.kinds[0].material, crystal.kinds[2].material
+    one = crystal.kinds[0].material
+    other = crystal.kinds[2].material
     compliance = sum((2.0 - each.poisson_ratio) / each.shear_modulus for each in (one, other))
-    assert_allclose(motion.shears[-1, 2], 8.0 / compliance * math.sqrt(0.25 * D * deep) * speed * step, rtol=1e-6)
+    assert_allclose(
+        motion.shears[-1, 2],
+        8.0 / compliance * math.sqrt(0.25 * D * deep) * speed * step,
+        rtol=1e-6,
+    )
 
 
 @pytest.mark.parametrize("law", [None, gp.PowerLaw(2.0, 1e13)])
 def test_balls_over_a_floor_meet_others(law):
-    """Their law is that of contacts of balls, also where those with the floor have another, or the same."""
-    column = gp.Crystal.on("square", [BALL], law=law).cut(1, 2, edges=("floor", "free")).repeat((4,))
+    """Their law is that of contacts of balls, also where those with the floor have another, or the
+    same.
+    """
+    column = (
+        gp.Crystal.on("square", [BALL], law=law).cut(1, 2, edges=("floor", "free")).repeat((4,))
+    )
     waves = gp.NonlinearWaves(column.at_pressure(1.0).network, law, geometry="exact")
     balls = np.flatnonzero(waves.network.moving)
     upper = balls[waves.network.positions[balls, 1] > 0.5 * D]
-    places, speeds = waves.network.positions.copy(), np.zeros((waves.network.n_balls, 3))
-    places[upper] = D * np.array([[0.0, 9.0, 0.0], [0.0, 20.0, 0.0], [1.001, 9.0, 0.0], [0.0, 30.0, 0.0]])
+    places = waves.network.positions.copy()
+    speeds = np.zeros((waves.network.n_balls, 3))
+    places[upper] = D * np.array(
+        [[0.0, 9.0, 0.0], [0.0, 20.0, 0.0], [1.001, 9.0, 0.0], [0.0, 30.0, 0.0]]
+    )
     speeds[upper[2], 0] = -2.0
     motion = waves.run(0.012 * D / 2.0, places, speeds, frames=601)
     assert motion.met.tolist() == [[upper[0], upper[2]]]
@@ -235,11 +319,15 @@ def test_balls_over_a_floor_meet_others(law):
 
 
 def test_contacts_that_carry_nothing_at_rest_do_not_push_there():
-    """Balls on each other under their weight touch those beside them, which no force holds apart."""
+    """Balls on each other under their weight touch those beside them, which no force holds
+    apart.
+    """
     block = gp.Crystal.on("square", [BALL]).cut(1, 3, edges=("floor", "free")).repeat((2,))
     waves = gp.NonlinearWaves(block.at_pressure(0.0, gravity=(0.0, -9.81)), geometry="exact")
     motion = waves.run(1e-4, frames=3)
-    assert_allclose(motion.forces, np.broadcast_to(waves.network.normal_force, motion.forces.shape), rtol=1e-12)
+    assert_allclose(
+        motion.forces, np.broadcast_to(waves.network.normal_force, motion.forces.shape), rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
@@ -255,13 +343,15 @@ def test_a_ball_settles_into_a_floor_by_its_weight(geometry):
 
 
 def test_a_ball_that_falls_on_a_floor_bounces():
-    """Gravity beside contacts: it is back at the floor after 2 v/g, and leaves it after Hertz's 2.94326 delta_m/v.
+    """Gravity beside contacts: it is back at the floor after 2 v/g, and leaves it after Hertz's
+    2.94326 delta_m/v.
 
     There the weight is small against forces, by 1e-4 of the velocity.
     """
     column = gp.Crystal.on("chain", [BALL]).cut(0, 1, edges=("floor", "free"))
     waves = gp.NonlinearWaves(column, geometry="exact", gravity=(-9.81,))
-    v, c = 0.02, 4.0 / 3.0 * STEEL.young_modulus / (1.0 - STEEL.poisson_ratio**2) * math.sqrt(0.5 * D)
+    v = 0.02
+    c = 4.0 / 3.0 * STEEL.young_modulus / (1.0 - STEEL.poisson_ratio**2) * math.sqrt(0.5 * D)
     lasting = 2.94326 * (1.25 * MASS * v**2 / c) ** 0.4 / v
     motion = waves.run(2.2 * v / 9.81, velocities=[[v], [0.0]], frames=801, step=5e-7)
     highest = int(np.argmax(motion.displacements[:, 0, 0]))
@@ -280,24 +370,36 @@ def test_a_floor_may_be_either_end_of_a_contact():
         gp.NonlinearWaves(each, geometry="exact").run(1e-4, spins=spins, frames=3)
         for each in (network, replace(network, lattice=None, **turned))
     )
-    assert_allclose(other.displacements, one.displacements, atol=1e-9 * np.abs(one.displacements).max())
+    assert_allclose(
+        other.displacements, one.displacements, atol=1e-9 * np.abs(one.displacements).max()
+    )
     assert_allclose(other.middles[-3:], one.middles[-3:], atol=1e-12 * D)
 
 
 def test_a_floor_may_be_listed_before_the_balls():
-    """Its contacts are those of the network, and are not met anew; a ball meets it where it stands over the floor."""
+    """Its contacts are those of the network, and are not met anew; a ball meets it where it stands
+    over the floor.
+    """
     network = bulk("triangular").repeat((3, 1)).cut(1, 2, ("floor", "free"))
     order = np.roll(np.arange(network.n_balls), 1)
     place = np.argsort(order)
-    moved = {name: getattr(network, name)[order] for name in ("positions", "radii", "masses", "inertias")}
-    first = replace(network, lattice=None, shape=None, i=place[network.i], j=place[network.j], **moved)
+    moved = {
+        name: getattr(network, name)[order] for name in ("positions", "radii", "masses", "inertias")
+    }
+    first = replace(
+        network, lattice=None, shape=None, i=place[network.i], j=place[network.j], **moved
+    )
     speeds = np.where(network.moving[:, None], [0.02, -0.03, 0.0], 0.0)
     one, other = (
         gp.NonlinearWaves(each, geometry="exact").run(1e-4, velocities=start, frames=3)
         for each, start in ((network, speeds), (first, speeds[order]))
     )
     assert other.met.size == 0
-    assert_allclose(other.displacements[:, place], one.displacements, atol=1e-12 * np.abs(one.displacements).max())
+    assert_allclose(
+        other.displacements[:, place],
+        one.displacements,
+        atol=1e-12 * np.abs(one.displacements).max(),
+    )
     upper = int(np.argmax(np.where(network.moving, network.positions[:, 1], -np.inf)))
     wider = {name: np.pad(getattr(one, name), ((0, 0), (0, 1))) for name in ("forces", "shears")}
     met = replace(one, met=np.array([[upper, network.n_balls - 1]]), **wider)
@@ -309,17 +411,24 @@ def test_a_floor_may_be_listed_before_the_balls():
 def test_balls_stick_or_part(law):
     """A slow ball does not come off; a fast one has lost what it takes to break the contact.
 
-    The force ends with a jump, where the explicit scheme has an error of the step, and the other has none.
+    The force ends with a jump, where the explicit scheme has an error of the step, and the other
+    has none.
     """
     pair = gp.Crystal([BALL] * 2, [], [[0.0], [D]], law=law, friction=False)
     one = law.between(BALL, BALL)
     rest = float(one.overlap(0.0))
     well = float(one.energy(one.least_overlap)) - float(one.energy(rest))
-    for share, scheme, error in ((0.9, "verlet", 0.0), (1.5, "verlet", 5e-4), (1.5, "midpoint", 1e-10)):
+    for share, scheme, error in (
+        (0.9, "verlet", 0.0),
+        (1.5, "verlet", 5e-4),
+        (1.5, "midpoint", 1e-10),
+    ):
         speed = math.sqrt(2.0 * share * well / (0.5 * MASS))
         waves = gp.NonlinearWaves(pair)
         assert_allclose(waves.overlap, rest)
-        motion = waves.run(1.2e-4, velocities=[[-0.5 * speed], [0.5 * speed]], frames=13, step=4e-8, scheme=scheme)
+        motion = waves.run(
+            1.2e-4, velocities=[[-0.5 * speed], [0.5 * speed]], frames=13, step=4e-8, scheme=scheme
+        )
         apart = motion.displacements[-1, 1, 0] - motion.displacements[-1, 0, 0]
         assert (apart - rest > -one.least_overlap) == bool(error)
         if error:
@@ -348,17 +457,27 @@ def restitution(motion):
 @pytest.mark.claim("nonlinear-adhesion")
 @pytest.mark.parametrize("scheme", ["verlet", "midpoint"])
 def test_balls_of_jkr_lose_energy_as_contacts_are_made_and_broken(scheme):
-    """They touch at the overlap zero and part where the law ends; what is lost is in the balance of energies."""
+    """They touch at the overlap zero and part where the law ends; what is lost is in the balance of
+    energies.
+    """
     law = gp.JKR(0.1).between(RUBBER, RUBBER)
     lost = law.energy(law.least_overlap) - law.energy(0.0)
     # 2 pi w a^2 times 3/10 less the fifth part of (3/4)^(4/3)
-    assert_allclose(lost, 2.0 * math.pi * 0.1 * law.spot**2 * (0.3 - 0.2 * 0.75 ** (4.0 / 3.0)), rtol=1e-12)
+    assert_allclose(
+        lost, 2.0 * math.pi * 0.1 * law.spot**2 * (0.3 - 0.2 * 0.75 ** (4.0 / 3.0)), rtol=1e-12
+    )
     for speed, duration in ((0.02, 2e-3), (0.1, 1e-3)):
         motion = collide(gp.JKR(0.1), speed, duration, scheme=scheme)
         share = lost / (0.25 * RUBBER.mass * speed**2)
-        assert_allclose(restitution(motion), math.sqrt(1.0 - share), rtol=1e-3 if scheme == "verlet" else 1e-6)
+        assert_allclose(
+            restitution(motion), math.sqrt(1.0 - share), rtol=1e-3 if scheme == "verlet" else 1e-6
+        )
         assert_allclose(motion.lost[-1], lost, rtol=1e-6)
-        assert_allclose(motion.energy + motion.lost, motion.energy[0], rtol=5e-4 if scheme == "verlet" else 1e-11)
+        assert_allclose(
+            motion.energy + motion.lost,
+            motion.energy[0],
+            rtol=5e-4 if scheme == "verlet" else 1e-11,
+        )
     stuck = collide(gp.JKR(0.1), 0.01, 3e-3, scheme=scheme)
     assert stuck.forces[-1, 0] != 0.0
     assert_allclose(stuck.lost[-1], lost, rtol=1e-6)
@@ -369,7 +488,10 @@ def test_balls_of_jkr_lose_energy_as_contacts_are_made_and_broken(scheme):
 def test_steps_where_forces_jump_are_of_second_order(law):
     one = law.between(RUBBER, RUBBER)
     share = (one.energy(one.least_overlap) - one.energy(0.0)) / (0.25 * RUBBER.mass * 0.02**2)
-    off = [restitution(collide(law, 0.02, step=step)) - math.sqrt(1.0 - share) for step in (1e-5, 5e-6, 2.5e-6)]
+    off = [
+        restitution(collide(law, 0.02, step=step)) - math.sqrt(1.0 - share)
+        for step in (1e-5, 5e-6, 2.5e-6)
+    ]
     assert abs(off[0]) < 5e-4
     assert np.all(np.abs(off[:-1]) > 3.0 * np.abs(off[1:]))
 
@@ -424,7 +546,9 @@ class Afar(Sudden):
 
 
 def test_laws_of_users_that_jump():
-    """A force that comes at once; and one that acts from afar, which says so, or only once balls have touched."""
+    """A force that comes at once; and one that acts from afar, which says so, or only once balls
+    have touched.
+    """
     motion = collide(Sudden(), 0.02)
     assert_allclose(restitution(motion), 1.0, rtol=1e-3)
     assert_allclose(collide(Afar(-1e-5), 0.02, gap=1.2e-5).lost, 0.0, atol=1e-16)
@@ -440,9 +564,12 @@ def test_a_table_that_rises_at_once_is_followed():
 
 
 def test_contacts_that_adhere_slip_against_the_stiffness_of_their_radius():
-    """At no load 8 G* a of JKR's own radius, in motion too: the other ball hardly moves in so short a time."""
+    """At no load 8 G* a of JKR's own radius, in motion too: the other ball hardly moves in so short
+    a time.
+    """
     pair = gp.Crystal([RUBBER] * 2, [], [[0.0, 0.0], [2e-3, 0.0]], law=gp.JKR(0.1))
-    law, constants = gp.JKR(0.1).between(RUBBER, RUBBER), ContactConstants.of(RUBBER, RUBBER)
+    law = gp.JKR(0.1).between(RUBBER, RUBBER)
+    constants = ContactConstants.of(RUBBER, RUBBER)
     kappa = constants.mindlin_ratio * 2.0 * constants.modulus * law.contact_radius(law.overlap(0.0))
     waves = gp.NonlinearWaves(pair, geometry="exact")
     way = gp.Drive(1, (0, 1, 0), lambda time: 1e-9 * time / 1e-6)
@@ -464,12 +591,17 @@ def test_a_table_of_hertz_law_moves_as_hertz_law():
 
 
 def test_a_file_of_a_motion_grows_with_contacts_and_frames(tmp_path):
-    """The frames in the file are those in memory, contacts that came later too, and a part of them can be read."""
+    """The frames in the file are those in memory, contacts that came later too, and a part of them
+    can be read.
+    """
     waves, start = meeting()
     path = tmp_path / "motion.nc"
-    kept, streamed = (waves.run(0.02 * D / 2.0, **start, frames=61, file=where) for where in (None, path))
+    kept, streamed = (
+        waves.run(0.02 * D / 2.0, **start, frames=61, file=where) for where in (None, path)
+    )
     assert streamed == kept
-    assert isinstance(streamed.forces, np.memmap)  # it stays in the file, which may be larger than the memory
+    # it stays in the file, which may be larger than the memory
+    assert isinstance(streamed.forces, np.memmap)
     assert not isinstance(kept.forces, np.memmap)
     assert kept.forces.shape[1] == 3
     for motion in (kept, streamed):
@@ -493,9 +625,13 @@ def test_a_file_of_a_motion_grows_with_contacts_and_frames(tmp_path):
 
 
 def test_a_motion_starts_from_the_history_of_friction():
-    """An array that slid when it was pressed stays at rest; small motions let contacts at Coulomb's limit slide at once."""
+    """An array that slid when it was pressed stays at rest; small motions let contacts at Coulomb's
+    limit slide at once.
+    """
     packing = gp.Packing(STEEL, D, spread=gp.Uniform(4e-6))
-    array = gp.DirectSimulation(packing, shape=(6, 6), seed=1, friction_coefficient=0.2, friction_history=True)
+    array = gp.DirectSimulation(
+        packing, shape=(6, 6), seed=1, friction_coefficient=0.2, friction_history=True
+    )
     sample = array.at_force(2.0).samples[0]
     network = sample.network
     tangential = np.linalg.norm(network.tangential_force, axis=1)
@@ -515,10 +651,17 @@ def test_a_motion_starts_from_the_history_of_friction():
 
 
 def test_a_history_in_the_directions_of_the_lattice_stays_at_rest():
-    """Loads hold the balls against tangential forces too: nothing moves, and the energies stay zero."""
+    """Loads hold the balls against tangential forces too: nothing moves, and the energies stay
+    zero.
+    """
     packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(4e-6))
     array = gp.DirectSimulation(
-        packing, shape=(6, 6), seed=1, friction_coefficient=0.2, friction_history=True, geometry="lattice"
+        packing,
+        shape=(6, 6),
+        seed=1,
+        friction_coefficient=0.2,
+        friction_history=True,
+        geometry="lattice",
     )
     sample = array.at_force(2.0).samples[0]
     assert np.any(sample.network.tangential_force)

@@ -1,4 +1,6 @@
-"""An array in motion in LAMMPS: normal forces, slip with Coulomb's limit, spins; contacts open and close."""
+"""An array in motion in LAMMPS: normal forces, slip with Coulomb's limit, spins; contacts open and
+close.
+"""
 
 import ctypes
 
@@ -10,28 +12,39 @@ import granphon as gp
 from tests import packings
 
 STEEL = gp.Material(young_modulus=193e9, poisson_ratio=0.30, density=8000.0)
-D, SHAPE, MU = 8e-3, (6, 6), 0.3
-#: overlap over the diameter: directions and lever arms change by as much, which is what granphon leaves out
+D = 8e-3
+SHAPE = (6, 6)
+MU = 0.3
+#: overlap over the diameter: directions and lever arms change by as much, which is what granphon
+#: leaves out
 OVERLAP = 1e-7
 
 
 def move_in_lammps(network, motions, step, steps, slip, overlap=OVERLAP, mu=MU, tau=0.0):
-    """Velocities, spins and forces (n, 3) after some steps from those at the start, ``motions`` (n, 6).
+    """Velocities, spins and forces (n, 3) after some steps from those at the start, ``motions`` (n,
+    6).
 
-    The viscosity of contacts over their stiffness is ``tau``, s. That of LAMMPS goes with the radius of contacts too.
+    The viscosity of contacts over their stiffness is ``tau``, s. That of LAMMPS goes with the
+    radius of contacts too.
     """
     lmp = packings.start_or_skip()
-    cell, m = (1.0 - overlap) * network.cell, STEEL
+    cell = (1.0 - overlap) * network.cell
+    m = STEEL
     (a, _, _), (tilt, b, _), _ = cell.tolist()
-    modulus, shear = 0.5 * m.young_modulus / (1.0 - m.poisson_ratio**2), m.young_modulus / (2.0 * (1.0 + m.poisson_ratio))
+    modulus = 0.5 * m.young_modulus / (1.0 - m.poisson_ratio**2)
+    shear = m.young_modulus / (2.0 * (1.0 + m.poisson_ratio))
     viscosity = float(2.0 * modulus * tau / (0.5 * network.masses[0]))
     across = float(network.shear_stiffness[0] / network.normal_stiffness[0]) if tau else 0.0
     stiffness = 4.0 * shear / (2.0 - m.poisson_ratio)
-    tangential = f"mindlin_rescale/force {stiffness!r} {across!r} {mu!r}" if slip else "linear_nohistory 0 0"
+    tangential = (
+        f"mindlin_rescale/force {stiffness!r} {across!r} {mu!r}" if slip else "linear_nohistory 0 0"
+    )
     n = network.n_balls
     inverse = np.linalg.inv(cell[:2, :2])
     places = np.zeros((n, 3))
-    places[:, :2] = np.mod((1.0 - overlap) * network.positions[:, :2] @ inverse + 0.01, 1.0) @ cell[:2, :2]
+    places[:, :2] = (
+        np.mod((1.0 - overlap) * network.positions[:, :2] @ inverse + 0.01, 1.0) @ cell[:2, :2]
+    )
     packings.fill(lmp, f"prism 0 {a!r} 0 {b!r} {-D!r} {D!r} {tilt!r} 0 0", places)
     lmp.commands_string(f"""
         set group all diameter {D!r} mass {float(network.masses[0])!r}
@@ -49,26 +62,41 @@ def move_in_lammps(network, motions, step, steps, slip, overlap=OVERLAP, mu=MU, 
 
 
 def differences(slip, finer, geometry="lattice", overlap=OVERLAP):
-    """Rms differences of velocities, spins and forces over their rms, after the time of a thousand coarse steps.
+    """Rms differences of velocities, spins and forces over their rms, after the time of a thousand
+    coarse steps.
 
-    The forces on our balls are their masses times the change of their velocities from one coarse step before to one after.
+    The forces on our balls are their masses times the change of their velocities from one coarse
+    step before to one after.
     """
     packing = gp.Packing(STEEL, D, friction=slip)
     exact = geometry == "exact"
-    network = gp.AveragedLattice(packing).at_overlap(overlap * D, finite_overlap=exact).network.repeat(SHAPE)
+    network = (
+        gp.AveragedLattice(packing)
+        .at_overlap(overlap * D, finite_overlap=exact)
+        .network.repeat(SHAPE)
+    )
     waves = gp.NonlinearWaves(network, friction_coefficient=MU, geometry=geometry)
     random = np.random.default_rng(2)
     speed = overlap * D * np.sqrt(network.normal_stiffness[0] / network.masses[0])
     motions = np.zeros((network.n_balls, 6))
     motions[:, :2] = speed * random.standard_normal((network.n_balls, 2))
     step = 2e-3 / speed * overlap * D
-    motion = waves.run(1001 * step, velocities=motions[:, :3], spins=motions[:, 3:], frames=1002, step=step / finer)
+    motion = waves.run(
+        1001 * step, velocities=motions[:, :3], spins=motions[:, 3:], frames=1002, step=step / finer
+    )
     assert np.any(motion.forces[-1] == 0.0)
     # the network of a finite overlap has the true cell
-    theirs = move_in_lammps(network, motions, step / finer, 1000 * finer, slip, 0.0 if exact else overlap)
-    forces = network.masses[:, None] * (motion.velocities[-1] - motion.velocities[-3]) / (2.0 * step)
+    theirs = move_in_lammps(
+        network, motions, step / finer, 1000 * finer, slip, 0.0 if exact else overlap
+    )
+    forces = (
+        network.masses[:, None] * (motion.velocities[-1] - motion.velocities[-3]) / (2.0 * step)
+    )
     ours = motion.velocities[-2], motion.spins[-2], forces
-    return [np.sqrt(np.mean((a - b) ** 2) / max(np.mean(a**2), 1e-300)) for a, b in zip(ours, theirs, strict=True)]
+    return [
+        np.sqrt(np.mean((a - b) ** 2) / max(np.mean(a**2), 1e-300))
+        for a, b in zip(ours, theirs, strict=True)
+    ]
 
 
 @pytest.mark.claim("nonlinear-lammps")
@@ -81,7 +109,9 @@ def test_balls_without_friction_move_as_in_lammps():
 
 @pytest.mark.claim("nonlinear-lammps")
 def test_balls_with_friction_move_as_in_lammps():
-    """Slip up to Coulomb's limit, in 1e-4; LAMMPS takes the stiffness at the end of a step, which is of first order."""
+    """Slip up to Coulomb's limit, in 1e-4; LAMMPS takes the stiffness at the end of a step, which
+    is of first order.
+    """
     coarse, fine = (np.array(differences(True, finer)) for finer in (1, 2))
     assert np.all(fine < 1e-4)
     assert np.all(np.abs(np.log2(coarse / fine) - 1.0) < 0.1)
@@ -89,29 +119,39 @@ def test_balls_with_friction_move_as_in_lammps():
 
 @pytest.mark.claim("nonlinear-exact")
 def test_balls_in_true_directions_move_as_in_lammps():
-    """At an overlap of 1e-3 of the diameter the lattice's directions are wrong by as much; the true ones are LAMMPS's."""
+    """At an overlap of 1e-3 of the diameter the lattice's directions are wrong by as much; the true
+    ones are LAMMPS's.
+    """
     assert differences(False, 1, "exact", 1e-3)[0] < 1e-10
     assert differences(False, 1, "lattice", 1e-3)[0] > 1e-3
 
 
 @pytest.mark.claim("nonlinear-exact")
 def test_balls_in_true_directions_with_friction_move_as_in_lammps():
-    """Lever arms of LAMMPS are of first order in the overlap, and so is what is left beside its step."""
+    """Lever arms of LAMMPS are of first order in the overlap, and so is what is left beside its
+    step.
+    """
     assert np.all(np.array(differences(True, 2, "exact", 1e-5)) < 1e-4)
 
 
 def differences_of_steps(slip, mu=MU, share=0.0, finer=1):
     """Rms differences, over the rms, of velocities and spins after a thousand default steps.
 
-    They are those from LAMMPS in the same steps, or in ``finer`` ones; and of default steps those from steps of an eighth.
-    The viscosity of contacts is ``share``, as tau times their frequency.
+    They are those from LAMMPS in the same steps, or in ``finer`` ones; and of default steps those
+    from steps of an eighth. The viscosity of contacts is ``share``, as tau times their frequency.
     """
-    network = gp.AveragedLattice(gp.Packing(STEEL, D, friction=slip)).at_overlap(OVERLAP * D).network.repeat(SHAPE)
+    network = (
+        gp.AveragedLattice(gp.Packing(STEEL, D, friction=slip))
+        .at_overlap(OVERLAP * D)
+        .network.repeat(SHAPE)
+    )
     rate = np.sqrt(network.normal_stiffness[0] / network.masses[0])
     tau = share / rate
     waves = gp.NonlinearWaves(network, friction_coefficient=mu, damping=tau)
     motions = np.zeros((network.n_balls, 6))
-    motions[:, :2] = OVERLAP * D * rate * np.random.default_rng(2).standard_normal((network.n_balls, 2))
+    motions[:, :2] = (
+        OVERLAP * D * rate * np.random.default_rng(2).standard_normal((network.n_balls, 2))
+    )
     step = waves.find_step(float(np.max(np.linalg.norm(motions[:, :3], axis=1))))
     start = {"velocities": motions[:, :3], "spins": motions[:, 3:], "frames": 2}
     ours = waves.run(1000 * step, step=step / finer, **start)
@@ -120,14 +160,19 @@ def differences_of_steps(slip, mu=MU, share=0.0, finer=1):
 
     def compare(others):
         found = ours.velocities[-1], ours.spins[-1]
-        return [np.sqrt(np.mean((a - b) ** 2) / max(np.mean(a**2), 1e-300)) for a, b in zip(found, others, strict=True)]
+        return [
+            np.sqrt(np.mean((a - b) ** 2) / max(np.mean(a**2), 1e-300))
+            for a, b in zip(found, others, strict=True)
+        ]
 
     return compare(theirs[:2]), compare((fine.velocities[-1], fine.spins[-1]))
 
 
 @pytest.mark.claim("nonlinear-steps")
 def test_a_thousand_default_steps():
-    """Our own step counts for less than 1 %; LAMMPS is of first order in friction, and alike without."""
+    """Our own step counts for less than 1 %; LAMMPS is of first order in friction, and alike
+    without.
+    """
     theirs, step = differences_of_steps(False)
     assert theirs[0] < 1e-5
     assert step[0] < 1e-2
@@ -138,10 +183,13 @@ def test_a_thousand_default_steps():
 
 @pytest.mark.claim("nonlinear-coulomb")
 def test_coulombs_limit_is_that_of_the_law_without_dashpots():
-    """LAMMPS takes the force of the dashpot too: without the limit the difference falls with the step, with it not."""
+    """LAMMPS takes the force of the dashpot too: without the limit the difference falls with the
+    step, with it not.
+    """
     sticks, slides = (
-        [max(differences_of_steps(True, mu, 0.05, finer)[0]) for finer in (1, 4)] for mu in (1e9, MU)
-    )  # fmt: skip
+        [max(differences_of_steps(True, mu, 0.05, finer)[0]) for finer in (1, 4)]
+        for mu in (1e9, MU)
+    )
     assert sticks[0] < 2e-2
     assert sticks[1] < 0.4 * sticks[0]
     assert min(slides) > 0.05
@@ -151,16 +199,21 @@ RUBBER = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3)
 
 
 def collide_in_lammps(speed, steps, step=5e-8, gap=1e-6, spin=0.0, friction=None):
-    """Velocities and spins (n, 3) of two balls of rubber that adhere by JKR's law with 0.1 J/m^2, after some steps.
+    """Velocities and spins (n, 3) of two balls of rubber that adhere by JKR's law with 0.1 J/m^2,
+    after some steps.
 
     LAMMPS takes the energy of one surface, which is half of the work of adhesion.
     """
     lmp = packings.start_or_skip()
-    side, middle, m = 20.0 * RUBBER.diameter, 10.0 * RUBBER.diameter, RUBBER.material
+    side = 20.0 * RUBBER.diameter
+    middle = 10.0 * RUBBER.diameter
+    m = RUBBER.material
     places = np.full((2, 3), middle)
     places[1, 0] += RUBBER.diameter + gap
     packings.fill(lmp, f"block 0 {side!r} 0 {side!r} 0 {side!r}", places, dimension=3)
-    tangential = "linear_nohistory 0 0" if friction is None else f"mindlin/force NULL 0 {friction!r}"
+    tangential = (
+        "linear_nohistory 0 0" if friction is None else f"mindlin/force NULL 0 {friction!r}"
+    )
     lmp.commands_string(f"""
         set group all diameter {RUBBER.diameter!r} density {m.density!r}
         pair_style granular
@@ -186,7 +239,10 @@ def test_balls_that_adhere_by_jkr_bounce_as_in_lammps():
     waves = gp.NonlinearWaves(pair, geometry="exact")
     apart = 0.5 * (waves.overlap[0] + 1e-6)
     for speed in (0.02, 0.05):
-        start = {"displacements": [[-apart], [apart]], "velocities": [[0.5 * speed], [-0.5 * speed]]}
+        start = {
+            "displacements": [[-apart], [apart]],
+            "velocities": [[0.5 * speed], [-0.5 * speed]],
+        }
         ours = waves.run(2e-3, frames=2, **start).velocities[-1]
         theirs = collide_in_lammps(speed, 40_000)[0]
         assert_allclose(ours[:, 0], theirs[:, 0], rtol=1e-3)

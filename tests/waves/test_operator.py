@@ -1,4 +1,6 @@
-"""The dynamical matrix of a network: its polynomials, and arrays without a matrix against the sparse one."""
+"""The dynamical matrix of a network: its polynomials, and arrays without a matrix against the
+sparse one.
+"""
 
 from __future__ import annotations
 
@@ -43,18 +45,30 @@ def test_stencils_of_an_array_are_the_sparse_matrix(name, motions, shape):
     }
     springs = {
         field: (getattr(network, field) * rng.uniform(0.1, 1.0, network.n_contacts))[~open_ones]
-        for field in ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
+        for field in (
+            "normal_stiffness",
+            "shear_stiffness",
+            "torsion_stiffness",
+            "bending_stiffness",
+        )
     }
-    springs["shear_stiffness"][::7] = springs["torsion_stiffness"][::7] = 0.0  # no multiples of the other springs
+    springs["shear_stiffness"][::7] = springs["torsion_stiffness"][::7] = (
+        0.0  # no multiples of the other springs
+    )
     network = replace(network, **kept, **springs)
     kinds = find_kinds(network)
     assert kinds is not None
-    stencils, sparse = ArrayOperator(network, kinds), WaveOperator(network)
+    stencils = ArrayOperator(network, kinds)
+    sparse = WaveOperator(network)
     x = rng.normal(size=(network.n_balls, network.ball_motions.count))
     expected = sparse.matrix @ sparse.vector(x)
-    np.testing.assert_allclose(stencils.values(stencils @ stencils.vector(x)).ravel(), expected, atol=1e-13 * sparse.top**2)
     np.testing.assert_allclose(
-        stencils.matrix @ stencils.vector(x), stencils @ stencils.vector(x), atol=1e-13 * sparse.top**2
+        stencils.values(stencils @ stencils.vector(x)).ravel(), expected, atol=1e-13 * sparse.top**2
+    )
+    np.testing.assert_allclose(
+        stencils.matrix @ stencils.vector(x),
+        stencils @ stencils.vector(x),
+        atol=1e-13 * sparse.top**2,
     )
     assert stencils.top == pytest.approx(sparse.top, rel=1e-12)
     two = rng.normal(size=(stencils.size, 2))
@@ -65,12 +79,22 @@ def test_stencils_of_an_array_are_the_sparse_matrix(name, motions, shape):
 
 def test_array_of_a_sample_is_one_and_a_changed_one_is_not():
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
-    network = gp.DirectSimulation(packing, shape=(6, 8), seed=3, geometry="lattice").at_force(2.0).sample.network
+    network = (
+        gp.DirectSimulation(packing, shape=(6, 8), seed=3, geometry="lattice")
+        .at_force(2.0)
+        .sample.network
+    )
     assert find_kinds(network) is not None
     uneven = np.linspace(1.0, 1.1, network.n_contacts)
     turned = {"i": network.j, "j": network.i, "shift": -network.shift, "normal": -network.normal}
     masses = network.masses * np.linspace(1.0, 1.1, 48)
-    for change in ({"masses": masses}, {"prestress": True}, {"lattice": None}, {"arm_i": network.arm_i * uneven}, turned):
+    for change in (
+        {"masses": masses},
+        {"prestress": True},
+        {"lattice": None},
+        {"arm_i": network.arm_i * uneven},
+        turned,
+    ):
         assert find_kinds(replace(network, **change)) is None
 
 

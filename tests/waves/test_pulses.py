@@ -1,4 +1,6 @@
-"""Pulses through networks of contacts: against closed forms of chains, dense matrices, another integrator, and the bands."""
+"""Pulses through networks of contacts: against closed forms of chains, dense matrices, another
+integrator, and the bands.
+"""
 
 import inspect
 import math
@@ -15,12 +17,21 @@ from granphon.base.errors import InputError, InstabilityError, UnreachableFreque
 from granphon.waves.modes import is_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.propagation import Propagation, ToneBurst
-from granphon.waves.pulses import Course, Pulse, PulseSource, average_pulses, drop_falling, find_arrivals, transmit
+from granphon.waves.pulses import (
+    Course,
+    Pulse,
+    PulseSource,
+    average_pulses,
+    drop_falling,
+    find_arrivals,
+    transmit,
+)
 from granphon.waves.settings import PulseSettings
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
-D, OMEGA = UNITS.length, UNITS.angular_frequency
+D = UNITS.length
+OMEGA = UNITS.angular_frequency
 #: (k/M)^1/2 / 2 pi, Hz
 HERTZ = OMEGA / (2.0 * np.pi)
 
@@ -35,16 +46,22 @@ def chain(count):
 
 @pytest.fixture(scope="module")
 def disordered():
-    """A triangular array whose contacts have stiffnesses from a third to five thirds of the mean."""
+    """A triangular array whose contacts have stiffnesses from a third to five thirds of the
+    mean.
+    """
     network = ideal("triangular", (5, 12))
     factor = np.random.default_rng(5).uniform(1 / 3, 5 / 3, network.n_contacts)
     return replace(
-        network, normal_stiffness=factor * network.normal_stiffness, shear_stiffness=factor * network.shear_stiffness
+        network,
+        normal_stiffness=factor * network.normal_stiffness,
+        shear_stiffness=factor * network.shear_stiffness,
     )
 
 
 def convolve(kernel, burst, times, count=160):
-    """The integral of kernel(t - t') s(t') over t' up to t, by Gauss and Legendre's rule on each half period."""
+    """The integral of kernel(t - t') s(t') over t' up to t, by Gauss and Legendre's rule on each
+    half period.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(count)
     found = np.zeros(np.shape(times))
     for place, t in np.ndenumerate(times):
@@ -54,15 +71,24 @@ def convolve(kernel, burst, times, count=160):
     return found
 
 
-# -- closed forms -------------------------------------------------------------------------------------------------------
+# -- closed forms ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("ends", "image"), [("periodic", None), ("free", (1.0, 1)), ("walls", (-1.0, 2))])
+@pytest.mark.parametrize(
+    ("ends", "image"), [("periodic", None), ("free", (1.0, 1)), ("walls", (-1.0, 2))]
+)
 def test_chain_responds_with_the_bessel_functions_of_schroedinger(ends, image):
-    # ball n answers to a unit of momentum of ball 0 with J_2n(2 (k/M)^1/2 t)/M; a free end adds the image in phase of a ball
-    # one behind the source, a wall that holds the ball there the image out of phase of a ball two behind
+    # ball n answers to a unit of momentum of ball 0 with J_2n(2 (k/M)^1/2 t)/M; a free end adds the
+    # image in phase of a ball one behind the source, a wall that holds the ball there the image out
+    # of phase of a ball two behind
     pulse = gp.Waves(chain(60)).transmit(
-        0.6 * HERTZ, (1,), 8.4 * D, cycles=2, source="ball", ends=ends, duration=14.0 / HERTZ / (2 * np.pi) * 2.0
+        0.6 * HERTZ,
+        (1,),
+        8.4 * D,
+        cycles=2,
+        source="ball",
+        ends=ends,
+        duration=14.0 / HERTZ / (2 * np.pi) * 2.0,
     )
     assert pulse.distance == pytest.approx(8.0 * D)
     times = pulse.times[:: len(pulse.times) // 9]
@@ -73,7 +99,9 @@ def test_chain_responds_with_the_bessel_functions_of_schroedinger(ends, image):
 
     expected = convolve(kernel, ToneBurst(pulse.frequency, 2.0), times) / UNITS.mass
     np.testing.assert_allclose(
-        pulse.signals[0, :: len(pulse.times) // 9], expected, atol=1e-12 * np.max(np.abs(pulse.signals))
+        pulse.signals[0, :: len(pulse.times) // 9],
+        expected,
+        atol=1e-12 * np.max(np.abs(pulse.signals)),
     )
     assert np.max(np.abs(expected)) > 0.1 * np.max(np.abs(pulse.signals))
 
@@ -93,7 +121,12 @@ def test_envelope_travels_with_the_group_velocity_to_second_order_in_the_bandwid
         lasting = cycles / (omega[at] * HERTZ)
         network = ideal("triangular", (1, int(60.0 + 1.5 * group * lasting / D)))
         pulse = gp.Waves(network).transmit(
-            omega[at] * HERTZ, (0, 1), 20.0 * D, cycles, ends="periodic", duration=lasting + 1.6 * 20.0 * D / group
+            omega[at] * HERTZ,
+            (0, 1),
+            20.0 * D,
+            cycles,
+            ends="periodic",
+            duration=lasting + 1.6 * 20.0 * D / group,
         )
         errors.append(abs(pulse.velocity / group - 1.0))
     assert errors[2] < 1e-4
@@ -101,22 +134,38 @@ def test_envelope_travels_with_the_group_velocity_to_second_order_in_the_bandwid
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(("name", "shape", "direction", "polarisation", "hertz"), [
-    ("fcc", (1, 1, 260), (1, 1, -1), "longitudinal", 0.9), ("square", (300, 1), (1, 0), "transverse", 0.5),
-    ("chain", (500,), (1,), "longitudinal", 1.2), ("kagome", (1, 150), (0, 1), "longitudinal", 0.5),
-])  # fmt: skip
-def test_envelope_travels_with_the_group_velocity_in_other_lattices(name, shape, direction, polarisation, hertz):
+@pytest.mark.parametrize(
+    ("name", "shape", "direction", "polarisation", "hertz"),
+    [
+        ("fcc", (1, 1, 260), (1, 1, -1), "longitudinal", 0.9),
+        ("square", (300, 1), (1, 0), "transverse", 0.5),
+        ("chain", (500,), (1,), "longitudinal", 1.2),
+        ("kagome", (1, 150), (0, 1), "longitudinal", 0.5),
+    ],
+)
+def test_envelope_travels_with_the_group_velocity_in_other_lattices(
+    name, shape, direction, polarisation, hertz
+):
     lattice = gp.ContactLattice.of(name, 0.0 if name == "chain" else 0.8)
     network = lattice.contact_network(UNITS).repeat(shape)
     along = np.array(direction) / np.linalg.norm(direction)
     pulse = gp.Waves(network).transmit(
-        hertz * HERTZ, direction, 25.0 * D, 20, polarisation, ends="periodic", duration=40.0 / (hertz * HERTZ)
+        hertz * HERTZ,
+        direction,
+        25.0 * D,
+        20,
+        polarisation,
+        ends="periodic",
+        duration=40.0 / (hertz * HERTZ),
     )
     # of the branches at this frequency the one whose balls move along the polarisation
     q = np.linspace(0.01, 3.0, 3000)
     modes = lattice.modes(q[:, None] * along)
     axes = list(lattice.motions.translations)
-    part = np.abs(np.einsum("i,qib->qb", pulse.polarisation[axes], modes.eigenvectors[:, : len(axes)])) ** 2
+    part = (
+        np.abs(np.einsum("i,qib->qb", pulse.polarisation[axes], modes.eigenvectors[:, : len(axes)]))
+        ** 2
+    )
     near = np.where(part > 0.3, np.abs(modes.frequencies - hertz), np.inf)
     at = np.unravel_index(np.argmin(near), near.shape)
     group = modes.group_velocities[at] @ along * D * OMEGA
@@ -141,21 +190,27 @@ def test_long_waves_arrive_alike_by_all_three_readings():
         assert pulse.velocity == pytest.approx(pulse.distance / pulse.time_of_flight)
 
 
-# -- twins --------------------------------------------------------------------------------------------------------------
+# -- twins -----------------------------------------------------------------------------------------
 
 
 def integrate(waves, pulse, burst, viscous, times, method="DOP853", rtol=1e-11, atol=1e-15):
-    """Displacements and velocities of all motions at ``times``, mass-weighted, (2, size, n_t), by an integrator of scipy."""
-    matrix, size = waves.operator.matrix, waves.operator.size
+    """Displacements and velocities of all motions at ``times``, mass-weighted, (2, size, n_t), by
+    an integrator of scipy.
+    """
+    matrix = waves.operator.matrix
+    size = waves.operator.size
     push = np.zeros((waves.network.n_balls, 3))
     push[pulse.sources, :2] = pulse.polarisation[:2] / np.sqrt(UNITS.mass)
 
     def change(t, state):
-        x, v = state[:size], state[size:]
+        x = state[:size]
+        v = state[size:]
         return np.concatenate([v, push.ravel() * burst(np.array(t)) - matrix @ x - viscous @ v])
 
     order = np.argsort(times)
-    found = solve_ivp(change, (0.0, np.max(times)), np.zeros(2 * size), method, times[order], rtol=rtol, atol=atol)
+    found = solve_ivp(
+        change, (0.0, np.max(times)), np.zeros(2 * size), method, times[order], rtol=rtol, atol=atol
+    )
     states = np.empty_like(found.y)
     states[:, order] = found.y
     return states.reshape(2, size, -1)
@@ -164,9 +219,20 @@ def integrate(waves, pulse, burst, viscous, times, method="DOP853", rtol=1e-11, 
 @pytest.mark.parametrize("damping", [0.0, 0.02, 3.0])
 def test_signals_and_states_are_those_of_another_integrator(disordered, damping):
     tau = damping / OMEGA
-    waves, burst = gp.Waves(disordered), ToneBurst(0.5 * HERTZ, 2.0)
-    pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2, "transverse", source=[3, 17], ends="periodic", damping=tau,
-                           duration=30.0 / OMEGA, frames=[5.0 / OMEGA, 29.0 / OMEGA])  # fmt: skip
+    waves = gp.Waves(disordered)
+    burst = ToneBurst(0.5 * HERTZ, 2.0)
+    pulse = waves.transmit(
+        0.5 * HERTZ,
+        (0, 1),
+        4.0 * D,
+        2,
+        "transverse",
+        source=[3, 17],
+        ends="periodic",
+        damping=tau,
+        duration=30.0 / OMEGA,
+        frames=[5.0 / OMEGA, 29.0 / OMEGA],
+    )
     matrix, few = waves.operator.matrix, np.arange(0, pulse.times.size, 10)
     when = np.concatenate([pulse.times[few], [burst.duration, *pulse.frames]])
     # the second one is for stiff equations
@@ -178,8 +244,11 @@ def test_signals_and_states_are_those_of_another_integrator(disordered, damping)
     np.testing.assert_allclose(pulse.signals[:, few], heard, atol=tolerance * largest)
     for frame, state in zip(pulse.velocities, moving[:, few.size + 1 :].T, strict=True):
         expected = state.reshape(-1, 3)[:, :2] / np.sqrt(UNITS.mass)
-        np.testing.assert_allclose(frame[:, :2], expected, atol=tolerance * np.max(np.abs(expected)))
-    x, v = displaced[:, few.size], moving[:, few.size]
+        np.testing.assert_allclose(
+            frame[:, :2], expected, atol=tolerance * np.max(np.abs(expected))
+        )
+    x = displaced[:, few.size]
+    v = moving[:, few.size]
     assert pulse.energies[0] == pytest.approx(0.5 * (v @ v + x @ (matrix @ x)), rel=10 * tolerance)
     if damping:
         assert pulse.loss > 0.02
@@ -189,19 +258,30 @@ def test_signals_and_states_are_those_of_another_integrator(disordered, damping)
 
 @pytest.mark.parametrize("name", ["chain", "fcc"])
 def test_energies_keep_their_digits_where_the_network_drifts(name):
-    """A burst far below all frequencies moves a free block as a whole, by thousands of times what contacts are deformed."""
+    """A burst far below all frequencies moves a free block as a whole, by thousands of times what
+    contacts are deformed.
+    """
     network = ideal(name, (8,) if name == "chain" else (3, 3, 3), 0.0 if name == "chain" else 0.8)
     along = (1.0, 0.0, 0.0)[: network.dimension]
-    pulse = gp.Waves(network).transmit(0.02 * HERTZ, along, 2.0 * D, 1, source="ball", duration=400.0 * np.pi / OMEGA)
+    pulse = gp.Waves(network).transmit(
+        0.02 * HERTZ, along, 2.0 * D, 1, source="ball", duration=400.0 * np.pi / OMEGA
+    )
     assert abs(pulse.loss) < 1e-6
 
 
 def test_stored_energy_is_that_of_the_matrix(disordered):
     """With normal and tangential static forces, of stencils too, and after a drift of all balls."""
     rng = np.random.default_rng(3)
-    across = np.cross(disordered.normal, [0.0, 0.0, 1.0]) * rng.uniform(-1.0, 1.0, (disordered.n_contacts, 1))
+    across = np.cross(disordered.normal, [0.0, 0.0, 1.0]) * rng.uniform(
+        -1.0, 1.0, (disordered.n_contacts, 1)
+    )
     force = 1e-2 * D * disordered.normal_stiffness
-    pressed = replace(disordered, normal_force=force, tangential_force=0.3 * force[:, None] * across, prestress=True)
+    pressed = replace(
+        disordered,
+        normal_force=force,
+        tangential_force=0.3 * force[:, None] * across,
+        prestress=True,
+    )
     array = ideal("triangular", (50, 60))
     for network in (disordered, pressed, array):
         operator = make_operator(network)
@@ -213,28 +293,54 @@ def test_stored_energy_is_that_of_the_matrix(disordered):
 
 
 def test_static_forces_have_no_dashpots(disordered):
-    """Where they act, damping alike in all motions of a contact is that of its springs, not of the whole of D."""
-    pressed = replace(disordered, normal_force=1e-3 * D * disordered.normal_stiffness, prestress=True)
-    waves, burst, tau = gp.Waves(pressed), ToneBurst(0.5 * HERTZ, 2.0), 0.2 / OMEGA
-    pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2, ends="periodic", damping=tau, duration=25.0 / OMEGA)
+    """Where they act, damping alike in all motions of a contact is that of its springs, not of the
+    whole of D.
+    """
+    pressed = replace(
+        disordered, normal_force=1e-3 * D * disordered.normal_stiffness, prestress=True
+    )
+    waves = gp.Waves(pressed)
+    burst = ToneBurst(0.5 * HERTZ, 2.0)
+    tau = 0.2 / OMEGA
+    pulse = waves.transmit(
+        0.5 * HERTZ, (0, 1), 4.0 * D, 2, ends="periodic", damping=tau, duration=25.0 / OMEGA
+    )
     few = np.arange(0, pulse.times.size, 7)
     springs = WaveOperator(disordered).matrix
     _, moving = integrate(waves, pulse, burst, tau * springs, pulse.times[few])
     heard = moving.reshape(-1, 3, few.size)[pulse.receivers, 1] / np.sqrt(UNITS.mass)
-    np.testing.assert_allclose(pulse.signals[:, few], heard, atol=1e-9 * np.max(np.abs(pulse.signals)))
+    np.testing.assert_allclose(
+        pulse.signals[:, few], heard, atol=1e-9 * np.max(np.abs(pulse.signals))
+    )
 
 
 def test_source_and_receiver_may_be_exchanged(disordered):
     waves = gp.Waves(disordered)
     there = waves.transmit(
-        0.5 * HERTZ, (0, 1), 4.0 * D, 2, "longitudinal", source=12, ends="periodic", duration=40.0 / OMEGA
+        0.5 * HERTZ,
+        (0, 1),
+        4.0 * D,
+        2,
+        "longitudinal",
+        source=12,
+        ends="periodic",
+        duration=40.0 / OMEGA,
     )
     ball = int(there.receivers[1])
     back = waves.transmit(
-        0.5 * HERTZ, (0, -1), 4.0 * D, 2, "longitudinal", source=ball, ends="periodic", duration=40.0 / OMEGA
+        0.5 * HERTZ,
+        (0, -1),
+        4.0 * D,
+        2,
+        "longitudinal",
+        source=ball,
+        ends="periodic",
+        duration=40.0 / OMEGA,
     )
     place = int(np.flatnonzero(back.receivers == 12)[0])
-    np.testing.assert_allclose(back.signals[place], there.signals[1], atol=1e-12 * np.max(np.abs(there.signals)))
+    np.testing.assert_allclose(
+        back.signals[place], there.signals[1], atol=1e-12 * np.max(np.abs(there.signals))
+    )
 
 
 @pytest.mark.parametrize("tau", [0.05, 1.1, 4.0])
@@ -242,12 +348,14 @@ def test_modes_decay_in_proportion_to_their_squared_frequency(disordered, tau):
     operator = WaveOperator(disordered)
     squares, vectors = np.linalg.eigh(operator.matrix.toarray())
     mode, omega = vectors[:, 100], np.sqrt(squares[100])
-    burst, damping = ToneBurst(0.5 * HERTZ, 2.0), tau / OMEGA
+    burst = ToneBurst(0.5 * HERTZ, 2.0)
+    damping = tau / OMEGA
     walk = Propagation(operator, mode, burst, 40.0 / OMEGA, damping)
     times = np.arange(0.0, 40.0 / OMEGA, 0.2 / OMEGA)
     (heard,), *_ = walk.follow(lambda vector: np.array([mode @ vector]), times, np.zeros(0))
     later = heard[times > burst.duration + 0.2 / OMEGA]
-    decay, step = 0.5 * damping * omega**2, 0.2 / OMEGA
+    decay = 0.5 * damping * omega**2
+    step = 0.2 / OMEGA
     turn = np.emath.sqrt(omega**2 - decay**2)
     factor = 2.0 * np.exp(-decay * step) * np.real(np.cos(turn * step))
     rest = later[2:] - factor * later[1:-1] + np.exp(-2.0 * decay * step) * later[:-2]
@@ -258,30 +366,48 @@ def test_modes_decay_in_proportion_to_their_squared_frequency(disordered, tau):
 @pytest.mark.parametrize("taus", [(0.03, 0.2), (0.4, 0.0)])
 def test_contacts_may_be_damped_more_in_one_way_than_in_another(disordered, taus):
     more = {"cycles": 2, "ends": "periodic", "duration": 25.0 / OMEGA, "frames": [11.0 / OMEGA]}
-    waves, burst = gp.Waves(disordered), ToneBurst(0.5 * HERTZ, 2.0)
-    pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, damping=taus[0] / OMEGA, tangential_damping=taus[1] / OMEGA, **more)
+    waves = gp.Waves(disordered)
+    burst = ToneBurst(0.5 * HERTZ, 2.0)
+    pulse = waves.transmit(
+        0.5 * HERTZ,
+        (0, 1),
+        4.0 * D,
+        damping=taus[0] / OMEGA,
+        tangential_damping=taus[1] / OMEGA,
+        **more,
+    )
     whole = waves.operator.matrix
-    normal = WaveOperator(replace(disordered, shear_stiffness=1e-30 * disordered.shear_stiffness)).matrix
+    normal = WaveOperator(
+        replace(disordered, shear_stiffness=1e-30 * disordered.shear_stiffness)
+    ).matrix
     few = np.arange(0, pulse.times.size, 7)
     viscous = (taus[0] * normal + taus[1] * (whole - normal)) / OMEGA
-    _, moving = integrate(waves, pulse, burst, viscous, np.concatenate([pulse.times[few], pulse.frames]))
+    _, moving = integrate(
+        waves, pulse, burst, viscous, np.concatenate([pulse.times[few], pulse.frames])
+    )
     balls = moving.reshape(-1, 3, few.size + 1)[:, 1] / np.sqrt(UNITS.mass)
     largest = np.max(np.abs(pulse.signals))
-    np.testing.assert_allclose(pulse.signals[:, few], balls[pulse.receivers][:, :-1], atol=1e-9 * largest)
+    np.testing.assert_allclose(
+        pulse.signals[:, few], balls[pulse.receivers][:, :-1], atol=1e-9 * largest
+    )
     np.testing.assert_allclose(pulse.velocities[0, :, 1], balls[:, -1], atol=1e-9 * largest)
 
 
-# -- coherent, speckle, samples -----------------------------------------------------------------------------------------
+# -- coherent, speckle, samples --------------------------------------------------------------------
 
 
 def test_ideal_array_has_no_speckle_and_a_disordered_one_has(disordered):
     even = gp.Waves(ideal("triangular", (5, 12))).transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2)
     assert np.max(np.abs(even.speckle)) < 1e-13 * np.max(np.abs(even.signals))
     assert even.coherent_fraction == pytest.approx(1.0)
-    other = gp.Waves(disordered).transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2, planes=[2.0 * D, 4.0 * D])
+    other = gp.Waves(disordered).transmit(
+        0.5 * HERTZ, (0, 1), 4.0 * D, 2, planes=[2.0 * D, 4.0 * D]
+    )
     assert 0.3 < other.coherent_fraction < 0.999
     np.testing.assert_allclose(other.coherent + other.speckle, other.signals)
-    np.testing.assert_allclose(other.speckle_amplitude**2 + other.coherent**2, np.mean(other.signals**2, axis=0))
+    np.testing.assert_allclose(
+        other.speckle_amplitude**2 + other.coherent**2, np.mean(other.signals**2, axis=0)
+    )
     np.testing.assert_allclose(other.planes[1], other.coherent)
     assert other.plane_distances[0] == pytest.approx(2.5 * np.sqrt(0.75) * D)
     assert other.arrivals().shape == (5,)
@@ -292,11 +418,15 @@ def test_pulses_of_several_samples_have_one_coherent_part():
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6))
     found = []
     for seed in (1, 2):
-        network = gp.DirectSimulation(packing, shape=(6, 40), seed=seed).at_force(20.0).sample.network
+        network = (
+            gp.DirectSimulation(packing, shape=(6, 40), seed=seed).at_force(20.0).sample.network
+        )
         found.append(gp.Waves(network).transmit(12e3, (0, 1), 0.15, 3))
     both = average_pulses(found)
     count = both.times.size
-    np.testing.assert_allclose(both.coherent, 0.5 * (found[0].coherent[:count] + found[1].coherent[:count]))
+    np.testing.assert_allclose(
+        both.coherent, 0.5 * (found[0].coherent[:count] + found[1].coherent[:count])
+    )
     assert both.samples.tolist() == [0] * 6 + [1] * 6
     assert both.velocity == pytest.approx(0.5 * (found[0].velocity + found[1].velocity), rel=0.02)
     with pytest.raises(InputError, match="pulses differ in frequency"):
@@ -305,12 +435,21 @@ def test_pulses_of_several_samples_have_one_coherent_part():
 
 @pytest.mark.parametrize("ends", ["free", "walls", "periodic"])
 def test_the_default_distance_leads_to_the_same_plane_in_all_samples(ends):
-    """Half of a length lies as far from one plane as from the next, and samples of the exact geometry differ a little."""
-    packing, found = gp.Packing(STEEL, 8e-3, gp.Uniform(8e-5)), []
+    """Half of a length lies as far from one plane as from the next, and samples of the exact
+    geometry differ a little.
+    """
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(8e-5))
+    found = []
     for seed in (1, 2, 3):
-        sample = gp.DirectSimulation(packing, (4, 12), seed=seed, geometry="exact").at_force(20.0).sample
+        sample = (
+            gp.DirectSimulation(packing, (4, 12), seed=seed, geometry="exact").at_force(20.0).sample
+        )
         network = replace(sample.network, prestress=False)
-        found.append(transmit(network, PulseSource.of(PulseSettings(4e4, cycles=1.0, ends=ends), network, (0, 1))))
+        found.append(
+            transmit(
+                network, PulseSource.of(PulseSettings(4e4, cycles=1.0, ends=ends), network, (0, 1))
+            )
+        )
     assert len({tuple(one.receivers) for one in found}) == 1
     assert average_pulses(found).distance == pytest.approx(np.mean([one.distance for one in found]))
 
@@ -318,9 +457,18 @@ def test_the_default_distance_leads_to_the_same_plane_in_all_samples(ends):
 def test_open_network_has_the_ends_that_it_has():
     whole = chain(40)
     kept = ~np.any(whole.shift, axis=1)
-    names = [name for name, layout in whole._shapes.items() if layout.startswith("c") and "?" not in layout]
+    names = [
+        name
+        for name, layout in whole._shapes.items()
+        if layout.startswith("c") and "?" not in layout
+    ]
     fields = {name: getattr(whole, name)[kept] for name in names}
-    fields |= {"cell": np.zeros((3, 3)), "pbc": (False, False, False), "lattice": None, "shape": None}
+    fields |= {
+        "cell": np.zeros((3, 3)),
+        "pbc": (False, False, False),
+        "lattice": None,
+        "shape": None,
+    }
     opened = gp.Waves(replace(whole, **fields))
     one = gp.Waves(whole).transmit(0.4 * HERTZ, (1,), 20.4 * D, 3)
     other = opened.transmit(0.4 * HERTZ, (1,), 19.9 * D, 3, duration=one.times[-1])
@@ -334,8 +482,12 @@ def test_open_network_has_the_ends_that_it_has():
 
 @pytest.mark.parametrize("ends", ["periodic", "free", "walls"])
 @pytest.mark.parametrize("large", [False, True])
-@pytest.mark.parametrize(("lattice", "shape"), [("square", (3, 24)), ("kagome", (3, 16)), ("sc", (3, 3, 16))])
-def test_lattices_that_buckle_under_their_load_send_no_pulse(lattice, shape, large, ends, monkeypatch):
+@pytest.mark.parametrize(
+    ("lattice", "shape"), [("square", (3, 24)), ("kagome", (3, 16)), ("sc", (3, 3, 16))]
+)
+def test_lattices_that_buckle_under_their_load_send_no_pulse(
+    lattice, shape, large, ends, monkeypatch
+):
     if large:  # as networks are that are too large to be factorised
         monkeypatch.setattr("granphon.waves.modes.LARGEST_FACTORS", {2: 0, 3: 0})
     along = np.eye(len(shape))[-1]
@@ -347,10 +499,12 @@ def test_lattices_that_buckle_under_their_load_send_no_pulse(lattice, shape, lar
             with pytest.raises(InstabilityError, match="squared frequency is below zero"):
                 waves.transmit(12e3, along, 0.03, 1, ends=ends)
         else:
-            assert np.isfinite(waves.transmit(12e3, along, 0.03, 1, ends=ends, duration=1e-4).energies).all()
+            assert np.isfinite(
+                waves.transmit(12e3, along, 0.03, 1, ends=ends, duration=1e-4).energies
+            ).all()
 
 
-# -- ends under load ----------------------------------------------------------------------------------------------------
+# -- ends under load -------------------------------------------------------------------------------
 
 
 def press(force, shape, seed, friction=True):
@@ -390,15 +544,21 @@ def test_balls_that_a_free_end_leaves_hanging_are_left_out(force, seed):
         kept = ~(np.isin(cut.i, gone) | np.isin(cut.j, gone))
         of_ball = int(np.sum((cut.i[kept] == ball) | (cut.j[kept] == ball)))
         assert of_ball < 2
-    np.testing.assert_array_equal(held.i, cut.i[~(np.isin(cut.i, dropped) | np.isin(cut.j, dropped))])
+    np.testing.assert_array_equal(
+        held.i, cut.i[~(np.isin(cut.i, dropped) | np.isin(cut.j, dropped))]
+    )
     # the front and the rear of the sample alone are touched
     away = np.minimum(course.places[dropped], course.period - course.places[dropped])
     assert np.max(away) < 2.5 * D
 
 
-@pytest.mark.parametrize(("friction", "shape", "along", "seed", "count"), [
-    (True, (8, 24), (0.0, 1.0, 0.0), 40, 2), (False, (12, 24), (1.0, 0.0, 0.0), 5, 10),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("friction", "shape", "along", "seed", "count"),
+    [
+        (True, (8, 24), (0.0, 1.0, 0.0), 40, 2),
+        (False, (12, 24), (1.0, 0.0, 0.0), 5, 10),
+    ],
+)
 def test_groups_of_balls_that_hang_as_a_whole_are_left_out(friction, shape, along, seed, count):
     # each ball has contacts enough, and some together have not
     network = press(0.1, shape, seed, friction).samples[0].network
@@ -431,10 +591,16 @@ def test_arrays_too_large_to_be_factorised_leave_out_single_balls_alone(monkeypa
     network = press(0.1, (10, 20), 1).samples[0].network
     cut = cut_freely(network, (1.0, 0.0, 0.0))[1]
     unseen = [id(cut), id(network)]
-    monkeypatch.setattr("granphon.waves.pulses.is_stable", lambda operator, fall=None: id(operator.network) in unseen[1:])
+    monkeypatch.setattr(
+        "granphon.waves.pulses.is_stable",
+        lambda operator, fall=None: id(operator.network) in unseen[1:],
+    )
     with pytest.raises(InstabilityError, match="below zero"):
         drop_falling(cut, network)
-    monkeypatch.setattr("granphon.waves.pulses.is_stable", lambda operator, fall=None: id(operator.network) != unseen[0])
+    monkeypatch.setattr(
+        "granphon.waves.pulses.is_stable",
+        lambda operator, fall=None: id(operator.network) != unseen[0],
+    )
     assert np.count_nonzero(~drop_falling(cut, network).moving) == 2
 
 
@@ -448,7 +614,8 @@ def test_velocities_with_free_ends_and_walls_agree_at_low_load(seed):
     free = waves.transmit(hertz, (1, 0), 10.0 * D, 2)
     walls = waves.transmit(hertz, (1, 0), 10.0 * D, 2, ends="walls")
     assert abs(free.velocity - walls.velocity) < np.hypot(free.velocity_error, walls.velocity_error)
-    # waves of twelve balls are by the bands of equal balls 3 % slower than long ones; disorder takes some more
+    # waves of twelve balls are by the bands of equal balls 3 % slower than long ones; disorder
+    # takes some more
     assert 0.9 < free.velocity / sound < 0.97
     assert walls.left_out == 0
     assert (free.left_out > 0) == (seed != 7)
@@ -464,13 +631,19 @@ def test_pulses_arrive_at_still_lower_loads(force, seed):
     assert pulse.left_out > 0
 
 
-# -- planes -------------------------------------------------------------------------------------------------------------
+# -- planes ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "shape", "direction", "period"), [
-    ("triangular", (5, 12), (0, 1), 12 * np.sqrt(0.75)), ("triangular", (8, 2), (1, 0), 1.0),
-    ("square", (4, 6), (1, 0), 4.0), ("fcc", (3, 3, 3), (1, 1, 1), 3 * np.sqrt(2.0 / 3.0)), ("chain", (9,), (1, 0), 9.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "shape", "direction", "period"),
+    [
+        ("triangular", (5, 12), (0, 1), 12 * np.sqrt(0.75)),
+        ("triangular", (8, 2), (1, 0), 1.0),
+        ("square", (4, 6), (1, 0), 4.0),
+        ("fcc", (3, 3, 3), (1, 1, 1), 3 * np.sqrt(2.0 / 3.0)),
+        ("chain", (9,), (1, 0), 9.0),
+    ],
+)
 def test_planes_close_after_the_period_of_the_cell(name, shape, direction, period):
     network = ideal(name, shape, 0.0 if name == "chain" else 0.8)
     along = np.pad(np.array(direction, float), (0, 3 - len(direction)))
@@ -479,7 +652,9 @@ def test_planes_close_after_the_period_of_the_cell(name, shape, direction, perio
     # a way around the array crosses its beginning once a period
     full = network.vector @ course.direction
     np.testing.assert_allclose(
-        full - course.places[network.j] + course.places[network.i], course.period * course.crossings, atol=1e-9 * D
+        full - course.places[network.j] + course.places[network.i],
+        course.period * course.crossings,
+        atol=1e-9 * D,
     )
     assert np.min(course.places) > 0.1 * D
 
@@ -502,10 +677,17 @@ def test_source_and_receivers_of_a_packing_without_planes_are_apart(seed):
     apart = places[whole.j] + whole.shift @ whole.cell - places[whole.i]
     size = np.linalg.norm(apart, axis=1)
     network = replace(
-        whole, positions=places, normal=apart / size[:, None], arm_i=0.5 * size, arm_j=0.5 * size, lattice=None, shape=None
+        whole,
+        positions=places,
+        normal=apart / size[:, None],
+        arm_i=0.5 * size,
+        arm_j=0.5 * size,
+        lattice=None,
+        shape=None,
     )
     course = Course.along(network, np.array([1.0, 0.0, 0.0])).with_ends("free")
-    source, heard = course.find_plane(0.0, "source"), course.find_plane(8.0 * D, "receivers")
+    source = course.find_plane(0.0, "source")
+    heard = course.find_plane(8.0 * D, "receivers")
     assert np.max(course.places[source]) <= np.min(course.places) + 0.9 * D
     assert np.ptp(course.places[heard]) <= 0.9 * D
     assert course.find_distance(0.0, heard) == pytest.approx(8.0 * D, abs=0.5 * D)
@@ -514,23 +696,28 @@ def test_source_and_receivers_of_a_packing_without_planes_are_apart(seed):
     assert pulse.velocity > 0.0
 
 
-# -- what is refused ----------------------------------------------------------------------------------------------------
+# -- what is refused -------------------------------------------------------------------------------
 
 
 def test_bad_pulses_are_refused(disordered):
     waves = gp.Waves(disordered)
     with pytest.raises(
-        UnreachableFrequencyError, match=rf"above the top of the network's modes, {2 * np.cos(np.pi / 80) * HERTZ:.6g} Hz"
+        UnreachableFrequencyError,
+        match=rf"above the top of the network's modes, {2 * np.cos(np.pi / 80) * HERTZ:.6g} Hz",
     ):
         gp.Waves(chain(40)).transmit(2.1 * HERTZ, (1,), 8 * D)
     with pytest.raises(InputError, match=r"come back to themselves .* or a longer array"):
         waves.transmit(0.5 * HERTZ, (0, 1), 7.0 * D, ends="periodic")
     with pytest.raises(InputError, match=r"or the direction .* or \(0.866025, 0.5\), with"):
-        gp.Waves(ideal("triangular", (8, 3))).transmit(0.5 * HERTZ, (1, 0), 1.0 * D, ends="periodic")
+        gp.Waves(ideal("triangular", (8, 3))).transmit(
+            0.5 * HERTZ, (1, 0), 1.0 * D, ends="periodic"
+        )
     with pytest.raises(InputError, match="do not close"):
         waves.transmit(0.5 * HERTZ, (0.3, 1), 2.0 * D)
     with pytest.raises(InputError, match="no contact resists"):
-        gp.Waves(ideal("square", (3, 12), 0.0)).transmit(0.5 * HERTZ, (0, 1), 4.0 * D, polarisation="transverse")
+        gp.Waves(ideal("square", (3, 12), 0.0)).transmit(
+            0.5 * HERTZ, (0, 1), 4.0 * D, polarisation="transverse"
+        )
     with pytest.raises(InputError, match="no transverse waves"):
         gp.Waves(chain(40)).transmit(0.5 * HERTZ, (1,), 8 * D, polarisation="transverse")
     with pytest.raises(InputError, match="method: found 'ear'"):
@@ -538,20 +725,31 @@ def test_bad_pulses_are_refused(disordered):
 
 
 def test_what_does_not_travel_has_no_time_of_flight():
-    # without bending, waves across a plane of balls do not run at this frequency; what is heard is the near field
+    # without bending, waves across a plane of balls do not run at this frequency; what is heard is
+    # the near field
     lattice = gp.ContactLattice.of("triangular", 0.8, motions=allowed_motions(2)["out_of_plane"])
     network = lattice.contact_network(UNITS).repeat((1, 300))
-    pulse = gp.Waves(network).transmit(0.4 * HERTZ, (0, 1), 25.0 * D, 20, "out_of_plane", duration=140 / HERTZ)
+    pulse = gp.Waves(network).transmit(
+        0.4 * HERTZ, (0, 1), 25.0 * D, 20, "out_of_plane", duration=140 / HERTZ
+    )
     require_unknown(pulse, "not after the burst")
 
 
 def test_signal_that_comes_at_once_has_no_time_of_flight():
-    # an array that is far shorter than the wave moves as a whole: a hundredth of a reading is no time of flight
+    # an array that is far shorter than the wave moves as a whole: a hundredth of a reading is no
+    # time of flight
     burst = ToneBurst(1.0, 5.0)
     times = np.arange(400) / 24.0
 
     def find(*delays):
-        return find_arrivals(times, np.array([burst(times - one) for one in delays]), burst(times), 5.0, "envelope", 0.1)
+        return find_arrivals(
+            times,
+            np.array([burst(times - one) for one in delays]),
+            burst(times),
+            5.0,
+            "envelope",
+            0.1,
+        )
 
     found, reasons = find(0.01 / 24.0, 2.0 / 24.0, 12.0)
     assert np.isnan(found).tolist() == [True, False, True]
@@ -564,7 +762,9 @@ def test_signal_that_comes_at_once_has_no_time_of_flight():
 def require_unknown(pulse, why):
     """The pulse has no time of flight by any reading, and its warnings say why."""
     assert np.isnan([pulse.time_of_flight, pulse.velocity, pulse.velocity_error]).all()
-    assert np.isnan([pulse.arrival(method) for method in ("envelope", "first", "correlation")]).all()
+    assert np.isnan(
+        [pulse.arrival(method) for method in ("envelope", "first", "correlation")]
+    ).all()
     assert why in pulse.why_unknown
     assert any(pulse.why_unknown in text for text in pulse.warnings)
 
@@ -577,19 +777,24 @@ def test_a_periodic_network_without_room_for_burst_and_flight_is_refused(cycles,
     network = gp.AveragedLattice(packing).at_force(5.0).network.repeat((2, 80))
     sound = gp.sound_velocities(gp.AveragedLattice(packing).at_force(5.0), (0, 1)).longitudinal
     period = 80 * np.sqrt(0.75) * 8e-3
-    waves, refused = gp.Waves(network), 0
+    waves = gp.Waves(network)
+    refused = 0
     for hertz in (4e3, 6e3, 8e3, 10e3, 12e3):
         away = np.rint(distance / np.sqrt(0.75) / 8e-3) * np.sqrt(0.75) * 8e-3
         needed = 2.0 * away + cycles / hertz * sound
         if needed > period:
             refused += 1
-            with pytest.raises(InputError, match=rf"are over\. .* an array of {needed:.4g} m along"):
+            with pytest.raises(
+                InputError, match=rf"are over\. .* an array of {needed:.4g} m along"
+            ):
                 waves.transmit(hertz, (0, 1), distance, cycles, ends="periodic")
         else:
-            group = gp.pulse_velocities(gp.AveragedLattice(packing).at_force(5.0), hertz, (0, 1)).group[0]
-            assert waves.transmit(hertz, (0, 1), distance, cycles, ends="periodic").velocity == pytest.approx(
-                group, rel=0.01
-            )
+            group = gp.pulse_velocities(
+                gp.AveragedLattice(packing).at_force(5.0), hertz, (0, 1)
+            ).group[0]
+            assert waves.transmit(
+                hertz, (0, 1), distance, cycles, ends="periodic"
+            ).velocity == pytest.approx(group, rel=0.01)
     assert 0 < refused < 5 or distance > 0.1
 
 
@@ -630,15 +835,26 @@ def test_a_velocity_above_that_of_the_fastest_wave_is_none():
 @pytest.mark.claim("pulses-none")
 @pytest.mark.parametrize("heavy", [0.1, 10.0])
 def test_balls_that_no_contact_holds_do_not_slow_the_fastest_wave(heavy):
-    """A pulse through a chain between loose balls has its time of flight, and beside a chain of softer contacts too."""
-    alone, ways = chain(120), {"direction": (1,), "distance": 40.0 * D, "duration": 90.0 / OMEGA}
-    wanted, n = gp.Waves(alone).transmit(0.5 * HERTZ, source=0, **ways), alone.n_balls
+    """A pulse through a chain between loose balls has its time of flight, and beside a chain of
+    softer contacts too.
+    """
+    alone = chain(120)
+    ways = {"direction": (1,), "distance": 40.0 * D, "duration": 90.0 / OMEGA}
+    wanted = gp.Waves(alone).transmit(0.5 * HERTZ, source=0, **ways)
+    n = alone.n_balls
     more = {name: np.kron([1.0, heavy], getattr(alone, name)) for name in ("masses", "inertias")}
-    more |= {"positions": np.concatenate([alone.positions, alone.positions + np.array([0.5 * D, 0.0, 0.0])])}
+    more |= {
+        "positions": np.concatenate(
+            [alone.positions, alone.positions + np.array([0.5 * D, 0.0, 0.0])]
+        )
+    }
     loose = replace(alone, radii=np.kron([1.0, 0.4], alone.radii), lattice=None, shape=None, **more)
     soft = {name: np.concatenate([getattr(alone, name)] * 2) for name in alone.contact_fields}
     soft |= {"i": np.append(alone.i, alone.i + n), "j": np.append(alone.j, alone.j + n)}
-    soft |= {"normal_stiffness": np.kron([1.0, 0.1 * heavy], alone.normal_stiffness), "radii": np.tile(alone.radii, 2)}
+    soft |= {
+        "normal_stiffness": np.kron([1.0, 0.1 * heavy], alone.normal_stiffness),
+        "radii": np.tile(alone.radii, 2),
+    }
     for network, source in ((loose, 0), (replace(loose, **soft), [0, n])):
         found = gp.Waves(network).transmit(0.5 * HERTZ, source=source, **ways)
         np.testing.assert_allclose(found.fastest, wanted.fastest, rtol=1e-12)
@@ -648,7 +864,8 @@ def test_balls_that_no_contact_holds_do_not_slow_the_fastest_wave(heavy):
 
 @pytest.mark.claim("pulses-error")
 @pytest.mark.parametrize(
-    ("hertz", "cycles", "low", "high"), [(0.6, 1, 0.04, 0.06), (0.6, 5, 0.0, 0.005), (0.3, 1, 0.0, 0.015)]
+    ("hertz", "cycles", "low", "high"),
+    [(0.6, 1, 0.04, 0.06), (0.6, 5, 0.0, 0.005), (0.3, 1, 0.0, 0.015)],
 )
 def test_a_pulse_says_how_sure_its_velocity_is(hertz, cycles, low, high):
     pulse = gp.Waves(chain(120)).transmit(hertz * HERTZ, (1,), 16.0 * D, cycles)
@@ -662,7 +879,8 @@ def test_a_pulse_says_how_sure_its_velocity_is(hertz, cycles, low, high):
 @pytest.mark.claim("pulses-scatter")
 @pytest.mark.parametrize("hertz", [1.2, 1.4, 1.6])
 @pytest.mark.parametrize(
-    ("cycles", "distance", "ends"), [(5, 6, "periodic"), (5, 6, "free"), (5, 20, "free"), (5, 40, "free"), (10, 20, "free")]
+    ("cycles", "distance", "ends"),
+    [(5, 6, "periodic"), (5, 6, "free"), (5, 20, "free"), (5, 40, "free"), (10, 20, "free")],
 )
 def test_errors_near_the_top_of_a_band_cover_the_group_velocity(hertz, cycles, distance, ends):
     # of a chain, whose top is at 2 (k/M)^1/2 / 2 pi
@@ -682,9 +900,16 @@ def test_a_pulse_near_the_top_of_a_band_of_balls_that_differ():
 
 
 @pytest.mark.claim("pulses-scatter")
-@pytest.mark.parametrize(("force", "hertz", "samples"), [
-    (2.0, 5160.0, 4), *(pytest.param(*one, 16, marks=pytest.mark.exhaustive) for one in ((0.5, 3590.0), (2.0, 5160.0))),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("force", "hertz", "samples"),
+    [
+        (2.0, 5160.0, 4),
+        *(
+            pytest.param(*one, 16, marks=pytest.mark.exhaustive)
+            for one in ((0.5, 3590.0), (2.0, 5160.0))
+        ),
+    ],
+)
 def test_velocities_scatter_by_no_more_than_their_errors(force, hertz, samples):
     # waves of twelve balls
     packing = gp.Packing(STEEL, D, spread=gp.Uniform(2.04e-6))
@@ -692,7 +917,8 @@ def test_velocities_scatter_by_no_more_than_their_errors(force, hertz, samples):
     pulses = [gp.Waves(one).transmit(hertz, (1, 0), 10.0 * D, 2) for one in state.samples]
     scatter = np.std([one.velocity for one in pulses], ddof=1)
     error = np.sqrt(np.mean([one.velocity_error**2 for one in pulses]))
-    # neighbours do not hear quite independently, and the scatter of n samples is known to 1 in (2 n)^1/2
+    # neighbours do not hear quite independently, and the scatter of n samples is known to 1 in (2
+    # n)^1/2
     assert scatter < (1.25 + 1.0 / np.sqrt(2.0 * samples)) * error
     assert error < 3.0 * scatter
 
@@ -712,7 +938,8 @@ def test_errors_are_those_of_the_mean_over_balls():
 @pytest.mark.claim("pulses-none")
 def test_echo_within_the_pulse_is_a_warning():
     network = ideal("triangular", (4, 48))
-    waves, velocity = gp.Waves(network), D * OMEGA * np.sqrt((9.0 + 3.0 * 0.8) / 8.0)
+    waves = gp.Waves(network)
+    velocity = D * OMEGA * np.sqrt((9.0 + 3.0 * 0.8) / 8.0)
     way = 2.0 * 24 * D * np.sqrt(0.75)  # to the far end and back
     least = 2.5 * velocity / way  # five cycles rise to their maximum in half of their time
     assert not waves.transmit(1.05 * least, (0, 1), 24 * D * np.sqrt(0.75)).warnings
@@ -724,20 +951,25 @@ def test_echo_within_the_pulse_is_a_warning():
     around = waves.transmit(0.95 * least, (0, 1), 16 * D, ends="periodic", duration=early.times[-1])
     require_unknown(around, "an echo from an end")
     # it comes as the pulse is at its height, and no sample is without it
-    soon = gp.Waves(chain(12)).transmit(1.001 * OMEGA / 6.0, (1,), 3.0 * D, 2, ends="periodic", duration=40.0 / OMEGA)
+    soon = gp.Waves(chain(12)).transmit(
+        1.001 * OMEGA / 6.0, (1,), 3.0 * D, 2, ends="periodic", duration=40.0 / OMEGA
+    )
     require_unknown(soon, "an echo from an end")
     # at the end itself the first is the one that has crossed the array twice more
     assert not waves.transmit(0.6 * least, (0, 1), 47.5 * D * np.sqrt(0.75)).warnings
     # of a ball in the middle, one end is as near behind it as the other is ahead of the receivers
     course = Course.along(network, np.array([0.0, 1.0, 0.0])).with_ends("free")
     middle, after = (course.find_plane(n * D * np.sqrt(0.75), "test") for n in (10.5, 30.5))
-    assert course.find_echo(course.find_place(middle), after) == pytest.approx(2 * 10.5 * D * np.sqrt(0.75))
+    assert course.find_echo(course.find_place(middle), after) == pytest.approx(
+        2 * 10.5 * D * np.sqrt(0.75)
+    )
 
 
 def test_what_is_damped_too_much_to_swing_is_a_warning(disordered):
     waves = gp.Waves(disordered)
     quiet, loud = (
-        waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 1, damping=ratio / (0.5 * np.pi * HERTZ)) for ratio in (0.29, 0.31)
+        waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 1, damping=ratio / (0.5 * np.pi * HERTZ))
+        for ratio in (0.29, 0.31)
     )
     assert not any("damped" in one for one in quiet.warnings)
     assert any("damped" in one for one in loud.warnings)
@@ -748,33 +980,57 @@ def test_what_is_damped_too_much_to_swing_is_a_warning(disordered):
 @pytest.mark.parametrize(
     ("given", "wrong"),
     [
-        ({"source": "side"}, "source"), ({"source": 600}, "source"), ({"ends": "soft"}, "ends"),
-        ({"polarisation": "odd"}, "polarisation"), ({"cycles": 0.5}, "cycles"), ({"cycles": True}, "cycles"),
-        ({"damping": -1.0}, "damping"), ({"duration": 0.0}, "duration"), ({"duration": math.inf}, "duration"),
-        ({"planes": [-1.0]}, "planes"), ({"planes": [[], 1.0]}, "planes"), ({"frames": [[], 1.0]}, "frames"),
-        ({"frequency": 10**400}, "frequency"), ({"frequency": 1e308}, "is read more than"),
-        ({"frequency": 5e-324}, "is read more than"), ({"frequency": 1e12 * HERTZ}, "is read .* times"),
-        ({"cycles": 1e308}, "is read more than"), ({"duration": 1e308}, "is read more than"),
+        ({"source": "side"}, "source"),
+        ({"source": 600}, "source"),
+        ({"ends": "soft"}, "ends"),
+        ({"polarisation": "odd"}, "polarisation"),
+        ({"cycles": 0.5}, "cycles"),
+        ({"cycles": True}, "cycles"),
+        ({"damping": -1.0}, "damping"),
+        ({"duration": 0.0}, "duration"),
+        ({"duration": math.inf}, "duration"),
+        ({"planes": [-1.0]}, "planes"),
+        ({"planes": [[], 1.0]}, "planes"),
+        ({"frames": [[], 1.0]}, "frames"),
+        ({"frequency": 10**400}, "frequency"),
+        ({"frequency": 1e308}, "is read more than"),
+        ({"frequency": 5e-324}, "is read more than"),
+        ({"frequency": 1e12 * HERTZ}, "is read .* times"),
+        ({"cycles": 1e308}, "is read more than"),
+        ({"duration": 1e308}, "is read more than"),
         ({"frequency": 1e-7 * HERTZ}, "products with the matrix"),
         ({"damping": 0.0, "tangential_damping": 1e6 / HERTZ}, "a damping of .* products"),
-        ({"damping": 1e200}, "damping up to"), ({"damping": 1e30, "tangential_damping": 0.0}, "nothing moves"),
-        ({"distance": 1e308}, "would meet itself"), ({"planes": [1e308]}, "would meet itself"),
+        ({"damping": 1e200}, "damping up to"),
+        ({"damping": 1e30, "tangential_damping": 0.0}, "nothing moves"),
+        ({"distance": 1e308}, "would meet itself"),
+        ({"planes": [1e308]}, "would meet itself"),
         ({"planes": 1e308, "ends": "periodic"}, "Take a shorter distance"),
     ],
-)  # fmt: skip
+)
 def test_numbers_that_no_pulse_has_are_refused(given, wrong):
     waves = gp.Waves(ideal("triangular", (4, 24)))
     with pytest.raises(InputError, match=wrong):
-        waves.transmit(**({"frequency": 0.5 * HERTZ, "direction": (0, 1), "distance": 8 * D} | given))
+        waves.transmit(
+            **({"frequency": 0.5 * HERTZ, "direction": (0, 1), "distance": 8 * D} | given)
+        )
 
 
 @pytest.mark.parametrize(
     ("args", "options", "wrong"),
     [
-        ((), {}, r"transmit\(\) missing 3 required positional arguments: 'frequency', 'direction', and 'distance'"),
+        (
+            (),
+            {},
+            r"transmit\(\) missing 3 required positional arguments: 'frequency', 'direction',"
+            r" and 'distance'",
+        ),
         ((1.0, (0, 1)), {}, "'distance'"),
         ((1.0, (0, 1), D), {"length": D}, "unexpected keyword argument 'length'"),
-        ((1.0, (0, 1), D, 5.0, "longitudinal", "ball"), {}, "takes from 4 to 6 positional arguments but 7 were given"),
+        (
+            (1.0, (0, 1), D, 5.0, "longitudinal", "ball"),
+            {},
+            "takes from 4 to 6 positional arguments but 7 were given",
+        ),
     ],
 )
 def test_transmit_says_which_arguments_it_needs(args, options, wrong):
@@ -789,16 +1045,25 @@ def test_waves_say_in_a_line_what_they_are():
 
 
 def test_error_of_planes_names_the_lengths_of_the_cell():
-    # along [1, 1, 0] the vectors of 6 x 6 x 8 cells go 3, 3 and 8 diameters far: planes meet themselves after one
-    with pytest.raises(InputError, match=r"The cell is 0\.024 and 0\.024 and 0\.064 m long along it"):
+    # along [1, 1, 0] the vectors of 6 x 6 x 8 cells go 3, 3 and 8 diameters far: planes meet
+    # themselves after one
+    with pytest.raises(
+        InputError, match=r"The cell is 0\.024 and 0\.024 and 0\.064 m long along it"
+    ):
         gp.Waves(ideal("fcc", (6, 6, 8))).transmit(HERTZ, (1, 1, 0), 3 * D)
 
 
 def test_network_that_is_not_joined_is_refused():
     whole = chain(40)
     cut = (whole.i == 3) | (whole.i == 30)
-    names = [name for name, layout in whole._shapes.items() if layout.startswith("c") and "?" not in layout]
-    parted = replace(whole, **{name: getattr(whole, name)[~cut] for name in names}, lattice=None, shape=None)
+    names = [
+        name
+        for name, layout in whole._shapes.items()
+        if layout.startswith("c") and "?" not in layout
+    ]
+    parted = replace(
+        whole, **{name: getattr(whole, name)[~cut] for name in names}, lattice=None, shape=None
+    )
     with pytest.raises(InputError, match=r"no contacts join the source .* 3 parts"):
         gp.Waves(parted).transmit(0.5 * HERTZ, (1,), 8 * D)
 
@@ -814,12 +1079,15 @@ def test_pulse_runs_forward_from_the_first_plane_of_a_sample(ends, seed):
     period = waves.network.cell[1, 1]
     ahead = np.mod(heights[pulse.receivers].mean() - heights[pulse.sources].mean(), period)
     assert ahead == pytest.approx(pulse.distance, abs=0.9 * 8e-3)
-    assert pulse.velocity == pytest.approx(gp.pulse_velocities(state, 6500.0, (0, 1)).group[0], rel=0.08)
+    assert pulse.velocity == pytest.approx(
+        gp.pulse_velocities(state, 6500.0, (0, 1)).group[0], rel=0.08
+    )
 
 
 def test_transmit_takes_the_arguments_of_a_sending():
     """The signature that help and editors show has the names and the defaults of the class."""
-    given, own = inspect.signature(PulseSource).parameters, inspect.signature(gp.Waves.transmit)
+    given = inspect.signature(PulseSource).parameters
+    own = inspect.signature(gp.Waves.transmit)
     assert list(own.parameters) == ["self", *given]
     assert all(own.parameters[name].default == one.default for name, one in given.items())
     assert own.parameters["source"].kind is inspect.Parameter.KEYWORD_ONLY

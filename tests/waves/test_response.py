@@ -1,4 +1,6 @@
-"""The response in frequency: against closed forms of chains, matrices made contact by contact, pulses, and LAMMPS."""
+"""The response in frequency: against closed forms of chains, matrices made contact by contact,
+pulses, and LAMMPS.
+"""
 
 import ctypes
 import math
@@ -18,9 +20,11 @@ from granphon.waves import response
 from tests import packings
 
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
-D, OMEGA = UNITS.length, UNITS.angular_frequency
+D = UNITS.length
+OMEGA = UNITS.angular_frequency
 #: (k/M)^1/2 / 2 pi, Hz, and (k M)^1/2, N s/m
-HERTZ, VISCOSITY = OMEGA / (2.0 * np.pi), UNITS.stiffness / OMEGA
+HERTZ = OMEGA / (2.0 * np.pi)
+VISCOSITY = UNITS.stiffness / OMEGA
 
 
 def times(network, c_n, c_t=None):
@@ -34,7 +38,9 @@ def ideal(name, mindlin_ratio=0.8, **more):
 
 
 def springs(network):
-    """The network, pressed, with a floor of its own stiffness: that of springs which are the same whatever they join."""
+    """The network, pressed, with a floor of its own stiffness: that of springs which are the same
+    whatever they join.
+    """
     ball = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), D)
     model = ContactModel((ball,), law=gp.PowerLaw(1.0, UNITS.stiffness))
     return replace(network, contact_model=model, normal_force=np.ones(network.n_contacts))
@@ -51,33 +57,43 @@ def strip():
     rng = np.random.default_rng(3)
     normal = rng.uniform(0.5, 1.5, network.n_contacts) * UNITS.stiffness
     return replace(
-        network, normal_stiffness=normal, shear_stiffness=rng.uniform(0.5, 0.9, normal.size) * normal, prestress=True,
+        network,
+        normal_stiffness=normal,
+        shear_stiffness=rng.uniform(0.5, 0.9, normal.size) * normal,
+        prestress=True,
         normal_force=rng.uniform(0.0, 0.02, normal.size) * UNITS.stiffness * D,
-    )  # fmt: skip
+    )
 
 
-# -- closed forms -----------------------------------------------------------------------------------------------------
+# -- closed forms ----------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("response-chain")
 @pytest.mark.parametrize("edge", ["clamped", "floor"])
 def test_chain_on_a_moved_wall_inside_and_above_its_band(edge):
-    # u_n = (cos((N - n + 1/2) t)/cos((N + 1/2) t)) u_0 with omega = 2 sin(t/2), complex above the band
+    # u_n = (cos((N - n + 1/2) t)/cos((N + 1/2) t)) u_0 with omega = 2 sin(t/2), complex above the
+    # band
     count = 14
     network = chain(count + 1, (edge, "free"))
     wall = int(np.flatnonzero(~network.moving)[0])
     balls = count if edge == "clamped" else count + 1
     omega = np.array([0.0, 0.21, 0.8, 1.43, 1.99, 2.03, 2.4, 3.1])
     found = gp.Waves(network).response(
-        omega * HERTZ, (wall, "x"), (np.flatnonzero(network.moving), (1.0,)), quantity="transmissibility"
+        omega * HERTZ,
+        (wall, "x"),
+        (np.flatnonzero(network.moving), (1.0,)),
+        quantity="transmissibility",
     )
-    t, places = 2.0 * np.arcsin(omega[:, None] / 2.0 + 0j), 1 + np.arange(balls)
+    t = 2.0 * np.arcsin(omega[:, None] / 2.0 + 0j)
+    places = 1 + np.arange(balls)
     expected = np.cos((balls - places + 0.5) * t) / np.cos((balls + 0.5) * t)
     assert found.values.shape == (omega.size, balls)
     assert_allclose(found.values, expected, rtol=1e-10)
     assert np.max(found.error) < 1e-11
     assert not found.warnings
-    by_plane = gp.Waves(network).response(omega * HERTZ, "plane", "plane", quantity="transmissibility")
+    by_plane = gp.Waves(network).response(
+        omega * HERTZ, "plane", "plane", quantity="transmissibility"
+    )
     assert_allclose(by_plane.coherent, expected[:, -1], rtol=1e-10)
 
 
@@ -85,11 +101,16 @@ def test_chain_on_a_moved_wall_inside_and_above_its_band(edge):
 @pytest.mark.parametrize("method", ["direct", "krylov"])
 @pytest.mark.parametrize("points", [90, 400])
 def test_peaks_do_not_depend_on_the_grid(points, method):
-    """Lines narrower than the step are solved for between its points: heights and Q are those of the damped modes."""
-    waves, receivers = gp.Waves(chain(9, ("clamped", "free"))), [(8, "x"), (5, "x")]
+    """Lines narrower than the step are solved for between its points: heights and Q are those of
+    the damped modes.
+    """
+    waves = gp.Waves(chain(9, ("clamped", "free")))
+    receivers = [(8, "x"), (5, "x")]
     top = 2.0 * HERTZ
     damping = 4e-5 / OMEGA
-    coarse = waves.response(np.linspace(0.04, 1.02, points) * top, (8, "x"), receivers, damping=damping, method=method)
+    coarse = waves.response(
+        np.linspace(0.04, 1.02, points) * top, (8, "x"), receivers, damping=damping, method=method
+    )
     modes = waves.damped_modes(8, damping=damping)
     assert np.max(modes.frequencies.real / modes.quality) < 0.1 * np.diff(coarse.frequencies)[0]
     for receiver, peaks in enumerate(coarse.peaks):
@@ -106,9 +127,13 @@ def test_peaks_do_not_depend_on_the_grid(points, method):
 
 def test_one_ball_on_a_spring_and_a_dashpot():
     network = chain(2, ("clamped", "free"))
-    omega, c, eta = np.array([0.0, 0.3, 1.0, 4.0]), 0.3, 0.1
+    omega = np.array([0.0, 0.3, 1.0, 4.0])
+    c = 0.3
+    eta = 0.1
     found = [
-        gp.Waves(network).response(omega * HERTZ, (source, "x"), (1, "x"), c / OMEGA, eta, quantity=name)
+        gp.Waves(network).response(
+            omega * HERTZ, (source, "x"), (1, "x"), c / OMEGA, eta, quantity=name
+        )
         for source, name in ((1, "displacement"), (1, "velocity"), (0, "transmissibility"))
     ]
     spring = 1.0 + 1j * (eta + omega * c)
@@ -116,7 +141,9 @@ def test_one_ball_on_a_spring_and_a_dashpot():
     assert_allclose(found[0].values[:, 0] * UNITS.stiffness, receptance, rtol=1e-13)
     assert_allclose(found[1].values[:, 0] * VISCOSITY, 1j * omega * receptance, rtol=1e-13)
     assert_allclose(found[2].values[:, 0], spring * receptance, rtol=1e-13)
-    steps = gp.Waves(network).response(omega[1:] * HERTZ, (1, "x"), (1, "x"), c / OMEGA, eta, method="krylov")
+    steps = gp.Waves(network).response(
+        omega[1:] * HERTZ, (1, "x"), (1, "x"), c / OMEGA, eta, method="krylov"
+    )
     assert steps.steps == 1
     assert_allclose(steps.values, found[0].values[1:], rtol=1e-13)
     assert_allclose(found[0].phase[:, 0], np.angle(receptance))
@@ -128,13 +155,18 @@ def test_one_ball_on_a_spring_and_a_dashpot():
 
 @pytest.mark.parametrize("method", ["direct", "krylov"])
 def test_error_next_to_a_mode_has_the_rounding_of_the_frequency(method):
-    network, eta = chain(2, ("clamped", "free")), 2.0**-41
-    stiffness, mass = Fraction(network.normal_stiffness[0]), Fraction(network.masses[1])
+    network = chain(2, ("clamped", "free"))
+    eta = 2.0**-41
+    stiffness = Fraction(network.normal_stiffness[0])
+    mass = Fraction(network.masses[1])
     hertz = HERTZ * (1.0 + np.geomspace(1e-12, 1e-6, 7))
     found = gp.Waves(network).response(hertz, (1, "x"), (1, "x"), loss_factor=eta, method=method)
-    two_pi, lost = 2 * Fraction("3.14159265358979323846264338327950288"), stiffness * Fraction(eta)
+    two_pi = 2 * Fraction("3.14159265358979323846264338327950288")
+    lost = stiffness * Fraction(eta)
     rest = [stiffness - mass * (two_pi * Fraction(one)) ** 2 for one in hertz.tolist()]
-    exact = np.array([complex(one / (one**2 + lost**2), -lost / (one**2 + lost**2)) for one in rest])
+    exact = np.array(
+        [complex(one / (one**2 + lost**2), -lost / (one**2 + lost**2)) for one in rest]
+    )
     assert np.all(np.abs(found.values[:, 0] / exact - 1.0) <= 2.0 * found.error)
     rounding = found.error * np.hypot(2.0 * (hertz / HERTZ - 1.0), eta)
     assert np.all((rounding > 1e-16) & (rounding < 2e-15))
@@ -143,11 +175,18 @@ def test_error_next_to_a_mode_has_the_rounding_of_the_frequency(method):
 
 @pytest.mark.claim("local-dos-chain")
 def test_local_density_at_the_free_end_of_a_chain_to_second_order_of_the_resolution():
-    # (2/pi)(1 - omega^2/4)^1/2 of a half-infinite chain; the echo of the other end comes after as many moments as balls
-    waves, omega, errors = gp.Waves(chain(800)), np.linspace(0.05, 1.95, 20), []
+    # (2/pi)(1 - omega^2/4)^1/2 of a half-infinite chain; the echo of the other end comes after as
+    # many moments as balls
+    waves = gp.Waves(chain(800))
+    omega = np.linspace(0.05, 1.95, 20)
+    errors = []
     for moments in (200, 400, 800):
         density = waves.local_dos(0, omega * HERTZ, moments=moments)
-        errors.append(np.max(np.abs(density.values[:, 0] * HERTZ - 2.0 / np.pi * np.sqrt(1.0 - omega**2 / 4.0))))
+        errors.append(
+            np.max(
+                np.abs(density.values[:, 0] * HERTZ - 2.0 / np.pi * np.sqrt(1.0 - omega**2 / 4.0))
+            )
+        )
     assert errors[-1] < 1e-5
     assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2.0, atol=0.02)
     assert density.letters == ("x",)
@@ -168,36 +207,52 @@ def test_modes_of_one_ball_swing_or_creep(damping):
 
 @pytest.mark.parametrize("damping", [0.9, 1.6])
 def test_strongly_damped_modes_ascend_in_their_real_part(damping):
-    # 2 sin(t/2) of bands and of a chain between walls, damped beyond 2^1/2 over the highest frequency; some creep in the end
-    network, q, tau = ideal("chain", 0.0), np.linspace(0.1, 0.5, 5)[:, None], damping / OMEGA
+    # 2 sin(t/2) of bands and of a chain between walls, damped beyond 2^1/2 over the highest
+    # frequency; some creep in the end
+    network = ideal("chain", 0.0)
+    q = np.linspace(0.1, 0.5, 5)[:, None]
+    tau = damping / OMEGA
     walls = network.cut(0, 12, "clamped")
     modes = gp.Waves(walls).damped_modes(10, damping=tau)
     free = 2.0 * np.sin(0.5 * np.pi * np.arange(1, 11) / 11)
     creep = 0.5 * damping * free**2
     roots = 1j * creep + np.sqrt(free**2 - creep**2 + 0j)
-    expected = np.where(creep > free, 1j * (creep - np.sqrt(np.maximum(creep**2 - free**2, 0.0))), roots)
+    expected = np.where(
+        creep > free, 1j * (creep - np.sqrt(np.maximum(creep**2 - free**2, 0.0))), roots
+    )
     assert_allclose(modes.frequencies / HERTZ, np.sort(expected), rtol=1e-9)
     for frequency, vector in zip(modes.frequencies / HERTZ, modes.vectors[:, 1:-1, 0], strict=True):
-        left = (1.0 + 1j * frequency * damping) * np.convolve(vector, [-1.0, 2.0, -1.0], "same") - frequency**2 * vector
+        left = (1.0 + 1j * frequency * damping) * np.convolve(
+            vector, [-1.0, 2.0, -1.0], "same"
+        ) - frequency**2 * vector
         assert np.linalg.norm(left) < 1e-9
     two = gp.Phonons(network.repeat((2,))).damped(q, tau)
     assert np.all(np.diff(two.frequencies.real, axis=1) >= 0.0)
 
 
 def test_modes_that_creep_have_digits_or_are_refused():
-    """Of a chain on a wall each contact creeps by itself, by exp(-t/tau) of its own tau, but for inertia."""
+    """Of a chain on a wall each contact creeps by itself, by exp(-t/tau) of its own tau, but for
+    inertia.
+    """
     network = chain(12, ("clamped", "free"))
     for strength in (1e2, 3e3):
-        modes = gp.Waves(network).damped_modes(11, damping=strength / OMEGA * np.linspace(1.0, 2.0, network.n_contacts))
-        creep, slowest = 2.0 * np.pi * modes.frequencies.imag * strength / OMEGA, 1.0 / np.linspace(2.0, 1.0, 11)
+        modes = gp.Waves(network).damped_modes(
+            11, damping=strength / OMEGA * np.linspace(1.0, 2.0, network.n_contacts)
+        )
+        creep = 2.0 * np.pi * modes.frequencies.imag * strength / OMEGA
+        slowest = 1.0 / np.linspace(2.0, 1.0, 11)
         assert_allclose(creep, slowest, rtol=max(20.0 / strength**2, 1e-8))
         assert np.all(modes.frequencies.real == 0.0)
     with pytest.raises(PrecisionError, match="have no digit"):
-        gp.Waves(network).damped_modes(11, damping=1e6 / OMEGA * np.linspace(1.0, 2.0, network.n_contacts))
+        gp.Waves(network).damped_modes(
+            11, damping=1e6 / OMEGA * np.linspace(1.0, 2.0, network.n_contacts)
+        )
 
 
 def test_a_damping_that_was_meant_as_a_loss_factor(monkeypatch):
-    """Responses and modes tell that contacts are more viscous than stiff: modes by their frequency without losses."""
+    """Responses and modes tell that contacts are more viscous than stiff: modes by their frequency
+    without losses.
+    """
     from granphon.waves import modes
 
     network = chain(30, ("clamped", "free"))
@@ -209,57 +264,91 @@ def test_a_damping_that_was_meant_as_a_loss_factor(monkeypatch):
     uneven = np.linspace(8.0, 9.0, network.n_contacts) / third
     for dense in (600, 1):
         monkeypatch.setattr(modes, "DENSE", dense)
-        assert len(waves.damped_modes(3, damping=uneven).warnings) == 1  # of modes that creep, which come first
+        # of modes that creep, which come first
+        assert len(waves.damped_modes(3, damping=uneven).warnings) == 1
         assert not waves.damped_modes(3, damping=0.01 * uneven).warnings
     # of one ball on a spring, however it is found
     ball = replace(chain(2, ("clamped", "free")), prestress=True)
     assert " 3 times" in gp.Waves(ball).damped_modes(1, damping=3.0 / OMEGA).warnings[0]
     response = waves.response([0.5 * HERTZ, HERTZ], (9, "x"), (5, "x"), damping=7.0 / OMEGA)
     assert " 7 times" in response.warnings[0]
-    assert not waves.response([0.5 * HERTZ, HERTZ], (9, "x"), (5, "x"), damping=0.9 / OMEGA).warnings
+    assert not waves.response(
+        [0.5 * HERTZ, HERTZ], (9, "x"), (5, "x"), damping=0.9 / OMEGA
+    ).warnings
 
 
-# -- matrices made contact by contact -----------------------------------------------------------------------------------
+# -- matrices made contact by contact --------------------------------------------------------------
 
 
 def assemble(network, normal, shear):
-    """Stiffness (6 n, 6 n) of u and phi of all balls, walls too, with springs ``normal``, ``shear`` (n_c,) of any kind."""
+    """Stiffness (6 n, 6 n) of u and phi of all balls, walls too, with springs ``normal``, ``shear``
+    (n_c,) of any kind.
+    """
     whole = np.zeros((6 * network.n_balls,) * 2, complex)
     for c in range(network.n_contacts):
-        i, j, n = network.i[c], network.j[c], network.normal[c]
-        across, cross = np.eye(3) - np.outer(n, n), np.cross(np.eye(3), n)  # rows e x n
+        i = network.i[c]
+        j = network.j[c]
+        n = network.normal[c]
+        across = np.eye(3) - np.outer(n, n)
+        cross = np.cross(np.eye(3), n)  # rows e x n
         apart = np.hstack([-np.eye(3), np.zeros((3, 3)), np.eye(3), np.zeros((3, 3))])
-        turned = np.hstack([np.zeros((3, 3)), network.arm_i[c] * cross.T, np.zeros((3, 3)), network.arm_j[c] * cross.T])
-        slip, along, places = across @ apart - turned, n @ apart, np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
+        turned = np.hstack(
+            [
+                np.zeros((3, 3)),
+                network.arm_i[c] * cross.T,
+                np.zeros((3, 3)),
+                network.arm_j[c] * cross.T,
+            ]
+        )
+        slip = across @ apart - turned
+        along = n @ apart
+        places = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
         push = network.normal_force[c] / network.distance[c] if network.prestress else 0.0
-        own = normal[c] * np.outer(along, along) + shear[c] * slip.T @ slip - push * apart.T @ across @ apart
+        own = (
+            normal[c] * np.outer(along, along)
+            + shear[c] * slip.T @ slip
+            - push * apart.T @ across @ apart
+        )
         np.add.at(whole, np.ix_(places, places), own)
     return whole
 
 
 @pytest.mark.parametrize("forces", ["none", "pressed", "some pull"])
 def test_response_is_that_of_matrices_made_contact_by_contact(strip, forces):
-    network, rng = replace(strip, prestress=forces != "none"), np.random.default_rng(1)
+    network = replace(strip, prestress=forces != "none")
+    rng = np.random.default_rng(1)
     if forces == "some pull":
         signs = np.resize([1.0, -1.0, -1.0], network.n_contacts)
         network = replace(network, normal_force=signs * network.normal_force, adhesive=True)
-    c_n, c_t, eta = (size * rng.uniform(0.0, 1.0, network.n_contacts) for size in (0.2 * VISCOSITY, 0.3 * VISCOSITY, 0.1))
+    c_n, c_t, eta = (
+        size * rng.uniform(0.0, 1.0, network.n_contacts)
+        for size in (0.2 * VISCOSITY, 0.3 * VISCOSITY, 0.1)
+    )
     free = np.flatnonzero(network.moving)
     places = (6 * free[:, None] + [0, 1, 5]).ravel()
     mass = np.column_stack([network.masses[free]] * 2 + [network.inertias[free]]).ravel()
     wall = int(np.flatnonzero(~network.moving)[0])
     hertz = np.array([0.2, 0.9, 1.7, 2.6]) * HERTZ
-    waves, slanted = gp.Waves(network), (0.6, -0.8)
-    pushed = waves.response(hertz, [(3, slanted), (9, "y")], [(5, "x"), ((7, 8), "y")], times(network, c_n, c_t), eta)
+    waves = gp.Waves(network)
+    slanted = (0.6, -0.8)
+    pushed = waves.response(
+        hertz, [(3, slanted), (9, "y")], [(5, "x"), ((7, 8), "y")], times(network, c_n, c_t), eta
+    )
     moved = waves.response(
-        hertz, (wall, slanted), (free[-1], "x"), times(network, c_n, c_t), eta, quantity="transmissibility"
+        hertz,
+        (wall, slanted),
+        (free[-1], "x"),
+        times(network, c_n, c_t),
+        eta,
+        quantity="transmissibility",
     )
     for row, omega in enumerate(2.0 * np.pi * hertz):
         loss = 1j * eta
         whole = assemble(
-            network, network.normal_stiffness * (1.0 + loss) + 1j * omega * c_n,
+            network,
+            network.normal_stiffness * (1.0 + loss) + 1j * omega * c_n,
             network.shear_stiffness * (1.0 + loss) + 1j * omega * c_t,
-        )  # fmt: skip
+        )
         inner = whole[np.ix_(places, places)] - omega**2 * np.diag(mass)
         force = np.zeros(6 * network.n_balls)
         force[[18, 19, 55]] = 0.6, -0.8, 1.0
@@ -272,18 +361,28 @@ def test_response_is_that_of_matrices_made_contact_by_contact(strip, forces):
 
 
 def test_damped_modes_are_roots_of_matrices_made_contact_by_contact(strip):
-    c_n, c_t, eta = 0.2 * VISCOSITY, 0.05 * VISCOSITY, 0.03
-    network, free = strip, np.flatnonzero(strip.moving)
+    c_n = 0.2 * VISCOSITY
+    c_t = 0.05 * VISCOSITY
+    eta = 0.03
+    network = strip
+    free = np.flatnonzero(strip.moving)
     places = (6 * free[:, None] + [0, 1, 5]).ravel()
     root = np.sqrt(np.column_stack([network.masses[free]] * 2 + [network.inertias[free]]).ravel())
     every = np.ones(network.n_contacts)
-    stiff = assemble(network, network.normal_stiffness * (1.0 + 1j * eta), network.shear_stiffness * (1.0 + 1j * eta))
+    stiff = assemble(
+        network,
+        network.normal_stiffness * (1.0 + 1j * eta),
+        network.shear_stiffness * (1.0 + 1j * eta),
+    )
     lossy = assemble(replace(network, prestress=False), c_n * every, c_t * every)
     stiff, lossy = (one[np.ix_(places, places)] / root / root[:, None] for one in (stiff, lossy))
-    modes = gp.Waves(network).damped_modes(places.size, damping=times(network, c_n, c_t), loss_factor=eta)
+    modes = gp.Waves(network).damped_modes(
+        places.size, damping=times(network, c_n, c_t), loss_factor=eta
+    )
     assert np.all(np.diff(modes.frequencies.real) >= 0.0)
     for frequency, vector in zip(modes.frequencies, modes.vectors, strict=True):
-        omega, x = 2.0 * np.pi * frequency, vector[free].ravel()
+        omega = 2.0 * np.pi * frequency
+        x = vector[free].ravel()
         left = stiff @ x + 1j * omega * (lossy @ x) - omega**2 * x
         assert np.linalg.norm(left) < 1e-10 * (2.0 * OMEGA) ** 2
         assert np.linalg.norm(x) == pytest.approx(1.0)
@@ -295,7 +394,8 @@ def test_damped_modes_of_a_large_network_are_those_of_all():
     found = gp.Waves(network).damped_modes(6, nearest=0.9 * HERTZ, damping=times(network, c))
     stiff = 2.0 * np.eye(700) - np.eye(700, k=1) - np.eye(700, k=-1)
     difference = np.diff(np.eye(700), axis=0)
-    lossy, stiff = difference.T @ (c[:, None] / VISCOSITY * difference), difference.T @ difference
+    lossy = difference.T @ (c[:, None] / VISCOSITY * difference)
+    stiff = difference.T @ difference
     for frequency, vector in zip(found.frequencies / HERTZ, found.vectors[:, :, 0], strict=True):
         left = stiff @ vector + 1j * frequency * (lossy @ vector) - frequency**2 * vector
         assert np.linalg.norm(left) < 1e-10
@@ -307,13 +407,21 @@ def test_damped_modes_of_a_large_network_are_those_of_all():
 
 @pytest.mark.parametrize("count", [3, 8])
 def test_of_modes_that_creep_the_slowest_come_first(count, monkeypatch):
-    """In a chain whose dashpots differ, by all modes at once, and in a large one by those near zero."""
+    """In a chain whose dashpots differ, by all modes at once, and in a large one by those near
+    zero.
+    """
     from granphon.waves import modes
 
     network = chain(30, ("clamped", "free"))
     tau = np.linspace(1.9, 2.1, network.n_contacts) * 40.0 / OMEGA
-    squares, lossy = (gp.Waves(network).operator.weigh(one).toarray() for one in (None, np.stack([tau, tau])))
-    rates = np.linalg.eigvals(np.block([[np.zeros_like(lossy), np.eye(len(lossy))], [-squares / OMEGA**2, -lossy / OMEGA]]))
+    squares, lossy = (
+        gp.Waves(network).operator.weigh(one).toarray() for one in (None, np.stack([tau, tau]))
+    )
+    rates = np.linalg.eigvals(
+        np.block(
+            [[np.zeros_like(lossy), np.eye(len(lossy))], [-squares / OMEGA**2, -lossy / OMEGA]]
+        )
+    )
     assert np.all(np.abs(rates.imag) < 1e-6)
     expected = np.sort(-rates.real)[:count] * HERTZ
     for dense in (600, 1):
@@ -324,26 +432,38 @@ def test_of_modes_that_creep_the_slowest_come_first(count, monkeypatch):
 
 
 def make_loose(kind):
-    """A network of which many motions cost no energy, and the time of the dashpots of its contacts, which differ."""
+    """A network of which many motions cost no energy, and the time of the dashpots of its contacts,
+    which differ.
+    """
     if kind == "balls that nothing holds":
         whole = ideal("triangular").repeat((7, 7))
         open_ones = np.isin(whole.i, [0, 13, 30, 41]) | np.isin(whole.j, [0, 13, 30, 41])
         network = replace(
-            whole, **{name: getattr(whole, name)[~open_ones] for name in whole.contact_fields}, lattice=None, shape=None
+            whole,
+            **{name: getattr(whole, name)[~open_ones] for name in whole.contact_fields},
+            lattice=None,
+            shape=None,
         )
     elif kind == "a chain with six motions":
-        packing = gp.Packing(gp.Material(200e9, 0.3, 7800.0), D, lattice="chain", friction=True, motions="all")
+        packing = gp.Packing(
+            gp.Material(200e9, 0.3, 7800.0), D, lattice="chain", friction=True, motions="all"
+        )
         network = gp.AveragedLattice(packing).at_force(10.0).network.cut(0, 25)
     else:
         motions = "out_of_plane" if kind == "a free membrane" else "in_plane"
         packing = gp.Packing(gp.Material(200e9, 0.3, 7800.0), D, friction=True, motions=motions)
         network = gp.AveragedLattice(packing).at_force(10.0).network.repeat((7, 1)).cut(1, 7)
         across = np.any(network.shift != 0, axis=1)
-        network = replace(network, pbc=(False,) * 3, cell=np.zeros((3, 3)), **{
-            name: getattr(network, name)[~across] for name in network.contact_fields
-        })  # fmt: skip
+        network = replace(
+            network,
+            pbc=(False,) * 3,
+            cell=np.zeros((3, 3)),
+            **{name: getattr(network, name)[~across] for name in network.contact_fields},
+        )
         if kind == "a flake under static forces":
-            network = replace(network, prestress=True, normal_force=np.full(network.n_contacts, 1e-9))
+            network = replace(
+                network, prestress=True, normal_force=np.full(network.n_contacts, 1e-9)
+            )
     omega = np.sqrt(network.normal_stiffness[0] / network.masses[0])
     return network, 1e-3 / omega * np.where(np.arange(network.n_contacts) == 5, 1.1, 1.0)
 
@@ -363,10 +483,14 @@ def test_damped_modes_leave_out_what_costs_no_energy(kind, monkeypatch):
 
     network, tau = make_loose(kind)
     waves = gp.Waves(network)
-    top, zeros = waves.operator.top, waves.modes(1).zero_modes
+    top = waves.operator.top
+    zeros = waves.modes(1).zero_modes
     assert zeros >= 3
-    stiff, lossy = waves.operator.matrix.toarray() / top**2, waves.operator.weigh(np.stack([tau, tau])).toarray() / top
-    rates = np.linalg.eigvals(np.block([[np.zeros_like(stiff), np.eye(len(stiff))], [-stiff, -lossy]]))
+    stiff = waves.operator.matrix.toarray() / top**2
+    lossy = waves.operator.weigh(np.stack([tau, tau])).toarray() / top
+    rates = np.linalg.eigvals(
+        np.block([[np.zeros_like(stiff), np.eye(len(stiff))], [-stiff, -lossy]])
+    )
     exact = np.sort((-1j * rates)[rates.imag > 1e-5])
     assert exact.size + zeros == len(stiff)
     monkeypatch.setattr(modes, "DENSE", 1)  # as large networks are solved
@@ -376,14 +500,19 @@ def test_damped_modes_leave_out_what_costs_no_energy(kind, monkeypatch):
         near = np.sort(exact[np.argsort(np.abs(exact.real - target))[:5]])
         assert_allclose(omega, near, atol=1e-9)
         for one, vector in zip(
-            omega, waves.operator.vector(np.moveaxis(found.vectors[:, waves.operator.balls], 0, -1)).T, strict=True
+            omega,
+            waves.operator.vector(np.moveaxis(found.vectors[:, waves.operator.balls], 0, -1)).T,
+            strict=True,
         ):
-            assert np.linalg.norm(stiff @ vector + 1j * one * (lossy @ vector) - one**2 * vector) < 1e-9
+            assert (
+                np.linalg.norm(stiff @ vector + 1j * one * (lossy @ vector) - one**2 * vector)
+                < 1e-9
+            )
     with pytest.raises(InputError, match=f"only {exact.size} cost energy"):
         waves.damped_modes(exact.size + 1, damping=tau)
 
 
-# -- other ways -----------------------------------------------------------------------------------------------------------
+# -- other ways ------------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("response-krylov")
@@ -397,10 +526,13 @@ def test_damped_modes_leave_out_what_costs_no_energy(kind, monkeypatch):
 )
 def test_krylov_space_gives_what_factors_give(damping):
     network = ideal("triangular", 0.5).repeat((20, 1)).cut(1, 20, ("clamped", "free"))
-    waves, hertz = gp.Waves(network), np.linspace(0.2, 2.3, 7) * HERTZ
+    waves = gp.Waves(network)
+    hertz = np.linspace(0.2, 2.3, 7) * HERTZ
     for source, quantity in (((40, "x"), "velocity"), ("plane", "transmissibility")):
         one, other = (
-            waves.response(hertz, source, ([70, 350], "y"), **damping, quantity=quantity, method=method)
+            waves.response(
+                hertz, source, ([70, 350], "y"), **damping, quantity=quantity, method=method
+            )
             for method in ("direct", "krylov")
         )
         assert (one.factorisations, other.factorisations, one.steps) == (7, 0, 0)
@@ -414,24 +546,30 @@ def test_krylov_space_gives_what_factors_give(damping):
 @pytest.mark.claim("response-krylov")
 @pytest.mark.parametrize("kind", ["dashpots", "losses", "both", "pressed", "pressed losses"])
 def test_krylov_space_of_unevenly_damped_contacts_gives_what_factors_give(kind):
-    network, rng = ideal("triangular", 0.5).repeat((8, 1)).cut(1, 9, ("clamped", "free")), np.random.default_rng(0)
+    network = ideal("triangular", 0.5).repeat((8, 1)).cut(1, 9, ("clamped", "free"))
+    rng = np.random.default_rng(0)
     factor, eta = rng.uniform(0.4, 1.0, (2, network.n_contacts))
     network = replace(network, normal_stiffness=factor * network.normal_stiffness)
     if "pressed" in kind:
         network = replace(network, prestress=True, normal_force=0.02 * UNITS.stiffness * D * eta)
     damping = {} if "losses" in kind else {"damping": (0.1 / OMEGA, 0.2 / OMEGA)}
     loss = {} if kind == "dashpots" else {"loss_factor": 0.1 * eta}
-    waves, hertz = gp.Waves(network), np.linspace(0.2, 2.6, 7) * HERTZ
+    waves = gp.Waves(network)
+    hertz = np.linspace(0.2, 2.6, 7) * HERTZ
     for source, quantity in (((30, "x"), "displacement"), ("plane", "transmissibility")):
         one, other = (
-            waves.response(hertz, source, ([20, 50], "y"), **damping, **loss, quantity=quantity, method=method)
+            waves.response(
+                hertz, source, ([20, 50], "y"), **damping, **loss, quantity=quantity, method=method
+            )
             for method in ("direct", "krylov")
         )
         assert (one.factorisations, other.factorisations) == (7, 0)
         off = np.max(np.abs(one.values - other.values), axis=1)
         assert np.all(off <= np.maximum(other.error, 1e-11) * np.max(np.abs(one.values), axis=1))
         assert np.max(other.error) < 1e-8
-    rough = waves.response(hertz, (30, "x"), (20, "y"), **damping, **loss, method="krylov", tolerance=1e-3)
+    rough = waves.response(
+        hertz, (30, "x"), (20, "y"), **damping, **loss, method="krylov", tolerance=1e-3
+    )
     exact = waves.response(hertz, (30, "x"), (20, "y"), **damping, **loss)
     assert np.max(np.abs(rough.values / exact.values - 1.0)) < 2e-3
     assert rough.steps < other.steps
@@ -447,9 +585,15 @@ def test_krylov_space_of_unevenly_damped_contacts_gives_what_factors_give(kind):
     ],
 )
 def test_frequencies_that_cost_most_by_a_krylov_space_are_left_to_factors(damping):
-    """Which frequencies these are is known beforehand; where contacts of a large network are damped unevenly."""
-    waves, hertz = gp.Waves(ideal("triangular", 0.8).repeat((26, 26))), np.geomspace(0.1, 2.0, 6) * HERTZ
-    direct, chosen = (waves.response(hertz, (0, "x"), (400, "y"), **damping, method=one) for one in ("direct", None))
+    """Which frequencies these are is known beforehand; where contacts of a large network are damped
+    unevenly.
+    """
+    waves = gp.Waves(ideal("triangular", 0.8).repeat((26, 26)))
+    hertz = np.geomspace(0.1, 2.0, 6) * HERTZ
+    direct, chosen = (
+        waves.response(hertz, (0, "x"), (400, "y"), **damping, method=one)
+        for one in ("direct", None)
+    )
     assert_allclose(chosen.values, direct.values, rtol=1e-8)
     assert 0 < chosen.factorisations <= 6
     assert np.max(chosen.error) < 2e-9
@@ -457,7 +601,8 @@ def test_frequencies_that_cost_most_by_a_krylov_space_are_left_to_factors(dampin
 
 def test_large_network_takes_a_krylov_space_and_factors_where_nothing_is_lost():
     network = ideal("triangular", 0.8).repeat((30, 30))
-    waves, hertz = gp.Waves(network), np.geomspace(0.01, 1.5, 8) * HERTZ
+    waves = gp.Waves(network)
+    hertz = np.geomspace(0.01, 1.5, 8) * HERTZ
     places = [(0, "x"), (620, (-1, 0))], (20, "y")
     found = waves.response(hertz, *places, loss_factor=0.1)
     assert found.factorisations == 0
@@ -474,12 +619,15 @@ def test_large_network_takes_a_krylov_space_and_factors_where_nothing_is_lost():
 def test_a_krylov_space_that_grows_without_bound_is_one_error():
     waves = gp.Waves(ideal("triangular", 0.5).repeat((3, 1)).cut(1, 3, ("clamped", "free")))
     times, losses = np.random.default_rng(1).random((2, waves.network.n_contacts))
-    loss, hertz = {"damping": (times / OMEGA, 0.0), "loss_factor": (0.5 * losses, 0.1)}, np.linspace(0.1, 1.0, 4) * HERTZ
+    loss = {"damping": (times / OMEGA, 0.0), "loss_factor": (0.5 * losses, 0.1)}
+    hertz = np.linspace(0.1, 1.0, 4) * HERTZ
     with pytest.raises(ConvergenceError, match="not found by a Krylov space"):
         waves.response(hertz, (4, "x"), (7, "y"), **loss, method="krylov")
 
 
-@pytest.mark.parametrize(("name", "size"), [("square", (30, 30)), ("triangular", (30, 30)), ("chain", (3000,))])
+@pytest.mark.parametrize(
+    ("name", "size"), [("square", (30, 30)), ("triangular", (30, 30)), ("chain", (3000,))]
+)
 def test_factors_within_bands_have_no_more_entries_than_below_them(name, size, monkeypatch):
     entries = []
 
@@ -496,7 +644,9 @@ def test_factors_within_bands_have_no_more_entries_than_below_them(name, size, m
 
 
 def test_a_loss_factor_given_as_damping_is_told():
-    """0.02 s, where a loss factor of 0.02 is meant, is a dashpot that resists a dozen times as much as its spring."""
+    """0.02 s, where a loss factor of 0.02 is meant, is a dashpot that resists a dozen times as much
+    as its spring.
+    """
     waves = gp.Waves(ideal("chain").repeat((5,)))
     for name, count in (("damping", 1), ("loss_factor", 0)):
         response = waves.response([50.0, 100.0], (0, (1, 0, 0)), (2, (1, 0, 0)), **{name: 0.02})
@@ -505,7 +655,8 @@ def test_a_loss_factor_given_as_damping_is_told():
 
 
 def test_receiver_that_hears_nothing_is_no_resonance():
-    # across a line of balls that is pushed along itself nothing moves; and far above the band less than the least number
+    # across a line of balls that is pushed along itself nothing moves; and far above the band less
+    # than the least number
     network = ideal("square", 0.5).repeat((1, 1)).cut(1, 8)
     found = gp.Waves(network).response([0.3 * HERTZ], (0, "y"), (5, "x"))
     assert np.abs(found.values[0, 0]) < 1e-20
@@ -517,7 +668,8 @@ def test_receiver_that_hears_nothing_is_no_resonance():
 def test_factors_have_all_digits_deep_in_a_gap():
     # above all modes 1/(omega^2 - D) is a sum of powers of D, of which each loses no digit
     waves = gp.Waves(ideal("triangular", 0.5).repeat((20, 1)).cut(1, 60))
-    network, matrix = waves.network, waves.operator.matrix
+    network = waves.network
+    matrix = waves.operator.matrix
     hertz = 4.0 * HERTZ * np.array([1.5, 2.5])
     found = waves.response(hertz, (0, "x"), ([3, 700, 1190], "x"), method="direct")
     assert np.max(np.abs(found.values[:, 2])) < 1e-60 * np.max(np.abs(found.values[:, 0]))
@@ -526,46 +678,69 @@ def test_factors_have_all_digits_deep_in_a_gap():
         term[0] = -1.0 / (network.masses[0] * omega**2)
         total = np.zeros(term.size)
         for _ in range(2000):
-            total, term = total + term, matrix @ term / omega**2
+            total = total + term
+            term = matrix @ term / omega**2
         assert_allclose(row, waves.operator.values(total)[[3, 700, 1190], 0], rtol=1e-10)
     far = waves.response(hertz, (0, "x"), (1190, "x"), method="krylov")
     assert "all that is known is that they are below" in far.warnings[0]
     assert waves.response(hertz, (0, "x"), (1190, "x")).factorisations == 2
     assert np.all(far.error > 1.0)
-    assert np.all(np.abs(far.values[:, 0] - found.values[:, 2]) < far.error * np.abs(far.values[:, 0]))
+    assert np.all(
+        np.abs(far.values[:, 0] - found.values[:, 2]) < far.error * np.abs(far.values[:, 0])
+    )
 
 
 @pytest.mark.claim("response-pulse")
 @pytest.mark.parametrize("tangential", [None, 0.3])
 def test_fourier_transform_of_a_pulse_is_the_response(tangential):
     network = ideal("triangular", 0.6).repeat((3, 1)).cut(1, 8) if tangential else chain(8)
-    tau, frequency = 0.4 / OMEGA, 0.7 * HERTZ
+    tau = 0.4 / OMEGA
+    frequency = 0.7 * HERTZ
     more = {} if tangential is None else {"tangential_damping": tangential / OMEGA}
     pulse = gp.Waves(network).transmit(
-        frequency, (0, 1) if tangential else (1,), 4.0 * D, 2, polarisation="longitudinal", damping=tau,
-        duration=300.0 / OMEGA, **more,
-    )  # fmt: skip
+        frequency,
+        (0, 1) if tangential else (1,),
+        4.0 * D,
+        2,
+        polarisation="longitudinal",
+        damping=tau,
+        duration=300.0 / OMEGA,
+        **more,
+    )
     hertz = np.array([0.5, 0.7, 0.9]) * HERTZ
-    axis, damping = "y" if tangential else "x", tau if tangential is None else (tau, tangential / OMEGA)
-    found = gp.Waves(network).response(hertz, (pulse.sources, axis), (pulse.receivers, axis), damping, quantity="velocity")
+    axis = "y" if tangential else "x"
+    damping = tau if tangential is None else (tau, tangential / OMEGA)
+    found = gp.Waves(network).response(
+        hertz, (pulse.sources, axis), (pulse.receivers, axis), damping, quantity="velocity"
+    )
     turn = np.exp(-2j * np.pi * np.multiply.outer(hertz, pulse.times))
-    assert_allclose((turn @ pulse.signals.T) / (turn @ pulse.sent)[:, None], found.values, rtol=1e-3)
+    assert_allclose(
+        (turn @ pulse.signals.T) / (turn @ pulse.sent)[:, None], found.values, rtol=1e-3
+    )
 
 
 @pytest.mark.claim("damped-perturbation")
 @pytest.mark.parametrize("kind", ["loss", "viscous"])
 def test_small_losses_are_those_of_the_real_bands_to_second_order(kind):
     balls = [gp.Ball(packings.MATERIAL, D), gp.Ball(packings.MATERIAL, D, mass=3e-3)]
-    state = gp.Crystal(balls, D * np.array([[1.0, 1.0], [1.0, -1.0]]), [[0.0, 0.0], [D, 0.0]]).at_force(10.0)
-    phonons, network = gp.Phonons(state), state.network
+    state = gp.Crystal(
+        balls, D * np.array([[1.0, 1.0], [1.0, -1.0]]), [[0.0, 0.0], [D, 0.0]]
+    ).at_force(10.0)
+    phonons = gp.Phonons(state)
+    network = state.network
     q = np.array([[0.31, 0.17], [0.44, 0.05]])
-    bands, errors = phonons.frequencies(q), []
-    # the energy of each mode in the two kinds of deformations: by Hellmann and Feynman, from stiffer springs
+    bands = phonons.frequencies(q)
+    errors = []
+    # the energy of each mode in the two kinds of deformations: by Hellmann and Feynman, from
+    # stiffer springs
     step = 1e-4
     shares = []
     for name in ("normal_stiffness", "shear_stiffness"):
         ends = [
-            gp.Phonons(replace(network, **{name: getattr(network, name) * (1.0 + x)})).frequencies(q) for x in (step, -step)
+            gp.Phonons(replace(network, **{name: getattr(network, name) * (1.0 + x)})).frequencies(
+                q
+            )
+            for x in (step, -step)
         ]
         shares.append((ends[0] - ends[1]) / bands / step)
     for size in (0.02, 0.01, 0.005):
@@ -584,13 +759,16 @@ def test_small_losses_are_those_of_the_real_bands_to_second_order(kind):
 
 def test_evenly_and_unevenly_damped_bands_are_one_where_they_meet():
     network = ideal("triangular", 0.7)
-    q, c = np.array([[0.0, 0.0], [0.2, 0.1], [1 / 3, 1 / 3]]), 0.3 / OMEGA
+    q = np.array([[0.0, 0.0], [0.2, 0.1], [1 / 3, 1 / 3]])
+    c = 0.3 / OMEGA
     even = gp.Phonons(network).damped(q, c, 0.02)
     nearly = gp.Phonons(network).damped(q, (c, c * (1.0 + 1e-9)), 0.02)
     assert_allclose(even.frequencies, nearly.frequencies, atol=1e-6 * HERTZ)
     assert even.qpoints.shape == (3, 3)
     waves = gp.Waves(network.repeat((3, 3))).damped_modes(24, damping=c, loss_factor=0.02)
-    assert np.min(np.abs(waves.frequencies[:, None] - even.frequencies[2]), axis=0) == pytest.approx(0.0, abs=1e-6 * HERTZ)
+    assert np.min(
+        np.abs(waves.frequencies[:, None] - even.frequencies[2]), axis=0
+    ) == pytest.approx(0.0, abs=1e-6 * HERTZ)
 
 
 @pytest.mark.parametrize(("name", "count"), [("honeycomb", 18), ("hcp", 90)])
@@ -606,7 +784,8 @@ def test_uneven_damping_where_balls_are_images_of_others(name, count):
 
 
 def test_reciprocity_power_and_the_sum_of_modes(strip):
-    c, hertz = (0.1 / OMEGA, 0.3 / OMEGA), np.linspace(0.1, 3.0, 12) * HERTZ
+    c = (0.1 / OMEGA, 0.3 / OMEGA)
+    hertz = np.linspace(0.1, 3.0, 12) * HERTZ
     waves = gp.Waves(strip)
     one, other = (waves.response(hertz, (a, "x"), (b, "y"), c) for a, b in ((2, 11), (11, 2)))
     swapped = waves.response(hertz, (11, "y"), (2, "x"), c)
@@ -616,22 +795,39 @@ def test_reciprocity_power_and_the_sum_of_modes(strip):
     assert np.all(own.values.real > 0.0)
     # local densities of all balls add up to the whole
     whole = waves.dos(moments=128)
-    parts = [waves.local_dos(ball, whole.frequencies, moments=128) for ball in np.flatnonzero(strip.moving)]
-    assert_allclose(sum(one.values.sum(axis=1) for one in parts) / len(parts), whole.total, rtol=1e-9, atol=1e-12)
+    parts = [
+        waves.local_dos(ball, whole.frequencies, moments=128)
+        for ball in np.flatnonzero(strip.moving)
+    ]
+    assert_allclose(
+        sum(one.values.sum(axis=1) for one in parts) / len(parts),
+        whole.total,
+        rtol=1e-9,
+        atol=1e-12,
+    )
     assert waves.local_dos(2, [1e9]).values.tolist() == [[0.0, 0.0, 0.0]]
 
 
-# -- another engine -------------------------------------------------------------------------------------------------------
+# -- another engine --------------------------------------------------------------------------------
 
 
 @pytest.mark.claim("response-lammps")
 def test_driven_array_of_lammps_has_the_amplitude_and_the_phase():
     lmp = packings.start_or_skip()
     # linear springs and dashpots, pressed by 1e-5 of a diameter, in units of k, M and d
-    count, ratio, c_n, c_t, press, force = 10, 0.7, 0.4, 0.3, 1e-5, 1e-8
+    count = 10
+    ratio = 0.7
+    c_n = 0.4
+    c_t = 0.3
+    press = 1e-5
+    force = 1e-8
     side = count * (1.0 - press)
-    grid = np.stack(np.meshgrid(np.arange(count), np.arange(count), indexing="ij"), -1).reshape(-1, 2) * (1.0 - press)
-    packings.fill(lmp, f"block 0 {side!r} 0 {side!r} -1 1", np.pad(grid, ((0, 0), (0, 1))), units="lj")
+    grid = np.stack(np.meshgrid(np.arange(count), np.arange(count), indexing="ij"), -1).reshape(
+        -1, 2
+    ) * (1.0 - press)
+    packings.fill(
+        lmp, f"block 0 {side!r} 0 {side!r} -1 1", np.pad(grid, ((0, 0), (0, 1))), units="lj"
+    )
     lmp.commands_string(f"""
         set group all diameter 1.0
         set group all mass 1.0
@@ -648,31 +844,43 @@ def test_driven_array_of_lammps_has_the_amplitude_and_the_phase():
         fix drive one addforce v_push 0 0
         variable pull equal 0
         fix hold other addforce v_pull 0 0""")
-    source, receivers, omega = [(0, "x"), (55, (-1.0, 0.0))], [(23, "x"), (14, "y"), (54, "x")], np.array([0.5, 1.1, 1.7])
-    network = gp.ContactLattice.of("square", ratio).contact_network(gp.Units(1.0, 1.0, 1.0)).repeat((count, count))
+    source = [(0, "x"), (55, (-1.0, 0.0))]
+    receivers = [(23, "x"), (14, "y"), (54, "x")]
+    omega = np.array([0.5, 1.1, 1.7])
+    network = (
+        gp.ContactLattice.of("square", ratio)
+        .contact_network(gp.Units(1.0, 1.0, 1.0))
+        .repeat((count, count))
+    )
     disc = replace(network, inertias=np.full(100, 0.125))
     found = gp.Waves(disc).response(omega / (2.0 * np.pi), source, receivers, times(disc, c_n, c_t))
     rest = np.array(lmp.gather_atoms("x", 1, 3)).reshape(-1, 3)
     for row, one in enumerate(omega.tolist()):
         step = 2.0 * np.pi / one / 1000
-        lmp.commands_string(f"timestep {step!r}\nreset_timestep 0\nvelocity all set 0 0 0\nset group all omega 0 0 0")
+        lmp.commands_string(
+            f"timestep {step!r}\nreset_timestep 0\nvelocity all set 0 0 0\nset group all"
+            f" omega 0 0 0"
+        )
         lmp.scatter_atoms("x", 1, 3, (ctypes.c_double * 300)(*rest.ravel()))
         for name, sign in (("push", 1.0), ("pull", -1.0)):
             lmp.command(f"variable {name} equal {sign * force!r}*sin({one!r}*step*{step!r})")
         lmp.command(f"run {1000 * max(8, math.ceil(300.0 * one / (2.0 * np.pi)))} post no")
-        heard, clock = [], []
+        heard = []
+        clock = []
         for _ in range(8):
             lmp.command("run 125 post no")
             moved = np.array(lmp.gather_atoms("x", 1, 3)).reshape(-1, 3) - rest
             heard.append([moved[23, 0], moved[14, 1], moved[54, 0]])
             clock.append(lmp.extract_global("ntimestep") * step)
         wave = np.exp(-1j * one * np.array(clock)) @ np.array(heard) * 2j / 8 / force
-        assert_allclose(wave, found.values[row], rtol=0.01, atol=0.01 * np.max(np.abs(found.values[row])))
+        assert_allclose(
+            wave, found.values[row], rtol=0.01, atol=0.01 * np.max(np.abs(found.values[row]))
+        )
         assert abs(wave[0] / found.values[row, 0] - 1.0) < 0.01
     lmp.close()
 
 
-# -- what is refused --------------------------------------------------------------------------------------------------------
+# -- what is refused -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
