@@ -34,6 +34,11 @@ from hypothesis import settings
 
 import granphon as gp
 from granphon.base.registry import Registry
+from tests.budget import (  # noqa: F401  (pytest calls the hooks of this module)
+    pytest_fixture_setup,
+    pytest_runtest_call,
+    pytest_sessionstart,
+)
 
 #: of each property; ".ci/run all" tries more
 EXAMPLES = int(os.environ.get("GRANPHON_TEST_EXAMPLES", "25"))
