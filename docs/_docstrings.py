@@ -79,7 +79,6 @@ INNER = frozenset(
         "parameters_of_branches",
         "to_info",
         "arrays",
-        "long_law",
         "prepare",
         "slow_part",
         "is_solved_anew",

@@ -39,6 +39,7 @@ _ORDER = (
     "transmission",
     "pressure_sweep",
     "ladder",
+    "cluster",
     "work_precision",
     "force_chains",
     "conjecture",

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 #: the defaults of options of media in words, where they are no plain values
 DEFAULTS = {
-    "cluster.balls": "the first shell",
     "simulation.friction_coefficient": "required with `friction_history`",
     "auto.friction_coefficient": "required with `friction_history`",
     "simulation.start": "`0.5`",
@@ -36,8 +35,6 @@ RUNGS = {
     "ala": "averaged lattice: all balls have the mean diameter",
     "afa": "averaged force: balls differ, and stay at the sites of the lattice",
     "ema": "effective medium: the neighbours of a ball give way",
-    "cluster": "cluster medium: a ball and its neighbours differ; better than `ema` at low"
-    " load, and dearer",
     "simulation": "every ball of an array by itself; lattices that stand without friction (chain,"
     " triangular, fcc, hcp), "
     "others with `start: gas`",
@@ -46,8 +43,6 @@ RUNGS = {
 RUNG_OPTIONS = {
     "ema.local_field": "computed, or what the paper prints, which is [wrong](../errata.md), to"
     " reproduce its curves",
-    "cluster.balls": "balls of the cluster; 7, 19 or 37 on the triangular lattice, 13 in fcc"
-    " and hcp",
     "simulation.shape": "cells along each period of the array, by default one of these, by the"
     " dimension of the lattice",
     "simulation.seed": "seed of the diameters of the first sample; each further sample has the next"

@@ -62,7 +62,6 @@ from .media.limits import Check as Check
 from .media.loading import FrictionHistory as FrictionHistory
 from .media.medium import AveragedForce as AveragedForce
 from .media.medium import AveragedLattice as AveragedLattice
-from .media.medium import ClusterMedium as ClusterMedium
 from .media.medium import EffectiveMedium as EffectiveMedium
 from .media.medium import LawMedium as LawMedium
 from .media.medium import Medium as Medium

@@ -72,7 +72,6 @@ WRAPPED = ("console", "text")
 
 #: pages that take seconds, by simulations or by measuring times
 LONG = (
-    "explanation/cluster.md",
     "how-to/edges.md",
     "how-to/figure.md",
     "how-to/impact.md",

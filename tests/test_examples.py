@@ -27,6 +27,7 @@ SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
 #: what takes more than a second and a half: simulations of many balls, and half spaces; the
 #: documentation runs them too
 LONG = {
+    "cluster",
     "coherent_speckle",
     "column",
     "conjecture",
@@ -164,6 +165,29 @@ def test_the_pulse_figure_starts_at_the_velocities_of_long_waves(run):
         assert lines[f"longitudinal, {kind}"][1][0] == pytest.approx(790.96, rel=1e-4)
         assert lines[f"transverse, {kind}"][1][0] == pytest.approx(547.51, rel=1e-4)
     assert np.all(lines["longitudinal, group"][1] <= lines["longitudinal, phase"][1])
+
+
+@pytest.mark.exhaustive
+@pytest.mark.claim("cluster-second-order")
+def test_the_cluster_is_exact_at_high_load(run):
+    """f* = y^(3/2) (1 + r/(64 y^2)), r = 0.608998; the next order is the fourth, of 1/(64 y^2)^2."""
+    names = run("cluster").names
+    y = np.array([8.0, 4.0])
+    order = (names["descend"](y) / y**1.5 - 1.0) * 64.0 * y**2
+    assert_allclose(order, 0.608998, rtol=2e-3)
+
+
+@pytest.mark.exhaustive
+def test_the_clusters_have_the_moments_of_the_array(run):
+    names = run("cluster").names
+    misfits, pushes = (names[which] for which in ("misfits", "pushes"))
+    assert_allclose(misfits.mean(axis=0), 0.0, atol=1e-15)
+    assert_allclose(misfits.T @ pushes / len(misfits), 0.0, atol=1e-15)
+    assert_allclose(24.0 * np.mean(misfits[:, names["central"]] ** 2), 0.608998, rtol=1e-3)
+    # P is a projection, and the ball in the middle moves in both directions without the lattice
+    values = np.linalg.eigvalsh(names["response"])
+    assert_allclose(values[-2:], 1.0, atol=1e-12)
+    assert values[0] > -1e-12
 
 
 @pytest.mark.exhaustive

@@ -164,15 +164,3 @@ def divide_zone(
     for (corner, sides), count in _take_one_of_each(tuple(symmetries), periods):
         fractions = 0.5 * np.array(corner) + 0.25 * away[:, sides.order] * sides.signs
         yield fractions @ basis, weights * (count / 4.0**periods)
-
-
-def grid_zone(reciprocal: Array, points: int) -> tuple[Array, Array]:
-    """Return a uniform grid over the zone, half a step off Gamma, for the mean of an even function.
-
-    It has ``points`` along each period. One of q and -q stands for both: returned are the wave
-    vectors (n_q, p), and how many of the points each stands for (n_q,).
-    """
-    ticks = (np.arange(points) + 0.5) / points
-    axes = [ticks[ticks <= 0.5], *[ticks] * (len(reciprocal) - 1)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(reciprocal))
-    return grid @ reciprocal, np.where(grid[:, 0] < 0.5, 2.0, 1.0)

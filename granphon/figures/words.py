@@ -22,7 +22,6 @@ _OPTIONS = {
     "friction_history=true": "loaded with friction",
     "geometry=exact": "exact geometry",
     "geometry=lattice": "lattice geometry",
-    "balls": "{} balls",
     "tolerance": "error below {}",
     "seed": "seed {}",
     "start": "from {}",

@@ -51,11 +51,12 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from granphon.balls.diameters import NormalShape, PointShape, Shape, UniformShape
-from granphon.balls.hertz import FORCE, SLOPE, STIFFNESS
+from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.base.arrays import Array
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
-from granphon.laws.spread import CurveLaw, Series, high_pressure_series
+from granphon.base.scales import WidthUnits
+from granphon.laws.spread import Series, SpreadLaw, high_pressure_series
 
 #: the number of one step, or an array of the step of each value
 Index = int | NDArray[np.intp]
@@ -106,7 +107,7 @@ _MOST_NEAR = 2**21
 
 
 @dataclass(frozen=True)
-class EffectiveLaw(CurveLaw):
+class EffectiveLaw(SpreadLaw):
     """Contact law of the effective medium: balls displace their neighbours, and equation (36)
     holds.
 
@@ -121,18 +122,50 @@ class EffectiveLaw(CurveLaw):
     shape: UniformShape | NormalShape | PointShape
     xi: float
 
-    _valid_force = VALID_FORCE
-    _medium = "effective medium"
-
     @property
     def curve(self) -> EffectiveCurve:
         """Reduced law, in units of W and c W^(3/2)."""
         return effective_curve(self.shape, self.xi)
 
+    def least_valid_force(self, width: float) -> float:
+        """Return the force, N, from which the medium is valid, for the ``width`` W, m."""
+        return VALID_FORCE * WidthUnits(self.coefficient, width).force
+
+    @cached_property
+    def _energy_offset(self) -> float:
+        # energies of the curve are counted from its start, and those of the series from zero
+        curve = self.curve
+        series = curve.far
+        return float(
+            curve.value(np.array(series.start), ENERGY) - series.value(series.start, ENERGY)
+        )
+
+    def _evaluate_near(self, y: Array, order: int) -> Array:
+        curve = self.curve
+        closed = y > -self.shape.bounds[1]
+        if np.any(closed & (y < curve.start)):
+            raise self._refuse(
+                f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* ="
+                f" {curve.least_force:.6g}"
+            )
+        values = np.zeros(y.shape)
+        values[closed] = curve.value(y[closed], order)
+        return values
+
+    def _find_near_overlap(self, force: Array) -> Array:
+        curve = self.curve
+        if np.any(force < curve.least_force):
+            raise self._refuse(
+                f"a mean contact force of f* = {float(np.min(force)):.3g} is below"
+                f" {curve.least_force:.6g}"
+            )
+        return curve.overlap(force)
+
     def _refuse(self, what: str) -> PrecisionError:
-        if not self.curve.stiffness_vanishes:
-            return super()._refuse(what)
-        why = "The stiffness is zero there, and equation (36) has no solution at smaller forces"
+        """Return the error that ``what`` is below the start of the curve."""
+        why = f"There the effective medium is not solved (it is valid from f* = {VALID_FORCE:g})"
+        if self.curve.stiffness_vanishes:
+            why = "The stiffness is zero there, and equation (36) has no solution at smaller forces"
         return PrecisionError(what, why, "Raise the load")
 
 

@@ -15,7 +15,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,7 +45,7 @@ _HERTZ = (0.4, 1.0, 1.5, 0.75)
 #: y over the largest deviation x, from which the series is used
 _SERIES_START = 12.0
 #: number of terms of the series
-TERMS = 16
+_TERMS = 16
 #: depth y + max(x) above the first contact, over max(x), from which doubles hold eight digits of
 #: the force
 _LEAST_DEPTH = 1e-8
@@ -85,7 +85,7 @@ class Series(NamedTuple):
         """Return (F^Q - f)/f and K^Q/k, (n_y, n_Q), at y (n_y,); the leading terms, which cancel,
         are left out.
         """
-        powers = (self.scale / y[:, None]) ** np.arange(TERMS)
+        powers = (self.scale / y[:, None]) ** np.arange(_TERMS)
         slopes = powers * _compute_factors(STIFFNESS)
         more = powers[:, 1:] @ (self.balls - self.mean[:, None])[1:]
         return more / (powers @ self.mean)[:, None], slopes @ self.balls / (slopes @ self.mean)[
@@ -97,7 +97,7 @@ def _compute_factors(order: int) -> Array:
     """Return the factors from coefficients of the force (terms y^(3/2 - n)) to those of another
     derivative of the energy.
     """
-    n = np.arange(TERMS)
+    n = np.arange(_TERMS)
     return np.asarray([1.0 / (2.5 - n), np.ones(n.size), 1.5 - n, (1.5 - n) * (0.5 - n)][order])
 
 
@@ -111,7 +111,7 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     stiffness that belongs to it enters higher orders only. To second order f* = y^(3/2) (1 + r/(64
     y^2)) for symmetric shapes, with r = Xi/(1 + Xi).
     """
-    n = np.arange(TERMS)
+    n = np.arange(_TERMS)
     scale = max(map(abs, shape.bounds)) or 1.0
     x, weights = shape.nodes(_SERIES_START * scale)
     x = x / scale
@@ -125,7 +125,7 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     if math.isinf(xi):
         return Series(balls @ weights, scale, _SERIES_START * scale, balls, weights)
     powers = _compute_factors(STIFFNESS)
-    mean = np.zeros(TERMS)
+    mean = np.zeros(_TERMS)
     inverse = np.zeros_like(balls)
     mean[0], inverse[0] = 1.0, 1.0 / (1.5 * (1.0 + xi))
     for m in n[1:]:
@@ -325,70 +325,6 @@ class SpreadLaw(EnergyLaw):
         with np.errstate(over="ignore", under="ignore"):
             y = np.asarray(np.asarray(overlap, float) / self.width)
             return self._evaluate_parts(y, y >= self._series.start, *parts)
-
-
-# -- laws that are solved as a curve ---------------------------------------------------------------
-
-
-class CurveLaw(SpreadLaw):
-    """A law of balls that differ whose reduced law is a curve; below its least force it is a
-    :class:`PrecisionError`.
-    """
-
-    @property
-    @abstractmethod
-    def curve(self) -> Any:
-        """Reduced law, in units of W and c W^(3/2), from the overlap ``start``, of the force
-        ``least_force``, on.
-
-        It has ``value(y, order)``, ``overlap(force)`` and the series ``far`` above it.
-        """
-
-    #: f* from which the medium is valid, and what messages call it
-    _valid_force: float
-    _medium: str
-
-    def least_valid_force(self, width: float) -> float:
-        """Return the force, N, from which the medium is valid, for the ``width`` W, m."""
-        return self._valid_force * WidthUnits(self.coefficient, width).force
-
-    @cached_property
-    def _energy_offset(self) -> float:
-        # what the curve has more than the series, at the overlap where they meet
-        curve = self.curve
-        return float(
-            curve.value(np.array(curve.far.start), ENERGY)
-            - curve.far.value(curve.far.start, ENERGY)
-        )
-
-    def _refuse(self, what: str) -> PrecisionError:
-        """Return the error that ``what`` is below the curve."""
-        why = (
-            f"There the {self._medium} is not solved (it is valid from f* = {self._valid_force:g})"
-        )
-        return PrecisionError(what, why, "Raise the load")
-
-    def _evaluate_near(self, y: Array, order: int) -> Array:
-        closed = y > -self.shape.bounds[1]
-        curve = self.curve
-        if np.any(closed & (y < curve.start)):
-            what = (
-                f"an overlap of {float(np.min(y[closed])):.6g} widths is below that of f* ="
-                f" {curve.least_force:.6g}"
-            )
-            raise self._refuse(what)
-        out = np.zeros(y.shape)
-        out[closed] = curve.value(y[closed], order)
-        return out
-
-    def _find_near_overlap(self, force: Array) -> Array:
-        curve = self.curve
-        if np.any(force < curve.least_force):
-            raise self._refuse(
-                f"a mean contact force of f* = {float(np.min(force)):.3g} is below"
-                f" {curve.least_force:.6g}"
-            )
-        return np.asarray(curve.overlap(force))
 
 
 # -- the averaged force ----------------------------------------------------------------------------

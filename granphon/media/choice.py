@@ -21,9 +21,10 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InputError, Refused, brief
 from granphon.base.quantities import load_quantities
 from granphon.base.registry import Registry
+from granphon.base.text import show
 from granphon.base.validation import (
     block,
     choice,
@@ -48,7 +49,6 @@ from granphon.media.loading import (
 from granphon.media.medium import (
     AveragedForce,
     AveragedLattice,
-    ClusterMedium,
     EffectiveMedium,
     Medium,
     Option,
@@ -237,7 +237,6 @@ for _one in (
     AveragedLattice,
     AveragedForce,
     EffectiveMedium,
-    ClusterMedium,
     DirectSimulation,
     AutoMedium,
 ):
@@ -537,8 +536,8 @@ class ServingMedium:
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s, unlike simulations, clusters, and an effective
-        medium of long lists.
+        """Whether its states take less than 0.1 s, unlike simulations and an effective medium
+        of long lists.
         """
         return self.medium.of(self.packing).is_quick
 
@@ -687,8 +686,19 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
             raise no_finite_overlap(one.label)
 
 
+#: what to take in place of a medium that granphon no longer has, by the name of that medium
+_REPLACEMENTS = {
+    "cluster": "Take {simulation: {shape: 64 64}}, one sample of 64 x 64 balls: it is quicker, and"
+    " right at low loads too"
+}
+
+
 def _read_name(value: Any) -> str:
-    return str(value) if is_one_of(value, (CrystalMedium.name,)) else choice(value, MEDIA)
+    if is_one_of(value, (CrystalMedium.name,)):
+        return str(value)
+    if is_one_of(value, _REPLACEMENTS) and value not in MEDIA:
+        raise Refused(show(value), ", ".join(MEDIA), _REPLACEMENTS[value])
+    return choice(value, MEDIA)
 
 
 def _read_options(

@@ -109,11 +109,6 @@ _SMALL_MATRIX = 500
 _VECTORS_TIME = 5.0
 #: bytes over the square of the number of branches while vectors of one wave vector are found
 _VECTORS_BYTES = 200.0
-#: memory of a cluster medium, bytes
-_CLUSTER_BYTES = 2e8
-#: time of a cluster medium, s, and what each of its balls adds, s
-_CLUSTER_SECONDS = 12.0
-_CLUSTER_BALL_SECONDS = 1.3
 #: bytes for each contact while its network is made, and then its operator
 _CONTACT_BYTES = 600.0
 #: bytes for each ball that hears a pulse, and each product
@@ -498,15 +493,6 @@ def response(balls: int, contacts: int, frequencies: int, seconds: float, factor
         f" {'frequency' if frequencies == 1 else 'frequencies'}"
     )
     return Cost(_CONTACT_BYTES * contacts + factors, known=seconds, parts=(what,))
-
-
-def cluster_media(count: int, balls: float) -> Cost:
-    """Estimate the cost of ``count`` cluster media of so many ``balls`` on average, each solved
-    once for all loads.
-    """
-    what = f"{count:,} cluster {'medium' if count == 1 else 'media'}"
-    seconds = count * (_CLUSTER_SECONDS + _CLUSTER_BALL_SECONDS * balls)
-    return Cost(working=_CLUSTER_BYTES, known=seconds, parts=(what,))
 
 
 def sweep_states(cases: int, loads: int, frequencies: int) -> Cost:

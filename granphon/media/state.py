@@ -32,7 +32,6 @@ from granphon.base.validation import require, truth
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.elasticity import has_cubic_axes, is_cubic
-from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.networks.network import ContactNetwork, given_network, refuse_unpressed
@@ -83,7 +82,7 @@ class ContactLaw(PairLaw, Protocol):
 
 #: type of the result of a function of a state
 Found = TypeVar("Found")
-Law = HertzLaw | AveragedLaw | EffectiveLaw | ClusterLaw | ContactLaw
+Law = HertzLaw | AveragedLaw | EffectiveLaw | ContactLaw
 
 
 def ideal_lattice(
@@ -442,8 +441,8 @@ class ContactState(State, Result):
         """Fraction of contacts that carry load: N_c of a ball's z contacts over z (6 on the
         triangular lattice).
 
-        It is 1 for equal balls, and on a line. In a simulation, and in the cluster medium, contacts
-        that carry less than 1e-6 of the mean force do not count.
+        It is 1 for equal balls, and on a line. In a simulation, contacts that carry
+        less than 1e-6 of the mean force do not count.
         """
         return _unwrap_scalars(self.law.contact_fraction(self.overlap))
 

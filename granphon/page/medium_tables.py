@@ -23,12 +23,9 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError, PrecisionError
 from granphon.base.scales import WidthUnits
 from granphon.dynamics.local_field import local_field, paper_local_field
-from granphon.laws.cluster import VALID_FORCE as VALID_CLUSTER_FORCE
-from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import VALID_FORCE, EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.choice import MediumChoice, find_medium
-from granphon.media.medium import ClusterMedium
 from granphon.media.state import Law
 
 #: nodes of ln f* to begin with, and the most that there may be
@@ -134,7 +131,6 @@ def tabulate_medium(
     valid = {
         "afa": float(force_of(high_pressure_overlap(1.0))),
         "ema": VALID_FORCE,
-        "cluster": VALID_CLUSTER_FORCE,
     }[name]
     return (
         found
@@ -154,13 +150,6 @@ def _choose_friction(
     packing: Packing, choice: MediumChoice, most: float
 ) -> tuple[list[float], str]:
     """Return the nodes of eta^1/2, and what the table leaves out, in words."""
-    if choice.name == "cluster":
-        eta = packing.mindlin_ratio
-        return (
-            [eta**0.5],
-            f"The stiffness of the contacts is that of the medium at the scene's friction, η"
-            f" = {eta:.4g}.",
-        )
     if choice.name == "afa":
         return [0.0], ""
     least = 0.0
@@ -237,12 +226,6 @@ def _make_law(packing: Packing, choice: MediumChoice, eta: float) -> Law | None:
     shape = (packing.spread or Uniform(1.0)).shape
     if choice.name == "afa":
         return AveragedLaw(1.0, 1.0, shape)
-    if choice.name == "cluster":
-        options: Any = dict(choice.options)
-        medium = ClusterMedium(packing, **options)
-        if medium.response.is_fixed:
-            return None
-        return ClusterLaw(1.0, 1.0, shape, packing.structure, eta, medium.n_balls, packing.bending)
     xi = _find_xi(packing, choice, eta)
     return EffectiveLaw(1.0, 1.0, shape, xi) if xi else None
 

@@ -121,8 +121,7 @@ class PlannedCase:
         """True; raises if the packing is not rigid, has no such medium, or cannot carry the least
         or greatest of the loads.
 
-        For this no simulation, no cluster medium, and no effective medium of a long list of
-        diameters is solved.
+        For this no simulation and no effective medium of a long list of diameters is solved.
         """
         for index in dict.fromkeys(
             (int(np.argmin(self.case.load.array)), int(np.argmax(self.case.load.array)))
@@ -608,8 +607,7 @@ class Plan:
         other.
 
         Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when
-        its turn comes; with ``quick`` simulations, cluster media and effective media of long lists
-        are left out.
+        its turn comes; with ``quick`` simulations and effective media of long lists are left out.
         :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
         """
         return self._solve(self.cases, quick)
@@ -625,9 +623,9 @@ class Plan:
         """Return the :meth:`states` that are quick to find, and words for what is left out, an
         empty text if nothing is.
 
-        Simulations, cluster media and effective media of long lists are left out. If there are more
-        than 100 combinations of medium and packing, or more than 20 000 states, so are all but
-        those at the least and the greatest load and value of each numeric parameter.
+        Simulations and effective media of long lists are left out. If there are more than 100
+        combinations of medium and packing, or more than 20 000 states, so are all but those at the
+        least and the greatest load and value of each numeric parameter.
         """
         grid = self.case_grid
         left = []
@@ -732,24 +730,9 @@ class Plan:
             costs.estimate(medium, load, exponents="velocities" in self.observe)
             for medium, load in arrays
         ]
-        # cluster media are solved once for each distribution, lattice and Mindlin ratio
-        laws = {
-            law
-            for one in self.few
-            if (law := one.case.medium.of(one.case.packing).long_law) is not None
-        }
-        count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / n_few)
-        clusters = (
-            costs.cluster_media(count, sum(law.balls for law in laws) / len(laws))
-            if count
-            else Cost()
-        )
         mend = "Take fewer balls (medium.simulation.shape), samples or loads"
         work = add_up(simulated, lambda one: one.work)
-        out: list[CostPart] = [
-            (("medium",), mend, work),
-            (("medium",), "Take the effective medium", clusters),
-        ]
+        out: list[CostPart] = [(("medium",), mend, work)]
         total = Cost()
         if (wanted := self.waves) is not None:
             each = [

@@ -491,9 +491,7 @@ def test_excess_forces_keep_the_digits_that_a_subtraction_loses(overlap):
             assert abs(roots[n] - mpmath.sqrt(h)) <= 1e-15 * mpmath.sqrt(h) * 4
 
 
-@pytest.mark.parametrize(
-    "medium", ["AveragedForce", "EffectiveMedium", "ClusterMedium", "DirectSimulation"]
-)
+@pytest.mark.parametrize("medium", ["AveragedForce", "EffectiveMedium", "DirectSimulation"])
 def test_averages_over_diameters_refuse_balls_with_a_law_of_their_own(medium, steel):
     crystal = gp.Crystal.on("triangular", [gp.Ball(steel, 8e-3)], law=gp.PowerLaw(2.0, 1e9))
     with pytest.raises(InputError, match=r"those of Hertz's law.*\.at_force"):

@@ -3,8 +3,8 @@ tests.
 
     python tests/benchmarks/study_simulation.py [--json FILE] [--only PART ...]
 
-Half an hour on one processor. Seeds are given, so that all but the seconds of ``loads``, ``lists``
-and ``clusters`` is the same on any machine; the exit code is 1 if a number is not what the pages
+Half an hour on one processor. Seeds are given, so that all but the seconds of ``loads`` and
+``lists`` is the same on any machine; the exit code is 1 if a number is not what the pages
 claim. Balls of steel, spread uniformly unless it is said; brackets hold the standard error of the
 last digits.
 """
@@ -12,7 +12,6 @@ last digits.
 from __future__ import annotations
 
 import math
-import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -25,12 +24,9 @@ import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.true_equilibrium import equilibrate_exactly
-from granphon.balls.lattices import FCC, HCP, TRIANGULAR, Lattice
 from granphon.balls.loads import Load
-from granphon.base.threads import count_processors
 from granphon.dynamics.elasticity import bulk_and_shear
 from granphon.dynamics.local_field import local_field
-from granphon.laws.cluster import VALID_FORCE, cluster_curve
 from granphon.laws.effective import effective_curve
 from granphon.media.simulation import SimulatedState
 
@@ -500,135 +496,6 @@ def fits(repeats: int) -> list[Row]:
     ]
 
 
-#: a* of the comparison of clusters with arrays
-CLUSTER_SPACINGS = np.array([1.0, 0.8, 0.7, 0.6, 0.55, 0.5, 0.45, 0.4])
-#: lattice of the clusters, shape and number of the arrays, and numbers of balls
-CLUSTERS = ((TRIANGULAR, (128, 128), 24, (7, 19, 37)), (FCC, (32, 32, 32), 8, (13,)))
-#: processor time of the curve of a cluster of one shell, s, and quadrature error of f* from a* =
-#: 0.5 up
-CLUSTER_SECONDS = 60.0
-QUADRATURE_BOUND = 1e-4
-#: what force and stiffness of a cluster may be off where it is valid, but for three standard errors
-CLUSTER_BOUND = 0.025
-
-
-def read(state: gp.ContactState, name: str) -> Array:
-    """A number of a state without unit: k* for the stiffness, in the units of f* and a*."""
-    return np.asarray(getattr(state, name)) * (WIDTH / UNIT if name == "normal_stiffness" else 1.0)
-
-
-def find_curve(lattice: Lattice, balls: int) -> list[Row]:
-    """The curve of a cluster medium, nothing kept: processor time, time by the clock, and the
-    quadrature error.
-    """
-    cluster_curve.cache_clear()
-    start = time.perf_counter()
-    seconds = processor_time(
-        lambda: cluster_curve(gp.Uniform(WIDTH).shape, lattice, 0.0, balls, 0.0)
-    )
-    elapsed = time.perf_counter() - start
-    busy = f", {os.getloadavg()[0]:.1f} processes at work" if hasattr(os, "getloadavg") else ""
-    medium = gp.ClusterMedium(
-        gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=False, lattice=lattice), balls
-    )
-    left = np.asarray(medium.law.quadrature_error((CLUSTER_SPACINGS - 0.5) * WIDTH))
-    what = f"quadrature error of f*, {balls} balls, {lattice.name}: largest from a* = 0.5 up"
-    note = ", ".join(f"{error:.1e}" for error in left)
-    return [
-        Row(
-            f"curve of a cluster medium of {balls} balls, {lattice.name}: processor time",
-            seconds,
-            "s",
-        ),
-        Row(
-            f"curve of a cluster medium of {balls} balls, {lattice.name}: time by the clock",
-            elapsed,
-            "s",
-            CLUSTER_SECONDS,
-            note=f"{count_processors()} processors{busy}",
-        ),
-        Row(what, float(np.max(left[CLUSTER_SPACINGS >= 0.5])), "", QUADRATURE_BOUND, note=note),
-    ]
-
-
-def quadrature(repeats: int) -> list[Row]:
-    """The curves of clusters of one shell: time, and quadrature error."""
-    first = [(lattice, sizes[0]) for lattice, *_, sizes in CLUSTERS]
-    return [row for lattice, balls in [*first, (HCP, 13)] for row in find_curve(lattice, balls)]
-
-
-def shells(repeats: int) -> list[Row]:
-    """The same of clusters of more shells."""
-    return [
-        row
-        for lattice, *_, sizes in CLUSTERS
-        for balls in sizes[1:]
-        for row in find_curve(lattice, balls)
-    ]
-
-
-def clusters(repeats: int) -> list[Row]:
-    """The laws of cluster media of each size against arrays at the same a*."""
-    rows: list[Row] = []
-    overlap = (CLUSTER_SPACINGS - 0.5) * WIDTH
-    for lattice, sides, samples, sizes in CLUSTERS:
-        packing = gp.Packing(STEEL, DIAMETER, gp.Uniform(WIDTH), friction=False, lattice=lattice)
-        laws = {
-            f"{balls} balls": gp.ClusterMedium(packing, balls).at_overlap(overlap)
-            for balls in sizes
-        }
-        laws["effective medium"] = gp.EffectiveMedium(packing).at_overlap(overlap)
-        names = ("reduced_force", "normal_stiffness", "contact_fraction", "force_fluctuation")
-        start = time.process_time()
-        found = []
-        # an array at a time, as none of them is needed again
-        for seed in range(5000, 5000 + samples):
-            state = gp.DirectSimulation(packing, sides, seed, geometry="lattice").at_overlap(
-                overlap
-            )
-            found.append([read(state, name) for name in names])
-        seconds = time.process_time() - start
-        arrays = f"{samples} arrays of {'x'.join(map(str, sides))}, {lattice.name}"
-        rows.append(Row(f"{arrays}: {overlap.size} loads", seconds, "s"))
-        means, errors = mean_and_error(np.array(found))
-        for name, mean, error in zip(names, means, errors, strict=True):
-            note = ", ".join(
-                bracketed(float(m), float(e)) for m, e in zip(mean, error, strict=True)
-            )
-            rows.append(Row(f"{name}, {arrays}: at a* = 0.5", float(mean[5]), note=note))
-        for kind, state in laws.items():
-            for name, mean, error in zip(names, means, errors, strict=True):
-                values = read(state, name)
-                if name in names[:2]:
-                    off = values / mean - 1.0
-                    chance = 3.0 * error / mean
-                    bounded = name == "reduced_force" and "balls" in kind
-                    worst = float(np.max((np.abs(off) - chance)[means[0] > VALID_FORCE]))
-                    bound = CLUSTER_BOUND if bounded else math.inf
-                    note = ", ".join(f"{part:+.2%}" for part in off)
-                    rows.append(
-                        Row(
-                            f"{name} of {kind} over the arrays', {lattice.name}, less 1:"
-                            f" largest where valid, "
-                            "less three standard errors",
-                            worst,
-                            "",
-                            bound,
-                            note=note,
-                        )
-                    )
-                else:
-                    note = ", ".join(f"{value:.3f}" for value in values)
-                    rows.append(
-                        Row(
-                            f"{name} of {kind}, {lattice.name}: at a* = 0.5",
-                            float(values[5]),
-                            note=note,
-                        )
-                    )
-    return rows
-
-
 def ends(repeats: int) -> list[Row]:
     """Random lists of two to five kinds, rare ones among them: f* where the equation of the medium
     ends.
@@ -677,9 +544,6 @@ PARTS: dict[str, Part] = {
     "ends": ends,
     "loads": loads,
     "lists": lists,
-    "quadrature": quadrature,
-    "shells": shells,
-    "clusters": clusters,
 }
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -74,14 +75,16 @@ def test_labels_say_what_is_not_the_default():
     [
         (
             "simulaton",
-            "medium: found 'simulaton'; allowed: ala, afa, ema, cluster, simulation, auto."
+            "medium: found 'simulaton'; allowed: ala, afa, ema, simulation, auto."
             " Did you mean 'simulation'?",
         ),
         (
             {"ala": None, "ema": None},
-            "medium: found a block of keys; allowed: ala, afa, ema, cluster, simulation, auto.",
+            "medium: found a block of keys; allowed: ala, afa, ema, simulation, auto.",
         ),
-        (3, "medium: found 3; allowed: ala, afa, ema, cluster, simulation, auto."),
+        (3, "medium: found 3; allowed: ala, afa, ema, simulation, auto."),
+        ("cluster", "Take {simulation: {shape: 64 64}}"),
+        ({"cluster": {"balls": 7}}, "Take {simulation: {shape: 64 64}}"),
         ({"afa": {"seed": 1}}, "medium.afa.seed: found an unknown key; allowed: none."),
         (
             {"simulation": {"sampels": 1}},
@@ -112,6 +115,15 @@ def test_what_is_no_medium(value, told):
     with pytest.raises(InputError) as error:
         MediumChoice.parse(value)
     assert told in str(error.value)
+
+
+def test_what_is_taken_in_place_of_a_cluster_is_a_medium():
+    with pytest.raises(InputError) as error:
+        MediumChoice.parse("cluster")
+    replacement = yaml.safe_load(str(error.value).partition("Take ")[2].partition(", one")[0])
+    assert MediumChoice.parse(replacement) == MediumChoice.parse(
+        {"simulation": {"shape": (64, 64)}}
+    )
 
 
 def test_only_one_of_them_leaves_the_choice_to_the_load():
