@@ -198,7 +198,7 @@ def steel_packing(steel, **options):
 def test_the_curve_of_a_density_has_few_polynomials_and_forgives_little(shape, eta):
     xi = local_field(mindlin_ratio=eta).xi
     curve = effective_curve(shape, xi)
-    assert 13 <= curve.places.shape[1] <= 17
+    assert 13 <= curve.steps.shape[1] <= 17
     # G_k, about 0.01 at y = 0.3
     x, weights = shape.nodes(0.3)
     k = float(curve.value(np.array([0.3]), STIFFNESS)[0])

@@ -60,6 +60,8 @@ from granphon.laws.spread import Series, SpreadLaw, high_pressure_series
 
 #: the number of one step, or an array of the step of each value
 Index = int | NDArray[np.intp]
+#: a step that is not solved yet: origin, lower and upper end in the root
+Step = tuple[float, float, float]
 #: f* down to which the curve is solved, far below the paper's limit of validity
 LEAST_SOLVED_FORCE = 1e-6
 #: f* from which Section IV states that the medium is valid, by comparison with simulations of the
@@ -135,7 +137,7 @@ class EffectiveLaw(SpreadLaw):
     def _energy_offset(self) -> float:
         # energies of the curve are counted from its start, and those of the series from zero
         curve = self.curve
-        series = curve.far
+        series = curve.series
         return float(
             curve.value(np.array(series.start), ENERGY) - series.value(series.start, ENERGY)
         )
@@ -174,18 +176,18 @@ class EffectiveLaw(SpreadLaw):
 
 @dataclass(frozen=True, eq=False)
 class EffectiveCurve:
-    """Solution of equation (36) for one shape and Xi: steps in ascending order, and the series
-    ``far`` beyond them.
+    """Solution of equation (36) for one shape and Xi: steps in ascending order, and the ``series``
+    beyond them.
 
-    ``places`` (3, steps) holds origin, middle and half length of each step; ``tables`` holds
-    energy, force and stiffness, (n, steps) each. The curve begins at f* = 1e-6, or where steps no
-    longer settle in double precision if that is higher (but below the limit of validity).
+    ``steps`` (3, steps) holds origin, middle and half length of each step; ``tables`` holds energy,
+    force and stiffness, (n, steps) each. The curve begins at f* = 1e-6, or, if higher, at the force
+    below which steps do not settle in double precision (always below the limit of validity).
     """
 
     shape: Shape
     xi: float
-    far: Series
-    places: Array
+    series: Series
+    steps: Array
     tables: tuple[Array, Array, Array]
 
     @cached_property
@@ -206,9 +208,8 @@ class EffectiveCurve:
         Where contacts of rare kinds open, the force that equation (36) gives at k = 0 may fall as
         the overlap grows; below that point there is no solution with k > 0.
         """
-        depth = float(self.places[0, 0] + (self.places[1, 0] - self.places[2, 0]) ** 2) - float(
-            self.shape.openings[0]
-        )
+        origin, middle, half = self.steps[:, 0].tolist()
+        depth = origin + (middle - half) ** 2 - float(self.shape.openings[0])
         return bool(self.ends(STIFFNESS)[0, 0] * depth < _VANISHED * self.ends(FORCE)[0, 0])
 
     def ends(self, order: int) -> Array:
@@ -221,51 +222,50 @@ class EffectiveCurve:
         )
 
     def value(self, y: Array, order: int) -> Array:
-        """Return a derivative of the energy, counted from the start of the curve, at y between
-        there and ``far.start``.
+        """Return a derivative of the energy at y between the start of the curve, from which
+        energies are counted, and the start of the series.
         """
 
-        def of(index: Index, part: Array) -> Array:
-            return self._evaluate(index, np.sqrt(part - self.places[0, index]), order)
+        def evaluate(index: Index, overlap: Array) -> Array:
+            return self._evaluate(index, np.sqrt(overlap - self.steps[0, index]), order)
 
         # a kink belongs to the step below it, where the slope is finite
-        return self._evaluate_by_step(np.searchsorted(self._edges[0], y), y, of)
+        return self._evaluate_by_step(np.searchsorted(self._edges[0], y), y, evaluate)
 
     def overlap(self, force: Array) -> Array:
         """Return y at forces between those at the ends of the curve, by Newton's method."""
 
+        rounding = 4.0 * np.finfo(float).eps
         below, above = self._edges[1]
-        # at least the rounding of the force
-        span = np.maximum(above - below, 4.0 * np.finfo(float).eps * below)
+        # a step has at least the rounding of the force
+        span = np.maximum(above - below, rounding * below)
 
-        def of(index: Index, wanted: Array) -> Array:
-            origin, middle, half = self.places[:, index]
-            # u is smooth in a variable from 0 to 1: where contacts open, f rises as u^2; elsewhere
-            # it may span decades
-            part = np.clip(wanted - below[index], 0.0, span[index])
-            touching = self.places[1, index] == self.places[2, index]
-            spread = np.log1p(part / below[index]) / np.log1p(span[index] / below[index])
-            root = middle + half * (
-                2.0 * np.where(touching, np.sqrt(part / span[index]), spread) - 1.0
-            )
+        def invert(index: Index, target: Array) -> Array:
+            origin, middle, half = self.steps[:, index]
+            # u is smooth in a variable from 0 to 1. Where contacts open, f rises as u^2, and the
+            # variable is the root of f; elsewhere f may span decades, and the variable is log f
+            rise = np.clip(target - below[index], 0.0, span[index])
+            touching = self.steps[1, index] == self.steps[2, index]
+            logarithm = np.log1p(rise / below[index]) / np.log1p(span[index] / below[index])
+            fraction = np.where(touching, np.sqrt(rise / span[index]), logarithm)
+            root = middle + half * (2.0 * fraction - 1.0)
             for _ in range(30):
-                miss = wanted - self._evaluate(index, root, FORCE)
+                residual = target - self._evaluate(index, root, FORCE)
                 slope = 2.0 * root * self._evaluate(index, root, STIFFNESS)
-                change = np.divide(miss, slope, out=np.zeros_like(root), where=slope > 0.0)
+                change = np.divide(residual, slope, out=np.zeros_like(root), where=slope > 0.0)
                 root = np.clip(root + change, middle - half, middle + half)
-                # either convergence, which is quadratic, needs no further iteration, or only
-                # rounding is left
+                # convergence is quadratic: after so small a change only rounding remains
                 settled = np.abs(change) <= 1e-9 * (middle + half)
-                if np.all(settled | (np.abs(miss) <= 4.0 * np.finfo(float).eps * wanted)):
+                if np.all(settled | (np.abs(residual) <= rounding * target)):
                     break
             return np.asarray(origin + root**2)
 
-        return self._evaluate_by_step(np.searchsorted(above[:-1], force), force, of)
+        return self._evaluate_by_step(np.searchsorted(above[:-1], force), force, invert)
 
     @cached_property
     def _edges(self) -> tuple[Array, Array]:
         """Reduced overlap y where steps meet, and force f* (2, steps) at both ends of each step."""
-        origin, middle, half = self.places
+        origin, middle, half = self.steps
         return (origin + (middle - half) ** 2)[1:], self.ends(FORCE)
 
     @cached_property
@@ -279,17 +279,16 @@ class EffectiveCurve:
         numerator = np.asarray(chebyshev.chebder(self.tables[STIFFNESS]), float)
         quotient = np.zeros((max(1, len(numerator) - 1), numerator.shape[1]))
         if not isinstance(self.shape, PointShape):
-            for i in np.flatnonzero(self.places[1] == self.places[2]):
-                series = chebyshev.chebdiv(
-                    numerator[:, i], 2.0 * self.places[2, i] * self.places[1:, i]
-                )[0]
-                quotient[: series.size, i] = series
+            for i in np.flatnonzero(self.steps[1] == self.steps[2]):
+                rise = 2.0 * self.steps[2, i] * self.steps[1:, i]  # dy/dt
+                slopes = chebyshev.chebdiv(numerator[:, i], rise)[0]
+                quotient[: slopes.size, i] = slopes
                 numerator[:, i] = 0.0
         return quotient, numerator
 
     def _evaluate(self, index: Index, root: Array, order: int) -> Array:
         """Return a derivative of the energy at u = ``root`` on the steps ``index``."""
-        _, middle, half = self.places[:, index]
+        _, middle, half = self.steps[:, index]
         t = (root - middle) / half
         if order < SLOPE:
             return np.asarray(chebyshev.chebval(t, self.tables[order][:, index], tensor=False))
@@ -302,28 +301,27 @@ class EffectiveCurve:
         )
 
     def _evaluate_by_step(
-        self, index: NDArray[np.intp], values: Array, of: Callable[[Index, Array], Array]
+        self, index: NDArray[np.intp], values: Array, function: Callable[[Index, Array], Array]
     ) -> Array:
+        """Return a function of the step and the value, at values on the steps ``index``."""
+        count = self.steps.shape[1]
         flat = values.ravel()
         numbers = index.ravel()
-        out = np.empty(flat.size)
-        if flat.size < _MANY_VALUES * self.places.shape[1]:
+        results = np.empty(flat.size)
+        if flat.size < _MANY_VALUES * count:
             for begin in range(0, flat.size, _VALUES_AT_ONCE):
-                part = slice(begin, begin + _VALUES_AT_ONCE)
-                out[part] = of(numbers[part], flat[part])
-            return out.reshape(values.shape)
-        # sort by step, so that each step is evaluated once; small integers sort in linear time
-        order = np.argsort(numbers.astype(np.min_scalar_type(self.places.shape[1])), kind="stable")
+                chunk = slice(begin, begin + _VALUES_AT_ONCE)
+                results[chunk] = function(numbers[chunk], flat[chunk])
+            return results.reshape(values.shape)
+        # sorted by step, each step is evaluated once; small integers sort in linear time
+        order = np.argsort(numbers.astype(np.min_scalar_type(count)), kind="stable")
         ascending = flat[order]
         numbers = numbers[order]
-        first = (
-            np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1]))
-            if numbers.size
-            else np.empty(0, int)
-        )
-        for begin, end in pairwise([*first.tolist(), order.size]):
-            out[order[begin:end]] = of(int(numbers[begin]), ascending[begin:end])
-        return out.reshape(values.shape)
+        changes = np.append(numbers.size > 0, numbers[1:] != numbers[:-1])
+        begins = np.flatnonzero(changes).tolist()
+        for begin, end in pairwise([*begins, order.size]):
+            results[order[begin:end]] = function(int(numbers[begin]), ascending[begin:end])
+        return results.reshape(values.shape)
 
 
 def _integrate_over_steps(table: Array, rise: Array, start: float) -> Array:
@@ -358,15 +356,13 @@ class Block(NamedTuple):
     drop: Array
 
     @classmethod
-    def of(cls, steps: list[tuple[float, float, float]], points: Array) -> Block:
-        """Make a block from (origin, lower root, upper root) of each step, and ``points`` (s + 1,)
-        from -1 to 1.
-        """
+    def of(cls, steps: list[Step], points: Array) -> Block:
+        """Make a block from its steps, and ``points`` (s + 1,) from -1 to 1."""
         origin, low, high = np.array(steps).T[:, :, None]
         middle = 0.5 * (low + high)
         half = 0.5 * (high - low)
-        # the ends are taken as given, because middle - half may round: at an opening the root must
-        # be exactly zero
+        # middle - half may round, and at an opening the root must be exactly zero: the ends are
+        # copied
         root = np.concatenate([low, (middle + half * points)[:, 1:-1], high], axis=1)
         return cls(origin, middle, half, root, half * (points - 1.0))
 
@@ -383,8 +379,8 @@ class DensityBalls:
     """Averages over the balls of a shape, by quadrature of the ``order`` at the points of a block.
 
     ``mean`` (B, s + 1) is the mean stiffness <K^Q>. Forces are counted from the mean force
-    ``common``, whose derivative is ``known`` (B, s + 1). ``noise`` (B,) is the rounding error to
-    expect in the last coefficients of k, relative to k.
+    ``base_force``, whose derivative is ``base_stiffness`` (B, s + 1). ``noise`` (B,) is the
+    rounding error to expect in the last coefficients of k, relative to k.
     """
 
     def __init__(self, shape: Shape, xi: float, order: int, block: Block) -> None:
@@ -392,29 +388,29 @@ class DensityBalls:
         nodes = shape.nodes(y, order)
         self.xi = xi
         self.weights = nodes.weights
-        force, self.stiffness = (
-            of(y[..., None], nodes.positions) for of in (shape.force, shape.stiffness)
-        )
-        self.common = shape.force(y)
-        self.known = shape.stiffness(y)
-        self.force = force - self.common[..., None]
+        self.base_force = shape.force(y)
+        self.base_stiffness = shape.stiffness(y)
+        self.stiffness = shape.stiffness(y[..., None], nodes.positions)
+        self.force = shape.force(y[..., None], nodes.positions) - self.base_force[..., None]
         self.mean = np.sum(nodes.weights * self.stiffness, axis=-1)
         # on a short step differentiation amplifies the rounding of y and of the forces, which are
         # counted from their mean
-        amplified = block.root.shape[1] ** 2 * (self.common / self.known + np.abs(y))[:, -1:]
+        lengths = (self.base_force / self.base_stiffness + np.abs(y))[:, -1:]
+        amplified = block.root.shape[1] ** 2 * lengths
         amplified /= 4.0 * block.middle * block.half
         self.noise = np.minimum(16.0 * np.finfo(float).eps * amplified[:, 0], _WORST_NOISE)
 
     def balance(self, k: Array) -> tuple[Array, Array, Array]:
-        """Return G(y, k) less the force ``common``, and dG/dk, (B, s + 1); and G at the lower ends
+        """Return G(y, k) less ``base_force``, and dG/dk, (B, s + 1); and G at the lower ends
         (B,).
         """
-        part = 1.0 / (self.stiffness + self.xi * k[..., None])
-        share = self.weights * part
-        total = np.sum(share, axis=-1)
-        force = np.sum(share * self.force, axis=-1) / total
-        by_k = -self.xi * np.sum(share * part * (self.force - force[..., None]), axis=-1) / total
-        return force, by_k, (self.common + force)[:, 0]
+        compliance = 1.0 / (self.stiffness + self.xi * k[..., None])
+        weights = self.weights * compliance
+        total = np.sum(weights, axis=-1)
+        force = np.sum(weights * self.force, axis=-1) / total
+        excess = self.force - force[..., None]
+        by_k = -self.xi * np.sum(weights * compliance * excess, axis=-1) / total
+        return force, by_k, (self.base_force + force)[:, 0]
 
 
 # -- averages over listed diameters ----------------------------------------------------------------
@@ -432,22 +428,21 @@ class PointAverages:
         x = np.array(shape.positions)
         self._weights = np.array(shape.weights)
         #: (n, n) openings of all pairs, in units of W
-        self._matrix = -0.5 * (x[:, None] + x)
-        # (m,) openings of pairs, ascending; and sparse (n, m) weights of each pair in the sums of
-        # its two balls
+        self._opening_matrix = -0.5 * (x[:, None] + x)
         w = self._weights
         i, j = np.triu_indices(w.size)
-        order = np.argsort(self._matrix[i, j], kind="stable")
+        order = np.argsort(self._opening_matrix[i, j], kind="stable")
         i = i[order]
         j = j[order]
-        pair = np.arange(i.size)
-        other = np.flatnonzero(i != j)
-        rows = np.concatenate([i, j[other]])
-        columns = np.concatenate([pair, other])
-        self._openings = self._matrix[i, j]
-        self._entries: Any = csc_array(
-            (np.concatenate([w[j], w[i[other]]]), (rows, columns)), shape=(w.size, i.size)
-        )
+        #: (m,) openings of pairs, ascending
+        self._openings = self._opening_matrix[i, j]
+        # a pair of unlike balls counts for both balls
+        unlike = np.flatnonzero(i != j)
+        rows = np.concatenate([i, j[unlike]])
+        columns = np.concatenate([np.arange(i.size), unlike])
+        weights = np.concatenate([w[j], w[i[unlike]]])
+        #: (n, m) weights of each pair in the sums of its two balls, sparse
+        self._pair_weights: Any = csc_array((weights, (rows, columns)), shape=(w.size, i.size))
 
     def _find_range(self, block: Block) -> tuple[float, float, float, slice]:
         """Return the middle and the half extent in y of a block, above its least origin, and which
@@ -456,16 +451,15 @@ class PointAverages:
         Contacts with openings up to the third number are far; the slice is that of the openings of
         near contacts.
         """
-        least = block.origin[-1, 0]
+        least_origin = block.origin[-1, 0]
         low = block.root[-1, 0] ** 2
-        high = block.origin[0, 0] - least + block.root[0, -1] ** 2
+        high = block.origin[0, 0] - least_origin + block.root[0, -1] ** 2
         middle = 0.5 * (low + high)
         half = 0.5 * (high - low)
-        last = least - max(0.0, _FAR_OVERLAP * half - middle)
-        begin, end = np.searchsorted(
-            self._openings, [last, block.origin[0, 0]], side="right"
-        ).tolist()
-        return middle, half, last, slice(begin, end)
+        last_far = least_origin - max(0.0, _FAR_OVERLAP * half - middle)
+        bounds = [last_far, block.origin[0, 0]]
+        begin, end = np.searchsorted(self._openings, bounds, side="right").tolist()
+        return middle, half, last_far, slice(begin, end)
 
     def count(self, block: Block) -> int:
         """Return how many steps of the block should be solved at once, so that arrays of near
@@ -473,24 +467,30 @@ class PointAverages:
         """
         steps = min(len(block.root), max(_LEAST_STEPS, len(self._weights) // 3))
         *_, near = self._find_range(block)
-        return (
-            steps // 2
-            if steps > 1 and (near.stop - near.start) * steps * block.root.shape[1] > _MOST_NEAR
-            else steps
-        )
+        elements = (near.stop - near.start) * steps * block.root.shape[1]
+        if steps > 1 and elements > _MOST_NEAR:
+            return steps // 2
+        return steps
 
     def balls(self, block: Block) -> PointBalls:
-        """Return the averages at the points of the block: the sums over near contacts plus those
-        over far ones.
+        """Return the averages at the points of the block: the sums over near contacts plus the sums
+        over far contacts.
 
         Four quantities are summed for each ball: the stiffness, its change and the change of the
         force since the upper end of the step, (n, B, s + 1); and the force at the upper end, (n,
         B).
         """
-        w = self._weights
-        middle, half, last, near = self._find_range(block)
+        middle, half, last_far, near = self._find_range(block)
+        sums = self._sum_near(block, near)
+        if near.start:
+            far_sums = self._sum_far(block, middle, half, last_far)
+            sums = [near_sum + far_sum for near_sum, far_sum in zip(sums, far_sums, strict=True)]
+        return PointBalls(self._weights, self.xi, *sums)
+
+    def _sum_near(self, block: Block, near: slice) -> list[Array]:
+        """Return the four sums over near contacts, contact by contact."""
         openings = self._openings[near]
-        entries = self._entries[..., near]
+        pair_weights = self._pair_weights[..., near]
         closed = openings[:, None] <= block.origin[:, 0]
         rise = np.where(closed, block.origin[:, 0] - openings[:, None], 0.0)
         root = np.sqrt(rise[..., None] + block.root**2) * closed[..., None]
@@ -501,25 +501,28 @@ class PointAverages:
             / np.where(closed[..., None], root + top, np.inf)
         )
 
-        def summed(values: Array) -> Array:
+        def sum_pairs(values: Array) -> Array:
             shape = values.shape[1:]
-            return np.asarray(entries @ values.reshape(len(values), int(np.prod(shape)))).reshape(
-                -1, *shape
-            )
+            columns = values.reshape(len(values), int(np.prod(shape)))
+            return np.asarray(pair_weights @ columns).reshape(-1, *shape)
 
         forces = change * (root * (root + top) + top * top)
-        near_sums = [
-            1.5 * summed(root),
-            1.5 * summed(change),
-            summed(forces),
-            summed(top[..., 0] ** 3),
+        return [
+            1.5 * sum_pairs(root),
+            1.5 * sum_pairs(change),
+            sum_pairs(forces),
+            sum_pairs(top[..., 0] ** 3),
         ]
-        if not near.start:
-            return PointBalls(w, self.xi, *near_sums)
-        # the slope of the stiffness of far contacts is interpolated, and integrated twice
-        least = block.origin[-1, 0]
-        far = self._matrix <= last
-        gap = np.where(far, least - self._matrix + middle, np.inf)
+
+    def _sum_far(self, block: Block, middle: float, half: float, last_far: float) -> list[Array]:
+        """Return the four sums over far contacts, by polynomials on the range of the block.
+
+        The slope of the stiffness is interpolated, and integrated twice.
+        """
+        w = self._weights
+        least_origin = block.origin[-1, 0]
+        far = self._opening_matrix <= last_far
+        gap = np.where(far, least_origin - self._opening_matrix + middle, np.inf)
         nodes = chebyshev.chebpts1(_DEGREE + 1)
         slope = np.stack([0.75 / np.sqrt(gap + half * node) @ w for node in nodes])
         gap = np.where(far, gap, 0.0)
@@ -529,16 +532,16 @@ class PointAverages:
         force = _integrate_series(stiffness, half, gap * root @ w)
         # T_m at the points, and its difference from T_m at the upper end of the step, both by
         # recurrence: no digits are lost
-        t = (block.origin - least + block.root**2 - middle) / half
+        t = (block.origin - least_origin + block.root**2 - middle) / half
         drop = block.drop * (block.root + block.root[:, -1:]) / half
-        values, changes = [np.ones_like(t), t], [np.zeros_like(t), drop]
+        values = [np.ones_like(t), t]
+        changes = [np.zeros_like(t), drop]
         for _ in range(len(force) - 2):
             values.append(2.0 * t * values[-1] - values[-2])
             changes.append(2.0 * (drop * values[-2] + t[:, -1:] * changes[-1]) - changes[-2])
         basis = np.stack(values)
         change = np.stack(changes)
-
-        far_sums = [
+        return [
             np.einsum("mn,m...->n...", table, terms[: len(table)])
             for table, terms in (
                 (stiffness, basis),
@@ -547,9 +550,6 @@ class PointAverages:
                 (force, basis[..., -1]),
             )
         ]
-        return PointBalls(
-            w, self.xi, *(one + other for one, other in zip(near_sums, far_sums, strict=True))
-        )
 
 
 def _integrate_series(table: Array, scale: float, middle: Array) -> Array:
@@ -574,7 +574,7 @@ class PointBalls:
     work: Array
     top: Array
 
-    known = 0.0
+    base_stiffness = 0.0
     #: zero, because no differences of large numbers are taken
     noise = 0.0
 
@@ -587,19 +587,19 @@ class PointBalls:
         """Return what :meth:`DensityBalls.balance` returns, as the whole of G; forces are counted
         from the upper end.
         """
-        part = 1.0 / (self.stiffness + self.xi * k)
-        last = part[..., -1]
-        start = self._average(last * self.top) / self._average(last)
-        excess = self.top - start
-        # <(F^Q - f) part> is zero at the upper end: elsewhere it is the sum of the changes of F^Q
-        # and of part
-        moved = self.work - (self.change + self.xi * (k - k[:, -1:])) * (excess * last)[..., None]
-        total = self._average(part)
-        force = self._average(part * moved) / total
-        by_k = (
-            -self.xi * self._average(part * part * (self.work + excess[..., None] - force)) / total
-        )
-        return force, by_k, start + force[:, 0]
+        compliance = 1.0 / (self.stiffness + self.xi * k)
+        top_compliance = compliance[..., -1]
+        top_force = self._average(top_compliance * self.top) / self._average(top_compliance)
+        top_excess = self.top - top_force
+        # <(F^Q - f) compliance> is zero at the upper end: elsewhere the mean is the sum of the
+        # changes of F^Q and of the compliance
+        stiffening = self.change + self.xi * (k - k[:, -1:])
+        moved = self.work - stiffening * (top_excess * top_compliance)[..., None]
+        total = self._average(compliance)
+        force = self._average(compliance * moved) / total
+        excess = self.work + top_excess[..., None] - force
+        by_k = -self.xi * self._average(compliance * compliance * excess) / total
+        return force, by_k, top_force + force[:, 0]
 
     def _average(self, values: Array) -> Array:
         return np.asarray(np.einsum("n,n...->...", self.weights, values))
@@ -657,115 +657,134 @@ def solve_curve(
     :class:`~granphon.base.errors.PrecisionError` if steps do not settle where the medium is valid.
     """
     averages = PointAverages(shape, xi) if isinstance(shape, PointShape) else None
-    (points, derivative, coefficients), far = radau(stages), high_pressure_series(shape, xi)
-    # the initial steps in ascending order, each as (origin, lower root, upper root)
-    pending: list[tuple[float, float, float]] = []
-    ends = [*shape.openings.tolist(), far.start]
-    for below, origin, end in zip([-np.inf, *ends], ends[:-1], ends[1:], strict=False):
-        cuts = [math.sqrt(end - origin)]
-        while origin - below < _NEAR * cuts[-1] ** 2:
-            cuts.append(0.5 * cuts[-1])
-        for low, high in pairwise([0.0, *reversed(cuts)]):
-            parts = 2 ** math.ceil(math.log2(max(1.0, (high - low) / most)))
-            pending += [
-                (origin, *part) for part in pairwise(np.linspace(low, high, parts + 1).tolist())
-            ]
-    first = pending[0][0]
-    top = far.value(far.start, STIFFNESS)
+    points, derivative, coefficients = radau(stages)
+    far = high_pressure_series(shape, xi)
+    # steps to be solved, in ascending order; the solution goes on from the last of them
+    pending = _divide_range([*shape.openings.tolist(), far.start], most)
+    first_opening = pending[0][0]
+    stiffness = far.value(far.start, STIFFNESS)
     force = far.value(far.start, FORCE)
-    places = []
-    series = []
-    count = 1
+    solved_steps = []
+    solved_tables = []
+    count = 1  # of steps that are solved at once
     guess = None
-    while (
-        force > LEAST_SOLVED_FORCE
-        and top * (pending[-1][0] - first + pending[-1][2] ** 2) > _VANISHED * force
-    ):
+    while force > LEAST_SOLVED_FORCE:
+        origin, _, high = pending[-1]
+        if stiffness * (origin - first_opening + high**2) <= _VANISHED * force:
+            break
         # where the first contact opens, force and stiffness are both zero: steps approach that end
         # but do not include it
-        if pending[-1][:2] == (first, 0.0):
+        if pending[-1][:2] == (first_opening, 0.0):
             pending[-1:] = _halve(pending[-1])
             continue
-        steps = [step for step in pending[: -count - 1 : -1] if step[:2] != (first, 0.0)]
+        attempted = pending[: -count - 1 : -1]
+        steps = [step for step in attempted if step[:2] != (first_opening, 0.0)]
         block = Block.of(steps, points)
-        # of a density one at a time: steps are long and few, and to halve one would make the work
-        # on those below useless
-        if (fewer := averages.count(block) if averages else 1) < len(steps):
-            count = fewer
+        # steps of a density are long and few: one is solved at a time, because a step that must be
+        # halved makes the work on the steps below it useless
+        allowed = averages.count(block) if averages else 1
+        if allowed < len(steps):
+            count = allowed
             continue
         balls = averages.balls(block) if averages else DensityBalls(shape, xi, order, block)
         # k/<K^Q> is smooth: start from that of the last attempt, or from a constant
         ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
-        found = _relax(
-            balls,
-            derivative,
-            block,
-            balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])),
-            top,
-        )
-        if found is None:
+        start = balls.mean * ratio * (stiffness / (balls.mean[0, -1] * ratio[0, -1]))
+        solution = _relax(balls, derivative, block, start, stiffness)
+        if solution is None:
             rough = np.ones(len(steps), bool)
         else:
-            k, forces = found
+            k, forces = solution
             table = k @ coefficients.T
-            rough = np.max(np.abs(table[:, -2:]), axis=1) > np.maximum(
-                tolerance, balls.noise
-            ) * np.min(k, axis=1)
+            last = np.max(np.abs(table[:, -2:]), axis=1)
+            rough = last > np.maximum(tolerance, balls.noise) * np.min(k, axis=1)
         hopeless = np.any((block.half < _SHORTEST * block.middle)[rough])
-        if len(steps) > 1 and (found is None or hopeless):
+        if len(steps) > 1 and (solution is None or hopeless):
             count = len(steps) // 2
             continue
         if hopeless:  # doubles cannot tell apart the points of a shorter step
             if force < VALID_FORCE:
                 break
-            place = f"an overlap of {float(block.y[0, -1]):.6g} widths"
+            overlap = float(block.y[0, -1])
             raise PrecisionError(
-                f"the effective medium does not converge below {place}", mend="Raise the load"
+                f"the effective medium does not converge below an overlap of {overlap:.6g} widths",
+                mend="Raise the load",
             )
         if np.any(rough):
             finer = [
-                _halve(step) if bad else [step]
-                for step, bad in zip(steps, rough.tolist(), strict=True)
+                _halve(step) if is_rough else [step]
+                for step, is_rough in zip(steps, rough.tolist(), strict=True)
             ]
-            pending[-len(steps) :] = [step for piece in reversed(finer) for step in piece]
+            pending[-len(steps) :] = [step for pieces in reversed(finer) for step in pieces]
             count = sum(map(len, finer))
-            if found is not None:
+            if solution is not None:
                 ascending = np.argsort(block.y, axis=None)
                 guess = block.y.ravel()[ascending], (k / balls.mean).ravel()[ascending]
             continue
         kept = min(len(steps), 1 + int(np.count_nonzero(forces > LEAST_SOLVED_FORCE)))
-        places.append(np.concatenate([block.origin, block.middle, block.half], axis=1)[:kept])
-        series.append(table[:kept])
-        top = float(k[kept - 1, 0])
+        geometry = np.concatenate([block.origin, block.middle, block.half], axis=1)
+        solved_steps.append(geometry[:kept])
+        solved_tables.append(table[:kept])
+        stiffness = float(k[kept - 1, 0])
         force = float(forces[kept - 1])
         del pending[-len(steps) :]
         count = 2 * count
         guess = None
-    where, stiffness = (
-        np.ascontiguousarray(np.concatenate(parts)[::-1].T) for parts in (places, series)
-    )
+    return _make_curve(shape, xi, far, solved_steps, solved_tables, force)
+
+
+def _divide_range(ends: list[float], most: float) -> list[Step]:
+    """Return the initial steps between the openings and the start of the series, in ascending
+    order; no step is longer than ``most`` in the square root.
+    """
+    steps: list[Step] = []
+    for below, origin, end in zip([-np.inf, *ends], ends[:-1], ends[1:], strict=False):
+        cuts = [math.sqrt(end - origin)]
+        while origin - below < _NEAR * cuts[-1] ** 2:
+            cuts.append(0.5 * cuts[-1])
+        for low, high in pairwise([0.0, *reversed(cuts)]):
+            pieces = 2 ** math.ceil(math.log2(max(1.0, (high - low) / most)))
+            roots = np.linspace(low, high, pieces + 1).tolist()
+            steps += [(origin, *step_roots) for step_roots in pairwise(roots)]
+    return steps
+
+
+def _make_curve(
+    shape: Shape,
+    xi: float,
+    far: Series,
+    steps: list[Array],
+    tables: list[Array],
+    lowest_force: float,
+) -> EffectiveCurve:
+    """Return the curve from its steps (n, 3) and the series of k on each step (n, s + 1), in
+    descending order; ``lowest_force`` is the force at its lower end.
+    """
+    geometry = np.ascontiguousarray(np.concatenate(steps)[::-1].T)
+    stiffness = np.ascontiguousarray(np.concatenate(tables)[::-1].T)
     # force and energy are integrals
-    rise = 2.0 * where[2] * where[1:]  # dy/dt, as a series
-    forces = _integrate_over_steps(stiffness, rise, force)
+    rise = 2.0 * geometry[2] * geometry[1:]  # dy/dt, as a series
+    forces = _integrate_over_steps(stiffness, rise, lowest_force)
     # the curve and the series differ here by rounding alone; scaling the curve removes the jump
     scale = far.value(far.start, FORCE) / float(np.sum(forces[:, -1]))
     energies = _integrate_over_steps(forces, rise, 0.0)
     energies, forces, stiffness = (
         read_only(scale * table) for table in (energies, forces, stiffness)
     )
-    return EffectiveCurve(shape, xi, far, read_only(where), (energies, forces, stiffness))
+    return EffectiveCurve(shape, xi, far, read_only(geometry), (energies, forces, stiffness))
 
 
-def _halve(step: tuple[float, float, float]) -> list[tuple[float, float, float]]:
+def _halve(step: Step) -> list[Step]:
     origin, low, high = step
-    return [(origin, low, 0.5 * (low + high)), (origin, 0.5 * (low + high), high)]
+    middle = 0.5 * (low + high)
+    return [(origin, low, middle), (origin, middle, high)]
 
 
 def _relax(
     balls: DensityBalls | PointBalls, derivative: Array, block: Block, k: Array, top: float
 ) -> tuple[Array, Array] | None:
-    """Find k at the points of a block and the force at the lower ends, by Newton's method from
-    ``k``; None if it fails.
+    """Return k at the points of a block and the force at the lower ends, by Newton's method from
+    an estimate ``k``; None if the method fails. ``top`` is k at the upper end of the block.
     """
     rise = 2.0 * block.half * block.root[:, :-1]  # dy/dt
     inner = derivative[:, :-1]
@@ -774,15 +793,17 @@ def _relax(
     for _ in range(30):
         force, by_k, _ = balls.balance(k)
         matrix = inner * by_k[:, None, :-1] - rise[:, :, None] * np.eye(len(inner))
-        miss = (k - balls.known)[:, :-1] * rise - force @ derivative.T
+        residual = (k - balls.base_stiffness)[:, :-1] * rise - force @ derivative.T
+        sides = np.stack([residual, -last * by_k[:, -1:]], axis=-1)
         try:
-            both = np.linalg.solve(matrix, np.stack([miss, -last * by_k[:, -1:]], axis=-1))
+            responses = np.linalg.solve(matrix, sides)
         except np.linalg.LinAlgError:
             return None
-        changes = [0.0]  # of k at the ends of the steps
-        for own, passed_on in both[:, 0].tolist():
-            changes.append(own + passed_on * changes[-1])
-        change = both[..., 0] + both[..., 1] * np.array(changes[:-1])[:, None]
+        # the change of k at the lower end of a step is linear in the change at its upper end
+        changes = [0.0]
+        for offset, gain in responses[:, 0].tolist():
+            changes.append(offset + gain * changes[-1])
+        change = responses[..., 0] + responses[..., 1] * np.array(changes[:-1])[:, None]
         if not np.all(np.isfinite(change)):
             return None
         k[:, :-1] = np.maximum(k[:, :-1] + change, 0.1 * k[:, :-1])

@@ -232,7 +232,7 @@ def test_no_seam_between_steps(shape, xi):
     for order, room in ((FORCE, 1e-14), (STIFFNESS, 1e-14), (ENERGY, 1e-12)):
         lower, upper = curve.ends(order)
         np.testing.assert_allclose(lower[1:], upper[:-1], rtol=room)
-    origin, middle, half = curve.places
+    origin, middle, half = curve.steps
     seams = (origin + (middle - half) ** 2)[1:]
     inside = seams[middle[1:] > half[1:]]  # on the far side of an opening the slope is a limit
     slopes = [curve.value(inside + side, SLOPE) for side in (0.0, 1e-13)]
@@ -308,7 +308,9 @@ def test_more_stages_shorter_steps_and_more_nodes_change_nothing(name):
     shape, *setting = FINER[name]
     curve, finer = effective_curve(shape, XI[0.0]), solved(shape, *setting)
     assert curve.least_force == LEAST_SOLVED_FORCE
-    y = finer.overlap(np.geomspace(1e-4, 0.99 * curve.far.value(curve.far.start, FORCE), 5001))
+    y = finer.overlap(
+        np.geomspace(1e-4, 0.99 * curve.series.value(curve.series.start, FORCE), 5001)
+    )
     np.testing.assert_allclose(curve.value(y, FORCE), finer.value(y, FORCE), rtol=1e-11)
     np.testing.assert_allclose(curve.value(y, STIFFNESS), finer.value(y, STIFFNESS), rtol=1e-9)
 
@@ -404,7 +406,9 @@ def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
         _, by_y, by_k = state(curve.start, 0.0)
         assert by_y < 0.0 < by_k
     for y in curve.overlap(
-        np.geomspace(curve.least_force * 1.01, 0.99 * curve.far.value(curve.far.start, FORCE), 25)
+        np.geomspace(
+            curve.least_force * 1.01, 0.99 * curve.series.value(curve.series.start, FORCE), 25
+        )
     ):
         f, _, by_k = state(y, curve.value(np.array([y]), STIFFNESS)[0])
         assert by_k > 0.0
@@ -418,7 +422,7 @@ def test_the_medium_takes_every_diameter_of_a_lot(steel):
         gp.Packing(steel, float(np.mean(sizes)), spread=gp.Measured(tuple(sizes)))
     ).law
     assert len(law.shape.positions) == 66
-    assert law.curve.places.shape[1] >= 66 * 67 // 2
+    assert law.curve.steps.shape[1] >= 66 * 67 // 2
 
 
 def bounds(curve, points=5):
@@ -428,7 +432,7 @@ def bounds(curve, points=5):
     (e + rho)/G_k is the error of k, and e is forgotten downwards as the head of this file says.
     """
     t = np.linspace(-0.98, 0.98, points)
-    origin, middle, half = (values[::-1, None] for values in curve.places)
+    origin, middle, half = (values[::-1, None] for values in curve.steps)
     root = (middle + half * t[::-1]).ravel()
     origin = np.repeat(origin, points)
     y = origin + root * root
