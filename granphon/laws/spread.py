@@ -87,10 +87,10 @@ class Series(NamedTuple):
         """
         powers = (self.scale / y[:, None]) ** np.arange(_TERMS)
         slopes = powers * _compute_factors(STIFFNESS)
-        more = powers[:, 1:] @ (self.balls - self.mean[:, None])[1:]
-        return more / (powers @ self.mean)[:, None], slopes @ self.balls / (slopes @ self.mean)[
-            :, None
-        ]
+        differences = powers[:, 1:] @ (self.balls - self.mean[:, None])[1:]
+        excess = differences / (powers @ self.mean)[:, None]
+        stiffness = slopes @ self.balls / (slopes @ self.mean)[:, None]
+        return excess, stiffness
 
 
 def _compute_factors(order: int) -> Array:
@@ -127,7 +127,8 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     powers = _compute_factors(STIFFNESS)
     mean = np.zeros(_TERMS)
     inverse = np.zeros_like(balls)
-    mean[0], inverse[0] = 1.0, 1.0 / (1.5 * (1.0 + xi))
+    mean[0] = 1.0
+    inverse[0] = 1.0 / (1.5 * (1.0 + xi))
     for m in n[1:]:
         terms = [(balls[j] - mean[j]) * inverse[m - j] for j in n[1:m]]
         mean[m] = weights @ sum(terms, balls[m] * inverse[0]) / inverse[0, 0]
@@ -187,22 +188,22 @@ class SpreadLaw(EnergyLaw):
         """
         load = np.asarray(force, float)
         if not np.all(load > 0.0):
-            what = "the mean force of the contacts is not above zero"
             raise InputError(
-                what, "Contacts carry no tension, so no single overlap belongs to such a force"
+                "the mean force of the contacts is not above zero",
+                "Contacts carry no tension, so no single overlap belongs to such a force",
             )
 
-        def near(part: Array) -> Array:
-            return self.width * self._find_near_overlap(np.asarray(self._units.reduced_force(part)))
+        def invert_near(force: Array) -> Array:
+            reduced = np.asarray(self._units.reduced_force(force))
+            return self.width * self._find_near_overlap(reduced)
 
-        def beyond(part: Array) -> Array:
+        def invert_series(force: Array) -> Array:
             hertz = HertzLaw(self.coefficient)
-            delta = np.asarray(hertz.overlap(part))
+            delta = np.asarray(hertz.overlap(force))
             for _ in range(20):
                 # the ratio is within 1 % of one: each round gains two digits or more
-                better = np.asarray(
-                    hertz.overlap(part / self._series.ratio(delta / self.width, FORCE))
-                )
+                ratio = self._series.ratio(delta / self.width, FORCE)
+                better = np.asarray(hertz.overlap(force / ratio))
                 settled = np.all(np.abs(better - delta) <= 4e-16 * better)
                 delta = better
                 if settled:
@@ -212,8 +213,10 @@ class SpreadLaw(EnergyLaw):
         # W may be so small that the reduced load is above the floating range, where the series
         # holds
         with np.errstate(over="ignore", under="ignore"):
-            far = self._units.reduced_force(load) >= self._series.value(self._series.start, FORCE)
-            return self._evaluate_parts(load, far, beyond, near)
+            is_far = self._units.reduced_force(load) >= self._series.value(
+                self._series.start, FORCE
+            )
+            return self._evaluate_parts(load, is_far, invert_series, invert_near)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return Delta f / f of Section IV: the rms deviation of the relaxed force over balls,
@@ -222,9 +225,8 @@ class SpreadLaw(EnergyLaw):
 
         def rms(excess: Array, stiffness: Array, weights: Array) -> Array:
             # F^Q - K^Q u^Q - f = (F^Q - f)/(1 + K^Q/Xi k)
-            return np.asarray(
-                np.sqrt(np.sum(weights * (excess / (1.0 + stiffness / self.xi)) ** 2, axis=-1))
-            )
+            relaxed = excess / (1.0 + stiffness / self.xi)
+            return np.asarray(np.sqrt(np.sum(weights * relaxed**2, axis=-1)))
 
         def far(y: Array) -> Array:
             return rms(*self._series.excess(y), self._series.weights)
@@ -243,11 +245,12 @@ class SpreadLaw(EnergyLaw):
         def near(y: Array) -> Array:
             nodes = self.shape.nodes(y, _COUNTING, whole=True)
             excess, stiffness = self._compute_excesses(y, nodes.positions)
-            force, k = self._evaluate_near(y, FORCE), self._evaluate_near(y, STIFFNESS)
+            force = self._evaluate_near(y, FORCE)
+            k = self._evaluate_near(y, STIFFNESS)
             moved = (force / np.where(k > 0.0, k, 1.0))[:, None] * excess / (stiffness + self.xi)
-            part = self.shape.average(y[:, None] - moved, 0.0, nodes.positions)
+            closed = self.shape.average(y[:, None] - moved, 0.0, nodes.positions)
             # weights sum to one but for rounding
-            return np.asarray(np.minimum(np.sum(nodes.weights * part, axis=-1), 1.0))
+            return np.asarray(np.minimum(np.sum(nodes.weights * closed, axis=-1), 1.0))
 
         return self._evaluate_joined(overlap, np.ones_like, near)
 
@@ -257,12 +260,12 @@ class SpreadLaw(EnergyLaw):
 
         Both are zero where all contacts are open.
         """
-        mean, k = (self._evaluate_near(y, order)[:, None] for order in (FORCE, STIFFNESS))
-        closed = mean > 0.0
-        mean, k = (np.where(closed, value, 1.0) for value in (mean, k))
-        return (self.shape.force(y[:, None], x) / mean - 1.0) * closed, self.shape.stiffness(
-            y[:, None], x
-        ) / k
+        force = self._evaluate_near(y, FORCE)[:, None]
+        k = self._evaluate_near(y, STIFFNESS)[:, None]
+        closed = force > 0.0
+        excess = self.shape.force(y[:, None], x) / np.where(closed, force, 1.0) - 1.0
+        stiffness = self.shape.stiffness(y[:, None], x) / np.where(closed, k, 1.0)
+        return excess * closed, stiffness
 
     # -- between SI and reduced --------------------------------------------------------------------
 
@@ -291,40 +294,42 @@ class SpreadLaw(EnergyLaw):
         if order == ENERGY:
             offset = self._energy_offset * self._find_unit(ENERGY)
 
-        def far(part: Array) -> Array:
-            return np.asarray(
-                hertz._evaluate(part, order) * self._series.ratio(part / self.width, order) + offset
-            )
+        def far(overlap: Array) -> Array:
+            ratio = self._series.ratio(overlap / self.width, order)
+            return np.asarray(hertz._evaluate(overlap, order) * ratio + offset)
 
-        def near(part: Array) -> Array:
-            return self._find_unit(order) * self._evaluate_near(part / self.width, order)
+        def near(overlap: Array) -> Array:
+            return self._find_unit(order) * self._evaluate_near(overlap / self.width, order)
 
         with np.errstate(over="ignore", under="ignore"):
             return self._evaluate_parts(delta, delta / self.width >= self._series.start, far, near)
 
     @staticmethod
     def _evaluate_parts(
-        values: Array, far: Any, one: Callable[[Array], Array], other: Callable[[Array], Array]
+        values: Array, is_far: Any, far: Callable[[Array], Array], near: Callable[[Array], Array]
     ) -> Any:
-        """Evaluate ``one`` where ``far`` is true and ``other`` elsewhere; only the functions that
-        are needed are called.
+        """Evaluate the function ``far`` where ``is_far`` is true, and ``near`` elsewhere; a
+        function that is not needed is not called.
         """
-        if np.all(far):
-            return one(values)[()]
-        if not np.any(far):
-            return other(values)[()]
-        out = np.empty(values.shape)
-        out[far], out[~far] = one(values[far]), other(values[~far])
-        return out
+        if np.all(is_far):
+            return far(values)[()]
+        if not np.any(is_far):
+            return near(values)[()]
+        results = np.empty(values.shape)
+        results[is_far] = far(values[is_far])
+        results[~is_far] = near(values[~is_far])
+        return results
 
     def _evaluate_joined(
         self, overlap: ArrayLike, far: Callable[[Array], Array], near: Callable[[Array], Array]
     ) -> Any:
         """Evaluate a function of y: ``far`` from the start of the series on, ``near`` below it."""
-        parts = (partial(evaluate_in_blocks, part, size=_LOADS_AT_ONCE) for part in (far, near))
+        in_blocks = (
+            partial(evaluate_in_blocks, function, size=_LOADS_AT_ONCE) for function in (far, near)
+        )
         with np.errstate(over="ignore", under="ignore"):
             y = np.asarray(np.asarray(overlap, float) / self.width)
-            return self._evaluate_parts(y, y >= self._series.start, *parts)
+            return self._evaluate_parts(y, y >= self._series.start, *in_blocks)
 
 
 # -- the averaged force ----------------------------------------------------------------------------
@@ -351,8 +356,8 @@ class AveragedLaw(SpreadLaw):
         depths, logs = _tabulate_force(self.shape)
         first = -self.shape.bounds[1]
         with np.errstate(divide="ignore"):  # a force below the floating range is refused below
-            wanted = np.log(force)
-        if np.any(wanted < logs[0]):
+            log_force = np.log(force)
+        if np.any(log_force < logs[0]):
             raise PrecisionError(
                 f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too small",
                 "So near the first contact an overlap in double precision does not give the"
@@ -362,19 +367,18 @@ class AveragedLaw(SpreadLaw):
         # the force is convex: from too large an overlap Newton's method descends to the root, past
         # any kink. The index is limited because, just below the start of the series, rounding may
         # put a force beyond the table
-        place = np.minimum(np.searchsorted(logs, wanted), logs.size - 1)
-        y = np.ravel(first + np.exp(depths[place]))
+        row = np.minimum(np.searchsorted(logs, log_force), logs.size - 1)
+        y = np.ravel(first + np.exp(depths[row]))
         goal = np.ravel(force)
-        going = np.ones(y.shape, bool)
+        active = np.ones(y.shape, bool)
         for _ in range(200):
-            step = (np.asarray(self.shape.force(y[going])) - goal[going]) / np.asarray(
-                self.shape.stiffness(y[going])
-            )
+            residual = np.asarray(self.shape.force(y[active])) - goal[active]
+            step = residual / np.asarray(self.shape.stiffness(y[active]))
             # a step that is negative, or no larger than rounding, ends the iteration
-            small = step <= 2e-16 * np.abs(y[going])
-            y[going] -= np.where(small, 0.0, step)
-            going[going] = ~small
-            if not np.any(going):
+            small = step <= 2e-16 * np.abs(y[active])
+            y[active] -= np.where(small, 0.0, step)
+            active[active] = ~small
+            if not np.any(active):
                 return y.reshape(np.shape(force))
         raise PrecisionError(
             "the overlap of the averaged force does not converge", mend="Give a less uneven spread"

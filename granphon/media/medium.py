@@ -24,6 +24,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing, require_shallow
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.memory import require_memory
 from granphon.base.validation import Rule, choice, one_of
@@ -63,13 +64,13 @@ class Medium(ABC, Generic[StateT]):
     words: ClassVar[str]
     # what a scene or a sweep may set of the medium besides the packing, by name
     options: ClassVar[Mapping[str, Option]] = {}
-    # what of it takes so long that a survey leaves it out, in words; simulations have words of
-    # their own
+    # words for the states that take so long that a survey leaves them out; simulations have words
+    # of their own
     slow_part = ""
 
     @property
     def is_solved_anew(self) -> bool:
-        """Whether each packing of a sweep has a law of its own, which takes its time."""
+        """Whether each packing of a sweep has a law of its own, which takes time to solve."""
         return False
 
     @property
@@ -86,26 +87,26 @@ class Medium(ABC, Generic[StateT]):
 
     @property
     def local_field(self) -> LocalField | None:
-        """How the lattice around a ball gives way; None of a medium that does not ask."""
+        """How the lattice around a ball gives way; None for a medium that needs no such answer."""
         return None
 
     def prepare(self) -> None:
-        """Find what all states need of the lattice; :class:`~granphon.base.errors.MechanismError`
-        if it has none.
+        """Find the properties of the lattice that all states need.
+
+        Raises :class:`~granphon.base.errors.MechanismError` if the lattice does not have them.
         """
         return
 
     def require_sound(self, pushed: bool = False) -> None:
         """Raise if the lattice is known to have no sound, before a state is found.
 
-        :class:`~granphon.base.errors.MechanismError` if it gives way without a force,
+        :class:`~granphon.base.errors.MechanismError` if the lattice gives way without a force,
         :class:`~granphon.base.errors.InstabilityError` if it is ``pushed`` by prestress and buckles
-        under any. Of the stiffnesses of contacts it matters only which of them there are.
+        under any prestress. Only whether a stiffness of the contacts is zero matters.
         """
         packing = self.packing
-        present = tuple(
-            float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending)
-        )
+        stiffnesses = (packing.mindlin_ratio, packing.torsion, packing.bending)
+        present = tuple(float(bool(stiffness)) for stiffness in stiffnesses)
         _require_sound(packing.structure, present, packing.ball_motions, pushed)
 
     def require(self, load: Load) -> None:
@@ -129,8 +130,8 @@ class Medium(ABC, Generic[StateT]):
     def by_geometry(
         self, load: Load, finite_overlap: bool | None = None
     ) -> list[tuple[Self, list[int]]]:
-        """Return the medium in each geometry that it has at values of an applied load, and their
-        places.
+        """Return the medium in each of its geometries at an applied load, and the indices of the
+        values of the load that the geometry serves.
         """
         return [(self, list(range(load.size)))]
 
@@ -241,7 +242,7 @@ class LawMedium(Medium[ContactState]):
         law = self.law
         diameter = self.packing.diameter
         periods = self.packing.structure.periods
-        with np.errstate(all="ignore"):  # what is beyond double precision is refused below
+        with np.errstate(all="ignore"):  # numbers beyond double precision are refused below
             if load.kind == "overlap":
                 overlap = load.array
                 if law.least_overlap == 0.0:
@@ -250,25 +251,14 @@ class LawMedium(Medium[ContactState]):
                     raise explain_untouched(load, -law.least_overlap)
                 force = np.asarray(law.force(overlap))
             elif load.kind == "pressure":
-                # P a^(p-1) is the lattice's pressure factor times f if the boundary follows the
-                # balls, else P d^(p-1)
-                power = periods - 1
-                # force over spacing to the power p - 1
+                # the lattice's pressure factor times f is P d^(p-1), or P a^(p-1) if the boundary
+                # follows the balls; the slope is f over the power of the spacing
                 slope = load.array / self.packing.structure.pressure_factor
-                force = slope * diameter**power
+                force = slope * diameter ** (periods - 1)
                 overlap = np.asarray(law.overlap(force))
-                # solve f(delta) = slope (d - delta)^(p - 1): f rises and is convex, and the other
-                # side falls, so that Newton's method descends from a larger overlap
-                for _ in range(100 if follows and power else 0):
-                    spacing = diameter - overlap
-                    slide = power * slope * spacing ** (power - 1)
-                    step = (law.force(overlap) - slope * spacing**power) / (
-                        law.stiffness(overlap) + slide
-                    )
-                    overlap = overlap - step
-                    if np.all(np.abs(step) <= 4e-16 * np.abs(overlap)):
-                        break
-                force = np.asarray(law.force(overlap)) if follows and power else force
+                if follows and periods > 1:
+                    overlap = self._shrink_boundary(slope, overlap)
+                    force = np.asarray(law.force(overlap))
             else:
                 force = load.array
                 overlap = np.asarray(law.overlap(load.array))
@@ -276,17 +266,9 @@ class LawMedium(Medium[ContactState]):
             length = np.maximum(np.abs(overlap), self.packing.width)
             # the last three are of the size of the slope of the stiffness, the pressure and the
             # moduli
-            made = np.array(
-                [
-                    force,
-                    stiffness,
-                    length,
-                    stiffness / length,
-                    force / diameter,
-                    stiffness / diameter,
-                ]
-            )
-        if not np.all((made >= LEAST_NORMAL) & (made < np.inf)):
+            ratios = [stiffness / length, force / diameter, stiffness / diameter]
+            sizes = np.array([force, stiffness, length, *ratios])
+        if not np.all((sizes >= LEAST_NORMAL) & (sizes < np.inf)):
             raise InputError(
                 f"{load.describe(periods)} is too small or too large for double precision"
             )
@@ -301,6 +283,25 @@ class LawMedium(Medium[ContactState]):
             normal_stiffness=stiffness[()],
             finite_overlap=follows,
         )
+
+    def _shrink_boundary(self, slope: Array, overlap: Array) -> Array:
+        """Return the overlap delta at which the boundary has shrunk with the balls: f(delta) =
+        ``slope`` (d - delta)^(p - 1), from the larger ``overlap`` of a boundary that does not.
+
+        The force f rises and is convex, and the right side falls, so that Newton's method descends
+        from a larger overlap.
+        """
+        law = self.law
+        power = self.packing.structure.periods - 1
+        for _ in range(100):
+            spacing = self.packing.diameter - overlap
+            slide = power * slope * spacing ** (power - 1)
+            residual = law.force(overlap) - slope * spacing**power
+            step = residual / (law.stiffness(overlap) + slide)
+            overlap = overlap - step
+            if np.all(np.abs(step) <= 4e-16 * np.abs(overlap)):
+                break
+        return overlap
 
 
 @dataclass(frozen=True)
@@ -395,12 +396,12 @@ class EffectiveMedium(LawMedium):
     ) -> None:
         one_of("local_field", local_field, _LOCAL_FIELDS)
         if local_field == "paper" and isinstance(packing, Packing):
-            other = (
-                f"of the {packing.structure.name} lattice"
-                if packing.structure != TRIANGULAR
-                else ""
-            )
-            if lacking := other or "with bending" * bool(packing.bending):
+            lacking = ""
+            if packing.structure != TRIANGULAR:
+                lacking = f"of the {packing.structure.name} lattice"
+            elif packing.bending:
+                lacking = "with bending"
+            if lacking:
                 raise InputError(f"the paper gives no local field {lacking}", mend="Use 'computed'")
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "source", local_field)
@@ -414,12 +415,13 @@ class EffectiveMedium(LawMedium):
         """Rough time of solving it, s, for any number of loads: long lists of diameters have many
         pairs that open.
         """
-        shape = self.packing.spread.shape if self.packing.spread and self.packing.width else None
+        if not (self.packing.spread and self.packing.width):
+            return 0.0
+        shape = self.packing.spread.shape
         if not isinstance(shape, PointShape):
-            return _DENSITY_TIME if shape else 0.0
-        return max(
-            _DENSITY_TIME, float(_LIST_TIME * (shape.openings.size / _LIST_OPENINGS) ** _LIST_POWER)
-        )
+            return _DENSITY_TIME
+        list_time = float(_LIST_TIME * (shape.openings.size / _LIST_OPENINGS) ** _LIST_POWER)
+        return max(_DENSITY_TIME, list_time)
 
     @property
     def is_quick(self) -> bool:
@@ -428,9 +430,7 @@ class EffectiveMedium(LawMedium):
 
     @property
     def is_solved_anew(self) -> bool:
-        """Whether each packing of a sweep has a law of its own, which takes its time: so has each
-        list of diameters.
-        """
+        """Whether each packing of a sweep has a law of its own, as for lists of diameters."""
         return isinstance(self.packing.spread, Discrete | Measured)
 
     def prepare(self) -> None:
