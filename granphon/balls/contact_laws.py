@@ -168,9 +168,9 @@ class PowerLaw(EnergyLaw):
         load = np.asarray(real_array("force", force))
         require_pushing(load)
         with np.errstate(over="ignore"):
-            found = (load / self.coefficient) ** (1.0 / self.exponent)
-        require_finite("overlap", found, "a force", load, "N")
-        return found[()]
+            overlaps = (load / self.coefficient) ** (1.0 / self.exponent)
+        require_finite("overlap", overlaps, "a force", load, "N")
+        return overlaps[()]
 
 
 @dataclass(frozen=True)
@@ -190,8 +190,10 @@ class _Adhesive:
         return tension
 
     def _refuse(self) -> InputError:
-        what = f"an adhesion of {self.adhesion:g} J/m^2 is beyond double precision for these balls"
-        return InputError(what, mend="Give 0, or compare the units")
+        problem = (
+            f"an adhesion of {self.adhesion:g} J/m^2 is beyond double precision for these balls"
+        )
+        return InputError(problem, mend="Give 0, or compare the units")
 
 
 @dataclass(frozen=True)
@@ -232,11 +234,11 @@ class DMTLaw(EnergyLaw):
     tension: float
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        found = self.hertz._evaluate(overlap, order)
+        value = self.hertz._evaluate(overlap, order)
         if order > FORCE:
-            return found
+            return value
         pull = np.where(np.asarray(real_array("overlap", overlap)) >= 0.0, self.tension, 0.0)
-        return (found - (pull if order == FORCE else pull * np.asarray(overlap)))[()]
+        return (value - (pull if order == FORCE else pull * np.asarray(overlap)))[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does
@@ -313,9 +315,9 @@ class JKRLaw(EnergyLaw):
         """
         delta = real_array("overlap", overlap)
         u, whole = self._solve(delta)
-        found = np.where(whole, self.spot * u * u, 0.0)
-        require_finite("radius", found, "an overlap", delta, "m")
-        return found[()]
+        radius = np.where(whole, self.spot * u * u, 0.0)
+        require_finite("radius", radius, "an overlap", delta, "m")
+        return radius[()]
 
     def _solve(self, delta: Array) -> tuple[Array, Flags]:
         """Return u at overlaps, and where the contact is whole."""
@@ -342,33 +344,33 @@ class JKRLaw(EnergyLaw):
         rise = 4.0 * cube - 1.0
         # factors are in such an order that products stay in the floating range
         if order == ENERGY:
-            found = (force * cube) * (length * u**4) * (8.0 / 15.0 * cube - 4.0 / 3.0 + 0.5 / cube)
+            value = (force * cube) * (length * u**4) * (8.0 / 15.0 * cube - 4.0 / 3.0 + 0.5 / cube)
         elif order == FORCE:
-            found = 2.0 * (force * cube) * (2.0 / 3.0 * cube - 1.0)
+            value = 2.0 * (force * cube) * (2.0 / 3.0 * cube - 1.0)
         elif order == STIFFNESS:
-            found = force / length * 2.0 * u**2 * ((4.0 * cube - 3.0) / rise)
+            value = force / length * 2.0 * u**2 * ((4.0 * cube - 3.0) / rise)
         else:
-            found = (
+            value = (
                 force
                 / length
                 / length
                 * (4.0 * u * (4.0 * cube - 3.0) / rise + 48.0 * (u**2 / rise) ** 2)
                 / rise
             )
-        return np.where(whole, found, 0.0)[()]
+        return np.where(whole, value, 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does
         not bear.
         """
-        given = np.asarray(real_array("force", force))
+        forces = np.asarray(real_array("force", force))
         with np.errstate(over="ignore"):
-            load = given / self.force_scale
+            load = forces / self.force_scale
             require_pushing(load * self.force_scale, -0.75 * self.force_scale)
             cube = 0.75 * (1.0 + np.sqrt(np.maximum(1.0 + 4.0 / 3.0 * load, 0.0)))
-        found = self.length * np.cbrt(cube) * (cube - 1.0)
-        require_finite("overlap", found, "a force", given, "N")
-        return found[()]
+        overlaps = self.length * np.cbrt(cube) * (cube - 1.0)
+        require_finite("overlap", overlaps, "a force", forces, "N")
+        return overlaps[()]
 
 
 @dataclass(frozen=True)
@@ -400,8 +402,8 @@ class TabulatedLaw(EnergyLaw):
     def __init__(self, overlap: ArrayLike, force: ArrayLike) -> None:
         delta, f = real_array("overlap", overlap), real_array("force", force)
         if delta.ndim != 1 or delta.shape != f.shape:
-            what = f"the table of a contact law has {delta.shape} overlaps and {f.shape} forces"
-            raise InputError(what, mend="Give two lists of one length")
+            problem = f"the table of a contact law has {delta.shape} overlaps and {f.shape} forces"
+            raise InputError(problem, mend="Give two lists of one length")
         if delta.size and delta[0] == 0.0 and f[0] == 0.0:
             delta = delta[1:]
             f = f[1:]
@@ -409,12 +411,14 @@ class TabulatedLaw(EnergyLaw):
         good &= (np.diff(delta, prepend=0.0) > 0.0) & (np.diff(f, prepend=0.0) > 0.0)
         if not np.all(good):
             row = int(np.argmin(good))
-            what = (
+            problem = (
                 f"the table of a contact law has the overlap {delta[row]:g} m and the force"
                 f" {f[row]:g} N in its row {row}"
             )
             raise InputError(
-                what, "Both must be above zero, and above those of the row before", "Sort the table"
+                problem,
+                "Both must be above zero, and above those of the row before",
+                "Sort the table",
             )
         if delta.size < 2:
             raise InputError(
@@ -424,11 +428,11 @@ class TabulatedLaw(EnergyLaw):
         apart = (np.diff(np.log(delta)) > 0.0) & (np.diff(np.log(f)) > 0.0)
         if not np.all(apart):
             row = int(np.argmin(apart)) + 1
-            what = (
+            problem = (
                 f"rows {row - 1} and {row} of the table of a contact law differ by less than"
                 f" their logarithms can tell"
             )
-            raise InputError(what, "Its curve goes through logarithms", "Leave one out")
+            raise InputError(problem, "Its curve goes through logarithms", "Leave one out")
         object.__setattr__(self, "overlaps", tuple(delta.tolist()))
         object.__setattr__(self, "forces", tuple(f.tolist()))
 
@@ -487,11 +491,11 @@ class TabulatedLaw(EnergyLaw):
         places = self._knots[0]
         curve = self._curve
         inside = np.clip(x, places[0], places[-1])
-        found = np.asarray(curve(inside, order))
+        logarithm = np.asarray(curve(inside, order))
         if order == 2:
-            return np.where(x == inside, found, 0.0)
+            return np.where(x == inside, logarithm, 0.0)
         slope = np.where(x < places[0], self._exponent_below, curve(inside, 1))
-        return found + (x - inside) * slope if order == 0 else slope
+        return logarithm + (x - inside) * slope if order == 0 else slope
 
     @cached_property
     def _energies(self) -> Array:
@@ -526,15 +530,15 @@ class TabulatedLaw(EnergyLaw):
             inside = self._energies[place] + self._integrate(
                 places[place], np.clip(x, places[0], places[-1])
             )
-            found = np.where(x > places[-1], self._energies[-1] - last + ends, inside)
-            found = np.where(x < places[0], ends, found)
+            value = np.where(x > places[-1], self._energies[-1] - last + ends, inside)
+            value = np.where(x < places[0], ends, value)
         else:
             slope = self._logarithm(x, 1) if order > FORCE else 1.0
-            found = np.exp(self._logarithm(x) - (order - 1) * x)
-            found = found * (
+            value = np.exp(self._logarithm(x) - (order - 1) * x)
+            value = value * (
                 slope if order < SLOPE else slope * (slope - 1.0) + self._logarithm(x, 2)
             )
-        return np.where(touch, found, 0.0)[()]
+        return np.where(touch, value, 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, under a ``force``, N; :class:`InputError` if it is negative."""
@@ -564,16 +568,17 @@ class TabulatedLaw(EnergyLaw):
             if np.all(done):
                 break
         with np.errstate(over="ignore"):
-            found = np.where(load > 0.0, np.exp(x), 0.0)
-        require_finite("overlap", found, "a force", load, "N")
-        return found[()]
+            overlaps = np.where(load > 0.0, np.exp(x), 0.0)
+        require_finite("overlap", overlaps, "a force", load, "N")
+        return overlaps[()]
 
 
 def opening_overlap(law: PairLaw) -> float:
     """Return the overlap below which bodies with a ``law`` are apart, m; -inf of a bond, which
     never opens.
     """
-    if (least := getattr(law, "least_overlap", None)) is not None:
+    least = getattr(law, "least_overlap", None)
+    if least is not None:
         return float(least)
     return -math.inf if np.any(np.asarray(law.force(np.array([-1e-9])))) else 0.0
 
@@ -609,31 +614,32 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
             f"the contact law is the class {law.__name__}",
             mend=f"Give a law, as {law.__name__}(...)",
         )
-    found = law.between(ball, other) if hasattr(law, "between") else law
-    if lacking := [name for name in _METHODS if not callable(getattr(found, name, None))]:
-        what = f"the contact law {brief(law)} has no method {', '.join(lacking)}"
+    pair_law = law.between(ball, other) if hasattr(law, "between") else law
+    lacking = [name for name in _METHODS if not callable(getattr(pair_law, name, None))]
+    if lacking:
+        problem = f"the contact law {brief(law)} has no method {', '.join(lacking)}"
         mend = "Give one of granphon's laws, or an object with the methods " + ", ".join(_METHODS)
         raise InputError(
-            what, "They are functions of the overlap, and overlap is one of the force", mend
+            problem, "They are functions of the overlap, and overlap is one of the force", mend
         )
-    return found  # type: ignore[no-any-return]
+    return pair_law  # type: ignore[no-any-return]
 
 
 def _check_radius(name: str, law: PairLaw, at: Array) -> None:
     """Raise for a user's law whose ``contact_radius`` is not a radius at overlaps ``at``."""
     if not callable(find := getattr(law, "contact_radius", None)):
         return
-    found = np.asarray(find(at))
+    radii = np.asarray(find(at))
     if (
-        found.shape != at.shape
-        or found.dtype.kind != "f"
-        or not np.all((found > 0.0) & np.isfinite(found))
+        radii.shape != at.shape
+        or radii.dtype.kind != "f"
+        or not np.all((radii > 0.0) & np.isfinite(radii))
     ):
-        what = (
-            f"contact_radius of the contact law {name} returns {brief(found)} for an array of"
+        problem = (
+            f"contact_radius of the contact law {name} returns {brief(radii)} for an array of"
             f" overlaps"
         )
-        raise InputError(what, mend="Return an array of radii, m, of the same shape")
+        raise InputError(problem, mend="Return an array of radii, m, of the same shape")
 
 
 def check_law(law: PairLaw, radius: float) -> None:
@@ -649,12 +655,12 @@ def check_law(law: PairLaw, radius: float) -> None:
     name = type(law).__name__
     delta = _PROBES * radius
 
-    def ask(method: str, at: Array) -> Array:
+    def ask(method: str, overlaps: Array) -> Array:
         try:
             with np.errstate(all="ignore"):  # what is not a number is told in words
-                return np.asarray(getattr(law, method)(at))
+                return np.asarray(getattr(law, method)(overlaps))
         except (TypeError, ValueError) as error:
-            what = (
+            problem = (
                 f"{method} of the contact law {name} does not take an array:"
                 f" {str(error).rstrip('.')}"
             )
@@ -663,15 +669,15 @@ def check_law(law: PairLaw, radius: float) -> None:
                 "Use numpy's functions, such as np.maximum for max, np.sqrt for math.sqrt,"
                 " np.where for if"
             )
-            raise InputError(what, why, mend) from error
+            raise InputError(problem, why, mend) from error
 
     least = getattr(law, "least_overlap", None)
     below = ask("force", (least or 0.0) - delta)
     if not np.all(np.isfinite(below)):
-        what = f"force of the contact law {name} is not finite below an overlap of"
+        fault = f"force of the contact law {name} is not finite below an overlap of"
         mend = "np.maximum(overlap, 0.0)"
         raise InputError(
-            f"{what} {least or 0.0:g} m", "Balls may be apart", f"Return zero there, with {mend}"
+            f"{fault} {least or 0.0:g} m", "Balls may be apart", f"Return zero there, with {mend}"
         )
     if least is not None and np.any(below):
         why = f"least_overlap is {least:g} m, below which balls are apart"
@@ -686,17 +692,17 @@ def check_law(law: PairLaw, radius: float) -> None:
     steps = delta[:, None] * (1.0 + _STEP * np.array([0.0, 1.0, -1.0]))
     values = {}
     for method in ("energy", "force", "stiffness", "stiffness_slope"):
-        given = ask(method, steps)
-        if given.shape != steps.shape or given.dtype.kind != "f" or not np.all(np.isfinite(given)):
-            what = (
-                f"{method} of the contact law {name} returns {brief(given)} for an array of"
+        value = ask(method, steps)
+        if value.shape != steps.shape or value.dtype.kind != "f" or not np.all(np.isfinite(value)):
+            fault = (
+                f"{method} of the contact law {name} returns {brief(value)} for an array of"
                 f" overlaps"
             )
-            raise InputError(what, mend="Return an array of numbers of the same shape")
-        values[method] = given
+            raise InputError(fault, mend="Return an array of numbers of the same shape")
+        values[method] = value
 
-    def refuse(what: str, where: int) -> None:
-        raise InputError(f"{what} at an overlap of {delta[where]:.4g} m", mend="Mend the law")
+    def refuse(fault: str, where: int) -> None:
+        raise InputError(f"{fault} at an overlap of {delta[where]:.4g} m", mend="Mend the law")
 
     for method, of in (
         ("energy", "force"),
@@ -704,15 +710,16 @@ def check_law(law: PairLaw, radius: float) -> None:
         ("stiffness", "stiffness_slope"),
     ):
         rise = (values[method][:, 1] - values[method][:, 2]) / (2.0 * _STEP * delta)
-        told = values[of][:, 0]
-        size = np.maximum(np.abs(told), np.abs(values[method][:, 0] / delta))
-        off = np.abs(rise - told) > _ALLOWED * size
+        values_of_method = values[of][:, 0]
+        size = np.maximum(np.abs(values_of_method), np.abs(values[method][:, 0] / delta))
+        off = np.abs(rise - values_of_method) > _ALLOWED * size
         if np.any(off):
-            at = int(np.argmax(off))
+            worst = int(np.argmax(off))
             refuse(
-                f"{of} of the contact law {name} is {told[at]:.6g}, and the derivative of its"
-                f" {method} {rise[at]:.6g}",
-                at,
+                f"{of} of the contact law {name} is {values_of_method[worst]:.6g}, and the"
+                f" derivative of its"
+                f" {method} {rise[worst]:.6g}",
+                worst,
             )
     if np.any(values["stiffness"][:, 0] <= 0.0):
         refuse(
@@ -722,8 +729,8 @@ def check_law(law: PairLaw, radius: float) -> None:
     back = ask("overlap", values["force"][:, 0])
     off = np.abs(back - delta) > _ALLOWED * np.abs(delta)
     if np.any(off):
-        at = int(np.argmax(off))
-        refuse(f"overlap(force(overlap)) of the contact law {name} is {back[at]:.6g} m", at)
+        worst = int(np.argmax(off))
+        refuse(f"overlap(force(overlap)) of the contact law {name} is {back[worst]:.6g} m", worst)
 
 
 # -- laws that have a name -------------------------------------------------------------------------
@@ -781,17 +788,22 @@ def register_law(name: str, law: Any, **units: str) -> Any:
             f"the contact law {name!r} is made already", mend="Give its class, or no units"
         )
     require("the name of a contact law", label, name)
-    if wrong := [
+    wrong = [
         *[name] * (" " in name),
         *(unit for unit in units.values() if unit and not is_si(unit)),
-    ]:
+    ]
+    if wrong:
         mend = "Give a name without spaces, and units of SI"
         raise InputError(f"a contact law cannot have {brief(wrong[0])}", mend=mend)
     try:
         _ = isinstance(law, type) and inspect.signature(law).bind(**units)
     except TypeError as error:
-        what = f"the contact law {name!r} is not made of {', '.join(units) or 'nothing'}: {error}"
-        raise InputError(what, mend="Name the unit of each number that the class takes") from None
+        problem = (
+            f"the contact law {name!r} is not made of {', '.join(units) or 'nothing'}: {error}"
+        )
+        raise InputError(
+            problem, mend="Name the unit of each number that the class takes"
+        ) from None
     plain = partial(number, low=-1e300, high=1e300)
     rules = {
         key: plain if unit in ("", "1") else Quantity(key, unit, f"1 {unit}", unit, "any")
@@ -807,11 +819,13 @@ def find_law(law: Any) -> Any:
     """
     if not isinstance(law, str):
         return law
-    found = LAWS[one_of("law", law, LAWS)]
-    if found.numbers:
-        what = f"the contact law {law!r} has numbers: {', '.join(found.numbers)}"
-        raise InputError(what, mend=f"Give it as {found.law.__name__}({', '.join(found.numbers)})")
-    return found.law() if isinstance(found.law, type) else found.law
+    registered = LAWS[one_of("law", law, LAWS)]
+    if registered.numbers:
+        problem = f"the contact law {law!r} has numbers: {', '.join(registered.numbers)}"
+        raise InputError(
+            problem, mend=f"Give it as {registered.law.__name__}({', '.join(registered.numbers)})"
+        )
+    return registered.law() if isinstance(registered.law, type) else registered.law
 
 
 #: how laws are given
@@ -850,12 +864,13 @@ def law_of_pair(law: Any, ball: Body, other: Body, one: str, two: str) -> PairLa
     name others too.
     """
     if isinstance(law, tuple):
-        known = {frozenset(pair): each for pair, each in law}
-        if (pair := frozenset((one, two))) not in known:
-            what, why = (
+        law_of_kinds = {frozenset(pair): each for pair, each in law}
+        pair = frozenset((one, two))
+        if pair not in law_of_kinds:
+            problem, why = (
                 f"law has none for contacts of {(one, two)}",
                 f"It has {brief([tuple(pair) for pair, _ in law])}",
             )
-            raise InputError(what, why, "Give one for each pair of kinds that touch")
-        law = known[pair]
+            raise InputError(problem, why, "Give one for each pair of kinds that touch")
+        law = law_of_kinds[pair]
     return law_between(law, ball, other)

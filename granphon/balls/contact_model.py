@@ -134,7 +134,7 @@ class ContactModel:
             if self.own_radii
             else np.array([ball.diameter for ball in self.kinds])[number]
         )
-        found = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *_STIFFNESSES)}
+        values = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *_STIFFNESSES)}
         pairs, of_pair = np.unique(
             np.stack([number, diameters], axis=1), axis=0, return_inverse=True
         )
@@ -150,17 +150,17 @@ class ContactModel:
             stiffness = np.asarray(law.stiffness(overlap))
             punch = punch_stiffness(law, overlap, constants.modulus)
             radius = 0.5 * diameter
-            found["overlap"][balls] = overlap
-            found["arm"][balls] = radius
-            found["normal_stiffness"][balls] = stiffness
-            found["shear_stiffness"][balls] = (
+            values["overlap"][balls] = overlap
+            values["arm"][balls] = radius
+            values["normal_stiffness"][balls] = stiffness
+            values["shear_stiffness"][balls] = (
                 constants.mindlin_ratio * punch if self.friction else 0.0
             )
-            found["torsion_stiffness"][balls] = self.find_torsion(
+            values["torsion_stiffness"][balls] = self.find_torsion(
                 stiffness, radius, punch / (2.0 * constants.modulus), constants.twist_modulus
             )
-            found["bending_stiffness"][balls] = self.find_bending(stiffness, radius)
-        return found
+            values["bending_stiffness"][balls] = self.find_bending(stiffness, radius)
+        return values
 
 
 _STIFFNESSES = ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")

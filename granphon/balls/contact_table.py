@@ -187,8 +187,8 @@ def find_contacts(
     many cells would have to be searched.
     """
     n = len(positions)
-    given = radii is not None
-    called = f"crystal {name!r}" if given else f"lattice {name!r}"
+    has_radii = radii is not None
+    called = f"crystal {name!r}" if has_radii else f"lattice {name!r}"
     size = np.full(n, 0.5) if radii is None else np.asarray(radii, float)
     i, j, shifts, delta = _find_near(cell, positions, size, called)
     touch = size[i] + size[j]
@@ -196,7 +196,7 @@ def find_contacts(
     ratio = distance / touch
     said = (
         "Two balls touch where their radii add up to their distance"
-        if given
+        if has_radii
         else "Touching balls are 1 apart"
     )
     mend = ""
@@ -205,46 +205,47 @@ def find_contacts(
     if np.any(near := (off > TOUCH) & (off <= NEAR)):
         # the pair of balls whose distance is nearest to that of touching ones among those that do
         # not touch
-        at = int(np.argmin(np.where(near, off, np.inf)))
-        closest = float(ratio[at])
+        worst = int(np.argmin(np.where(near, off, np.inf)))
+        closest = float(ratio[worst])
         image = (
-            f" shifted by ({', '.join(map(str, shifts[at].tolist()))}) cells"
-            if np.any(shifts[at])
+            f" shifted by ({', '.join(map(str, shifts[worst].tolist()))}) cells"
+            if np.any(shifts[worst])
             else ""
         )
         sides = (
-            f"{distance[at]:.9g} m apart, and their radii add up to {touch[at]:.9g} m"
-            if given
+            f"{distance[worst]:.9g} m apart, and their radii add up to {touch[worst]:.9g} m"
+            if has_radii
             else (f"{closest:.9g} apart, where touching balls are 1 apart")
         )
-        said = f"Ball {i[at]} and ball {j[at]}{image} are {sides}"
+        said = f"Ball {i[worst]} and ball {j[worst]}{image} are {sides}"
         rounded = "If numbers were rounded, write them with eight digits or more"
         scaled = delta[near] / touch[near, None]
         held = delta[off <= TOUCH] / touch[off <= TOUCH, None]
-        mend = _scale_to_touch(cell, scaled, held, given) or rounded
+        mend = _scale_to_touch(cell, scaled, held, has_radii) or rounded
     if np.any(ratio < 1.0 - TOUCH):
-        at = int(np.argmin(ratio))
-        least = float(ratio[at])
+        worst = int(np.argmin(ratio))
+        least = float(ratio[worst])
         why = f"Two sites are {least:.9g} apart, and touching balls are 1 apart"
-        if given:
+        if has_radii:
             why = (
-                f"Balls {i[at]} and {j[at]} are {distance[at]:.9g} m apart, and their radii add"
-                f" up to {touch[at]:.9g} m"
+                f"Balls {i[worst]} and {j[worst]} are {distance[worst]:.9g} m apart, and"
+                f" their radii add"
+                f" up to {touch[worst]:.9g} m"
             )
         mend = mend if mend and least >= 1.0 - NEAR else "Move the sites apart"
-        if given and distance[at] <= TOUCH * touch[at]:
+        if has_radii and distance[worst] <= TOUCH * touch[worst]:
             mend = (
                 "Give each site of the cell once; places that differ by vectors of the cell are"
                 " one site"
             )
-        elif given and least * _LIKE < 1.0 / _UNITS["cm"]:
+        elif has_radii and least * _LIKE < 1.0 / _UNITS["cm"]:
             mend = "Compare the units: diameters, cell and positions are in m"
         raise InputError(f"balls of {called} overlap", why, mend)
     touching = np.flatnonzero(off <= TOUCH)
     alone = np.setdiff1d(np.arange(n), i[touching])
     if alone.size:
-        which = f"ball {alone[0]} of {called}" if given else f"a ball of {called}"
-        if given and closest == math.inf:
+        ball_in_words = f"ball {alone[0]} of {called}" if has_radii else f"a ball of {called}"
+        if has_radii and closest == math.inf:
             # how far it is from the one that is nearest to touching it, and the unit that this
             # looks like
             ball = int(alone[0])
@@ -254,26 +255,27 @@ def find_contacts(
                 away = inside[:, None] + steps @ cell - inside[ball]
                 gaps = np.linalg.norm(away, axis=-1) / (size + size[ball])[:, None]
             gaps[ball, ~np.any(steps, axis=1)] = np.inf
-            other, _ = np.unravel_index(np.argmin(gaps), gaps.shape)
+            neighbour, _ = np.unravel_index(np.argmin(gaps), gaps.shape)
             apart = float(np.min(gaps))
-            sum_of_radii = float(size[other] + size[ball])
+            sum_of_radii = float(size[neighbour] + size[ball])
             said = (
-                f"The nearest, ball {other}, is {apart * sum_of_radii:.6g} m away, and their"
+                f"The nearest, ball {neighbour}, is {apart * sum_of_radii:.6g} m away, and their"
                 f" radii add up to"
             )
             said = f"{said} {sum_of_radii:.6g} m"
             mend = "Move them together, until their radii add up to their distance"
-            if unit := next(
+            unit = next(
                 (unit for unit, many in _UNITS.items() if many / _LIKE < apart < many * _LIKE), ""
-            ):
+            )
+            if unit:
                 mend = f"Give cell and positions in m: they look like {unit}"
-        raise InputError(f"{which} touches no other", said, mend)
+        raise InputError(f"{ball_in_words} touches no other", said, mend)
     if closest - 1.0 <= _CLOSING:
-        gap = f"a gap of {closest - 1.0:.2g}" + " of that" * given
+        gap = f"a gap of {closest - 1.0:.2g}" + " of that" * has_radii
         why = f"{said}. A{gap[1:]} closes under load, so that it was probably rounded"
         mend = (
             f"{mend}; for balls that do not touch, leave gaps above {_CLOSING:g}"
-            + " of their distance" * given
+            + " of their distance" * has_radii
         )
         raise InputError(f"balls of {called} nearly touch", why, mend)
     first = touching[select_once(i[touching], j[touching], shifts[touching])]
@@ -311,8 +313,8 @@ def _find_near(
     radius = longest + float(np.linalg.norm(apart, axis=-1).max())
     reach = _reach(cell, radius) + (not few)
     if np.prod(2.0 * reach + 1.0) * (1 if few else n / _FEW) > _MOST_CELLS:
-        what = f"the cell of {called} is too oblique, or its sites are too far from each other"
-        raise InputError(what, mend="Give short lattice vectors, and sites from 0 to 1")
+        problem = f"the cell of {called} is too oblique, or its sites are too far from each other"
+        raise InputError(problem, mend="Give short lattice vectors, and sites from 0 to 1")
     if few:
         steps = _list_steps(cell, radius, reach)
         delta = apart[:, :, None] + (steps @ cell)[None, None]
@@ -361,24 +363,24 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
         for steps in (*range(-reach, 0), *range(1, reach + 1)):
             away = place[ball, axis] + steps
             near = (away >= -margin) & (away <= 1.0 + margin)
-            there = step[near]
-            there[:, axis] = steps
-            kept.append((ball[near], there))
+            image_step = step[near]
+            image_step[:, axis] = steps
+            kept.append((ball[near], image_step))
         ball, step = (np.concatenate(parts) for parts in zip(*kept, strict=True))
     points = positions[ball] + (step - home[ball]) @ periods
-    one, other = cKDTree(points).query_pairs(cutoff, output_type="ndarray").T
+    first, second = cKDTree(points).query_pairs(cutoff, output_type="ndarray").T
     # the first of a pair is the lower one, and a place of the cell comes before all images
-    own = one < n
-    one = one[own]
-    other = other[own]
-    i = ball[one]
-    j = ball[other]
-    shift = step[other] - home[ball[other]] + home[ball[one]]
-    once = (other < n) | select_once(i, j, shift)
+    in_cell = first < n
+    first = first[in_cell]
+    second = second[in_cell]
+    i = ball[first]
+    j = ball[second]
+    shift = step[second] - home[ball[second]] + home[ball[first]]
+    once = (second < n) | select_once(i, j, shift)
     i = i[once]
     j = j[once]
     shift = shift[once]
-    vector = points[other[once]] - points[one[once]]
+    vector = points[second[once]] - points[first[once]]
     order = np.lexsort((*shift.T[::-1], j, i))
     return i[order], j[order], shift[order], vector[order]
 
@@ -406,9 +408,11 @@ def require_joined(
         shift = np.concatenate([shift, np.eye(periods, dtype=np.intp)])
         n = count + 1
     neighbours = defaultdict[int, list[tuple[int, tuple[int, ...]]]](list)
-    for one, other, step in zip(i.tolist(), j.tolist(), map(tuple, shift.tolist()), strict=True):
-        neighbours[one].append((other, step))
-        neighbours[other].append((one, tuple(-x for x in step)))
+    for one, neighbour, step in zip(
+        i.tolist(), j.tolist(), map(tuple, shift.tolist()), strict=True
+    ):
+        neighbours[one].append((neighbour, step))
+        neighbours[neighbour].append((one, tuple(-x for x in step)))
     # along how many periods each set of balls that contacts join extends, and its copies. The whole
     # cells by which rings of contacts lead from a ball to its images make a lattice of integers:
     # its rank is the number of periods, and its index the number of copies of the piece that do not
@@ -418,15 +422,17 @@ def require_joined(
     for first in range(n):
         if first in places:
             continue
-        places[first], rings, left = (0,) * periods, set[tuple[int, ...]](), [first]
-        while left:
-            ball = left.pop()
-            for other, step in neighbours[ball]:
-                there = tuple(map(sum, zip(places[ball], step, strict=True)))
-                if other not in places:
-                    places[other] = there
-                    left.append(other)
-                rings.add(tuple(a - b for a, b in zip(there, places[other], strict=True)))
+        places[first], rings, queue = (0,) * periods, set[tuple[int, ...]](), [first]
+        while queue:
+            ball = queue.pop()
+            for neighbour, step in neighbours[ball]:
+                place_of_neighbour = tuple(map(sum, zip(places[ball], step, strict=True)))
+                if neighbour not in places:
+                    places[neighbour] = place_of_neighbour
+                    queue.append(neighbour)
+                rings.add(
+                    tuple(a - b for a, b in zip(place_of_neighbour, places[neighbour], strict=True))
+                )
         # rank and index of the lattice that these make: the index among integers in its own span
         rows = [list(one) for one in rings]
         basis = list[list[int]]()
@@ -459,11 +465,11 @@ def require_joined(
     if not whole or count > 1:
         cells = f"{count} in each cell" if periods else f"{count} of them"
         pieces = f"{', '.join(_PIECES[rank] for rank in sorted(ranks))}, {cells}"
-        what = (
+        problem = (
             f"{called} falls into pieces that do not touch:"
             f" {f'{count} {_PIECES[periods]}' if whole else pieces}"
         )
-        raise InputError(what, said, mend or "Move them together, or give one of them alone")
+        raise InputError(problem, said, mend or "Move them together, or give one of them alone")
 
 
 def _scale_to_touch(cell: Array, near: Array, touching: Array, given: bool = False) -> str:

@@ -576,12 +576,12 @@ class Spread(ABC):
         """
         least = positive("diameter", diameter, "m") + self.smallest
         if self.mean is not None and abs(self.mean - diameter) > _ROUNDED * diameter:
-            what = (
+            problem = (
                 f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is"
                 f" {diameter:.12g} m"
             )
             mend = f"Give the mean, {self.mean!r} m, as the diameter"
-            raise InputError(what, "Deviations of diameters are counted from their mean", mend)
+            raise InputError(problem, "Deviations of diameters are counted from their mean", mend)
         if not least > 0.0:
             why = f"The smallest deviation from the mean is {self.smallest:g} m"
             raise InputError(
@@ -737,8 +737,10 @@ class Discrete(_Listed):
             self, "fractions", finite_list("fractions", self.fractions, low="zero or above")
         )
         if len(self.fractions) != len(self.diameters):
-            what = f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
-            raise InputError(what, mend="Give one fraction for each diameter")
+            problem = (
+                f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
+            )
+            raise InputError(problem, mend="Give one fraction for each diameter")
         rarest = min((part for part in self.fractions if part), default=1.0)
         if rarest < _RAREST:
             mend = "Leave it out, or give the fraction 0"
@@ -747,11 +749,11 @@ class Discrete(_Listed):
             )
         over = math.fsum(self.fractions) - 1.0
         if abs(over) > _ROUNDED:
-            what = (
+            problem = (
                 f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g}"
                 f" {'above' if over > 0.0 else 'below'} 1"
             )
-            raise InputError(what, "They are parts of a whole", "Divide them by their sum")
+            raise InputError(problem, "They are parts of a whole", "Divide them by their sum")
 
     def _compute_shares(self) -> Array:
         return np.array(self.fractions) / math.fsum(self.fractions)

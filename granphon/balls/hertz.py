@@ -92,10 +92,10 @@ def reduce_by_slip(mobilised: ArrayLike) -> Any:
 
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
     """Harmonic mean diameter d* of two balls, m, with 1/d* = (1/d_i + 1/d_j)/2 (equation 3)."""
-    one = real_array("diameter", first)
-    two = real_array("diameter", second)
+    first_diameter = real_array("diameter", first)
+    second_diameter = real_array("diameter", second)
     with np.errstate(over="ignore", invalid="ignore"):
-        return (2.0 * one / (one + two) * two)[()]
+        return (2.0 * first_diameter / (first_diameter + second_diameter) * second_diameter)[()]
 
 
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:
@@ -136,12 +136,12 @@ class EnergyLaw(ABC):
         """
         delta = real_array("overlap", overlap)
         with np.errstate(all="ignore"):
-            found = self._evaluate(delta, order)
+            value = self._evaluate(delta, order)
         # balls that are apart have zero whatever their distance, but not at what is no number
         require_finite(
-            QUANTITIES[order], np.where(np.isnan(delta), delta, found), "an overlap", delta, "m"
+            QUANTITIES[order], np.where(np.isnan(delta), delta, value), "an overlap", delta, "m"
         )
-        return found
+        return value
 
     def energy(self, overlap: ArrayLike) -> Any:
         """Return the energy of a contact at an ``overlap``, m, in J; its derivative is the
@@ -169,8 +169,8 @@ def require_finite(name: str, found: Any, of: str, given: Any, unit: str) -> Non
     finite = np.isfinite(found)
     if not np.all(finite):
         value = float(np.ravel(given)[np.argmin(np.ravel(finite))])
-        what = f"the {name} of a contact at {of} of {value:g} {unit} is beyond double precision"
-        raise InputError(what, mend="Compare the units")
+        problem = f"the {name} of a contact at {of} of {value:g} {unit} is beyond double precision"
+        raise InputError(problem, mend="Compare the units")
 
 
 def require_pushing(load: Array, least: float = 0.0) -> None:
@@ -178,7 +178,7 @@ def require_pushing(load: Array, least: float = 0.0) -> None:
     N.
     """
     if not np.all(load >= least):
-        what = (
+        problem = (
             "the force of a contact is negative"
             if least == 0.0
             else f"a contact is pulled by more than {-least:.6g} N"
@@ -188,7 +188,7 @@ def require_pushing(load: Array, least: float = 0.0) -> None:
             if least == 0.0
             else "That is what its adhesion bears"
         )
-        raise InputError(what, why, f"Give f >= {least:.6g}")
+        raise InputError(problem, why, f"Give f >= {least:.6g}")
 
 
 @dataclass(frozen=True)
@@ -222,14 +222,18 @@ class HertzLaw(EnergyLaw):
         """The law of two balls of the diameters ``first`` and ``second``, m; of equal balls if only
         one is given.
         """
-        one = positive("diameter", first, "m")
-        two = one if second is None else positive("diameter", second, "m")
+        first_diameter = positive("diameter", first, "m")
+        second_diameter = first_diameter if second is None else positive("diameter", second, "m")
         coefficient = (
-            2.0 / 3.0 * material.contact_modulus * math.sqrt(float(harmonic_diameter(one, two)))
+            2.0
+            / 3.0
+            * material.contact_modulus
+            * math.sqrt(float(harmonic_diameter(first_diameter, second_diameter)))
         )
         if not 0.0 < coefficient < math.inf:
             raise InputError(
-                f"balls of {one:g} m and {two:g} m of this material are beyond double precision"
+                f"balls of {first_diameter:g} m and {second_diameter:g} m of this material"
+                f" are beyond double precision"
             )
         return cls(coefficient)
 
@@ -351,16 +355,20 @@ def mean_force(overlap: Array, other: Array) -> Array:
     the energy over theirs.
     """
     root = np.sqrt(np.maximum(overlap, 0.0))
-    after = np.sqrt(np.maximum(other, 0.0))
-    both = root + after
-    part = (after - root) * both
-    way = other - overlap  # of the way in which the contact is closed
-    closed = np.divide(part, way, out=np.ones_like(way), where=(overlap < 0.0) != (other < 0.0))
+    root_after = np.sqrt(np.maximum(other, 0.0))
+    sum_of_roots = root + root_after
+    closed_part = (root_after - root) * sum_of_roots
+    change = other - overlap  # of the way in which the contact is closed
+    closed = np.divide(
+        closed_part, change, out=np.ones_like(change), where=(overlap < 0.0) != (other < 0.0)
+    )
     a = root * root
-    b = after * after
-    powers = a * a + b * b + root * after * (a + b) + a * b
+    b = root_after * root_after
+    powers = a * a + b * b + root * root_after * (a + b) + a * b
     return np.asarray(
-        0.4 * closed * np.divide(powers, both, out=np.zeros_like(both), where=both > 0.0)
+        0.4
+        * closed
+        * np.divide(powers, sum_of_roots, out=np.zeros_like(sum_of_roots), where=sum_of_roots > 0.0)
     )
 
 

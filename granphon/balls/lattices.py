@@ -102,7 +102,8 @@ class Lattice:
             raise InputError(
                 f"lattice {self.name!r} has a number that is not finite", mend="Give finite numbers"
             )
-        if (largest := max(np.max(np.abs(cell)), np.max(np.abs(sites)))) > _LARGEST:
+        largest = max(np.max(np.abs(cell)), np.max(np.abs(sites)))
+        if largest > _LARGEST:
             why = "Lengths are in spacings of touching balls, sites in fractions of the cell"
             raise InputError(
                 f"lattice {self.name!r} has a number of size {largest:g}",
@@ -132,22 +133,22 @@ class Lattice:
                 f" {int(np.argmax(np.abs(pull).max(axis=1)))} aside",
                 mend="Use a lattice in which the directions of each ball's contacts add up to zero",
             )
-        known = LATTICES.peek(self.name)
+        registered = LATTICES.peek(self.name)
         pairs = (
             ()
-            if known is None
-            else ((self.vectors, known.vectors), (self.positions, known.positions))
+            if registered is None
+            else ((self.vectors, registered.vectors), (self.positions, registered.positions))
         )
         # cell and sites of a lattice of that name are the same, to the rounding at which balls
         # still touch
-        if known and not all(
+        if registered and not all(
             a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=TOUCH) for a, b in pairs
         ):
             raise InputError(
                 f"the lattice {self.name!r} has a cell or sites of its own",
                 f"There is a lattice of that name, with the cell"
-                f" {brief(known.vectors.round(6).tolist())} and"
-                f" {counted(known.n_balls, 'ball')}",
+                f" {brief(registered.vectors.round(6).tolist())} and"
+                f" {counted(registered.n_balls, 'ball')}",
                 f"Give yours another name, or lattice={self.name!r} to the packing",
             )
 
@@ -347,8 +348,12 @@ def name_structure(name: Any) -> str | None:
 
 def find_structure(name: str | Lattice) -> Lattice:
     """Return the lattice of a name, that of NaCl, CsCl and zincblende among them."""
-    known = name_structure(name)
-    return find_lattice(name, [*LATTICES, *STRUCTURES]) if known is None else STRUCTURES[known]
+    structure_name = name_structure(name)
+    return (
+        find_lattice(name, [*LATTICES, *STRUCTURES])
+        if structure_name is None
+        else STRUCTURES[structure_name]
+    )
 
 
 def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
@@ -367,10 +372,10 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
     if vector.shape[-1:] != (dimension,) or not (
         np.all(np.isfinite(vector)) and np.all(largest > 0.0)
     ):
-        what, shown = _DIRECTIONS[dimension - 1]
+        noun, shown = _DIRECTIONS[dimension - 1]
         raise InputError(
             f"direction is {brief(direction)}",
-            f"A direction is {what}",
+            f"A direction is {noun}",
             f"Give {shown}, or an array (n, {dimension}) of directions",
         )
     vector = vector / largest

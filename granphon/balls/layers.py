@@ -147,8 +147,8 @@ def read_edges(value: Any) -> tuple[str, str]:
             show(value),
             f"one word for both faces, or two for the lower and the upper: {', '.join(EDGES)}",
         )
-    found = [choice(word, EDGES) for word in words]
-    return found[0], found[-1]
+    edges = [choice(word, EDGES) for word in words]
+    return edges[0], edges[-1]
 
 
 def find_faces(
@@ -159,12 +159,12 @@ def find_faces(
     They are those that a plane would touch, or come nearer to than ``slack``, or where the face is
     clamped, all of the outer layer.
     """
-    found = []
+    faces = []
     for side, word, first in ((-1.0, edges[0], 0), (1.0, edges[1], len(heights) - n)):
         top = np.where(np.isfinite(radii), side * heights + radii, -np.inf)  # walls are no balls
         touched = np.flatnonzero(top >= top.max() - slack - TOUCH * radii[np.isfinite(radii)].max())
-        found.append(first + np.arange(n) if word == "clamped" else touched)
-    return found[0], found[1]
+        faces.append(first + np.arange(n) if word == "clamped" else touched)
+    return faces[0], faces[1]
 
 
 def find_outer(heights: Array) -> Flags:
@@ -190,12 +190,14 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     if is_whole(axis) and 0 <= axis < periods:
         return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
     words = axis.tolist() if isinstance(axis, np.ndarray) else axis
-    given = np.array(words if isinstance(words, list | tuple) and all(map(is_whole, words)) else ())
-    if given.shape == (4,) and periods == 3:
+    miller_indices = np.array(
+        words if isinstance(words, list | tuple) and all(map(is_whole, words)) else ()
+    )
+    if miller_indices.shape == (4,) and periods == 3:
         # the indices h, k, i, l of a hexagonal cell, where i = -(h + k)
         a, b, c = cell
         size = float(a @ a)
-        what = f"axis is {brief(given.tolist())}"
+        problem = f"axis is {brief(miller_indices.tolist())}"
         if np.max(np.abs([b @ b - size, a @ b + 0.5 * size, a @ c, b @ c])) > TOUCH * (
             size + float(c @ c)
         ):
@@ -203,22 +205,27 @@ def _find_basis(axis: Any, cell: Array) -> Index:
                 "Four Miller indices belong to a hexagonal cell: two equal vectors at 120"
                 " degrees, and one across them"
             )
-            raise InputError(what, why, "Give three, one for each vector of the cell")
-        if given[0] + given[1] + given[2] != 0:
+            raise InputError(problem, why, "Give three, one for each vector of the cell")
+        if miller_indices[0] + miller_indices[1] + miller_indices[2] != 0:
             raise InputError(
-                what,
+                problem,
                 "The third of four Miller indices is minus the sum of the first two",
                 "Mend it",
             )
-        given = given[[0, 1, 3]]
-    if given.shape != (periods,) or not np.any(given) or np.max(np.abs(given)) > _MOST_INDEX:
-        what = f"axis is {brief(axis)}"
+        miller_indices = miller_indices[[0, 1, 3]]
+    if (
+        miller_indices.shape != (periods,)
+        or not np.any(miller_indices)
+        or np.max(np.abs(miller_indices)) > _MOST_INDEX
+    ):
+        problem = f"axis is {brief(axis)}"
         indices = counted(periods, "Miller index", "Miller indices")
         raise InputError(
-            what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}"
+            problem,
+            mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}",
         )
     # rows whose index is zero lie in the plane: Euclid's algorithm leaves one that is not
-    value = (given // np.gcd.reduce(given)).astype(np.intp)
+    value = (miller_indices // np.gcd.reduce(miller_indices)).astype(np.intp)
     while np.count_nonzero(value) > 1:
         least = min(np.flatnonzero(value), key=lambda at: abs(value[at]))
         for other in np.flatnonzero(value):
@@ -231,12 +238,12 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     inner = np.delete(basis, last, axis=0)
     # the shortest vectors within the plane, and the most upright one across it
     for _ in range(100):
-        before = inner.copy()
+        previous = inner.copy()
         if len(inner) == 2:
             inner = inner[np.argsort(np.linalg.norm(inner @ cell, axis=1), kind="stable")]
             short = inner[0] @ cell
             inner[1] -= int(np.rint((inner[1] @ cell) @ short / (short @ short))) * inner[0]
-        if np.array_equal(before, inner):
+        if np.array_equal(previous, inner):
             break
     if len(inner):
         stack = (

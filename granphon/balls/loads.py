@@ -91,8 +91,10 @@ class Load:
         """
         kinds = [kind for kind, values in given.items() if values is not None]
         if len(kinds) != 1:
-            what = f"the loads are given as {' and '.join(kinds)}" if kinds else "there is no load"
-            raise InputError(what, mend="Give one of " + ", ".join(given))
+            problem = (
+                f"the loads are given as {' and '.join(kinds)}" if kinds else "there is no load"
+            )
+            raise InputError(problem, mend="Give one of " + ", ".join(given))
         _require_memory(given[kinds[0]], _LISTED_BYTES)
         return cls(kinds[0], np.array(real_list(kinds[0], given[kinds[0]])))
 

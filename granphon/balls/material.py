@@ -1,7 +1,7 @@
 """The material of the balls: its elastic constants, and what follows from them for contacts and
 waves.
 
-Equations (3) and (4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), where E* = E / 2(1 -
+Equations (3) and 4 of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), where E* = E / 2(1 -
 sigma^2).
 """
 
@@ -31,16 +31,16 @@ _TORSIONAL = 2.501132620409395
 
 def read_poisson_ratio(value: Any) -> float:
     """Read a Poisson ratio sigma (a rule): that of a stable isotropic solid, -1 < sigma <= 1/2."""
-    found = real_number(value)
+    ratio = real_number(value)
     allowed = "a plain number, -1 < poisson_ratio <= 0.5"
-    if -1.0 < found <= 0.5:
-        return found
+    if -1.0 < ratio <= 0.5:
+        return ratio
     unstable = "Outside it an isotropic elastic solid is not stable."
     mend = (
         "Write it without quotes or unit."
         if isinstance(value, str)
         else ""
-        if math.isnan(found)
+        if math.isnan(ratio)
         else unstable
     )
     raise Refused(show(value), allowed, mend)

@@ -229,7 +229,9 @@ class Packing:
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of what describes it, as a notebook shows them."""
         ball = self.material
-        given = [("yield strength", ball.yield_strength, "Pa")] * (ball.yield_strength is not None)
+        yield_rows = [("yield strength", ball.yield_strength, "Pa")] * (
+            ball.yield_strength is not None
+        )
         resisted = [
             (name, getattr(self, name), "k d^2")
             for name in ("torsion", "bending")
@@ -243,7 +245,7 @@ class Packing:
             ("Young modulus", ball.young_modulus, "Pa"),
             ("Poisson ratio", ball.poisson_ratio, ""),
             ("density", ball.density, "kg/m^3"),
-            *given,
+            *yield_rows,
             ("mass of a ball", self.mass, "kg"),
             ("friction", self.friction, ""),
             ("shear over normal stiffness", self.mindlin_ratio, ""),
@@ -287,21 +289,22 @@ def read_rolling(
         "torsion": "twist",
         "bending": "rotate",
     }
-    named = {name: what for name, what in resisted.items() if read[name]}
+    named = {name: missing_motions for name, missing_motions in resisted.items() if read[name]}
     moving = next(iter(allowed.values())) if motions is None else allowed[motions]
-    if idle := [name for name, what in named.items() if not getattr(moving, what)]:
-        what = "rotations"
+    idle = [name for name, missing_motions in named.items() if not getattr(moving, missing_motions)]
+    if idle:
+        missing_motions = "rotations"
         why = "have no rotation that could be resisted"
         if moving.rotate:
-            what = "rotations about the normals of contacts"
+            missing_motions = "rotations about the normals of contacts"
             why = "turn balls across the normals only: no contact twists"
         fit = [
             one
             for one, moves in allowed.items()
-            if all(getattr(moves, what) for what in named.values())
+            if all(getattr(moves, missing_motions) for missing_motions in named.values())
         ]
         raise InputError(
-            f"{' and '.join(idle)} without {what}",
+            f"{' and '.join(idle)} without {missing_motions}",
             f"The motions {moving.name!r} of {called} {why}",
             f"Use motions {', '.join(fit)}, or leave {'it' if len(idle) == 1 else 'both'} out",
         )
@@ -336,7 +339,7 @@ def require_shallow(modulus: float, overlap: float, load: str) -> None:
     balls, Pa.
     """
     if not overlap < 1.0:
-        what = f"{load} presses the balls together by {overlap:.4g} diameters"
+        problem = f"{load} presses the balls together by {overlap:.4g} diameters"
         mend = "Lower the load"
         why = (
             "Balls cannot overlap by their diameter or more, and the contact law fails long before"
@@ -347,7 +350,7 @@ def require_shallow(modulus: float, overlap: float, load: str) -> None:
                 f" for Pa"
             )
             mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
-        raise InputError(what, why, mend)
+        raise InputError(problem, why, mend)
 
 
 # -- parameters by name, and packings in which some have other values ------------------------------
@@ -381,8 +384,8 @@ def find_unit(name: str) -> str | None:
     """Return the SI unit of a parameter of packings, or of a kind of ball ("A.diameter"); None if
     it is not a number.
     """
-    kind, _, own = name.rpartition(".")
-    return KIND_PARAMETERS[own] if kind else PARAMETERS[name]
+    kind, _, parameter = name.rpartition(".")
+    return KIND_PARAMETERS[parameter] if kind else PARAMETERS[name]
 
 
 @dataclass(frozen=True)
@@ -397,13 +400,13 @@ class Axis:
         """Make an axis from one value or a list of them; :class:`InputError` for an unknown name or
         a wrong value.
         """
-        kind, _, own = name.rpartition(".")
-        if own not in (KIND_PARAMETERS if kind else PARAMETERS):
-            known = [f"{kind}.{one}" for one in KIND_PARAMETERS] if kind else list(PARAMETERS)
-            guess = closest(name, known)
+        kind, _, parameter = name.rpartition(".")
+        if parameter not in (KIND_PARAMETERS if kind else PARAMETERS):
+            parameters = [f"{kind}.{one}" for one in KIND_PARAMETERS] if kind else list(PARAMETERS)
+            guess = closest(name, parameters)
             raise InputError(
                 f"{'a kind of ball' if kind else 'a packing'} has no parameter {name!r}",
-                "It has " + ", ".join(known),
+                "It has " + ", ".join(parameters),
                 f"Did you mean {guess}?" if guess else "Use one of these",
             )
         listed = given if isinstance(given, list | tuple) else (given,)
@@ -421,9 +424,10 @@ class Axis:
                 raise InputError(f"{name} is an empty list", mend="Give at least one value")
         else:
             axis = cls(name, real_list(name, given))
-        if (double := find_double(axis.values)) is not None:
-            what = f"the sweep has {axis.describe(brief(axis.values[double]))} twice"
-            raise InputError(what, "Both would be the same states", "Give each value once")
+        double = find_double(axis.values)
+        if double is not None:
+            problem = f"the sweep has {axis.describe(brief(axis.values[double]))} twice"
+            raise InputError(problem, "Both would be the same states", "Give each value once")
         if name == "lattice":
             # unknown names of lattices are refused later
             given = [
@@ -431,15 +435,16 @@ class Axis:
             ]
             first = {one.periods: one.name for one in map(find_lattice, reversed(given))}
             if len(first) > 1:
-                found = " and ".join(
+                extents = " and ".join(
                     f"{name}, {_EXTENTS[periods]}," for periods, name in sorted(first.items())
                 )
                 raise InputError(
-                    f"lattices of different dimension in one sweep: {found.removesuffix(',')}",
+                    f"lattices of different dimension in one sweep: {extents.removesuffix(',')}",
                     "Their pressures, moduli and directions have different units and sizes",
                     "Make a sweep of each dimension",
                 )
-            if (double := find_double(axis.labels)) is not None:
+            double = find_double(axis.labels)
+            if double is not None:
                 raise InputError(
                     f"two lattices of the sweep have the name {axis.labels[double]!r}",
                     "Their states could not be told apart",
@@ -465,14 +470,16 @@ class Axis:
             return tuple(find_lattice(value).name for value in self.values)
         if self.name == "spread":
             names = []
-            seen = Counter[str]()
+            counts = Counter[str]()
             for spread in self.values:
-                known = isinstance(spread, Spread)
+                has_shape = isinstance(spread, Spread)
                 name = (
-                    f"{type(spread).__name__}, W = {spread.width:.6g} m" if known else "equal balls"
+                    f"{type(spread).__name__}, W = {spread.width:.6g} m"
+                    if has_shape
+                    else "equal balls"
                 )
-                names.append(f"{name} #{seen[name] + 1}" if seen[name] else name)
-                seen[name] += 1
+                names.append(f"{name} #{counts[name] + 1}" if counts[name] else name)
+                counts[name] += 1
             return tuple(names)
         if self.name == "motions":
             return tuple("default" if value is None else value for value in self.values)
@@ -530,9 +537,9 @@ def change_width(spread: Spread | None, width: float) -> Uniform | Normal | Disc
         return scaled
     if spread is None or isinstance(spread, Uniform):
         return uniform
-    what = f"a {type(spread).__name__} cannot be given another width"
+    problem = f"a {type(spread).__name__} cannot be given another width"
     raise InputError(
-        what, "The parameters of this class are not known", "Give the spreads themselves"
+        problem, "The parameters of this class are not known", "Give the spreads themselves"
     )
 
 
@@ -546,17 +553,22 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
     """
     if not isinstance(packing, Packing):
         return packing.change(values)  # type: ignore[attr-defined, no-any-return]
-    rest = dict(values)
-    if unknown := [name for name in rest if name not in PARAMETERS]:
+    fields_of_packing = dict(values)
+    unknown = [name for name in fields_of_packing if name not in PARAMETERS]
+    if unknown:
         raise InputError(
             f"a packing has no parameter {unknown[0]!r}",
             "It has " + ", ".join(PARAMETERS),
             "Use one",
         )
-    material = {name: rest.pop(name) for name in _MATERIAL if name in rest}
-    if "width" in rest:
-        rest["spread"] = change_width(rest.get("spread", packing.spread), rest.pop("width"))
-    return replace(packing, material=replace(packing.material, **material), **rest)
+    material = {
+        name: fields_of_packing.pop(name) for name in _MATERIAL if name in fields_of_packing
+    }
+    if "width" in fields_of_packing:
+        fields_of_packing["spread"] = change_width(
+            fields_of_packing.get("spread", packing.spread), fields_of_packing.pop("width")
+        )
+    return replace(packing, material=replace(packing.material, **material), **fields_of_packing)
 
 
 def count_combinations(axes: Sequence[Axis]) -> int:
@@ -566,8 +578,10 @@ def count_combinations(axes: Sequence[Axis]) -> int:
     count = math.prod(len(axis.values) for axis in axes)
     if count > MOST_COMBINATIONS:
         sides = " x ".join(f"{counted(len(axis.values), 'value')} of {axis.name}" for axis in axes)
-        what = f"{sides} make {count} packings"
-        raise InputError(what, f"A sweep has no more than {MOST_COMBINATIONS}", "Give fewer values")
+        problem = f"{sides} make {count} packings"
+        raise InputError(
+            problem, f"A sweep has no more than {MOST_COMBINATIONS}", "Give fewer values"
+        )
     return count
 
 
@@ -585,10 +599,10 @@ def combine(packing: BallsT, axes: Sequence[Axis]) -> list[tuple[str, BallsT]]:
             axis.describe(label) for axis, (_, label) in zip(axes, pairs, strict=True)
         )
         try:
-            one = change_packing(
+            combined = change_packing(
                 packing, {axis.name: value for axis, (value, _) in zip(axes, pairs, strict=True)}
             )
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
-        out.append((where, one))
+        out.append((where, combined))
     return out

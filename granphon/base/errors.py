@@ -64,9 +64,11 @@ class GranphonError(Exception):
         """Return an error of the same kind with another text, and with all else that this one
         knows.
         """
-        other = copy(self)
-        other.args = (message(text),)  # as the constructor makes it, by which errors are unpickled
-        return other
+        restated = copy(self)
+        restated.args = (
+            message(text),
+        )  # as the constructor makes it, by which errors are unpickled
+        return restated
 
 
 class InputError(GranphonError, ValueError):
@@ -217,8 +219,8 @@ def needing(what: str) -> Iterator[None]:
         package = next(
             (f'"granphon[{extra}]"' for extra, brings in EXTRAS.items() if name in brings), name
         )
-        told = f"{what} needs {name}, which is not installed"
-        raise MissingPackageError(told, mend=f"Install it: pip install {package}") from None
+        problem = f"{what} needs {name}, which is not installed"
+        raise MissingPackageError(problem, mend=f"Install it: pip install {package}") from None
 
 
 def require_installed(what: str, *packages: str) -> None:

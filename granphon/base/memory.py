@@ -48,7 +48,7 @@ def available_memory(root: Path = Path("/")) -> float:
 
     def read_number(path: Path, name: str = "") -> float | None:
         """Read the number after a name, or alone in a file; None if there is none ("max")."""
-        found = next(
+        number = next(
             (
                 words[-1 - (len(words) > 2)]
                 for words in read(path)
@@ -56,16 +56,16 @@ def available_memory(root: Path = Path("/")) -> float:
             ),
             "",
         )
-        return float(found) if found.isdigit() else None
+        return float(number) if number.isdigit() else None
 
     free = read_number(root / "proc/meminfo", "MemAvailable:")
-    known = getattr(os, "sysconf_names", ())
-    pages = next((name for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if name in known), None)
-    left = math.inf
+    names = getattr(os, "sysconf_names", ())
+    pages = next((name for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if name in names), None)
+    available = math.inf
     if free is not None:
-        left = free * 1024.0
-    elif pages is not None and "SC_PAGE_SIZE" in known:
-        left = float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
+        available = free * 1024.0
+    elif pages is not None and "SC_PAGE_SIZE" in names:
+        available = float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
     most_addresses = next(
         (
             words[3]
@@ -76,10 +76,10 @@ def available_memory(root: Path = Path("/")) -> float:
     )
     addresses = read_number(root / "proc/self/status", "VmSize:")
     if most_addresses.isdigit() and addresses is not None:
-        left = min(left, max(float(most_addresses) - addresses * 1024.0, 0.0))
+        available = min(available, max(float(most_addresses) - addresses * 1024.0, 0.0))
     for words in read(root / "proc/self/cgroup"):
-        _, _, rest = " ".join(words).partition(":")
-        controllers, _, path = rest.partition(":")
+        _, _, hierarchy = " ".join(words).partition(":")
+        controllers, _, path = hierarchy.partition(":")
         kind = "memory" if "memory" in controllers.split(",") else controllers
         if kind not in _GROUPS:
             continue
@@ -90,14 +90,18 @@ def available_memory(root: Path = Path("/")) -> float:
             *group.parents,
         ):
             # limits of groups above count too; in a container some may be missing
-            here = root / place / folder
-            most = read_number(here / limit)
-            taken = read_number(here / use)
-            if most is not None and taken is not None:
-                left = min(
-                    left, max(most - taken + (read_number(here / "memory.stat", cache) or 0.0), 0.0)
+            control_group = root / place / folder
+            most = read_number(control_group / limit)
+            used = read_number(control_group / use)
+            if most is not None and used is not None:
+                available = min(
+                    available,
+                    max(
+                        most - used + (read_number(control_group / "memory.stat", cache) or 0.0),
+                        0.0,
+                    ),
                 )
-    return left
+    return available
 
 
 def require_memory(what: str, needed: float, mend: str) -> None:

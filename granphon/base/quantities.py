@@ -228,12 +228,12 @@ class Quantity:
         # left to :meth:`read`: numbers near the ends of the floating range, and those that may be
         # refused
         plain = np.all(zero | ((size > _TINY) & (size < 1.0 / _TINY)))
-        taken = {
+        allowed = {
             "above zero": values > 0.0,
             "zero or above": values >= 0.0,
             "any": np.isfinite(values),
         }[self.least]
-        return values + 0.0 if plain and np.all(taken) else None  # no zero is negative
+        return values + 0.0 if plain and np.all(allowed) else None  # no zero is negative
 
     def measures(self, unit: str) -> bool:
         """Whether ``unit`` is one of this kind of quantity."""
@@ -278,11 +278,11 @@ def _multiply(text: str, factor: Fraction) -> float:
         # zero, or what is not taken; its powers of ten may be huge
         return rough
     digits, _, exponent = text.lower().partition("e")
-    whole, _, part = digits.partition(".")
-    shift = int(exponent or 0) - len(part)
+    whole, _, decimals = digits.partition(".")
+    shift = int(exponent or 0) - len(decimals)
     above = 10 ** max(shift, 0)
     below = 10 ** max(-shift, 0)
-    numerator: int = int(whole + part) * factor.numerator * above
+    numerator: int = int(whole + decimals) * factor.numerator * above
     denominator: int = factor.denominator * below
     return numerator / denominator
 
@@ -295,12 +295,12 @@ def _find_factor(kind: Quantity, unit: str) -> Fraction:
     if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError("which is not one number and one unit")
     try:
-        (factor, powers), (own, wanted) = _measure(unit), _measure(kind.unit)
+        (factor, powers), (dimension, needed_dimension) = _measure(unit), _measure(kind.unit)
     except KeyError:
         raise ValueError("whose unit is not known") from None
-    if powers != wanted:
+    if powers != needed_dimension:
         raise ValueError(f"whose unit is not a unit of {kind.name}")
-    return factor / own
+    return factor / dimension
 
 
 def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
@@ -324,9 +324,8 @@ def is_si(unit: str, wanted: str = "") -> bool:
     """
     plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())  # pint writes "meter / second ** 2"
     plain = re.sub(r"/\((\S+) (\S+)\)", r"/\1/\2", plain).replace(" ", "*")
-    if (
-        none := plain in ("", "1", "rad", "radian", "dimensionless")
-    ) or not _UNIT_PATTERN.fullmatch(plain):
+    none = plain in ("", "1", "rad", "radian", "dimensionless")
+    if none or not _UNIT_PATTERN.fullmatch(plain):
         return none and wanted in ("", "1", "rad")
     try:
         factor, powers = _measure(plain)
@@ -343,10 +342,10 @@ def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
     for whole, (prefix, power) in itertools.product(
         dict.fromkeys((name, singular)), _PREFIXES.items()
     ):
-        own = whole.removeprefix(prefix)
-        if own in _NAMES and whole == prefix + own:
-            times, _, unit = _NAMES[own].partition(" ")
-            factor, powers = _measure(unit) if times else (Fraction(1), Counter([own]))
+        symbol = whole.removeprefix(prefix)
+        if symbol in _NAMES and whole == prefix + symbol:
+            times, _, unit = _NAMES[symbol].partition(" ")
+            factor, powers = _measure(unit) if times else (Fraction(1), Counter([symbol]))
             return Fraction(10) ** power * Fraction(times or 1) * factor, powers
     raise KeyError(name)
 
@@ -408,9 +407,11 @@ def tensor_quantities(periods: int) -> dict[str, Quantity]:
     """
     if periods == 2:
         return TENSORS
-    own = _PRESSURES[periods]
+    pressure = _PRESSURES[periods]
     return TENSORS | {
-        "stress": replace(own, example=f"-{own.example}", least="any", negative="negative")
+        "stress": replace(
+            pressure, example=f"-{pressure.example}", least="any", negative="negative"
+        )
     }
 
 

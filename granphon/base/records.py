@@ -35,9 +35,9 @@ def hold(file: BinaryIO) -> None:
 
         flock(file, LOCK_EX | LOCK_NB)
     except BlockingIOError:
-        what = f"another run is writing {file.name}"
+        problem = f"another run is writing {file.name}"
         raise OutputError(
-            what, "Two would mix their frames", "Wait until it ends, or give another file"
+            problem, "Two would mix their frames", "Wait until it ends, or give another file"
         ) from None
     except (ImportError, OSError):
         return
@@ -167,10 +167,10 @@ def read_records(
             # of arrays that outlive the file: its mapping lives with them
             warnings.simplefilter("ignore", RuntimeWarning)
             with netcdf_file(path, "r") as file:
-                found = {key: getattr(file, key, b"").decode() for key in about}
-                if found != dict(about):
-                    what = f"{name} is {found}, not {dict(about)}"
-                    raise InputError(what, mend="Give a file that this version has written")
+                attributes = {key: getattr(file, key, b"").decode() for key in about}
+                if attributes != dict(about):
+                    problem = f"{name} is {attributes}, not {dict(about)}"
+                    raise InputError(problem, mend="Give a file that this version has written")
                 out: dict[str, Array] = {
                     key: variable.data[frames].view(np.memmap)
                     if variable.isrec

@@ -63,16 +63,16 @@ class Registry(Mapping[str, T]):
 
         require(f"the name of a {self.what}", label, name)
         source = getattr(_plugins, "loading", "") or _PROGRAM
-        own = _identify(made)
+        name_of_object = _identify(made)
         again = False
         holder = self._sources.get(name, "granphon" if name in self._entries else None)
         with suppress(ValueError):  # of objects that hold arrays
-            again = holder == source and bool(self._made[name] == own)
+            again = holder == source and bool(self._made[name] == name_of_object)
         if holder is not None and not again:
             raise InputError(
                 f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name"
             )
-        self._entries[name], self._sources[name], self._made[name] = entry, source, own
+        self._entries[name], self._sources[name], self._made[name] = entry, source, name_of_object
         return entry
 
     def remove(self, name: str) -> None:
@@ -164,9 +164,9 @@ def load_plugins() -> dict[str, str | None]:
                 _plugins.loading = source
                 _loaded[source] = None
                 try:
-                    found = point.load()
-                    if callable(found):
-                        found()
+                    plugin = point.load()
+                    if callable(plugin):
+                        plugin()
                 except Exception as error:
                     _loaded[source] = f"{type(error).__name__}: {error}"
                     for one in Registry.every.values():

@@ -84,8 +84,10 @@ def describe_value(value: Any) -> str:
         if len(value) > 1 and all(is_dataclass(one) for one in value):
             return f"{len(value)} of {type(value[0]).__name__}"
         words = [describe_value(one) for one in value[:_MOST_ENTRIES]]
-        more = f", ... ({len(value)} in all)" if len(value) > _MOST_ENTRIES else ""
-        return ("; " if any(", " in word for word in words) else ", ").join(words) + more or "none"
+        ending = f", ... ({len(value)} in all)" if len(value) > _MOST_ENTRIES else ""
+        return ("; " if any(", " in word for word in words) else ", ").join(
+            words
+        ) + ending or "none"
     if isinstance(value, Mapping):
         return ", ".join(
             f"{name}: {describe_value(one)}" for name, one in list(value.items())[:_MOST_ENTRIES]
@@ -110,18 +112,18 @@ def _describe_array(values: np.ndarray[Any, Any]) -> str:
         return f"array {shape}, {np.count_nonzero(values)} of them true"
     size = np.abs(values) if kind == "c" else values
     finite = size[np.isfinite(size)]
-    left = f", {size.size - finite.size} not finite" if finite.size < size.size else ""
+    ending = f", {size.size - finite.size} not finite" if finite.size < size.size else ""
     if not finite.size:
-        return f"array {shape}{left}"
+        return f"array {shape}{ending}"
     ends = np.array([finite.min(), finite.max()])
     if kind == "f":  # an end that is rounding of the other is zero
         ends[np.abs(ends) < 1e-14 * np.max(np.abs(ends))] = 0.0
     low, high = (describe_value(end) for end in ends.tolist())
-    what = "magnitudes " if kind == "c" else ""
+    prefix = "magnitudes " if kind == "c" else ""
     return (
-        f"array {shape}, {what}{low} to {high}{left}"
+        f"array {shape}, {prefix}{low} to {high}{ending}"
         if low != high
-        else f"array {shape}, all {what}{low}{left}"
+        else f"array {shape}, all {prefix}{low}{ending}"
     )
 
 
@@ -161,17 +163,17 @@ class Result:
     def __init_subclass__(cls, array: str = "", **options: Any) -> None:
         super().__init_subclass__(**options)
         hints = get_annotations(cls, eval_str=True)
-        told = {
+        words_of_fields = {
             name: [word for word in _list_remarks(hint) if isinstance(word, str)]
             for name, hint in hints.items()
         }
         for place, kept in enumerate(("_shapes", "units", "_ranges")):
-            own = {
+            remarks = {
                 name: words[place]
-                for name, words in told.items()
+                for name, words in words_of_fields.items()
                 if len(words) > place and words[place]
             }
-            setattr(cls, kept, getattr(cls, kept) | own)
+            setattr(cls, kept, getattr(cls, kept) | remarks)
         if array:
 
             def make_array(self: Result, dtype: Any = None, copy: Any = None) -> Any:
@@ -314,25 +316,25 @@ class Result:
             value = getattr(self, name)
             if value is None and layout.endswith("?"):
                 continue
-            found = (len(value),) if isinstance(value, tuple) else np.shape(value)
+            shape = (len(value),) if isinstance(value, tuple) else np.shape(value)
             if not isinstance(value, tuple) and np.asarray(value).dtype.kind not in "iufc":
                 raise InputError(f"{name} of the {type(self).__name__} does not hold numbers")
-            if not any(_fits(one.split(), found, sizes) for one in layout.rstrip("?").split("|")):
+            if not any(_fits(one.split(), shape, sizes) for one in layout.rstrip("?").split("|")):
                 so_far = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
-                wanted = layout.replace("|", ") or (")
-                what = (
-                    f"{name} of the {type(self).__name__} has the shape {found} instead of"
-                    f" ({wanted})"
+                allowed = layout.replace("|", ") or (")
+                problem = (
+                    f"{name} of the {type(self).__name__} has the shape {shape} instead of"
+                    f" ({allowed})"
                 )
-                raise InputError(what, so_far and f"The other fields have {so_far}")
+                raise InputError(problem, so_far and f"The other fields have {so_far}")
         for name, within in self._ranges.items():
             values = np.asarray(getattr(self, name))
             if values.dtype.kind in "iufc" and np.any(wrong := ~_RANGES[within](values)):
-                what = (
+                problem = (
                     f"{name} of the {type(self).__name__} is"
                     f" {describe_value(values[wrong].flat[0])}"
                 )
-                raise InputError(what, mend=f"Give numbers that are {within}")
+                raise InputError(problem, mend=f"Give numbers that are {within}")
 
     def _require_finite(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if an array among ``_shapes`` holds an
@@ -359,13 +361,13 @@ def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> b
     if len(layout) != len(shape):
         return False
     for word, size in zip(layout, shape, strict=True):
-        letter, _, more = word.partition("+")
-        wanted = (
+        letter, _, margin = word.partition("+")
+        length = (
             int(word)
             if word.isdigit()
-            else sizes.setdefault(letter, size - int(more or 0)) + int(more or 0)
+            else sizes.setdefault(letter, size - int(margin or 0)) + int(margin or 0)
         )
-        if size != wanted:
+        if size != length:
             return False
     return True
 
@@ -415,7 +417,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     entries = next((remark for remark in remarks if isinstance(remark, np.dtype)), None)
     origin = get_origin(hint)
     inner = get_args(hint)
-    wanted = str(hint) if inner else getattr(hint, "__name__", str(hint))
+    expected = str(hint) if inner else getattr(hint, "__name__", str(hint))
     if origin in (Union, UnionType):
         if isinstance(value, Mapping):
             # if the value names a class among the types, it must be that one
@@ -434,8 +436,9 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     if entries is not None or (
         hint is Any and isinstance(value, Mapping | list | tuple | np.ndarray)
     ):
-        wanted = "an array of numbers"
-        if (found := _make_array(value, entries)) is not None:
+        expected = "an array of numbers"
+        found = _make_array(value, entries)
+        if found is not None:
             return found
     elif origin is tuple and isinstance(value, list | tuple):
         kinds = [inner[0]] * len(value) if inner[1:] == (...,) else inner
@@ -449,25 +452,29 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     elif is_dataclass(hint):
         if isinstance(value, hint):  # type: ignore[arg-type]  # a class
             return value
-        if isinstance(value, Mapping) and _read_class_name(value) == wanted:
+        if isinstance(value, Mapping) and _read_class_name(value) == expected:
             build: Any = hint
             if issubclass(build, Result) and not set(_ABOUT).isdisjoint(value):
                 return build.from_dict(value)  # a field written by its own to_dict
-            known = [f.name for f in fields(build)]
-            what = f"the {wanted} data"
+            names = [f.name for f in fields(build)]
+            problem = f"the {expected} data"
             hints = get_type_hints(build, include_extras=True)
-            if missing := [name for name in known if name not in value]:
-                raise InputError(f"{what} lack {', '.join(missing)}")
-            if unknown := [show(name) for name in value if name not in (*known, "class")]:
+            missing = [name for name in names if name not in value]
+            if missing:
+                raise InputError(f"{problem} lack {', '.join(missing)}")
+            unknown = [show(name) for name in value if name not in (*names, "class")]
+            if unknown:
                 raise InputError(
-                    f"{what} have {list_names(unknown)}, which the class does not have"
+                    f"{problem} have {list_names(unknown)}, which the class does not have"
                 )
-            given = {name: restore(value[name], hints[name], f"{wanted}.{name}") for name in known}
+            values = {
+                name: restore(value[name], hints[name], f"{expected}.{name}") for name in names
+            }
             try:
                 made = (
-                    build._of_fields(*given.values())
+                    build._of_fields(*values.values())
                     if issubclass(build, Result)
-                    else build(**given)
+                    else build(**values)
                 )
                 if isinstance(made, Result):
                     made._check()
@@ -486,7 +493,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
                     if isinstance(error, GranphonError)
                     else f"{type(error).__name__}: {error}"
                 )
-                raise InputError(f"no {wanted} can be made from {what}", why) from None
+                raise InputError(f"no {expected} can be made from {problem}", why) from None
             return made
     elif hint is Any or hint in _SCALARS:
         # a whole number is a float too, and a truth value is no number
@@ -498,7 +505,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     )
     if isinstance(value, Mapping):
         kind = f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
-    raise InputError(f"{name}: found {kind} where {wanted} is needed")
+    raise InputError(f"{name}: found {kind} where {expected} is needed")
 
 
 def _read_class_name(data: Mapping[str, Any]) -> str:
@@ -524,18 +531,18 @@ def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any]
     if not isinstance(value, list | tuple | np.ndarray):
         return None
     try:
-        found = np.asarray(value)
+        array = np.asarray(value)
         # NumPy takes truth values among numbers for numbers
         leaves: Any = (
             []
-            if isinstance(value, np.ndarray) or found.dtype.kind == "b"
+            if isinstance(value, np.ndarray) or array.dtype.kind == "b"
             else np.asarray(value, object).ravel()
         )
     except (ValueError, OverflowError):  # ragged, or too large
         return None
     kinds = "biufc" if dtype is None else _KINDS[dtype.kind]
-    if (found.size and found.dtype.kind not in kinds) or any(
+    if (array.size and array.dtype.kind not in kinds) or any(
         isinstance(one, bool) for one in leaves
     ):
         return None
-    return found if dtype is None or found.dtype == dtype else found.astype(dtype)
+    return array if dtype is None or array.dtype == dtype else array.astype(dtype)

@@ -112,12 +112,12 @@ class HertzPrefix:
         """The unit called ``name``, such as "kHz"; raises :class:`InputError` if there is no such
         unit.
         """
-        known = {prefix + "Hz": size for size, prefix in zip(_SIZES, _PREFIXES, strict=True)}
-        if name not in known:
+        sizes = {prefix + "Hz": size for size, prefix in zip(_SIZES, _PREFIXES, strict=True)}
+        if name not in sizes:
             raise InputError(
-                f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(known)
+                f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(sizes)
             )
-        return cls(name, known[name])
+        return cls(name, sizes[name])
 
 
 @dataclass(frozen=True)
@@ -194,9 +194,9 @@ class Units:
         """
         missing = [key for key in _INFO.values() if key not in info]
         if missing:
-            what = f"the scales {', '.join(missing)} are missing"
+            problem = f"the scales {', '.join(missing)} are missing"
             mend = "Make it with granphon, or add the missing entries"
-            raise InputError(what, "Objects in reduced units carry their scales with them", mend)
+            raise InputError(problem, "Objects in reduced units carry their scales with them", mend)
         return cls(**{name: info[key] for name, key in _INFO.items()})
 
 
@@ -240,17 +240,17 @@ class WidthUnits:
         of two.
         """
         root, twos = math.frexp(math.sqrt(self.width))
-        number, more = math.frexp(self.coefficient)
-        return number * root**n, more + n * twos
+        number, power = math.frexp(self.coefficient)
+        return number * root**n, power + n * twos
 
     def _value(self, n: int) -> float:
         """Unit c W^(n/2) in SI; :class:`InputError` if it is above the floating range."""
         try:
             return math.ldexp(*self._parts(n))
         except OverflowError:
-            what = f"a width of {self.width:g} m is beyond double precision"
+            problem = f"a width of {self.width:g} m is beyond double precision"
             why = f"c W^({n}/2) is above the largest number, at c = {self.coefficient:g} N/m^(3/2)"
-            raise InputError(what, why, "Give a smaller width") from None
+            raise InputError(problem, why, "Give a smaller width") from None
 
     def reduced_force(self, force: Any) -> Any:
         """Reduced force f* of Section IV; ``force`` in N, a number or an array."""

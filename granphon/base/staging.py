@@ -81,10 +81,12 @@ def read_written_files(folder: StrPath, what: str = "files") -> dict[str, str]:
     with suppress(GranphonError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         data = json.loads(read_bytes(Path(folder) / LIST))
         if data["schema"] == LIST_SCHEMA:
-            found = {name: digest for name, digest in data[what].items() if isinstance(digest, str)}
+            digests = {
+                name: digest for name, digest in data[what].items() if isinstance(digest, str)
+            }
             return {
-                name: found[name]
-                for name in found
+                name: digests[name]
+                for name in digests
                 if Path(name).name == name and name not in ("", ".", "..")
             }
     return {}
@@ -212,10 +214,10 @@ class ResultFiles:
                     for name in self.names
                     if name not in optional or os.path.lexists(place / name)
                 ]
-                there = [
+                existing = [
                     name for name in (*self.names, *self._stale) if os.path.lexists(target / name)
                 ]
-                old = {name: written.get(name) or _digest_file(target / name) for name in there}
+                old = {name: written.get(name) or _digest_file(target / name) for name in existing}
                 files = {name: digest for name, digest in written.items() if name not in old}
                 files |= {name: _digest_file(place / name) for name in made}
                 lists = json.dumps({"schema": LIST_SCHEMA, "files": files, "old": old}, indent=1)
@@ -249,51 +251,60 @@ class ResultFiles:
                     "Choose another folder",
                 )
             written = read_written_files(target)
-            there = [name for name in self.names if os.path.lexists(target / name)]
-            if folders := [name for name in there if (target / name).is_dir()]:
+            existing = [name for name in self.names if os.path.lexists(target / name)]
+            folders = [name for name in existing if (target / name).is_dir()]
+            if folders:
                 raise OutputError(
                     f"{target / folders[0]} is a folder", "A file of that name is to be written"
                 )
-            known = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
+            digests = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
             kept = "Such a file is never replaced, not even with --force"
-            for name in there:
+            for name in existing:
                 if self._is_read(name):
-                    what = f"{target / name} is read by this run, and would be overwritten"
-                    raise FileExistsInRunError(what, kept, "Choose another folder")
+                    problem = f"{target / name} is read by this run, and would be overwritten"
+                    raise FileExistsInRunError(problem, kept, "Choose another folder")
                 if not _is_written(
-                    target / name, *known, *([written[name]] if name in written else [])
+                    target / name, *digests, *([written[name]] if name in written else [])
                 ):
                     no_record = "there is no record that granphon wrote it"
-                    what = (
+                    problem = (
                         "granphon wrote it, and it has been changed since"
                         if name in written
                         else no_record
                     )
-                    what = f"{_name(target)} already holds {name}: {what}"
-                    raise FileExistsInRunError(what, kept, "Move it away, or choose another folder")
-            if there and not self.force:
-                lost = [name for name in self.names if name in written and name not in there]
+                    problem = f"{_name(target)} already holds {name}: {problem}"
+                    raise FileExistsInRunError(
+                        problem, kept, "Move it away, or choose another folder"
+                    )
+            if existing and not self.force:
+                missing_names = [
+                    name for name in self.names if name in written and name not in existing
+                ]
                 missing = (
-                    f", but not {', '.join(lost)}, which granphon wrote there too" if lost else ""
+                    f", but not {', '.join(missing_names)}, which granphon wrote there too"
+                    if missing_names
+                    else ""
                 )
-                what = f"{_name(target)} already holds {', '.join(there)}{missing}"
+                problem = f"{_name(target)} already holds {', '.join(existing)}{missing}"
                 mend = "Use --force (force=True) to replace it, or choose another folder"
                 raise FileExistsInRunError(
-                    what, "An existing result is not overwritten unless asked for", mend
+                    problem, "An existing result is not overwritten unless asked for", mend
                 )
             for name in self._stale:
                 read = self._is_read(name)
                 if read or not _is_written(target / name, written[name]):
-                    what = f"{_name(target)} holds {name} of an earlier run, and "
-                    what += "this run reads it" if read else "it has been changed since"
+                    problem = f"{_name(target)} holds {name} of an earlier run, and "
+                    problem += "this run reads it" if read else "it has been changed since"
                     why = (
                         "It would stand beside a result that it does not belong to, and granphon"
                         " does not remove it"
                     )
-                    raise FileExistsInRunError(what, why, "Move it away, or choose another folder")
+                    raise FileExistsInRunError(
+                        problem, why, "Move it away, or choose another folder"
+                    )
             if not os.access(nearest, os.W_OK | os.X_OK):
-                what = f"there is no permission to write to {_name(nearest)}"
-                raise OutputError(what, mend="Choose another folder")
+                problem = f"there is no permission to write to {_name(nearest)}"
+                raise OutputError(problem, mend="Choose another folder")
 
     @property
     def _stale(self) -> list[str]:
@@ -364,11 +375,11 @@ def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None
             if error.errno == errno.ENOSPC
             else "Choose another folder"
         )
-        what = f"{_name(target)} cannot be written: {error.strerror or error}"
+        problem = f"{_name(target)} cannot be written: {error.strerror or error}"
         if os.path.isdir(target / NEW):
             why = f"The files of the new result are in {NEW} there"
             mend = "Any command that uses the folder moves them to their places"
-        raise OutputError(what, why, mend) from None
+        raise OutputError(problem, why, mend) from None
 
 
 @contextmanager
@@ -385,9 +396,9 @@ def _hold_lock(target: Path) -> Iterator[bool]:
         about = os.fstat(descriptor)
         if not stat.S_ISREG(about.st_mode) or about.st_size:
             os.close(descriptor)
-            what = f"{path} is not a lock that granphon made"
+            problem = f"{path} is not a lock that granphon made"
             raise OutputError(
-                what,
+                problem,
                 "A lock of granphon is an empty file",
                 "Move it away, or choose another folder",
             )
@@ -398,9 +409,11 @@ def _hold_lock(target: Path) -> Iterator[bool]:
             if error.errno in _NO_LOCKS:
                 yield False
                 return
-            what = f"another run is writing into {_name(path.parent)}"
+            problem = f"another run is writing into {_name(path.parent)}"
             why = "Two runs would mix their files"
-            raise OutputError(what, why, "Wait until it ends, or choose another folder") from None
+            raise OutputError(
+                problem, why, "Wait until it ends, or choose another folder"
+            ) from None
         with suppress(OSError):
             # another run may have removed the file between opening and locking it here; then try
             # again
@@ -433,16 +446,16 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
             raise OutputError(f"{target} is a folder", "A file of that name is to be written")
         if not replace and os.path.lexists(target):
             with open(target, "rb") as old:
-                there = old.read(_HEAD_BYTES)
+                head = old.read(_HEAD_BYTES)
                 new = data[:_HEAD_BYTES]
             alike = (
-                b"granphon" in there
+                b"granphon" in head
                 if b"granphon" in new
-                else there.split(b"\n")[0] == new.split(b"\n")[0]
+                else head.split(b"\n")[0] == new.split(b"\n")[0]
             )
-            if there and not alike:
-                what = f"{target} is there, and is no such file of granphon"
-                raise FileExistsInRunError(what, mend="Give another name")
+            if head and not alike:
+                problem = f"{target} is there, and is no such file of granphon"
+                raise FileExistsInRunError(problem, mend="Give another name")
         with put_beside(target) as place, open(place, "xb") as stream:
             stream.write(data)
             stream.flush()

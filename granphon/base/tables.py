@@ -111,12 +111,12 @@ class Table:
         headings = tuple(Heading.parse(title) for title in titles)
         numbers = [heading.name for heading in headings if re.fullmatch(NUMBER, heading.name)]
         if numbers:
-            what = (
+            problem = (
                 f"{name}:{first}: found {f'the number {numbers[0]}' if quoted else 'a number'}"
                 f" where the columns are headed"
             )
             raise InputError(
-                what, mend="Give each column a heading, such as 'force (N), velocity (m/s)'"
+                problem, mend="Give each column a heading, such as 'force (N), velocity (m/s)'"
             )
         columns: tuple[tuple[str, ...], ...]
         count = len(titles)
@@ -133,12 +133,12 @@ class Table:
                 # a short line is filled with empty cells; of a long one, only empty cells are
                 # dropped
                 if any(row[count:]):
-                    what = (
+                    problem = (
                         f"{name}:{n}: found {counted(len(row), 'cell')} below"
                         f" {counted(count, 'heading')}"
                     )
                     raise InputError(
-                        what, mend=f"{_POINT}, and separate all columns by the same character"
+                        problem, mend=f"{_POINT}, and separate all columns by the same character"
                     )
                 rows.append(row[:count] + ("",) * (count - len(row)))
             columns = tuple(zip(*rows, strict=True)) or ((),) * count
@@ -158,42 +158,46 @@ class Table:
         :class:`~granphon.base.errors.InputError` if there is no such column or more than one, if it
         has no unit, if there are no rows, or if a cell is not what the kind allows.
         """
-        wanted = Heading.parse(name)
+        requested = Heading.parse(name)
         places = self._find_places(name)
         if len(places) != 1:
             names = [heading.name for heading in self.headings]
-            meant = closest(wanted.name, names)
-            what = (
-                f"{self.name} has {'two columns' if places else 'no column'} named {wanted.name!r}"
+            meant = closest(requested.name, names)
+            problem = (
+                f"{self.name} has {'two columns' if places else 'no column'} named"
+                f" {requested.name!r}"
             )
             mend = f"Did you mean {meant!r}? {mend}" if meant and not places else mend
-            one = f"one column, which must be headed '{wanted.name} ({kind.unit})'"
+            single = f"one column, which must be headed '{requested.name} ({kind.unit})'"
             several = (
-                f"{len(names)} columns, of which one must be headed '{wanted.name} ({kind.unit})'"
+                f"{len(names)} columns, of which one must be headed '{requested.name}"
+                f" ({kind.unit})'"
             )
             why = f"Its columns are {list_names(map(repr, names))}" if self.quoted else ""
-            raise InputError(what, why or f"It has {one if len(names) == 1 else several}", mend)
+            raise InputError(
+                problem, why or f"It has {single if len(names) == 1 else several}", mend
+            )
         if not self.lines:
             raise InputError(
                 f"{self.name} has no rows below its headings", mend="Write numbers there"
             )
         place = places[0]
-        unit = wanted.unit or self.headings[place].unit
+        unit = requested.unit or self.headings[place].unit
         heading = self.headings[place].name
         if not unit:
             head = f"Write the heading '{heading} ({kind.unit})', or with the unit that is meant"
             raise InputError(f"{self.name}: the column {heading!r} has no unit", mend=head)
         quoted = self.quoted or kind.measures(self.headings[place].unit)
         if not quoted and not kind.measures(unit):
-            what = (
-                f"{self.name}: the column {wanted.name!r} has a unit that is not a unit of"
+            problem = (
+                f"{self.name}: the column {requested.name!r} has a unit that is not a unit of"
                 f" {kind.name}"
             )
             mend = (
-                f"Write the heading '{wanted.name} ({kind.unit})', or with another unit of this"
+                f"Write the heading '{requested.name} ({kind.unit})', or with another unit of this"
                 f" kind"
             )
-            raise InputError(what, mend=mend)
+            raise InputError(problem, mend=mend)
         cells = self.columns[place]
         values = kind.read_many(cells, unit)
         if values is None:  # read one by one, so that the error names the first bad cell
@@ -201,13 +205,13 @@ class Table:
             for line, cell in zip(self.lines, cells, strict=True):
                 where = f"{self.name}:{line}: {heading}"
                 if not re.fullmatch(NUMBER, cell):
-                    found = (
+                    content = (
                         (f"found {cell[:40]!r}" if quoted else "found a text")
                         if cell
                         else "found nothing"
                     )
                     mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
-                    raise InputError(f"{where}: {found}, where a number is needed", mend=mend)
+                    raise InputError(f"{where}: {content}, where a number is needed", mend=mend)
                 try:
                     each.append(kind.read(f"{cell} {unit}"))
                 except ValueError as refused:
@@ -255,8 +259,8 @@ class Table:
         return tuple(heading.key for heading in self.headings)
 
     def _find_places(self, name: str) -> list[int]:
-        wanted = Heading.parse(name).key
-        return [place for place, key in enumerate(self.keys) if key == wanted]
+        key_of_name = Heading.parse(name).key
+        return [place for place, key in enumerate(self.keys) if key == key_of_name]
 
 
 def plain_float(cell: str) -> float:

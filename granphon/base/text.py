@@ -143,11 +143,11 @@ def decode(name: str, raw: bytes) -> str:
     For another encoding :class:`~granphon.base.errors.InputError` names the line, the byte, and a
     guess of the encoding.
     """
-    at = raw.find(b"\0")
+    position = raw.find(b"\0")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        at = 0
+        position = 0
         guess = "UTF-16"
-    elif at >= 0:
+    elif position >= 0:
         guess = "UTF-16" if len(raw) % 2 == 0 and raw.count(b"\0") >= len(raw) // 3 else ""
     else:
         try:
@@ -155,19 +155,19 @@ def decode(name: str, raw: bytes) -> str:
         except UnicodeDecodeError as error:
             # in Latin-1 and related encodings every byte but the control characters is a letter or
             # a sign
-            at = error.start
+            position = error.start
             guess = "" if re.search(rb"[\x00-\x08\x0e-\x1f\x7f]", raw) else "Latin-1"
-    line = raw.count(b"\n", 0, at) + 1
-    what = (
-        f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is"
+    line = raw.count(b"\n", 0, position) + 1
+    problem = (
+        f"{name}:{line} cannot be read: found the byte 0x{raw[position]:02x} where text in UTF-8 is"
         f" needed"
     )
     if not guess:
-        raise InputError(what, "The file does not look like text", "Is this the right file?")
+        raise InputError(problem, "The file does not look like text", "Is this the right file?")
     mend = (
         f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
     )
-    raise InputError(what, f"The file looks like {guess}", mend)
+    raise InputError(problem, f"The file looks like {guess}", mend)
 
 
 # -- plain YAML ------------------------------------------------------------------------------------
@@ -264,7 +264,8 @@ class _Builder:
         with needing("A YAML file"):
             import yaml
 
-        if odd := _ODD_IN_TEXTS.search(self.text):
+        odd = _ODD_IN_TEXTS.search(self.text)
+        if odd:
             self.at = self.text.count("\n", 0, odd.start()) + 1
             raise self._make_error(
                 f"found the character {odd[0]!r}", "printable text", "Is this the right file?"
@@ -381,7 +382,8 @@ def plain_scalar(text: str) -> Any:
     if _FLOAT.fullmatch(text):
         if not _WHOLE.fullmatch(text):
             return float(text)
-        if (digits := len(text.lstrip("+-"))) > _MOST_DIGITS:
+        digits = len(text.lstrip("+-"))
+        if digits > _MOST_DIGITS:
             raise Refused(
                 f"a whole number of {digits} digits",
                 f"whole numbers of {_MOST_DIGITS} digits at most",
@@ -501,10 +503,10 @@ def show(value: Any) -> str:
 
 def closest(word: str, options: Iterable[str]) -> str | None:
     """The one of ``options`` that was probably meant by ``word``; None if none is close."""
-    known = list(options)
-    same = [option for option in known if option.lower() == word.lower()]
-    found = same or get_close_matches(word[:100], known, n=1, cutoff=0.6)
-    return found[0] if found else None
+    candidates = list(options)
+    same = [option for option in candidates if option.lower() == word.lower()]
+    similar = same or get_close_matches(word[:100], candidates, n=1, cutoff=0.6)
+    return similar[0] if similar else None
 
 
 def suggest(word: str, options: Iterable[str]) -> str:
@@ -536,8 +538,8 @@ def list_names(names: Iterable[object], most: int = 10) -> str:
         name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 3] + "..."
         for name in every[:most]
     ]
-    more = f" and {len(every) - most} more" if len(every) > most else ""
-    return ", ".join(shown) + more or "none"
+    ending = f" and {len(every) - most} more" if len(every) > most else ""
+    return ", ".join(shown) + ending or "none"
 
 
 # -- digests ---------------------------------------------------------------------------------------
@@ -574,21 +576,21 @@ def open_seal(path: str | os.PathLike[str], text: str) -> tuple[str, bool]:
 
 def _digest_lines(lines: list[str]) -> str:
     # line by line, so that a text of millions of lines is not held in memory a second time
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     between = ""
     for line in lines:
-        found.update(f"{between}{line}".encode("utf-8", "surrogatepass"))
+        digest.update(f"{between}{line}".encode("utf-8", "surrogatepass"))
         between = "\n"
-    return found.hexdigest()
+    return digest.hexdigest()
 
 
 def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
     """The error for a damaged file: the digest that is found at ``where`` is not that of the
     data.
     """
-    what = f"{path} was damaged, or edited after granphon wrote it"
+    problem = f"{path} was damaged, or edited after granphon wrote it"
     why = f"Its digest ({where}) does not match its data"
-    return InputError(what, why, "Make it again, or remove the digest to read it as it is")
+    return InputError(problem, why, "Make it again, or remove the digest to read it as it is")
 
 
 def warn_unverified(path: str | os.PathLike[str]) -> None:
@@ -622,8 +624,8 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
             why = str(error)
         elif isinstance(error, KeyError):
             why = f"It lacks the key {show(error.args[0])}"
-        what = f"{path} is not a {kind} written by granphon"
-        raise InputError(what, why, "Make it again, or give the right file") from None
+        problem = f"{path} is not a {kind} written by granphon"
+        raise InputError(problem, why, "Make it again, or give the right file") from None
 
 
 def digest(data: Any) -> str:

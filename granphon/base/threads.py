@@ -57,9 +57,9 @@ def naming_lost_workers(where: str) -> Iterator[None]:
     try:
         yield
     except BrokenExecutor:
-        what = f"{where}: a worker of the executor has ended, and with it all others"
+        problem = f"{where}: a worker of the executor has ended, and with it all others"
         why = "It was killed, or ran out of memory"
-        raise GranphonError(what, why, "Give workers more memory, or take fewer") from None
+        raise GranphonError(problem, why, "Give workers more memory, or take fewer") from None
 
 
 @contextmanager
@@ -80,16 +80,16 @@ def hold_back_signals() -> Iterator[None]:
     """Hold back the signals that stop this process until the end of the block; processes started in
     it never take them.
     """
-    come, before = list[int](), dict[int, Any]()
+    come, handlers = list[int](), dict[int, Any]()
     if threading.current_thread() is threading.main_thread():  # which alone handles signals
-        before = {
+        handlers = {
             kind: handler for kind in _STOPS if (handler := signal.getsignal(kind)) is not None
         }
     mask = (
         signal.pthread_sigmask(signal.SIG_BLOCK, ()) if hasattr(signal, "pthread_sigmask") else None
     )
     try:
-        for kind in before:
+        for kind in handlers:
             signal.signal(kind, lambda number, _: come.append(number))
         if mask is not None:  # threads and processes inherit it
             signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
@@ -97,7 +97,7 @@ def hold_back_signals() -> Iterator[None]:
     finally:
         if mask is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for kind, handler in before.items():
+        for kind, handler in handlers.items():
             signal.signal(kind, handler)
         for number in come[:1]:
             signal.raise_signal(number)

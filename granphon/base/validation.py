@@ -126,16 +126,16 @@ def label(value: Any) -> str:
     """A name that stands in tables: printable, without letters that have no width, and no formula
     to a spreadsheet.
     """
-    found = text(value)
-    if not found.isprintable():
+    word = text(value)
+    if not word.isprintable():
         raise Refused(show(value), "a name of letters that can be seen")
-    if normalize("NFKC", found).strip()[:1] in ("=", "+", "-", "@"):
+    if normalize("NFKC", word).strip()[:1] in ("=", "+", "-", "@"):
         raise Refused(
             show(value),
             "a name that does not begin with =, +, - or @",
             "Spreadsheets would compute it",
         )
-    return found
+    return word
 
 
 def text_list(given: Any) -> tuple[str, ...]:
@@ -183,9 +183,9 @@ def real_number(value: Any) -> float:
 
 
 def _number_where(value: Any, allowed: str, holds: Callable[[float], bool]) -> float:
-    found = real_number(value)
-    if holds(found):
-        return found
+    number = real_number(value)
+    if holds(number):
+        return number
     raise Refused(
         show(value), allowed, "Write it without quotes or unit." if isinstance(value, str) else ""
     )
@@ -203,7 +203,8 @@ def fraction(value: Any, largest: float) -> float:
     size.
     """
     if isinstance(value, str):
-        if parts := re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value):
+        parts = re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value)
+        if parts:
             return int(parts[1]) / int(parts[2])
         value = float(value) if re.fullmatch(NUMBER, value) else value
     return number(value, -largest, largest) + 0.0
@@ -252,8 +253,8 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     """
     count = len(example.split())
     ones = ("", " and a 1", " and two ones")[count - periods]
-    wanted = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
-    allowed = f"{wanted} from {low} to {high}{ones}, such as {example}"
+    allowed_words = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
+    allowed = f"{allowed_words} from {low} to {high}{ones}, such as {example}"
     words: Any = (
         value.split()
         if isinstance(value, str)
@@ -269,9 +270,9 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
         raise Refused(show(value), allowed)
     for place, word in enumerate(words[periods:], periods):
         if word != 1:
-            found = f"{show(value)}, whose {('second', 'third')[place - 1]} number is {word}"
+            content = f"{show(value)}, whose {('second', 'third')[place - 1]} number is {word}"
             raise Refused(
-                found,
+                content,
                 allowed,
                 ("The packing is one row.", "The packing is one layer.")[periods - 1],
             )
@@ -287,15 +288,15 @@ def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tupl
     Without ``periods`` there may be one to three. A single one may stand alone, without a list.
     """
     plain = value.tolist() if hasattr(value, "tolist") else value
-    given = [plain] if is_whole(plain) and periods in (None, 1) else plain
-    words = given.split() if isinstance(given, str) else given
+    entries = [plain] if is_whole(plain) and periods in (None, 1) else plain
+    words = entries.split() if isinstance(entries, str) else entries
     count = periods or (len(words) if hasattr(words, "__len__") else 0)
     if not 1 <= count <= 3:
         raise Refused(
             show(value),
             f"one to three whole numbers from {low} to {high}, one for each period of the lattice",
         )
-    return grid(given, low, high, ("16384", "128 128", "24 24 24")[count - 1], count)
+    return grid(entries, low, high, ("16384", "128 128", "24 24 24")[count - 1], count)
 
 
 def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
@@ -310,7 +311,8 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
     why = mend = ""
-    if (own := find_unit_of(values)) is not None and not is_si(own, unit):
+    own = find_unit_of(values)
+    if own is not None and not is_si(own, unit):
         mend = "Give plain numbers, as x.to_base_units().magnitude of pint."
         raise Refused(f"numbers in {own}", f"numbers in {unit or 'SI units'}", mend)
     if _is_masked(values):
@@ -318,15 +320,15 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
         mend = "Leave them out, as .compressed() does."
     else:
         try:
-            given = np.asarray(values)
-            kind = given.dtype.kind
-            each = given.ravel().tolist() if given.dtype.kind == "O" else []
+            numbers = np.asarray(values)
+            kind = numbers.dtype.kind
+            each = numbers.ravel().tolist() if numbers.dtype.kind == "O" else []
             # objects are Python's integers of more than 64 bits, fractions, decimals
             if kind in "iuf" or (kind == "O" and all(map(_is_real, each))):
                 with np.errstate(over="ignore"):
-                    array = np.asarray(given, np.float64)
-                if given.dtype.itemsize <= array.dtype.itemsize or not np.any(
-                    np.isinf(array) & np.isfinite(given)
+                    array = np.asarray(numbers, np.float64)
+                if numbers.dtype.itemsize <= array.dtype.itemsize or not np.any(
+                    np.isinf(array) & np.isfinite(numbers)
                 ):
                     return array
                 why = "which is too large"
@@ -340,11 +342,11 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
         ):
             # lists of different lengths, or a signalling nan among decimals
             pass
-    found = brief(values)
-    found += f", {why}" if why and not found.endswith("too large") else ""
-    large = "too large" in found
+    content = brief(values)
+    content += f", {why}" if why and not content.endswith("too large") else ""
+    large = "too large" in content
     raise Refused(
-        found,
+        content,
         "what double precision can hold" if large else "a real number or an array of them",
         mend,
     )
@@ -361,23 +363,26 @@ def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.flo
     if array.size and np.all(holds):
         return array
     wrong = array[~holds]
-    found = (
+    content = (
         f"{wrong[0]!s} among {array.size} numbers"
         if wrong.size and array.size > 1
         else brief(values)
     )
     raise Refused(
-        found, " ".join(filter(None, ("one or more finite numbers", low))) + (unit and f", {unit}")
+        content,
+        " ".join(filter(None, ("one or more finite numbers", low))) + (unit and f", {unit}"),
     )
 
 
 def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
     """An index, or several, as (n,): of ``count`` balls, or of others, each once."""
-    found = finite_numbers(values)
-    plain = found.ndim < 2 and np.all((found == np.rint(found)) & (found >= 0) & (found < count))
-    if not plain or np.unique(found).size < found.size:
+    numbers = finite_numbers(values)
+    plain = numbers.ndim < 2 and np.all(
+        (numbers == np.rint(numbers)) & (numbers >= 0) & (numbers < count)
+    )
+    if not plain or np.unique(numbers).size < numbers.size:
         raise Refused(brief(values), f"indices of {what}, 0 to {count - 1}, each once")
-    return np.atleast_1d(found).astype(np.intp)
+    return np.atleast_1d(numbers).astype(np.intp)
 
 
 def frequencies(
@@ -390,11 +395,14 @@ def frequencies(
     if array.ndim > 1:
         raise Refused(f"frequencies of the shape {array.shape}", "a list of them, (n,)")
     array = np.atleast_1d(array)
-    if (most := float(array.max())) > HIGHEST_FREQUENCY:
+    most = float(array.max())
+    if most > HIGHEST_FREQUENCY:
         raise Refused(f"{most:.9g} Hz", f"frequencies up to {HIGHEST_FREQUENCY:g} Hz")
     if in_order and (wrong := np.flatnonzero(np.diff(array) <= 0.0)).size:
-        one, following = array[wrong[0] : wrong[0] + 2].tolist()
-        raise Refused(f"{following:.9g} Hz after {one:.9g} Hz", "frequencies in ascending order")
+        frequency, following = array[wrong[0] : wrong[0] + 2].tolist()
+        raise Refused(
+            f"{following:.9g} Hz after {frequency:.9g} Hz", "frequencies in ascending order"
+        )
     return array
 
 
