@@ -151,3 +151,99 @@ def test_only_the_law_holds_its_exponents():
         if not path.relative_to(PACKAGE).as_posix().startswith(LAWFUL)
     ]
     assert set().union(*map(find_exponents, paths)) == set(NOT_HERTZ)
+
+
+# -- text that reads -------------------------------------------------------------------------------
+
+#: names that say nothing: what a value is has a noun of the field, or a verb
+PRONOUNS = """
+one other others found own here there at part told given taken more less rest those these it this
+that such both way ways thing things what which its left right_ wanted needed asked seen known
+before after next_ last_ nothing lost
+"""
+#: places that are to be written anew, and keep their names until then
+KEEP_NAMES = ("array/", "media/crystal_statics.py", "waves/nonlinear.py", "waves/directions.py")
+
+
+class TextFacts(ast.NodeVisitor):
+    """Counts what makes a module hard to read, with the places of what is not allowed at all."""
+
+    def __init__(self) -> None:
+        self.packed = 0
+        self.walruses = 0
+        self.pronouns = 0
+        self.forbidden: list[str] = []
+
+    def visit_Assign(self, node: ast.Assign) -> None:
+        target = node.targets[0]
+        if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+            names = sorted(ast.unparse(name) for name in target.elts)
+            is_swap = names == sorted(ast.unparse(value) for value in node.value.elts)
+            self.packed += not is_swap
+        self.pronouns += sum(
+            isinstance(name, ast.Name) and name.id in PRONOUNS.split() for name in ast.walk(target)
+        )
+        self.generic_visit(node)
+
+    def visit_NamedExpr(self, node: ast.NamedExpr) -> None:
+        self.walruses += 1
+        self.generic_visit(node)
+
+    def visit_IfExp(self, node: ast.IfExp) -> None:
+        inner = [part for child in ast.iter_child_nodes(node) for part in ast.walk(child)]
+        if any(isinstance(part, ast.IfExp) for part in inner):
+            self.forbidden.append(f"line {node.lineno}: a conditional expression in another one")
+        self.generic_visit(node)
+
+    def visit_Call(self, node: ast.Call) -> None:
+        is_getattr = isinstance(node.func, ast.Name) and node.func.id == "getattr"
+        if is_getattr and isinstance(node.args[1], ast.JoinedStr):
+            self.forbidden.append(f"line {node.lineno}: an attribute looked up by a composed text")
+        self.generic_visit(node)
+
+    def visit_ClassDef(self, node: ast.ClassDef) -> None:
+        for statement in node.body:
+            value = statement.value if isinstance(statement, ast.Assign) else None
+            if isinstance(value, ast.Call) and ast.unparse(value.func).startswith("_"):
+                self.forbidden.append(f"line {statement.lineno}: an attribute made by a helper")
+        self.generic_visit(node)
+
+
+def read_facts(path: Path) -> TextFacts:
+    facts = TextFacts()
+    facts.visit(ast.parse(path.read_text(encoding="utf-8")))
+    return facts
+
+
+def count_code_lines(path: Path) -> int:
+    """Lines with tokens other than comments and docstrings, which stand alone as statements."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    statements = [node for node in ast.walk(tree) if isinstance(node, ast.stmt)]
+    words = {
+        line
+        for node in statements
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+    }
+    rows = {
+        row
+        for node in statements
+        if not hasattr(node, "body")
+        for row in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+    }
+    heads = {node.lineno for node in statements if hasattr(node, "body")}
+    return len((rows | heads) - words)
+
+
+def test_a_statement_does_one_thing_and_names_are_nouns_or_verbs():
+    """The bounds leave room for the few places where another form would read worse."""
+    paths = {path.relative_to(PACKAGE).as_posix(): path for path in sorted(PACKAGE.rglob("*.py"))}
+    facts = {name: read_facts(path) for name, path in paths.items()}
+    n_lines = sum(map(count_code_lines, paths.values()))
+    assert sum(fact.packed for fact in facts.values()) <= 3e-3 * n_lines
+    assert sum(fact.walruses for fact in facts.values()) <= 60
+    named = [fact for name, fact in facts.items() if not name.startswith(KEEP_NAMES)]
+    assert sum(fact.pronouns for fact in named) <= 200
+    assert {name: fact.forbidden for name, fact in facts.items() if fact.forbidden} == {}
+    texts = [path.read_text(encoding="utf-8") for path in paths.values()]
+    assert sum(text.count("# fmt: skip") for text in texts) <= 30
