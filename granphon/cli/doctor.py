@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import re
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 from granphon.base.errors import EXTRAS
 from granphon.base.memory import available_memory
 from granphon.base.registry import load_plugins
 from granphon.base.scales import write_quantity
 from granphon.cli.app import ABOUT, command
-from granphon.cli.terminal import say, say_table
+from granphon.cli.terminal import say_table
 
 #: names in the registry of the packages whose versions are told: those of the core, of the extras,
 #: and those that are used where they are installed
@@ -34,19 +36,30 @@ def describe_system() -> None:
     Example:
       granphon doctor
     """
+    plugins = load_plugins()
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    threads = [f"{name}={text}" for name, text in os.environ.items() if name.endswith("_THREADS")]
-    caches = ("MPLCONFIGDIR", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
+    threads = [
+        f"{name}={text}"
+        for name, text in os.environ.items()
+        if name.endswith("_THREADS") and text.isdigit()
+    ]
+    memory = available_memory()
+    caches = {
+        "compiled loops": os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1],
+        "matplotlib": os.environ.get("MPLCONFIGDIR") or Path.home(),
+    }
+    writable = [name for name, folder in caches.items() if os.access(folder, os.W_OK)]
     say_table(
         [
             ("granphon", _find_version("granphon")),
             ("Python", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
             *((name, _find_version(name)) for name in PACKAGES),
-            *((f"plug-in {name}", why or "loaded") for name, why in load_plugins().items()),
+            # a message may hold the folder of a user
+            *((name, re.sub(r"\S*[\\/]", "", why or "loaded")) for name, why in plugins.items()),
             ("cores", f"{os.cpu_count()}, of which {usable} may be used"),
             ("threads", ", ".join(threads) or "as the libraries choose"),
-            ("memory available", write_quantity(available_memory(), "B")),
-            ("caches", ", ".join(name for name in caches if name in os.environ) or "by default"),
+            ("memory", write_quantity(memory, "B") if math.isfinite(memory) else "not known"),
+            ("writable caches", ", ".join(writable) or "none"),
         ]
     )
 
