@@ -44,7 +44,7 @@ _REPEATED_SECONDS = 0.05
 #: most balls of the small array, most loads of its path, and size of the small matrix
 _SMALL_BALLS = 1000
 _SMALL_LOADS = 4
-_SMALL_MATRIX = 300
+_SMALL_MATRIX = 500
 #: number of balls of an array that takes twice as long as its balls alone, since arrays of few
 #: balls are slow: counted between 16^2 and 1024^2
 _FEW_BALLS = 2000.0

@@ -258,7 +258,7 @@ def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
 def test_the_time_of_a_product_is_that_of_a_network_of_the_same_kind(steel):
     from granphon.scene.plan import _measure_product
 
-    network = gp.Packing(steel, 8e-3).at_force(5.0).network
+    network = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(5.0).network
     assert 0.0 < _measure_product(network, 10**9) < 1e-3
 
 
