@@ -349,7 +349,7 @@ def force_constants(dim: tuple[int, ...], balls: int) -> Cost:
     """
     atoms = math.prod(dim) * (balls + 1)
     what = f"force constants of {' x '.join(map(str, dim))} cells"
-    units = Units(2.5 * (0.5 * atoms) ** 2.2, _measure_number)
+    units = Units((0.76 * atoms) ** 2.2, _measure_number)
     return Cost(20.0 * atoms * atoms, units=(units,), parts=(what,))
 
 
