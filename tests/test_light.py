@@ -18,7 +18,7 @@ from granphon.base.errors import EXTRAS
 from tests.conftest import only
 
 #: the packages beyond numpy and scipy, each of which may be absent
-KNOWN = ["ase", "phonopy", "spglib", *EXTRAS["scenes"], "distributed", "cryptography"]
+KNOWN = ["ase", "phonopy", "spglib", *EXTRAS["scenes"], "distributed"]
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))[
     "project"
 ]
@@ -102,7 +102,7 @@ FEATURES = {
         ("yaml", "xarray", "h5netcdf", "h5py"),
     ),
     "command": ("command('check', 'scene.yaml')", ("typer", "yaml")),
-    "workers elsewhere": ("require_workers(None, 'local:1')", ("distributed", "cryptography")),
+    "workers elsewhere": ("require_workers(None, '10.0.0.1:8786')", ("distributed",)),
 }
 SCENE = """
 schema: 1

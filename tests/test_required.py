@@ -178,8 +178,8 @@ ALIKE = {
 
 
 def asked(seen: Any) -> dict[str, int]:
-    """Calls but for the trials by which the command estimates what a simulation takes: three, of
-    one small sample.
+    """Calls but for the trial by which the command estimates what a simulation takes: a state of one
+    small sample.
     """
     calls = dict(seen.calls)
     assert calls.pop(costs.TRIAL, 0) <= (3 if "equilibria" in calls else 0)

@@ -31,7 +31,7 @@ EXTRAS = {
         "threadpoolctl",
         "numba",
     ),
-    "distributed": ("distributed", "dask", "cryptography"),
+    "distributed": ("distributed", "dask"),
 }
 #: what ends a line, with the white space around it
 _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")

@@ -135,8 +135,7 @@ Scheduler = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="A dask scheduler whose workers share the work, or local:N to start one with N"
-        " processes.",
+        help="A dask scheduler whose workers share the work.",
         rich_help_panel=WORK,
     ),
 ]

@@ -181,15 +181,14 @@ def run_scene(
         return f"{NOTHING_WRITTEN} {GO_ON}" if kept else NOTHING_WRITTEN
 
     require_name("--out", out)
-    if scheduler is not None:
-        require_workers(workers, scheduler)
+    require_workers(workers, scheduler)
     read = Scene.from_yaml(scene)
     if resume and not force and is_complete(read, out):
         if not quiet:
             say(f"{out} is complete: it holds the results of this scene. Nothing was computed.")
         return
     cost = read.cost()
-    if cost is not None and not quiet and cost.seconds > 10.0:
+    if cost is not None and not quiet and cost.takes_longer(10.0):
         print(f"granphon: {cost.text} on one processor", file=sys.stderr, flush=True)
     with tell_interruption(left):
         with open_executor(workers, scheduler) if read.has_tasks else nullcontext() as executor:

@@ -12,12 +12,10 @@ from __future__ import annotations
 import logging
 import os
 import sys
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from logging.handlers import BufferingHandler
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -86,7 +84,6 @@ with _open_door():
     from matplotlib.collections import EllipseCollection
     from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
     from matplotlib.figure import Figure
-    from matplotlib.font_manager import FontProperties, findfont, get_font
     from matplotlib.lines import Line2D
     from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
 
@@ -408,62 +405,3 @@ def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]
         # parts of a step, so that they are round
         within = 4 if f"{step:.0e}".startswith("2") else 5
         yield ticks, ticks[0] + step / within * np.arange(within * (ticks.size - 1) + 1)
-
-
-def describe_fonts() -> list[tuple[str, str]]:
-    """Return rows of a name and a text: the font, whether the letters of figures are drawn, and
-    matplotlib's folder.
-
-    Each letter is drawn with the settings of matplotlib as they stand here; a glyph that the font
-    lacks is a warning of matplotlib, which is told. A folder inside the home folder is told from
-    "~" on, and another one by what names it.
-    """
-    rows = []
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            font = get_font(findfont(FontProperties()))
-            rows.append(("font", f"{font.family_name}, {font.style_name}"))
-        except (OSError, ValueError, RuntimeError) as error:
-            rows.append(("font", f"none is found: {shorten_error(error)}"))
-    rows += [("fonts", "; ".join({str(one.message): None for one in caught}))] * bool(caught)
-    # texts that figures hold: letters outside ASCII, and formulas
-    samples = {
-        "Gamma": "Γ",
-        "mu and plus-minus": "µ ±",
-        "mathtext": r"$\mathrm{\Gamma}_{1}\ \omega/2\pi$",
-    }
-    drawn = {name: _draw_text(text) for name, text in samples.items()}
-    fine = [name for name, fault in drawn.items() if not fault]
-    rows += [("letters drawn", ", ".join(fine))] * bool(fine)
-    rows += [(name, f"not drawn: {fault}") for name, fault in drawn.items() if fault]
-    folder = Path(matplotlib.get_configdir())
-    try:  # without the name of a user
-        where = f"~/{folder.relative_to(Path.home()).as_posix()}"
-    except (ValueError, RuntimeError):
-        where = (
-            "the folder that MPLCONFIGDIR names"
-            if "MPLCONFIGDIR" in os.environ
-            else "a folder outside the home folder"
-        )
-    rows.append(
-        (
-            "config folder",
-            f"{where}, {'writable' if os.access(folder, os.W_OK) else 'not writable'}",
-        )
-    )
-    return rows
-
-
-def _draw_text(text: str) -> str:
-    with warnings.catch_warnings(), matplotlib.rc_context(STYLE):
-        warnings.simplefilter("error")
-        try:
-            figure = Figure(figsize=(1.0, 1.0))
-            figure.text(0.1, 0.5, text)
-            figure.savefig(BytesIO(), format="png", dpi=50)
-        except (
-            Exception
-        ) as error:  # whatever the settings of matplotlib lead to is what we are to tell
-            return shorten_error(error)
-    return ""

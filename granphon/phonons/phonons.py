@@ -507,8 +507,8 @@ class Phonons:
         machine, before they do.
 
         :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and
-        ``seconds`` is the processor's time. Of cells with hundreds of branches it follows from a
-        small matrix that is timed on this machine.
+        ``seconds`` is the processor's time. Of cells with hundreds of branches the time follows
+        from that of a small matrix.
         """
         count = whole_number("points", points, 1, LARGEST_COUNT)
         return costs.bands(count, self.lattice.n_branches, eigenvectors, file=False)

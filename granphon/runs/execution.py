@@ -15,10 +15,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import closing, nullcontext, suppress
-from functools import partial
 from heapq import heappop, heappush
 from itertools import chain
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from granphon.base.errors import GranphonError, OutputError
@@ -28,9 +27,6 @@ from granphon.base.threads import naming_lost_workers
 from granphon.runs.store import Store, TaskResult, decode, encode
 from granphon.runs.workers import (
     InProcess,
-    call_by,
-    check_workers,
-    client_of,
     count_calls,
     packages,
     require_packages,
@@ -41,9 +37,6 @@ CALL_SECONDS = 0.1
 #: number of workers that are lost with a task before it counts as the reason; the last one has
 #: nothing else to do
 MOST_LOSSES = 3
-#: longest time for which a result is waited for before the executor is asked for its workers again,
-#: s
-_LOOK_SECONDS = 2.0
 
 
 class Task:
@@ -56,11 +49,6 @@ class Task:
     name: Any
     where: Any
     kind: Any
-
-    @property
-    def memory(self) -> float:
-        """Memory that a process needs for the task, about, bytes; 0 if it is little."""
-        return 0.0
 
     @property
     def steps(self) -> int:
@@ -100,7 +88,7 @@ def advance(
     known. After ``CALL_SECONDS`` nothing more is begun. An error of the first task is raised; that
     of a later one ends the call before it, and it will come again as the first.
     """
-    require_packages(f"the worker on {platform.node()}", packages(), wanted)
+    require_packages(f"the worker on {platform.node()}", wanted)
     if missing := set(added).difference(list_added("observable")):
         what = f"a worker does not know the observable {min(missing)!r}"
         why = "It was registered in the process that began the work"
@@ -195,17 +183,9 @@ class _Work:
     def run(self, executor: Executor) -> None:
         """Have the tasks done, by calls of which a few are under way for each worker."""
         ready = SimpleQueue[Future[list[Result]]]()
-        submit = executor.submit
-        looked = -math.inf
-        if self.left and (client := client_of(executor)) is not None:
-            largest = max((self.tasks[index] for index in self.left), key=lambda task: task.memory)
-            check_workers(client, largest.memory, largest.where)
-            submit = partial(call_by, client)
+        most = count_calls(executor)
         try:
             while self.left or self.running:
-                if (now := time.monotonic()) - looked > _LOOK_SECONDS:
-                    most = count_calls(executor)
-                    looked = now
                 while self.left and ready.empty():
                     # the next task or one under way may be why workers were lost, and is then to be
                     # alone
@@ -218,13 +198,12 @@ class _Work:
                     indices = self._take(most)
                     orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
                     with naming_lost_workers(self._name_lost(indices[0])):
-                        future = submit(advance, orders, packages(), list_added("observable"))
+                        future = executor.submit(
+                            advance, orders, packages(), list_added("observable")
+                        )
                     self.running[future] = indices
                     future.add_done_callback(ready.put)
-                try:
-                    future = ready.get(timeout=_LOOK_SECONDS)
-                except Empty:  # look at the workers again
-                    continue
+                future = ready.get()
                 self._receive(future, self.running[future])
                 del self.running[future]
         finally:

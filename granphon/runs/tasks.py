@@ -40,7 +40,6 @@ from granphon.base.results import plain, read_only
 from granphon.base.text import counted
 from granphon.media.arrangement import Balls
 from granphon.media.choice import MediumChoice, ServingMedium
-from granphon.media.cost import estimate
 from granphon.media.limits import Check
 from granphon.media.loading import sort_by_load
 from granphon.media.simulation import HISTORY_UNITS, DirectSimulation, SimulatedState
@@ -404,15 +403,6 @@ class MediumTask(Task):
         serving = self.serving
         return (
             f"{serving.medium.name} {serving.medium.settings.get('shape', '')} {len(serving.loads)}"
-        )
-
-    @property
-    def memory(self) -> float:
-        """Estimated memory of the process that solves it, bytes; 0 of a medium without an array."""
-        return (
-            estimate(self.simulation, self.load, exponents=self.asked.exponents).memory
-            if self.serving.arrays
-            else 0.0
         )
 
     @property

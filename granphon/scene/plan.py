@@ -8,7 +8,7 @@ computed twice.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property, partial
@@ -58,6 +58,7 @@ from granphon.waves.settings import (
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from granphon.networks.network import ContactNetwork
     from granphon.runs.dataset import Dataset
 
 
@@ -72,6 +73,8 @@ MOST_CASES = 100
 #: greatest number of states that a survey solves; if there are more, it solves those at the ends of
 #: the axes and loads
 MOST_STATES = 20_000
+#: most balls of a network whose product with a vector is timed
+_PRODUCT_BALLS = 2000
 #: greatest number of balls of an array whose waves are checked when a scene is read
 QUICK_BALLS = 100_000
 #: greatest number of balls, in all samples and cases, whose rest at the start of a loading is found
@@ -693,13 +696,13 @@ class Plan:
         most = costs.MOST_SECONDS
         if total.memory > free:
             limit = f"this machine has {free / 1e9:.3g} GB of memory available"
-            of = "memory"
+            quantity = "memory"
         elif total.takes_longer(most):
             limit = f"no run may take more than {costs.write_duration(most)} on one processor"
-            of = "seconds"
+            quantity = "seconds"
         else:
             return total if parts else None
-        path, mend, _ = max(parts, key=lambda part: float(getattr(part[2], of)))
+        path, mend, _ = max(parts, key=lambda part: float(getattr(part[2], quantity)))
         with self.origin.at(*path):
             raise InputError(f"{total.text}, and {limit}", mend=mend)
 
@@ -718,27 +721,26 @@ class Plan:
             for medium in one.arrays
         ]
 
-        def add_up(found: list[Cost], size: Callable[[Cost], Any]) -> Cost:
-            """Return the cost of all simulations, one after the other; if ends of axes alone are
-            known, of the largest.
+        def add_up(works: list[Cost]) -> Cost:
+            """Return the cost of all works of a kind, one after the other; if ends of axes alone
+            are known, of the largest.
             """
-            if n_few < self.n_cases and found:
-                return max(found, key=size).times(len(found) * self.n_cases / n_few)
-            return sum(found, Cost())
+            if n_few < self.n_cases and works:
+                largest = max(works, key=lambda work: sum(number for number, _ in work.units))
+                return largest.times(len(works) * self.n_cases / n_few)
+            return sum(works, Cost())
 
         simulated = [
             costs.estimate(medium, load, exponents="velocities" in self.observe)
             for medium, load in arrays
         ]
         mend = "Take fewer balls (medium.simulation.shape), samples or loads"
-        work = add_up(simulated, lambda one: one.work)
-        out: list[CostPart] = [(("medium",), mend, work)]
+        out: list[CostPart] = [(("medium",), mend, add_up(simulated))]
         total = Cost()
         if (wanted := self.waves) is not None:
-            each = [
-                cost for medium, load in arrays for cost in _estimate_waves(medium, load, wanted)
-            ]
-            total = add_up(each, lambda cost: cost.known)
+            total = add_up(
+                [work for medium, load in arrays for work in _estimate_waves(medium, load, wanted)]
+            )
         smaller = (
             "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser"
             " resolution (spectrum)"
@@ -750,12 +752,12 @@ class Plan:
         ):
             if (wanted := self._asked(block)) is not None:
                 with self.origin.at(block):
-                    known = [
-                        estimate(one, wanted) for case in self.few for one in case.serving_media
+                    works = [
+                        estimate(serving, wanted)
+                        for case in self.few
+                        for serving in case.serving_media
                     ]
-                total = add_up(
-                    [cost for cost in known if cost is not None], lambda cost: cost.known
-                )
+                total = add_up([work for work in works if work is not None])
                 mend = f"Take fewer balls ({block}.repeat, {block}.cut), {mend}"
                 out.append(((block,), mend, replace(total, parts=total.parts[:1])))
 
@@ -979,7 +981,24 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
             products += steps * medium.samples
             heard = steps * medium.balls / min(medium.cells)
             readings = READINGS * pulse.frequency * lasting * heard * medium.samples
-        yield costs.array_waves(products, medium.balls, contacts, rows, heard, readings)
+        measure = partial(_measure_product, ideal.network, medium.balls)
+        yield costs.array_waves(measure, products, medium.balls, contacts, rows, heard, readings)
+
+
+def _measure_product(network: ContactNetwork, balls: int) -> float:
+    """Return the time per ball, s, of a product of the dynamical matrix with a vector, for a
+    network of at most so many ``balls`` that is periodic like this one.
+    """
+    from granphon.waves.operator import make_operator  # imported here: other scenes do not need it
+
+    axes = [bool(periodic) for periodic in network.pbc]
+    most = min(balls, _PRODUCT_BALLS) / network.n_balls
+    count = max(round(most ** (1.0 / max(sum(axes), 1))), 1)
+    network = network.repeat((count,) * sum(axes)) if count > 1 and any(axes) else network
+    operator = make_operator(network)
+    moved = np.linspace(0.0, 1.0, operator.size)
+    still = np.zeros(operator.size)
+    return costs.time_once(lambda: operator.advance(moved, still)) / network.n_balls
 
 
 def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost | None:
@@ -1009,7 +1028,12 @@ def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost
     factorised, seconds = work.choose(None)
     factors = work.factor_bytes if np.any(factorised) else 0.0
     each = costs.response(
-        network.n_balls, network.n_contacts, len(wanted.frequencies), seconds, factors
+        partial(_measure_product, state.network, network.n_balls),
+        seconds / work.step,
+        network.n_balls,
+        network.n_contacts,
+        len(wanted.frequencies),
+        factors,
     )
     return each.times(serving.load.size * (arrays[0].samples if arrays else 1))
 
@@ -1026,7 +1050,6 @@ def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | N
         make_waves,
     )
     from granphon.waves.nonlinear import require_steps
-    from granphon.waves.operator import WaveOperator
 
     if (state := find_typical_state(serving)) is None:
         return None
@@ -1041,12 +1064,11 @@ def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | N
     each = math.ceil(wanted.duration / (wanted.frames - 1) / step)
     require_steps(each * (wanted.frames - 1))
     return costs.motion(
+        partial(_measure_product, network, cells * network.n_balls),
         each * (wanted.frames - 1),
-        len(WaveOperator(network).rows),
         cells * network.n_balls,
         cells * network.n_contacts,
         wanted.frames,
         bool(np.any(wanted.damping)),
-        wanted.geometry == "exact",
         wanted.scheme == "midpoint",
     ).times(serving.load.size * (arrays[0].samples if arrays else 1))

@@ -1,5 +1,4 @@
-"""Sweeps by two workers: what processes, the store and a scheduler of dask cost beside the tasks
-themselves.
+"""Sweeps by two workers: what processes and the store cost beside the tasks themselves.
 
     python tests/benchmarks --only sweeps
 
@@ -25,11 +24,6 @@ from granphon.runs.execution import solve_all
 from granphon.runs.store import Store
 from granphon.runs.workers import open_executor
 
-#: the workers, by the words of the table
-WORKERS: dict[str, dict[str, Any]] = {
-    "--workers 2": {"workers": 2},
-    "--scheduler local:2": {"scheduler": "local:2"},
-}
 #: seconds of a task, number of tasks, least efficiency
 TASKS = ((1.0, 8, 0.9), (0.01, 600, 0.7))
 #: values of two parameters, whose combinations are the tasks of the averaged lattice
@@ -41,7 +35,6 @@ class Nap:
 
     kind = "nap"
     steps = 1
-    memory = 0.0
 
     def __init__(self, number: int, seconds: float) -> None:
         self.number = number
@@ -72,18 +65,13 @@ def napping(executor: Executor, seconds: float, count: int) -> float:
 
 def efficiencies(repeats: int) -> list[Row]:
     rows = []
-    for words, how in WORKERS.items():
-        with open_executor(**how) as executor:
-            assert executor is not None
-            solve_all("start", [Nap(-1 - number, 0.2) for number in range(6)], executor)
-            for seconds, count, least in TASKS:
-                best = float(
-                    np.median(
-                        [napping(executor, seconds, count) for _ in range(max(1, repeats // 3))]
-                    )
-                )
-                what = f"Efficiency of `{words}`, {count} tasks of {seconds:g} s"
-                rows.append(Row(what, best, bound=least, least=True))
+    with open_executor(workers=2) as executor:
+        assert executor is not None
+        solve_all("start", [Nap(-1 - number, 0.2) for number in range(6)], executor)
+        for seconds, count, least in TASKS:
+            runs = [napping(executor, seconds, count) for _ in range(max(1, repeats // 3))]
+            what = f"Efficiency of `--workers 2`, {count} tasks of {seconds:g} s"
+            rows.append(Row(what, float(np.median(runs)), bound=least, least=True))
     return rows
 
 

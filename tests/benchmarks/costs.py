@@ -129,11 +129,13 @@ def follow(scene: str, out: str, *options: str, command: str = "run") -> None:
         if event == "call" and (name := frame.f_code.co_qualname) in names:
             what = WATCHED.get((frame.f_globals["__name__"], name))
             if what is not None:
-                trial = (
-                    frame.f_back is not None
-                    and frame.f_back.f_globals["__name__"] == "granphon.media.cost"
-                )
-                counts[TRIAL if trial else what] += 1
+                counts[TRIAL if is_timed(frame) else what] += 1
+
+    def is_timed(frame: FrameType | None) -> bool:
+        """Whether a call is of the small piece of work from which the time is estimated."""
+        while frame is not None and frame.f_globals["__name__"] != "granphon.media.cost":
+            frame = frame.f_back
+        return frame is not None
 
     from granphon.cli.commands import main
 

@@ -68,34 +68,6 @@ def test_memory_is_what_the_arrays_take(lattice, shape, samples, loads, friction
     assert 0.5 < peak / (guess.working + guess.kept) < 1.0
 
 
-@pytest.mark.parametrize(
-    ("lattice", "shape", "force"),
-    [
-        ("triangular", (64, 64), [0.0073, 0.0255, 0.1163, 0.3678]),
-        pytest.param("fcc", (16, 16, 16), [0.02, 0.5, 30.0], marks=pytest.mark.exhaustive),
-        pytest.param("hcp", (10, 10, 10), [0.02, 0.5, 30.0], marks=pytest.mark.exhaustive),
-    ],
-)
-def test_the_work_over_loads_is_that_of_the_solver(lattice, shape, force):
-    """A step of Newton's method counts as much as four of conjugate gradients."""
-    balls = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH), lattice)
-    arrays = gp.DirectSimulation(balls, shape, geometry="lattice")
-    loads = [Load("force", f * balls.width_units.force) for f in force]
-    found = [arrays.at(load).sample.equilibrium for load in loads]
-    ratio = [
-        (state.conjugate + 4 * state.newton) / estimate(arrays, load).work
-        for state, load in zip(found, loads, strict=True)
-    ]
-    assert max(ratio) / min(ratio) < 3.0
-
-
-def test_every_equilibrium_takes_time():
-    one = estimate(simulation(), Load("force", 5.0))
-    many = estimate(simulation(samples=3), Load("force", np.linspace(2.0, 5.0, 10)))
-    assert many.equilibria == 30
-    assert many.seconds > 25 * one.seconds
-
-
 @pytest.mark.claim("array-exponents", "exponent-cost")
 def test_exponents_take_two_states_more_beside_each():
     for friction in (False, True):
@@ -104,7 +76,7 @@ def test_exponents_take_two_states_more_beside_each():
             estimate(medium, Load("force", [5.0, 20.0]), exponents=exponents)
             for exponents in (False, True)
         )
-        assert 2.2 < asked.seconds / plain.seconds < 3.0
+        assert asked.work == 3 * plain.work
         assert asked.memory == plain.memory
         assert asked.equilibria == 3 * plain.equilibria
     medium = simulation((128, 128))
@@ -131,37 +103,93 @@ def test_the_kinds_of_load_agree():
             assert other == pytest.approx(state.reduced_force, rel=1e-12)
 
 
-def test_time_grows_towards_the_threshold_with_size_and_with_friction():
-    times = estimate_seconds([3.0, 1.0, 0.7, 0.5, 0.42, 0.363, 0.3])
-    assert np.all(np.diff(times[:-1]) > 0.0)
-    assert times[-1] > times[-2]  # below the threshold: taken to be at it
-    at = (0.5 - 0.5) * WIDTH
-    small, large = (
-        estimate(simulation(shape), Load("overlap", at)) for shape in ((64, 64), (1024, 1024))
+# -- time --------------------------------------------------------------------------------------------
+
+
+def taking(seconds, **values):
+    """A cost of one unit that takes so many seconds."""
+    return cost.Cost(units=(cost.Units(1.0, lambda: seconds),), **values)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that goes on by a second for each ball in each equilibrium, and by nothing else."""
+    time = [0.0]
+    solve = gp.DirectSimulation.at
+
+    def at(self, load, **options):
+        time[0] += self.balls * self.samples * load.size
+        return solve(self, load, **options)
+
+    monkeypatch.setattr(gp.DirectSimulation, "at", at)
+    monkeypatch.setattr(cost, "process_time", lambda: time[0])
+    cost._time_array.cache_clear()
+    yield time
+    cost._time_array.cache_clear()
+
+
+def test_the_time_of_a_small_array_is_that_of_its_own_equilibria(clock):
+    """64 balls are no more than the small array has, and so they are timed themselves."""
+    medium = simulation((8, 8), samples=3)
+    guess = estimate(medium, Load("force", np.linspace(10.0, 20.0, 5)), exponents=True)
+    assert guess.equilibria == 45
+    assert guess.seconds == pytest.approx(45 * 64)
+    assert clock[0] == 64  # one sample at one load
+
+
+def test_the_time_of_a_large_array_follows_from_a_small_one(clock):
+    """At a load that closes all contacts the time per ball falls, as arrays of few balls are
+    slow.
+    """
+    guess = estimate(simulation((1000, 1000)), Load("force", 500.0))
+    small = 32 * 32
+    assert clock[0] == 0  # nothing is timed before the time is asked for
+    few = (1.0 + cost._FEW_BALLS / 1e6) / (1.0 + cost._FEW_BALLS / small)
+    assert guess.seconds == pytest.approx(1e6 * few)
+    assert clock[0] == small
+    _ = guess.seconds, estimate(simulation((2000, 1000)), Load("force", 500.0)).times(3).seconds
+    assert clock[0] == small + 45 * 22  # each small array once
+
+
+def test_the_time_grows_faster_than_the_balls_where_contacts_are_open(clock):
+    load = Load("force", 0.03 * simulation().packing.width_units.force)
+    small, large = (estimate(simulation((side, side)), load).seconds for side in (32, 320))
+    few = (1.0 + cost._FEW_BALLS / 320**2) / (1.0 + cost._FEW_BALLS / 32**2)
+    opened = 1.0 - simulation((32, 32)).at(load).contact_fraction
+    assert 0.2 < opened < 0.35
+    assert large / small == pytest.approx(100.0 * few * 100.0**opened)
+
+
+def test_a_load_that_no_array_bears_has_a_time_too():
+    guess = estimate(simulation((8, 8)), Load("overlap", -0.6 * WIDTH))
+    assert 0.0 < guess.seconds < np.inf
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_of_a_path_with_friction_some_loads_are_timed(clock, ordered):
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH))
+    medium = gp.DirectSimulation(
+        packing,
+        (4, 4),
+        friction_history=True,
+        friction_coefficient=0.5,
+        geometry="lattice",
+        ordered=ordered,
     )
-    # each step takes as long as 2000 balls more
-    assert large.seconds == pytest.approx(
-        256 * small.seconds * (1 + 2000 / 2**20) / (1 + 2000 / 4096)
-    )
-    few = estimate(simulation((8, 8)), Load("overlap", at))
-    assert few.seconds > 0.3 * small.seconds
-    bare = estimate(simulation(friction=False), Load("overlap", at))
-    assert bare.seconds < small.seconds
+    overlap = WIDTH * np.array([0.6, 0.5, 0.4, 0.55, 0.45, 0.52, 0.58, 0.42])
+    guess = estimate(medium, Load("overlap", overlap))
+    assert guess.seconds == pytest.approx(8 * 16)
+    assert clock[0] == cost._SMALL_LOADS * 16
 
 
-def estimate_seconds(spacings):
-    return [
-        estimate(simulation(), Load("overlap", (spacing - 0.5) * WIDTH)).seconds
-        for spacing in spacings
-    ]
-
-
-def test_equal_balls_cost_next_to_nothing():
-    medium = gp.DirectSimulation(gp.Packing(STEEL, 8e-3), (64, 64))
-    assert (
-        estimate(medium, Load("force", 5.0)).seconds
-        < 0.2 * estimate(simulation(), Load("force", 5.0)).seconds
-    )
+@pytest.mark.parametrize(
+    ("seconds", "word"),
+    [(0.0, "seconds"), (59.0, "seconds"), (61.0, "minutes"), (3700.0, "hours"), (1e6, "days")],
+)
+def test_the_time_is_told_in_one_word(seconds, word):
+    guess = taking(seconds, working=2.5e9 - cost._PYTHON_BYTES, balls=10_000_000, equilibria=1)
+    assert guess.text.startswith("simulation of 10,000,000 balls: ")
+    assert guess.text.endswith(f" 2.5 GB and {word}")
 
 
 @pytest.mark.parametrize(
@@ -176,8 +204,7 @@ def test_equal_balls_cost_next_to_nothing():
     ],
 )
 def test_durations_are_read_at_a_glance(seconds, text):
-    one = cost.Cost(2.5e9 - cost._PYTHON_BYTES, known=seconds, balls=10_000_000, equilibria=1)
-    assert one.text == f"simulation of 10,000,000 balls: about 2.5 GB and {text}"
+    assert cost.write_duration(seconds) == text
 
 
 def test_the_text_counts_equilibria():
@@ -390,86 +417,36 @@ def test_memory_of_motions_and_responses_is_what_their_process_takes(tmp_path, l
     assert 1.0 / 1.5 < 1024.0 * float(done.stdout) / guess.memory < 1.5
 
 
-def pressed(mu, shape=(20, 20), **more):
-    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(WIDTH))
-    own = {"friction_history": True, "friction_coefficient": mu, "geometry": "lattice"} | more
-    return gp.DirectSimulation(packing, shape, **own)
-
-
-def test_the_work_of_histories_is_that_of_the_solver():
-    """Iterations of GMRES over the work that is estimated, whatever the friction, the loads and the
-    tolerance.
-    """
-    ratio = []
-    for mu, reduced, tolerance in (
-        (np.inf, (0.6, 0.8, 1.0), 1e-4),
-        (0.2, (0.6, 0.8, 1.0), 1e-4),
-        (0.1, (0.7,), 1e-2),
-    ):
-        medium = pressed(mu, step_tolerance=tolerance)
-        load = Load("overlap", (np.array(reduced) - 0.5) * WIDTH)
-        ratio.append(
-            medium.at(load).samples[-1].equilibrium.conjugate / estimate(medium, load).work
-        )
-    assert max(ratio) / min(ratio) < 6.0
-
-
-def test_the_most_friction_there_is_costs_no_more_than_no_sliding():
-    load = Load("overlap", 0.2 * WIDTH)
-    assert estimate(pressed(1e300), load).work == estimate(pressed(np.inf), load).work
-
-
-def test_time_of_a_history_grows_as_friction_falls_and_with_its_way():
-    load = Load("overlap", 0.2 * WIDTH)
-    times = [estimate(pressed(mu), load).work for mu in (np.inf, 0.5, 0.2, 0.1, 0.05, 0.02)]
-    assert np.all(np.diff(times) > 0.0)
-    assert times[-1] > 8.0 * times[0]
-    assert estimate(pressed(0.0), load).work == times[0]  # no contact ever sticks
-    usual = times[2]
-    assert estimate(pressed(0.2, step_tolerance=1e-5), load).work > 2.0 * usual
-    assert estimate(pressed(0.2, start=0.65), load).work < 0.5 * usual
-    assert estimate(pressed(0.2, start={"overlap": 0.15 * WIDTH}), load).work < 0.5 * usual
-    assert estimate(pressed(0.2, start="gas"), load).work > 10.0 * usual
-    assert estimate(pressed(0.2, geometry="exact"), load).work > 2.0 * usual
-    cycle = Load("overlap", np.array([0.2, 0.0, 0.2]) * WIDTH)
-    assert (
-        estimate(pressed(0.2, ordered=True), cycle).work > 2.0 * estimate(pressed(0.2), cycle).work
-    )
-
-
-@pytest.mark.parametrize(
-    ("given", "bounds"),
-    [
-        ({}, False),
-        ({"start": "gas"}, True),
-        ({"mu": 0.01}, True),
-        ({"mu": 0.0}, False),
-        ({"mu": np.inf}, False),
-        ({"step_tolerance": 1e-6}, True),
-    ],
-)
-def test_an_estimate_that_rests_on_no_count_is_a_lower_bound(given, bounds):
-    guess = estimate(pressed(**{"mu": 0.2, **given}), Load("overlap", 0.2 * WIDTH))
-    assert guess.bounds == bounds
-    assert ("and at least " in guess.text) == bounds
-    assert (guess + cost.Cost()).bounds == guess.times(3).bounds == bounds
-
-
 @pytest.mark.claim("told-above")
 def test_what_takes_more_than_a_second_or_100_mb_is_told():
-    assert cost.Cost(known=1.01).tells
+    assert cost.Cost(units=(cost.Units(1000.0, lambda: 1.1e-3),)).tells
     assert cost.Cost(working=0.6e8, kept=0.41e8).tells
     assert cost.Cost(work=1.0, balls=64, equilibria=1).tells  # a simulation always
-    assert not cost.Cost(working=0.5e8, kept=0.49e8, known=0.99).tells
+    few = cost.Units(1000.0, lambda: 0.9e-3)
+    assert not cost.Cost(working=0.5e8, kept=0.49e8, units=(few,)).tells
+
+
+def test_what_cannot_take_long_is_not_timed():
+    def measure():
+        raise AssertionError("this is timed")
+
+    guess = cost.Cost(units=(cost.Units(1e6, measure),))
+    assert not guess.takes_longer(cost.MOST_SECONDS)
+    with pytest.raises(AssertionError):
+        guess.takes_longer(10.0)
 
 
 def test_costs_add_up_to_one_after_the_other():
-    one = cost.Cost(3.0, 1.0, 5.0, 7.0, 10, 2, ("a",))
-    two = cost.Cost(2.0, 4.0, 6.0, 8.0, 20, 1, ("b",))
-    assert one + two == cost.Cost(3.0, 5.0, 11.0, 15.0, 20, 3, ("a", "b"))
-    assert (one + two).memory == cost._PYTHON_BYTES + 8.0
-    assert one.times(3) == cost.Cost(3.0, 3.0, 15.0, 21.0, 10, 6, ("a",))
-    assert sum([one, two], cost.Cost()) == one + two
+    first = taking(5.0, working=3.0, kept=1.0, work=7.0, balls=10, equilibria=2, parts=("a",))
+    second = taking(6.0, working=2.0, kept=4.0, work=8.0, balls=20, equilibria=1, parts=("b",))
+    total = first + second
+    assert (total.working, total.kept, total.seconds, total.work) == (3.0, 5.0, 11.0, 15.0)
+    assert (total.balls, total.equilibria, total.parts) == (20, 3, ("a", "b"))
+    assert total.memory == cost._PYTHON_BYTES + 8.0
+    thrice = first.times(3)
+    assert (thrice.working, thrice.kept, thrice.seconds, thrice.work) == (3.0, 3.0, 15.0, 21.0)
+    assert (thrice.balls, thrice.equilibria, thrice.parts) == (10, 6, ("a",))
+    assert sum([first, second], cost.Cost()) == total
 
 
 def test_bands_of_a_large_cell_go_as_the_cube_of_its_branches_and_take_few_matrices_at_a_time():
@@ -477,7 +454,7 @@ def test_bands_of_a_large_cell_go_as_the_cube_of_its_branches_and_take_few_matri
     counts from 2.5 on.
     """
     few, many = (cost.bands(60, branches, eigenvectors=False) for branches in (1000, 3000))
-    assert 15.0 < many.known / few.known < 30.0
+    assert 15.0 < many.seconds / few.seconds < 30.0
     assert many.memory < 1e9 < cost.bands(60, 3000).memory
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(2e-6))
     ph = gp.Phonons(gp.DirectSimulation(packing, shape=(11, 11), seed=0).at_force(18.0).sample)

@@ -1,5 +1,5 @@
-"""Sweeps by the workers of a dask scheduler: the same numbers, what is refused, and what is lost
-when one is killed.
+"""Sweeps on executors, that of a dask client among them: the same numbers, and what is lost when a
+worker is killed.
 """
 
 from __future__ import annotations
@@ -7,17 +7,12 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
-import ssl
 import subprocess
 import sys
 import threading
 import time
-import urllib.error
-import urllib.request
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import closing, contextmanager, nullcontext, suppress
-from importlib.util import find_spec
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +22,6 @@ import granphon as gp
 from granphon.base.errors import (
     ConvergenceError,
     GranphonError,
-    InputError,
     MissingFileError,
     OutputError,
     SceneError,
@@ -37,14 +31,7 @@ from granphon.runs import execution, workers
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, read_entries
 from granphon.runs.sweep import sweep
-from granphon.runs.workers import (
-    Workers,
-    call_by,
-    open_executor,
-    packages,
-    require_packages,
-    require_workers,
-)
+from granphon.runs.workers import Workers, open_executor, packages
 
 distributed = pytest.importorskip("distributed")
 
@@ -59,12 +46,6 @@ ARGUMENTS = {
     "media": ["ala", "afa", {"simulation": {"shape": (8, 8), "samples": 3}}],
     "width": [0.0, 1e-6],
 }
-LOCAL = pytest.param(
-    {"scheduler": "local:2"},
-    marks=pytest.mark.skipif(
-        find_spec("cryptography") is None, reason="cryptography is not installed"
-    ),
-)
 posix = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
 
@@ -74,10 +55,9 @@ class Nap:
     kind = "nap"
     steps = 1
 
-    def __init__(self, number, seconds=0.0, memory=0.0, folder=None, deadly=False):
+    def __init__(self, number, seconds=0.0, folder=None, deadly=False):
         self.number = number
         self.seconds = seconds
-        self.memory = memory
         self.folder = folder
         self.deadly = deadly
 
@@ -101,13 +81,11 @@ class Nap:
 
 @pytest.fixture(scope="module")
 def client():
-    """A client of two worker processes."""
+    """A client of two worker processes; one that is killed is started again."""
+    silent = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
     with (
         distributed.LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            memory_limit="1 GB",
-            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+            n_workers=2, threads_per_worker=1, scheduler_kwargs=silent, silence_logs=100
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
@@ -158,16 +136,6 @@ def test_calls_are_bounded_in_time_and_number():
     assert [execution.decode(one.entry)["x"].item() for one in done] == [0, 1]
 
 
-def test_an_error_while_a_result_is_fetched_is_that_of_the_call(client, monkeypatch):
-    # as where the worker that has a result is killed, and so is the one that is to find it again
-    async def fetch(*_, **__):
-        raise distributed.KilledWorker("nap", None, 0)
-
-    monkeypatch.setattr(client, "_gather", fetch)
-    with pytest.raises(distributed.KilledWorker):
-        call_by(client, int).result(60.0)
-
-
 def interrupt_once(begun):
     """Interrupt the main thread, as Ctrl-C does, once something has begun."""
     wait_for(begun)
@@ -211,211 +179,32 @@ def test_errors_come_back_as_they_are(client):
 # -- what is refused -------------------------------------------------------------------------------
 
 
-def change_version(package, value):
-    """Have a worker take a package for another version; returns that which it has."""
-    import importlib.metadata
-
-    from granphon.base import text
-
-    before = text.versions(package)[package] if package != "granphon" else gp.__version__
-    if package == "granphon":
-        gp.__version__ = value
-    else:
-        real = importlib.metadata.version
-        real = getattr(real, "real", real)
-        importlib.metadata.version = lambda name: value if name == package else real(name)
-        importlib.metadata.version.real = real
-    return before
-
-
-@pytest.mark.parametrize(("package", "version"), [("granphon", "0.0.9"), ("numpy", "1.0")])
-def test_workers_of_another_version_are_refused_by_name(
-    packing, client, tmp_path, package, version
-):
-    address = list(client.scheduler_info()["workers"])[1]
-    (before,) = client.run(change_version, package, version, workers=[address]).values()
-    told = (
-        rf"^the worker {address} has {package} {version}, and this process has {package}"
-        rf" {before}\. Its numbers could"
-    )
-    try:
-        with pytest.raises(GranphonError, match=told):
-            sweep(packing, force=5.0, executor=client.get_executor(), path=tmp_path / "sweep.nc")
-    finally:
-        client.run(change_version, package, before, workers=[address])
-    assert list(tmp_path.iterdir()) == []  # nothing was begun
-    sweep(packing, force=5.0, executor=client.get_executor())
-
-
 def test_a_worker_that_has_another_version_when_work_comes_does_none(tmp_path):
-    with pytest.raises(
-        GranphonError,
-        match=r"^the worker on .* has granphon .*, and this process has granphon 9\.9",
-    ):
+    with pytest.raises(GranphonError, match=r"granphon .* 9\.9"):
         execution.advance([(Nap(0, folder=tmp_path), None)], packages() | {"granphon": "9.9"})
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_worker_without_granphon_is_told():
-    with pytest.raises(
-        GranphonError, match=r"^the worker x has no granphon, and this process has granphon 1\."
-    ):
-        require_packages("the worker x", {}, {"granphon": "1", "numpy": "2"})
-
-
-def test_a_task_that_needs_more_memory_than_a_worker_has_is_refused_before_it_is_sent(
-    client, tmp_path
-):
-    naps = [Nap(0, folder=tmp_path), Nap(1, memory=3e9, folder=tmp_path)]
-    with pytest.raises(
-        GranphonError, match=r"nap-1 needs about 3 GB\. The worker tcp://[0-9.:]+ has 1 GB"
-    ):
-        solve_all("naps", naps, client.get_executor())
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_memory_of_a_task_is_that_of_its_array(packing, client):
-    large = {"simulation": {"shape": (2000, 2000), "samples": 2}}
-    with pytest.raises(
-        GranphonError, match=r"simulation\(.*shape=2000 2000\), seed 0 needs about [2-9]"
-    ):
-        sweep(packing, force=5.0, media=["ala", large], executor=client.get_executor())
-
-
 @pytest.mark.parametrize(
-    ("options", "code", "told"),
+    ("options", "code", "words"),
     [
-        (
-            ["--scheduler", "local:0"],
-            2,
-            "found 'local:0'; allowed: the address of a dask scheduler, or local:N with N",
-        ),
-        (
-            ["--scheduler", "here"],
-            2,
-            "found 'here'; allowed: the address of a dask scheduler, or local:N",
-        ),
-        (
-            ["--scheduler", "http://127.0.0.1:8786"],
-            2,
-            "found 'http://127.0.0.1:8786'; allowed: the address of a dask",
-        ),
-        (
-            ["--scheduler", "local:2", "--workers", "1"],
-            2,
-            "both --workers and --scheduler are given",
-        ),
-        (
-            ["--scheduler", "tcp://127.0.0.1:9"],
-            1,
-            "the scheduler at tcp://127.0.0.1:9 cannot be reached",
-        ),
+        (["--scheduler", "somewhere"], 1, "somewhere cannot be reached"),
+        (["--scheduler", "http://127.0.0.1:8786"], 1, "http://127.0.0.1:8786 cannot be reached"),
+        (["--scheduler", "tcp://127.0.0.1:9"], 1, "tcp://127.0.0.1:9 cannot be reached"),
+        (["--scheduler", "tcp://127.0.0.1:9", "--workers", "1"], 2, "both --workers and"),
     ],
 )
 @pytest.mark.usefixtures("impatient")
 def test_a_scheduler_that_is_not_there_is_an_error(
-    tmp_path, monkeypatch, capsys, options, code, told
+    tmp_path, monkeypatch, capsys, options, code, words
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scene.yaml").write_text(SCENE)
-    assert main(["run", "scene.yaml", "-o", "out", *options]) == code
+    assert main(["run", "scene.yaml", "-o", "out", "-q", *options]) == code
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith("granphon: error: ")
-    assert told in err
+    assert words in err
     assert [path.name for path in tmp_path.iterdir()] == ["scene.yaml"]
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["tcp://10.0.0.1:8786", "10.0.0.1:8786", "tls://node-7.cluster:8786", "tcp://[::1]:8786"],
-)
-def test_addresses(text):
-    assert require_workers(None, text) == text
-
-
-# -- who else is on this machine -------------------------------------------------------------------
-
-
-def first_words(address, context=None):
-    """What a server of dask says to one who connects: it names its versions before it is asked."""
-    heard = b""
-    host, port = address.rpartition("://")[2].split(":")
-    with (
-        socket.create_connection((host, int(port)), timeout=20) as plain,
-        suppress(ssl.SSLError, ConnectionError),
-        plain if context is None else context.wrap_socket(plain) as stream,
-    ):
-        stream.sendall(b"who are you?")  # no greeting of TLS
-        while b"pickle-protocol" not in heard and (more := stream.recv(4096)):
-            heard += more
-    return heard
-
-
-@pytest.mark.claim("local-scheduler-closed")
-def test_a_local_scheduler_takes_nobody_without_its_certificate():
-    pytest.importorskip("cryptography")
-    before = set(sys.path)
-    with workers._start_cluster(2) as cluster:
-        own, other = (
-            one.get_connection_args("client")
-            for one in (cluster.security, distributed.Security.temporary())
-        )
-        nameless = ssl.create_default_context()
-        for context in (nameless, other["ssl_context"]):  # a stranger takes any server
-            context.check_hostname = False
-            context.verify_mode = ssl.CERT_NONE
-        with workers._connect(
-            cluster.scheduler_address, "the local scheduler", cluster.security
-        ) as client:
-            client.wait_for_workers(2, timeout=60)
-            known = client.scheduler_info()["workers"]
-            pages = [
-                cluster.scheduler.http_server.port,
-                *(one["services"]["dashboard"] for one in known.values()),
-            ]
-            addresses = [
-                cluster.scheduler_address,
-                *known,
-                *(one["nanny"] for one in known.values()),
-            ]
-            assert len(addresses) == 5
-            for address in addresses:
-                assert address.startswith("tls://127.0.0.1:")
-                assert b"pickle-protocol" in first_words(address, own["ssl_context"])
-                for stranger in (None, nameless, other["ssl_context"]):
-                    assert b"pickle-protocol" not in first_words(address, stranger)
-            for port in pages:
-                for page in (
-                    "",
-                    "health",
-                    "info/main/workers.html",
-                    "json/counts.json",
-                    "metrics",
-                    "proxy/22/127.0.0.1/",
-                ):
-                    with pytest.raises(urllib.error.HTTPError, match="404") as missing:
-                        urllib.request.urlopen(f"http://127.0.0.1:{port}/{page}", timeout=20)
-                    missing.value.close()
-            # nobody else can put a module where these processes look for one first
-            added = {*sys.path, *client.submit(lambda: __import__("sys").path).result()} - before
-            folders = {
-                Path(path.partition("dask-scratch-space")[0])
-                for path in added
-                if "dask-scratch-space" in path
-            }
-            assert len(folders) == 1
-            assert os.name != "posix" or folders.pop().stat().st_mode & 0o777 == 0o700
-
-
-@pytest.mark.usefixtures("impatient")
-def test_a_scheduler_with_certificates_needs_those_of_the_settings_of_dask():
-    told = (
-        r"the scheduler at tls://127\.0\.0\.1:9 cannot be reached\. The settings of dask name no"
-        r" certificates"
-    )
-    with pytest.raises(InputError, match=told), open_executor(scheduler="tls://127.0.0.1:9"):
-        pass
 
 
 # -- what is killed --------------------------------------------------------------------------------
@@ -469,44 +258,45 @@ def children():
 
 @posix
 @pytest.mark.claim("machines-lost")
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("how", [{"workers": 2}, LOCAL])
-def test_a_killed_worker_costs_what_it_was_at(tmp_path, how):
+@pytest.mark.parametrize(
+    "how", ["scheduler", pytest.param("workers", marks=pytest.mark.exhaustive)]
+)
+def test_a_killed_worker_costs_what_it_was_at(client, tmp_path, how):
     before = children()
-    naps = [Nap(n, 0.05, folder=tmp_path) for n in range(60)]
-    store = Store(tmp_path / "store")
-    with open_executor(**how) as executor, ThreadPoolExecutor(1) as killer:
+    naps = [Nap(number, 0.02, folder=tmp_path) for number in range(60)]
+    options = {"workers": 2} if how == "workers" else {"scheduler": client.scheduler.address}
 
-        def kill():
-            wait_for(lambda: len(list(tmp_path.glob("nap-*"))) > 20)
-            os.kill(min(children() - before), signal.SIGKILL)
+    def kill():
+        wait_for(lambda: len(list(tmp_path.glob("nap-*"))) > 20)
+        of_dask = client.run(os.getpid).values()
+        os.kill(min(of_dask if how == "scheduler" else children() - before), signal.SIGKILL)
 
+    with open_executor(**options) as executor, ThreadPoolExecutor(1) as killer:
         killed = killer.submit(kill)
-        parts = solve_all("naps", naps, executor, store=store)
+        parts = solve_all("naps", naps, executor, store=Store(tmp_path / "store"))
         killed.result()
     assert [part["x"].item() for part in parts] == list(range(60))
-    wait_for(lambda: children() == before)
+    if how == "workers":
+        wait_for(lambda: children() == before)
 
 
 @posix
 @pytest.mark.parametrize(
-    "how", [{"workers": 2}, pytest.param({"scheduler": "local:2"}, marks=pytest.mark.exhaustive)]
+    "how", ["workers", pytest.param("scheduler", marks=pytest.mark.exhaustive)]
 )
-def test_a_task_that_kills_its_workers_is_named(tmp_path, how):
+def test_a_task_that_kills_its_workers_is_named(client, tmp_path, how):
     before = children()
-    naps = [Nap(n, deadly=n == 5) for n in range(8)]
+    naps = [Nap(number, deadly=number == 5) for number in range(8)]
     store = Store(tmp_path / "store")
+    options = {"workers": 2} if how == "workers" else {"scheduler": client.scheduler.address}
     with (
-        open_executor(**how) as executor,
-        pytest.raises(
-            GranphonError,
-            match=r"^nap-5: the worker process that did it has ended, \d+ times\. It was killed, or"
-            r" ",
-        ),
+        open_executor(**options) as executor,
+        pytest.raises(GranphonError, match=r"^nap-5\b.* \d+ times"),
     ):
         solve_all("naps", naps, executor, store=store)
     assert len(dict(read_entries(tmp_path / "store"))) >= 5
-    wait_for(lambda: children() == before)
+    if how == "workers":
+        wait_for(lambda: children() == before)
 
 
 @posix
@@ -602,30 +392,17 @@ def test_a_scheduler_that_dies_costs_what_was_under_way(tmp_path, remote):
             scheduler.kill()
 
         killed = killer.submit(kill)
-        with pytest.raises(
-            GranphonError, match=r"the scheduler does not answer any more.*What is finished is kept"
-        ):
+        with pytest.raises(GranphonError, match=r"scheduler .*kept"):
             solve_all("naps", naps, executor, store=store)
         killed.result()
     found = len(dict(read_entries(tmp_path / "store")))
     begun = len(list(tmp_path.glob("nap-*")))
     assert 3 <= found < 100
-    # a call, and what had begun of the next
-    assert begun - found <= 2 * execution.CALL_SECONDS / 0.05 + 2
+    # the calls whose results had not come back
+    assert begun - found <= 10
     # and it goes on, here
     for path in tmp_path.glob("nap-*"):
         path.unlink()
     parts = solve_all("naps", naps, store=store)
     assert [part["x"].item() for part in parts] == list(range(100))
     assert len(list(tmp_path.glob("nap-*"))) == 100 - found
-
-
-@pytest.mark.usefixtures("impatient")
-def test_another_service_that_is_silent_is_one_clear_error():
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        with (
-            pytest.raises(GranphonError, match=f"the scheduler at {address} cannot be reached"),
-            workers.open_executor(scheduler=address),
-        ):
-            pass

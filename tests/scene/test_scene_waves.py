@@ -210,44 +210,56 @@ def test_settings_are_checked_in_python_too():
         dataclasses.replace(scene.spectrum, points=1)
 
 
-def test_cost_of_waves_grows_with_what_is_asked():
-    def seconds(text):
-        return gp.Scene.from_text(ARRAY.replace("[12, 24]", "[1000, 1000]") + text).cost().known
+def count_products(text):
+    """Products with a vector times balls, of the waves of a scene."""
+    return gp.Scene.from_text(text).parts[-1][-1].units[0].number
 
-    alone = seconds("observe: [spectrum]\nspectrum: {points: 11}\n")
-    assert alone > 100.0  # a million balls
-    twice = seconds(
+
+def test_cost_of_waves_grows_with_what_is_asked():
+    def count(text):
+        return count_products(ARRAY.replace("[12, 24]", "[1000, 1000]") + text)
+
+    alone = count("observe: [spectrum]\nspectrum: {points: 11}\n")
+    assert alone > 1e6 * 256  # a million balls, and two moments from each product
+    twice = count(
         "observe: [spectrum]\nspectrum: {points: 11, polarisation: [longitudinal, transverse]}\n"
     )
     assert twice == pytest.approx(2.0 * alone)
-    assert seconds("observe: [spectrum]\nspectrum: {points: 11, resolution: 20 Hz}\n") > 5.0 * alone
-    short = seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 0.5 m}\n")
-    assert seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 5 m}\n") > 5.0 * short
+    assert count("observe: [spectrum]\nspectrum: {points: 11, resolution: 20 Hz}\n") > 5.0 * alone
+    short = count("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 0.5 m}\n")
+    assert count("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 5 m}\n") > 5.0 * short
     assert (
-        seconds("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 0.5 m, cycles: 5000}\n")
+        count("observe: [pulse]\npulse: {frequency: 10 kHz, distance: 0.5 m, cycles: 5000}\n")
         > 50.0 * short
     )
 
 
 def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
-    def find(points, text=ARRAY):
-        return gp.Scene.from_text(text + f"observe: [spectrum]\nspectrum: {{points: {points}}}\n")
-
     large = ARRAY.replace("[12, 24]", "[60, 60]")
-    few, many = (find(points, large).cost().known for points in (300, 3000))
+    few, many = (
+        count_products(large + f"observe: [spectrum]\nspectrum: {{points: {points}}}\n")
+        for points in (300, 3000)
+    )
     assert many == pytest.approx(few, rel=0.2)
 
 
 def test_cost_of_a_pulse_of_low_frequency_counts_its_readings():
-    def seconds(frequency, cycles):
+    def count(frequency, cycles):
         pulse = (
             f"observe: [pulse]\npulse: {{frequency: {frequency} Hz, distance: 20 mm, cycles:"
             f" {cycles}}}\n"
         )
-        return gp.Scene.from_text(ARRAY + pulse).parts[-1][-1].known
+        return count_products(ARRAY + pulse)
 
     # of the same duration, the one with more periods is read more often
-    assert seconds(1000, 10) > 1.5 * seconds(100, 1)
+    assert count(1000, 10) > 1.5 * count(100, 1)
+
+
+def test_the_time_of_a_product_is_that_of_a_network_of_the_same_kind(steel):
+    from granphon.scene.plan import _measure_product
+
+    network = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(5.0).network
+    assert 0.0 < _measure_product(network, 10**9) < 1e-3
 
 
 def test_echo_in_a_scene_is_a_warning(tmp_path):
