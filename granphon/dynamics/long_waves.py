@@ -503,7 +503,7 @@ class LongWaves(Compatibility):
         motion = np.zeros(self.n_branches)
         motion[len(self.motions.translations) :] = vectors.swapaxes(-1, -2)[soft][0]
         of_balls = self._frame @ motion.reshape(self.n_balls, -1)
-        where = f"a squared frequency at {self.name_place(np.zeros(self.periods))} is negative"
+        where = f"a squared frequency at {self.name_wavevector(np.zeros(self.periods))} is negative"
         raise self.explain_buckling(where, of_balls[:, self.motions.translating].T)
 
     def _find_load(self, prestress: ArrayLike | None) -> tuple[Any, tuple[Array, ...]]:

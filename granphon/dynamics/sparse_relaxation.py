@@ -228,7 +228,7 @@ class SparseRelaxation:
         lattice = self.lattice
         squared = float(motion @ (block @ motion) / (motion @ motion))
         where = (
-            f"a squared frequency at {lattice.name_place(np.zeros(lattice.periods))} is"
+            f"a squared frequency at {lattice.name_wavevector(np.zeros(lattice.periods))} is"
             f" {squared:.3g} k/M or below"
         )
         moved = motion.reshape(lattice.n_balls, -1)[:, lattice.motions.translating]
