@@ -67,9 +67,8 @@ def name_strain(strains: Array) -> str:
     nearest = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
     strain = strains @ strains[nearest] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
     names = ", ".join(("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs)
-    shown = ", ".join(
-        f"{part:g}" for part in np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0
-    )
+    scaled = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0
+    shown = ", ".join(f"{component:g}" for component in scaled)
     return f"({names}) = ({shown})"
 
 

@@ -150,24 +150,21 @@ def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
     is no pressure.
     """
 
-    def found(of: Analysis) -> Any:
+    def find_or_none(analysis: Analysis) -> Any:
         with suppress(InputError):
-            return find(of)
+            return find(analysis)
         return None
 
-    return found
+    return find_or_none
 
 
-def _find_direction(of: Analysis) -> Any:
+def _find_direction(analysis: Analysis) -> Any:
     """Return the direction of propagation; None if it is x and the velocities are the same in all
     directions.
     """
-    along = of.velocities.direction
-    return (
-        None
-        if of.state.is_isotropic and np.array_equal(along, np.eye(along.shape[-1])[0])
-        else along
-    )
+    along = analysis.velocities.direction
+    is_x = np.array_equal(along, np.eye(along.shape[-1])[0])
+    return None if analysis.state.is_isotropic and is_x else along
 
 
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
@@ -177,7 +174,12 @@ def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[An
     Their exponent is that of the limit of small overlap, and does not belong to them. That of
     samples in their exact geometry has all terms.
     """
-    return lambda of: None if of.state.finite_overlap and not of.state.n_samples else find(of.state)
+
+    def find_unless_finite(analysis: Analysis) -> Any:
+        state = analysis.state
+        return None if state.finite_overlap and not state.n_samples else find(state)
+
+    return find_unless_finite
 
 
 def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
@@ -188,7 +190,7 @@ def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
         name,
         SimulatedState.units[name],
         title,
-        find=lambda of: getattr(of.state, name, None),
+        find=lambda analysis: getattr(analysis.state, name, None),
         **more,
     )
 
@@ -207,10 +209,10 @@ def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
         cost="velocities",
         per_direction=True,
         **more,
-        find=lambda of: (
+        find=lambda analysis: (
             None
-            if is_of_both and of.velocities.transverse_slow is not None
-            else getattr(of.velocities, name)
+            if is_of_both and analysis.velocities.transverse_slow is not None
+            else getattr(analysis.velocities, name)
         ),
     )
 
@@ -221,7 +223,11 @@ def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
     """
     modulus = name.removesuffix("_error")  # a lattice without the modulus has no error of it either
     find = _or_none(
-        lambda of: None if getattr(of.moduli, modulus, None) is None else getattr(of.moduli, name)
+        lambda analysis: (
+            None
+            if getattr(analysis.moduli, modulus, None) is None
+            else getattr(analysis.moduli, name)
+        )
     )
     return Observable(
         name,
@@ -243,7 +249,7 @@ def _make_load_error_entry(name: str, title: str) -> Observable:
         error,
         SimulatedState.units[name],
         title,
-        find=lambda of: of.state.mean_errors.get(error),
+        find=lambda analysis: analysis.state.mean_errors.get(error),
         swept=False,
     )
 
@@ -253,8 +259,9 @@ def _make_cubic_entry(name: str, title: str, **more: Any) -> Observable:
     of another lattice.
     """
 
-    def find(of: Any) -> Any:
-        return getattr(of.moduli, name) if of.moduli is not None and of.moduli.cubic else None
+    def find(analysis: Any) -> Any:
+        moduli = analysis.moduli
+        return getattr(moduli, name) if moduli is not None and moduli.cubic else None
 
     return Observable(name, "1", title, find=find, cost="velocities", **more)
 
@@ -314,7 +321,7 @@ _OBSERVABLES = (
         SimulatedState.units["pressure"],
         "force per length of boundary",
         per_dimension="pressure",
-        find=_or_none(lambda of: of.state.pressure),
+        find=_or_none(lambda analysis: analysis.state.pressure),
     ),
     Observable(
         "stress",
@@ -368,24 +375,29 @@ _OBSERVABLES = (
     _make_state_entry(
         "dissipated_energy", "energy lost since the start of a history, a mean over contacts"
     ),
-    Observable("regime", "", "pressure regime of Section III", find=lambda of: of.state.regime),
+    Observable(
+        "regime", "", "pressure regime of Section III", find=lambda analysis: analysis.state.regime
+    ),
     _make_load_error_entry("force", f"{_OVER_SAMPLES} force, at a given overlap"),
     _make_load_error_entry("overlap", f"{_OVER_SAMPLES} overlap, at a given force or pressure"),
     _of_packing(
         "width",
         "m",
         "width W of the distribution of diameters",
-        find=lambda of: of.state.packing.width,
+        find=lambda analysis: analysis.state.packing.width,
         meaning="width W: √12 times the standard deviation of the diameters",
     ),
     _of_packing(
         "mindlin_ratio",
         "1",
         "shear over normal stiffness η; 0 without friction",
-        find=lambda of: of.state.packing.mindlin_ratio,
+        find=lambda analysis: analysis.state.packing.mindlin_ratio,
     ),
     _of_packing(
-        "mass", "kg", "mass of a ball of the mean diameter", find=lambda of: of.state.packing.mass
+        "mass",
+        "kg",
+        "mass of a ball of the mean diameter",
+        find=lambda analysis: analysis.state.packing.mass,
     ),
     _make_velocity_entry(
         "longitudinal", "longitudinal sound velocity", label="Longitudinal velocity", told=True
@@ -431,12 +443,14 @@ _OBSERVABLES = (
     *(
         _make_velocity_entry(
             f"{words.replace(' ', '_')}_error",
-            f"{_OVER_SAMPLES} {said} sound velocity",
+            f"{_OVER_SAMPLES} {title} sound velocity",
             sampled=True,
         )
-        for words, said in (
-            *((one, one) for one in ("longitudinal", "transverse")),
-            *((f"transverse {one}", f"{one} transverse") for one in ("slow", "fast")),
+        for words, title in (
+            ("longitudinal", "longitudinal"),
+            ("transverse", "transverse"),
+            ("transverse slow", "slow transverse"),
+            ("transverse fast", "fast transverse"),
         )
     ),
     _make_modulus_entry("bulk_error", f"{_OVER_SAMPLES} bulk modulus", sampled=True),
@@ -796,7 +810,10 @@ def entry_of(name: str, packing: Balls) -> Observable:
 
 
 def find_all(
-    of: Analysis, costs: Iterable[CostClass], swept: bool = False, observed: Container[str] = ()
+    analysis: Analysis,
+    costs: Iterable[CostClass],
+    swept: bool = False,
+    observed: Container[str] = (),
 ) -> dict[str, Any]:
     """Find the observables of these ``costs`` that the state has, in the order of the costs, as
     values in SI by name.
@@ -810,19 +827,21 @@ def find_all(
             if entry.cost != cost or entry.find is None or (swept and not entry.swept):
                 continue
             is_added = CATALOGUE.is_added(name)
-            values[name] = _find_added(of, entry, observed) if is_added else entry.find(of)
+            values[name] = (
+                _find_added(analysis, entry, observed) if is_added else entry.find(analysis)
+            )
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _find_added(of: Analysis, entry: Observable, observed: Container[str]) -> Any:
+def _find_added(analysis: Analysis, entry: Observable, observed: Container[str]) -> Any:
     """Return the value of an observable that was registered; None where it has none, or fails."""
     if entry.cost != "state":
-        _ = of.velocities  # the error of a mechanism is not an error of the observable
+        _ = analysis.velocities  # the error of a mechanism is not an error of the observable
     assert entry.find is not None
     description = CATALOGUE.describe(entry.name)
     try:
-        value = entry.find(of)
-        shape = np.shape(of.state.force)
+        value = entry.find(analysis)
+        shape = np.shape(analysis.state.force)
         if value is None:
             return None
         if np.shape(value) != shape:
@@ -830,7 +849,7 @@ def _find_added(of: Analysis, entry: Observable, observed: Container[str]) -> An
         numbers = np.asarray(value, float) if shape else float(value)
         count = np.count_nonzero(np.isnan(numbers))
         if count:
-            of.failed[entry.name] = (
+            analysis.failed[entry.name] = (
                 f"{description} is not known (nan) at {count} of {np.size(numbers)} loads"
             )
         return numbers
@@ -840,7 +859,7 @@ def _find_added(of: Analysis, entry: Observable, observed: Container[str]) -> An
             failed = InputError(why, mend="Mend its function, or do not observe it")
             failed.block = ("observe",)
             raise failed from error
-        of.failed[entry.name] = one_line(f"{why}; it is left out")
+        analysis.failed[entry.name] = one_line(f"{why}; it is left out")
         return None
 
 

@@ -164,9 +164,7 @@ class BallContacts(ContactCalculator):
         return self._laws[key]
 
     def _make_ball(self, kind: str, radius: float) -> Ball:
-        """Return a ball of a kind with a radius, m, and the same ball if the kind has the
-        radius.
-        """
+        """Return a ball of a kind with a radius, m."""
         ball = self.balls[kind]
         if isinstance(ball, Material):
             return Ball(ball, 2.0 * radius, name=kind)
@@ -262,8 +260,9 @@ class BallContacts(ContactCalculator):
         mass = []
         for kind, radius in zip(kinds, radii.tolist(), strict=True):
             ball = self.balls[kind]
-            has_radius = isinstance(ball, Ball) and ball.radius == radius
-            mass.append(ball.mass if has_radius else self._make_ball(kind, radius).mass)
+            if not isinstance(ball, Ball) or ball.radius != radius:
+                ball = self._make_ball(kind, radius)
+            mass.append(ball.mass)
         x, y, z = atoms.positions.T
         balls = {"x": x, "y": y, "z": z, "radius": radii, "mass": mass, "kind": kinds}
         contacts = {

@@ -222,13 +222,10 @@ class Bands(Result):
         ahead = np.broadcast_to((q[:, -1] - q[:, 0])[:, None], q.shape)
         ahead = np.where(np.any(q != 0.0, axis=-1, keepdims=True), q, ahead)
         ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
-        inside = [place for place, axis in enumerate(self.motions.translations) if axis < d]
+        axes = [axis for axis in self.motions.translations if axis < d]
+        inside = [self.motions.translations.index(axis) for axis in axes]
         moved = self.motion[:, :, :, inside]
-        along = np.einsum(
-            "spiab,spa->spib",
-            moved,
-            ahead[..., [self.motions.translations[place] for place in inside]],
-        )
+        along = np.einsum("spiab,spa->spib", moved, ahead[..., axes])
         return np.asarray(np.sum(np.abs(along) ** 2, axis=2))
 
     @property
@@ -239,8 +236,8 @@ class Bands(Result):
         It is zero for lattices with one or three periods.
         """
         across = [
-            place
-            for place, axis in enumerate(self.motions.translations)
+            component
+            for component, axis in enumerate(self.motions.translations)
             if axis >= self.periods == 2
         ]
         return np.asarray(np.sum(np.abs(self.motion[:, :, :, across]) ** 2, axis=(2, 3)))
@@ -252,8 +249,8 @@ class Bands(Result):
 
         With the rotational, the longitudinal and the out-of-plane fraction it adds up to 1.
         """
-        total = self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
-        return np.asarray(np.clip(1.0 - total, 0.0, 1.0))
+        transverse = 1.0 - self.rotational_fraction - self.longitudinal_fraction
+        return np.asarray(np.clip(transverse - self.out_of_plane_fraction, 0.0, 1.0))
 
     @cached_property
     def edge_weight(self) -> Array:
@@ -295,9 +292,8 @@ class Bands(Result):
         crossings. Branches are connected inside each segment, by the overlap of eigenvectors, and
         numbered by their order at its start.
         """
-        return np.array(
-            [connect_branches(one.reshape(len(one), -1, self.n_branches)) for one in self.motion]
-        )
+        segments = self.motion.reshape(*self.motion.shape[:2], -1, self.n_branches)
+        return np.array([connect_branches(motions) for motions in segments])
 
     @property
     def connected_frequencies(self) -> Array:

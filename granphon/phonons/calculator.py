@@ -222,8 +222,9 @@ class HarmonicContacts(ContactCalculator):
             head = row.head[:, motions.turning]
             tail = row.tail[:, motions.turning]
             along = row.head[:, motions.translating]
-            change = np.sum(along * moved[:, translations], axis=1)
-            change += np.sum(head * w[j] - tail * w[i], axis=1)
+            shift = np.sum(along * moved[:, translations], axis=1)
+            turn = np.sum(head * w[j] - tail * w[i], axis=1)
+            change = shift + turn
             tension = (stiffness * change)[:, None]
             energy += 0.5 * float(np.sum(tension[:, 0] * change))
             pull[:, translations] -= tension * along
@@ -319,10 +320,10 @@ class _Search(NamedTuple):
         """
         if positions.shape != self.positions.shape or periodic != self.periodic:
             return False
-        expected = self.positions
+        expected: Any = self.positions
         stretch = 1.0
         if not np.array_equal(cell, self.cell):
-            change = np.zeros_like(cell)
+            change: Any = np.zeros_like(cell)
             if abs(np.linalg.det(self.cell)) >= _FLAT:
                 change = np.linalg.solve(self.cell, cell)
             stretch = float(np.linalg.svd(change, compute_uv=False)[-1])

@@ -139,7 +139,7 @@ def _integrate_splines(x: Array, knots: Array) -> Array:
             width = np.maximum(knots[k + degree] - knots[k], _TINY)
             weight = np.clip((x - knots[k]) / width, 0.0, 1.0)
             below[k] = below[k + 1] + weight * (below[k] - below[k + 1])
-    return below[0]
+    return np.asarray(below[0], float)
 
 
 def find_point_group(

@@ -261,8 +261,8 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
     if not isinstance(value, str):
         raise Refused(show(value), allowed, "Write the points as one line of text.")
     paths = []
-    for part in value.split(","):
-        numbers = [_fraction(word, value, allowed) for word in part.split()]
+    for piece in value.split(","):
+        numbers = [_fraction(word, value, allowed) for word in piece.split()]
         if len(numbers) % 3 or len(numbers) < 6:
             raise Refused(
                 f"{show(value)}, with {len(numbers)} numbers in a path",
@@ -454,14 +454,14 @@ class BandPath:
         return [np.array(path) for path in self.paths]
 
     def __str__(self) -> str:
-        near = {
-            x: Fraction(x).limit_denominator(100)
-            for path in self.paths
-            for point in path
-            for x in point
-        }
-        said = {x: str(one) if float(one) == x else repr(x) for x, one in near.items()}
-        return ", ".join(" ".join(said[x] for point in path for x in point) for path in self.paths)
+        pieces = [[_write_coordinate(x) for point in path for x in point] for path in self.paths]
+        return ", ".join(" ".join(words) for words in pieces)
+
+
+def _write_coordinate(x: float) -> str:
+    """Return a number as text: as a fraction, if it is one with a denominator up to 100."""
+    near = Fraction(x).limit_denominator(100)
+    return str(near) if float(near) == x else repr(x)
 
 
 # -- the zone itself: a polygon in the plane, faces in space ---------------------------------------

@@ -302,19 +302,18 @@ class Phonons:
             unit, np.diag(_pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0
         )
         bridge.unit_conversion_factor = 1.0
-        # where[atom, n1, ...]: index in phonopy's supercell of the image of an atom in cell (n1,
-        # ...)
         table = self.lattice.contacts
         blocks = contact_blocks(self.lattice)
         dim = self.dim
         per_ball = motions.atoms_per_ball
         cells = bridge.supercell
         atom = np.array([cells.u2u_map[s] for s in cells.s2u_map])
-        place = np.rint(
-            (cells.positions - bridge.unitcell.positions[atom]) @ np.linalg.inv(unit.cell)
-        ).astype(int)
-        where = np.empty((len(unit), *dim), int)
-        where[(atom, *(place[:, : len(dim)] % dim).T)] = np.arange(len(atom))
+        offsets = cells.positions - bridge.unitcell.positions[atom]
+        steps = np.rint(offsets @ np.linalg.inv(unit.cell)).astype(int)
+        # number[atom, n1, ...]: index in phonopy's supercell of the image of an atom in cell (n1,
+        # ...)
+        number = np.empty((len(unit), *dim), int)
+        number[(atom, *(steps[:, : len(dim)] % dim).T)] = np.arange(len(atom))
         # force constants between atoms of the cell and of the supercell, contact by contact; a body
         # that does not move is none of these atoms
         free = table.j < self.lattice.n_balls
@@ -323,25 +322,24 @@ class Phonons:
         away = table.shift % dim
         back = -table.shift % dim
         for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
-            (i, j), (i_too, j_too) = (
-                [per_ball * end + part for end in (table.i, table.j)] for part in (a, b)
+            i_a = per_ball * table.i + a
+            j_a = per_ball * table.j + a
+            i_b = per_ball * table.i + b
+            j_b = per_ball * table.j + b
+            # places of the atoms of balls i and j in the blocks of contacts
+            at_i_a, at_i_b, at_j_a, at_j_b = (
+                slice(3 * atom_of_pair, 3 * atom_of_pair + 3)
+                for atom_of_pair in (a, b, per_ball + a, per_ball + b)
             )
-            rows, columns = (slice(3 * part, 3 * part + 3) for part in (a, b))
-            far_rows, far_columns = (
-                slice(3 * part, 3 * part + 3) for part in (per_ball + a, per_ball + b)
-            )
-            for one, row, other, column, shift in (
-                (i, rows, i_too, columns, home),
-                (j, far_rows, j_too, far_columns, home),
-                (i, rows, j_too, far_columns, away),
-                (j, far_rows, i_too, columns, back),
+            everywhere = np.ones(len(table), bool)
+            for first, row, second, column, shift, kept in (
+                (i_a, at_i_a, i_b, at_i_b, home, everywhere),
+                (j_a, at_j_a, j_b, at_j_b, home, free),
+                (i_a, at_i_a, j_b, at_j_b, away, free),
+                (j_a, at_j_a, i_b, at_i_b, back, free),
             ):
-                kept = free if one is j or other is j_too else np.ones(len(table), bool)
-                np.add.at(
-                    constants,
-                    (one[kept], where[(other[kept], *shift[kept].T)]),
-                    blocks[kept, row, column],
-                )
+                columns = number[(second[kept], *shift[kept].T)]
+                np.add.at(constants, (first[kept], columns), blocks[kept, row, column])
         bridge.give_force_constants(constants)
         return bridge
 
@@ -578,11 +576,11 @@ class Phonons:
                 half[:] = complex(0.0, sign * np.inf)
                 half[: len(numbers)] = numbers
         # motions that reach no other layer at any frequency are no waves
-        wavenumbers = wavenumbers[:, :, np.any(np.isfinite(wavenumbers), axis=(0, 1))]
-        wavenumbers = wavenumbers.reshape(len(hertz), -1)
+        are_waves = np.any(np.isfinite(wavenumbers), axis=(0, 1))
+        flat = wavenumbers[:, :, are_waves].reshape(len(hertz), -1)
         running = np.array([upward.running for upward, _ in senses])
         warnings = damped.find_warnings(float(np.max(hertz)))
-        return ComplexBands(hertz, wavenumbers, running, space.height, warnings)
+        return ComplexBands(hertz, flat, running, space.height, warnings)
 
     def dos(
         self,
@@ -661,7 +659,8 @@ class Phonons:
         density = density / (len(self.atoms) * self.scales.frequency)
         warnings = self._find_warnings(q, values)
         hertz = omega * self.scales.frequency
-        return DensityOfStates(hertz, *density, chosen_method, numbers, warnings)
+        translational, rotational = density
+        return DensityOfStates(hertz, translational, rotational, chosen_method, numbers, warnings)
 
     def _read_width(self, sigma: float | None, top: float, count: int) -> float:
         """Return the standard deviation of the Gaussians of a density of states, (k/M)^1/2, from

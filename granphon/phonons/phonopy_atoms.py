@@ -49,10 +49,9 @@ def number_kinds(masses: Array) -> list[int]:
     kinds: list[float] = []
     numbers = []
     for mass in masses.tolist():
-        kind = next(
-            (one for one, known in enumerate(kinds) if abs(mass - known) <= _ONE_MASS * known),
-            len(kinds),
-        )
+        kind = 0
+        while kind < len(kinds) and abs(mass - kinds[kind]) > _ONE_MASS * kinds[kind]:
+            kind += 1
         if kind == len(kinds):
             kinds.append(mass)
         if len(kinds) > len(KINDS):
@@ -66,7 +65,8 @@ def free_symbol(symbol: str, taken: Iterable[str]) -> str:
     from ase.data import chemical_symbols  # imported here, as figures of bands do not need it
 
     used = set(taken)
-    return next(str(one) for one in (symbol, *KINDS, *chemical_symbols[1:]) if one not in used)
+    candidates = (symbol, *KINDS, *chemical_symbols[1:])
+    return next(str(candidate) for candidate in candidates if candidate not in used)
 
 
 def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
