@@ -79,11 +79,11 @@ class Block:
 
     Attributes
     ----------
-    columns : (n,) places of the motions in the frame.
+    columns : (n,) numbers of the motions in the frame.
     deforming : rows of K^1/2 C M^-1/2.
     pushing, signs : rows of displacements across contacts times |f/a|^1/2, and the signs (rows, 1)
         of the static forces; None without prestress.
-    bent : places in the block of the displacements across the periods that tilt the balls, at most
+    bent : numbers in the block of the displacements across the periods that tilt the balls, at most
         two.
     tilt : (bent, n, p) gradients, with respect to q, of the motions that go with each of them.
     slack : part of the largest squared frequency by which others may be below zero, and are then

@@ -56,15 +56,15 @@ class _Front(NamedTuple):
     below: Array
 
 
-def dissect(places: Array, i: Index, j: Index) -> list[Layer]:
-    """Cut balls at ``places`` (n, d), which contacts join, into layers; halves come before the
+def dissect(positions: Array, i: Index, j: Index) -> list[Layer]:
+    """Cut balls at ``positions`` (n, d), which contacts join, into layers; halves come before the
     layer that cuts them.
 
-    Along a period a place counts within the cell. The last layer cuts all that contacts join.
+    Along a period a position counts within the cell. The last layer cuts all that contacts join.
     """
     from scipy.sparse import csr_array
 
-    n = len(places)
+    n = len(positions)
     ends = np.concatenate([i, j]), np.concatenate([j, i])
     touches = csr_array((np.ones(ends[0].size, np.int8), ends), shape=(n, n))
     layers: list[Layer] = []
@@ -84,8 +84,8 @@ def dissect(places: Array, i: Index, j: Index) -> list[Layer]:
         halves: tuple[int, ...] = ()
         layer = balls
         if balls.size > _FEW_BALLS:
-            axis = int(np.argmax(np.ptp(places[balls], axis=0)))
-            order = balls[np.argsort(places[balls, axis], kind="stable")]
+            axis = int(np.argmax(np.ptp(positions[balls], axis=0)))
+            order = balls[np.argsort(positions[balls, axis], kind="stable")]
             low = order[: order.size // 2]
             high = order[order.size // 2 :]
             low_touches = find_touching(low, high)
@@ -141,8 +141,8 @@ class Fronts:
                 for half in layer.halves:
                     remainder = remainders[half]
                     if remainder is not None:
-                        places = rows[remainder[0]]
-                        front[places[:, None], places] += remainder[1]
+                        numbers = rows[remainder[0]]
+                        front[numbers[:, None], numbers] += remainder[1]
                         remainders[half] = None
                 rows[motions] = -1
                 lower, order, rank = _factorise(front[: inner.size, : inner.size])

@@ -89,11 +89,11 @@ class SparseRelaxation:
         lattice = self.lattice
         p = lattice.periods
         table = lattice.contacts
-        places = lattice.positions.copy()
-        along = places[:, :p] @ np.linalg.inv(lattice.cell[:, :p])
-        places[:, :p] = (along - np.floor(along)) * np.linalg.norm(lattice.cell, axis=1)
+        positions = lattice.positions.copy()
+        along = positions[:, :p] @ np.linalg.inv(lattice.cell[:, :p])
+        positions[:, :p] = (along - np.floor(along)) * np.linalg.norm(lattice.cell, axis=1)
         among = table.j < lattice.n_balls
-        return dissect(places, table.i[among], table.j[among])
+        return dissect(positions, table.i[among], table.j[among])
 
     def _factorise(self, gap: Any, soft: float, progress: Progress) -> None:
         from scipy.sparse import diags_array

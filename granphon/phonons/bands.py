@@ -373,14 +373,14 @@ class Bands(Result):
             *(f"- {_write_row(row)}" for row in self.cell.tolist()),
             "points:",
         ]
-        places = place_atoms(self.positions, self.motions, OFFSET @ np.linalg.inv(self.cell))
+        positions = place_atoms(self.positions, self.motions, OFFSET @ np.linalg.inv(self.cell))
         masses = np.repeat(self.masses, per_ball).tolist()
-        for name, place, mass in zip(
-            name_atoms(self.masses, self.motions, self.kinds), places, masses, strict=True
+        for name, position, mass in zip(
+            name_atoms(self.masses, self.motions, self.kinds), positions, masses, strict=True
         ):
             lines += [
                 f"- symbol: {name}",
-                f"  coordinates: {_write_row(place.tolist())}",
+                f"  coordinates: {_write_row(position.tolist())}",
                 f"  mass: {write_float(mass)}",
             ]
         lines.append("phonon:")

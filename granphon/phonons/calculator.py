@@ -612,7 +612,7 @@ class HertzMindlin(ContactCalculator):
 
     # -- contacts ----------------------------------------------------------------------------------
 
-    def _find_pairs(self, balls: Atoms, places: Array) -> Pairs:
+    def _find_pairs(self, balls: Atoms, positions: Array) -> Pairs:
         """Find the pairs of balls that are near enough to touch, each pair once."""
         largest = 1.0 + float(np.max(balls.arrays["diameter_deviations"], initial=0.0)) + _CATCH
         m = self._coordinates
@@ -620,7 +620,7 @@ class HertzMindlin(ContactCalculator):
         cell = np.asarray(balls.cell)[:m, :m]
         if p < m:  # no vector across the periods counts
             cell = np.concatenate([cell[:p], np.eye(m)[p:]])
-        return self._near.near(places, cell, tuple(balls.pbc[:m].tolist()), largest)
+        return self._near.near(positions, cell, tuple(balls.pbc[:m].tolist()), largest)
 
     @cached_property
     def _directions(self) -> Array:

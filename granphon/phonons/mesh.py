@@ -27,8 +27,8 @@ from granphon.base.errors import needing
 _HELD = 2**20
 #: width of a step, far below any frequency that is not zero
 _TINY = 1e-200
-#: distance, in diameters, up to which balls are at one place
-_PLACE = 1e-5
+#: distance, in diameters, up to which balls are at one position
+_SAME_POSITION = 1e-5
 #: relative difference of numbers that are equal but for rounding
 _EQUAL = 1e-10
 #: a wave vector without symmetry, fractions of the reciprocal cell
@@ -167,7 +167,7 @@ def find_point_group(
         else spglib.get_symmetry_dataset
     )
     try:
-        dataset = find(cell, symprec=_PLACE)
+        dataset = find(cell, symprec=_SAME_POSITION)
     except spglib.SpglibError:
         return None
     if dataset is None:

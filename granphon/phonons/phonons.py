@@ -326,7 +326,7 @@ class Phonons:
             j_a = per_ball * table.j + a
             i_b = per_ball * table.i + b
             j_b = per_ball * table.j + b
-            # places of the atoms of balls i and j in the blocks of contacts
+            # rows of the atoms of balls i and j in the blocks of contacts
             at_i_a, at_i_b, at_j_a, at_j_b = (
                 slice(3 * atom_of_pair, 3 * atom_of_pair + 3)
                 for atom_of_pair in (a, b, per_ball + a, per_ball + b)

@@ -117,7 +117,7 @@ _EXPORT_SCALE = 2.0**30
 #: symbol, position (fractions of the cell) and mass (in masses of a ball) of an export's auxiliary
 #: atom, see Phonons.save
 _AUXILIARY = "He"
-_AUXILIARY_PLACE = (0.137, 0.291, 0.373)
+_AUXILIARY_POSITION = (0.137, 0.291, 0.373)
 _AUXILIARY_MASS = 1e32
 
 
@@ -184,7 +184,7 @@ def write_phonopy(
         symbols=[*unit_cell.symbols, symbol],
         cell=unit_cell.cell,
         masses=np.append(unit_cell.masses, _AUXILIARY_MASS) * mass,
-        scaled_positions=np.vstack([unit_cell.scaled_positions, _AUXILIARY_PLACE]),
+        scaled_positions=np.vstack([unit_cell.scaled_positions, _AUXILIARY_POSITION]),
     )
     export = Phonopy(
         cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0
@@ -272,10 +272,12 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
         constants = constants.reshape(rows, columns, 3, 3)
         if rows != n + 1:  # the rows of all cells; phonopy orders a supercell by atom, then by cell
             constants = constants[::cells]
-        places = read_numbers("coordinates", [point["coordinates"] for point in points[:n]], (n, 3))
+        positions = read_numbers(
+            "coordinates", [point["coordinates"] for point in points[:n]], (n, 3)
+        )
         vectors = read_numbers("lattice", data["unit_cell"]["lattice"], (3, 3))
         cell = PhonopyAtoms(
-            symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=places
+            symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=positions
         )
         bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
         bridge.unit_conversion_factor = 1.0
