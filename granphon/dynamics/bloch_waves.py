@@ -27,16 +27,17 @@ _ROWS = 6.0
 #: point of the plane of lambda from which eigenvalues are found: one without symmetry, well inside
 #: of the unit circle
 _POINT = 0.31 + 0.17j
-#: distance from the unit circle up to which a wave runs; and of lambda, up to which waves are one
+#: distance of lambda from the unit circle up to which a wave runs
 _ON_CIRCLE = 1e-7
+#: distance between the lambda of two waves up to which the waves are one
 _TOGETHER = 1e-7
 #: angle of lambda up to which waves are long: the error of an eigenvalue is that of rounding over
 #: this angle
 _LONG = 0.1
 #: eigenvalue of D of equal layers, over the largest, up to which it is the rounding of zero
 _FREE = 1e-13
-#: steps of Newton's method for long waves: each doubles the digits, of which the longest that are
-#: told apart start with one
+#: steps of Newton's method for long waves: each step doubles the digits, and the longest waves that
+#: are told apart start with one digit
 _NEWTON = 5
 #: singular value, over the largest, up to which a coupling has none
 _UNCOUPLED = 1e-12
@@ -44,14 +45,14 @@ _UNCOUPLED = 1e-12
 _ALIKE = 1e11
 #: part of a wave that the next layer must have, at least: that of a wave number with three digits
 LEAST_PART = 1e-12
-#: difference of lambda of two waves at the edge of a band, some roots of the rounding of w; and the
-#: least singular value of their motions, of length one, from which these are two
+#: difference of lambda of two waves at the edge of a band: some roots of the rounding of w
 _EDGE = 1e-6
+#: least singular value of the motions of two waves, of length one, from which the waves are two
 _PARALLEL = 1e-5
-#: w over the largest entry of D up to which two such waves are long, and have all digits
+#: w over the largest entry of D up to which two waves at an edge are long, and have all digits
 _NEAR_ZERO = 1e-12
-#: what an error says of waves that are not told apart, and why and what to do at an edge, or if one
-#: decays too fast
+#: message of the error of waves that are not told apart; its reason and remedy at an edge, and
+#: where a wave decays too fast
 _ALIKE_WAVES = "the waves at a frequency cannot be told apart"
 _AT_EDGE = "At the very edge of a band waves of both senses are one", "Shift it by a millionth"
 _TOO_FAST = "One decays too fast from layer to layer to have digits", "Take lower frequencies"
@@ -113,9 +114,9 @@ def require_bloch_memory(count: int, size: int, contacts: int = 0) -> None:
     A block has ``size`` motions, and couplings that differ from frequency to frequency have so many
     ``contacts``.
     """
-    needed = count * (_MATRICES * 16.0 * (2 * size) ** 2 + _ROWS * 32.0 * size * contacts)
+    memory = count * (_MATRICES * 16.0 * (2 * size) ** 2 + _ROWS * 32.0 * size * contacts)
     require_memory(
-        f"waves of {size:,} motions at {count:,} frequencies", needed, "Take fewer frequencies"
+        f"waves of {size:,} motions at {count:,} frequencies", memory, "Take fewer frequencies"
     )
 
 
@@ -133,51 +134,73 @@ def find_bloch_waves(
     size = blocks.inner.shape[-1]
     count = len(w)
     reach = size // layer
-    each = [np.broadcast_to(one, (count, size, size)) for one in blocks]
-    inner, _, _, up, down = each
+    inner, _, _, up, down = (np.broadcast_to(block, (count, size, size)) for block in blocks)
     # D_s, s = -reach ... reach, less w
     steps = [down[:, :layer, :layer]]
     steps += [inner[:, s * layer : (s + 1) * layer, :layer] for s in range(reach - 1, 0, -1)]
     steps += [inner[:, :layer, :layer] - w[:, None, None] * np.eye(layer)]
-    steps += [inner[:, :layer, s * layer : (s + 1) * layer] for s in range(1, reach)] + [
-        up[:, :layer, :layer]
-    ]
-    scale = np.max(np.abs(inner))
-    one, other = np.zeros((2, count, 2 * size, 2 * size), complex)
-    one[:, :-layer, layer:] = other[:, :-layer, :-layer] = np.eye(2 * size - layer)
-    one[:, -layer:] = -np.concatenate(steps[:-1], axis=2) / scale
-    other[:, -layer:, -layer:] = steps[-1] / scale
-    inverse, vectors = np.linalg.eig(np.linalg.solve(one - _POINT * other, other))
-    found = []
-    for at in range(count):
-        lost = [_null_space(coupling[at]) for coupling in (down, up)]
-        # a motion passed on and no further is one at any w, here at one below zero, where nothing
-        # resonates
-        between = lost[1].conj().T @ (inner[at] + scale * np.eye(size)) @ lost[0]
-        if between.size and np.linalg.matrix_rank(between, tol=_UNCOUPLED * scale) < min(
-            between.shape
-        ):
-            what = "some motions of a layer are passed on to the next ones and no further"
-            raise PrecisionError(
-                what, "They decay infinitely fast, at any frequency", "Choose another axis"
-            )
+    steps += [inner[:, :layer, s * layer : (s + 1) * layer] for s in range(1, reach)]
+    steps += [up[:, :layer, :layer]]
+    scale = float(np.max(np.abs(inner)))
+    inverse, vectors = _solve_pencil(steps, size, scale)
+    waves = []
+    for n in range(count):
+        null_spaces = [_null_space(coupling[n]) for coupling in (down, up)]
+        _require_passing_on(null_spaces, inner[n], scale)
         # 1/(lambda - point): zero where the decay towards lower layers is infinitely fast, and
         # -1/point towards higher ones
-        order = np.argsort(np.abs(inverse[at] + 1.0 / _POINT))
+        order = np.argsort(np.abs(inverse[n] + 1.0 / _POINT))
         kept = np.setdiff1d(
-            order[lost[0].shape[1] :], np.argsort(np.abs(inverse[at]))[: lost[1].shape[1]]
+            order[null_spaces[0].shape[1] :],
+            np.argsort(np.abs(inverse[n]))[: null_spaces[1].shape[1]],
         )
-        if np.min(np.abs(inverse[at, kept]), initial=1.0) < np.finfo(float).eps ** 2:
+        if np.min(np.abs(inverse[n, kept]), initial=1.0) < np.finfo(float).eps ** 2:
             raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
-        factors = _POINT + 1.0 / inverse[at, kept]
-        motions = vectors[at][:size, kept]
-        couplings = [one[at] for one in steps]
-        couplings[reach] = couplings[reach] + w[at] * np.eye(layer)
-        factors, motions = _sharpen_long(factors, motions, couplings, w[at])
-        if w[at] > _NEAR_ZERO * scale:
+        factors = _POINT + 1.0 / inverse[n, kept]
+        motions = vectors[n][:size, kept]
+        couplings = [step[n] for step in steps]
+        couplings[reach] = couplings[reach] + w[n] * np.eye(layer)
+        factors, motions = _sharpen_long(factors, motions, couplings, w[n])
+        if w[n] > _NEAR_ZERO * scale:
             _require_senses(factors, motions)
-        found.append(_sort_senses(factors, motions, up[at], down[at], lost, reach))
-    return found
+        waves.append(_sort_senses(factors, motions, up[n], down[n], null_spaces, reach))
+    return waves
+
+
+def _solve_pencil(steps: list[Complex], size: int, scale: float) -> tuple[Complex, Complex]:
+    """Solve the sum over s of D_s lambda^s u = w u for 1/(lambda - :data:`_POINT`) (n_f, 2 size),
+    and u of two blocks (n_f, 2 size, 2 size), as columns.
+
+    ``steps`` are D_s (n_f, layer, layer), the middle one less w; ``scale`` is the largest of their
+    entries.
+    """
+    count, layer, _ = steps[0].shape
+    # layers follow each other in A u = lambda B u; the last rows are the sum over s
+    a, b = np.zeros((2, count, 2 * size, 2 * size), complex)
+    a[:, :-layer, layer:] = np.eye(2 * size - layer)
+    b[:, :-layer, :-layer] = np.eye(2 * size - layer)
+    a[:, -layer:] = -np.concatenate(steps[:-1], axis=2) / scale
+    b[:, -layer:, -layer:] = steps[-1] / scale
+    inverse, vectors = np.linalg.eig(np.linalg.solve(a - _POINT * b, b))
+    return inverse, vectors
+
+
+def _require_passing_on(null_spaces: list[Complex], inner: Complex, scale: float) -> None:
+    """Raise :class:`~granphon.base.errors.PrecisionError` if some motions reach the next layers
+    alone.
+
+    Such motions are there at any w. They are sought at a w below zero, where nothing resonates.
+    """
+    below, above = null_spaces
+    between = above.conj().T @ (inner + scale * np.eye(len(inner))) @ below
+    if not between.size:
+        return
+    if np.linalg.matrix_rank(between, tol=_UNCOUPLED * scale) < min(between.shape):
+        raise PrecisionError(
+            "some motions of a layer are passed on to the next ones and no further",
+            "They decay infinitely fast, at any frequency",
+            "Choose another axis",
+        )
 
 
 def _sharpen_long(
@@ -186,11 +209,11 @@ def _sharpen_long(
     """Return lambda = exp(i theta) and the motions of a block, where long waves that run, undamped,
     have all their digits.
 
-    The sum of D_s lambda^s, less w, is there a difference of near-equal numbers. Its part at lambda
-    = 1 is zero on motions that cost nothing if all layers move alike, and is left out for these;
-    the rest is D_s (exp(i s theta) - 1). All other motions follow from the free ones at each theta,
-    which Newton's method finds. The shares of the free motions are kept: theta depends on their
-    error by its square.
+    For long waves the sum of D_s lambda^s, less w, is a difference of near-equal numbers. The part
+    of the sum at lambda = 1 is zero on free motions, which cost nothing if all layers move alike:
+    for these it is left out, and D_s (exp(i s theta) - 1) remains. Stiff motions follow the free
+    ones at each theta, which Newton's method finds. The amplitudes of the free motions are kept:
+    theta depends on the square of their error.
     """
     reach = len(couplings) // 2
     size = len(couplings[0])
@@ -198,45 +221,46 @@ def _sharpen_long(
         (np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE) & (np.abs(np.angle(factors)) < _LONG)
     )
     alike = np.sum(couplings, axis=0)
-    lossy = max(
-        np.max(np.abs(one - other.conj().T))
-        for one, other in zip(couplings, couplings[::-1], strict=True)
+    loss = max(
+        np.max(np.abs(coupling - opposite.conj().T))
+        for coupling, opposite in zip(couplings, couplings[::-1], strict=True)
     )
-    if not long.size or lossy > _FREE * np.max(np.abs(couplings[reach])):
+    if not long.size or loss > _FREE * np.max(np.abs(couplings[reach])):
         return factors, vectors
     values, modes = np.linalg.eigh(alike)
     costs = np.abs(values) > _FREE * np.max(np.abs(values))
     free = modes[:, ~costs]
-    other = modes[:, costs]
-    stiff = values[costs]
+    stiff = modes[:, costs]
+    stiffness = values[costs]
     factors = factors.copy()
     vectors = vectors.copy()
     steps = range(-reach, reach + 1)
     for n in long:
         theta = float(np.angle(factors[n]))
-        along = free.conj().T @ vectors[:size, n]
-        if np.linalg.norm(along) < 0.5 * np.linalg.norm(vectors[:size, n]):
+        moved = free @ (free.conj().T @ vectors[:size, n])
+        if np.linalg.norm(moved) < 0.5 * np.linalg.norm(vectors[:size, n]):
             continue  # the edge of another band is near
         for _ in range(_NEWTON):
-            turned = sum(
-                one * np.expm1(1j * s * theta) for s, one in zip(steps, couplings, strict=True)
+            change = sum(
+                coupling * np.expm1(1j * s * theta)
+                for s, coupling in zip(steps, couplings, strict=True)
             )
             slope = sum(
-                one * 1j * s * np.exp(1j * s * theta)
-                for s, one in zip(steps, couplings, strict=True)
+                coupling * 1j * s * np.exp(1j * s * theta)
+                for s, coupling in zip(steps, couplings, strict=True)
             )
-            pulled = other.conj().T @ turned
-            follow = np.linalg.solve(np.diag(stiff - w) + pulled @ other, -pulled @ (free @ along))
-            v = free @ along + other @ follow
-            value = (
-                (v.conj() @ turned @ v).real
-                + stiff @ np.abs(follow) ** 2
-                - w * np.linalg.norm(v) ** 2
+            pull = stiff.conj().T @ change
+            following = np.linalg.solve(np.diag(stiffness - w) + pull @ stiff, -pull @ moved)
+            motion = moved + stiff @ following
+            residual = (
+                (motion.conj() @ change @ motion).real
+                + stiffness @ np.abs(following) ** 2
+                - w * np.linalg.norm(motion) ** 2
             )
-            theta -= float(value / (v.conj() @ slope @ v).real)
+            theta -= float(residual / (motion.conj() @ slope @ motion).real)
         factors[n] = np.exp(1j * theta)
         vectors[:, n] = np.concatenate(
-            [v * factors[n] ** layer for layer in range(len(vectors) // size)]
+            [motion * factors[n] ** layer for layer in range(len(vectors) // size)]
         )
     return factors, vectors
 
@@ -245,12 +269,13 @@ def _require_senses(factors: Complex, vectors: Complex) -> None:
     """Raise :class:`~granphon.base.errors.PrecisionError` at the edge of a band, where waves of
     both senses are one.
 
-    At a distance of Delta w from the edge their lambda differ by its root. Where rounding decides
-    on which side of the edge w is, it decides whether waves run, and how fast.
+    At a distance Delta w from the edge the lambda of both senses differ by the root of Delta w.
+    Where rounding decides on which side of the edge w is, rounding decides whether waves run, and
+    how fast.
     """
     outer = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE)
-    for place, wave in enumerate(outer):
-        near = outer[place:][np.abs(factors[outer[place:]] - factors[wave]) < _EDGE]
+    for first, wave in enumerate(outer):
+        near = outer[first:][np.abs(factors[outer[first:]] - factors[wave]) < _EDGE]
         motions = vectors[:, near] / np.linalg.norm(vectors[:, near], axis=0)
         if near.size > len(motions) or np.linalg.svd(motions, compute_uv=False)[-1] < _PARALLEL:
             raise PrecisionError(_ALIKE_WAVES, *_AT_EDGE)
@@ -263,7 +288,12 @@ def _null_space(coupling: Complex) -> Complex:
 
 
 def _sort_senses(
-    factors: Complex, vectors: Complex, up: Complex, down: Complex, lost: list[Complex], reach: int
+    factors: Complex,
+    vectors: Complex,
+    up: Complex,
+    down: Complex,
+    null_spaces: list[Complex],
+    reach: int,
 ) -> tuple[BlochWaves, BlochWaves]:
     """Sort waves by the sense in which they run or decay; those that run get a flux of one, each by
     itself.
@@ -271,10 +301,10 @@ def _sort_senses(
     vectors = vectors / np.linalg.norm(vectors, axis=0)
     runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
     flux = np.zeros(len(factors))
-    left = np.flatnonzero(runs)
-    while left.size:
-        group = left[np.abs(factors[left] - factors[left[0]]) < _TOGETHER]
-        left = np.setdiff1d(left, group)
+    ungrouped = np.flatnonzero(runs)
+    while ungrouped.size:
+        group = ungrouped[np.abs(factors[ungrouped] - factors[ungrouped[0]]) < _TOGETHER]
+        ungrouped = np.setdiff1d(ungrouped, group)
         if group.size > len(vectors):
             raise PrecisionError(
                 _ALIKE_WAVES, "Near zero waves of both senses are one", "Give a higher frequency"
@@ -284,8 +314,8 @@ def _sort_senses(
         form = basis.conj().T @ (1j * (phase * up - down / phase)) @ basis
         flux[group], turned = np.linalg.eigh(0.5 * (form + form.conj().T))
         vectors[:, group] = basis @ turned / np.sqrt(np.abs(flux[group]))
-    found = []
-    for sign, still in zip((1.0, -1.0), lost, strict=True):
+    senses = []
+    for sign, still in zip((1.0, -1.0), null_spaces, strict=True):
         run = np.flatnonzero(runs & (sign * flux > 0.0))
         run = run[np.argsort(np.angle(factors[run]), kind="stable")]
         with np.errstate(divide="ignore"):  # a decay beyond floating point
@@ -298,13 +328,12 @@ def _sort_senses(
             [waves.vectors / np.linalg.norm(waves.vectors, axis=0), still], axis=1
         )
         if basis.shape[0] != basis.shape[1] or np.linalg.cond(basis) > _ALIKE:
+            if np.any(inwards[decay] ** reach < LEAST_PART):
+                raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
             why = (
                 "At the edge of a band waves of both senses are one, and at some frequencies"
                 " motions of a layer stay in it"
             )
-            fast = np.any(inwards[decay] ** reach < LEAST_PART)
-            raise PrecisionError(
-                _ALIKE_WAVES, *(_TOO_FAST if fast else (why, "Shift it by a millionth"))
-            )
-        found.append(waves)
-    return found[0], found[1]
+            raise PrecisionError(_ALIKE_WAVES, why, "Shift it by a millionth")
+        senses.append(waves)
+    return senses[0], senses[1]

@@ -38,6 +38,8 @@ from granphon.dynamics.rows import WaveRows, bend
 _MANY_FREE = 48
 #: relative difference of frequencies below which branches are treated as one degenerate set
 _DEGENERATE = 1e-9
+#: difference of slopes of omega^2, d k/M, below which branches that touch have one slope
+_EQUAL_SLOPES = 1e-9
 #: |dq|d at which branches that touch with one slope are told apart
 _STEP_BESIDE = 1e-3
 #: a frequency is zero if it is no larger than this multiple of the rounding of its own columns
@@ -77,11 +79,11 @@ class Block:
 
     Attributes
     ----------
-    columns : (n,) places of the motions in the frame.
+    columns : (n,) numbers of the motions in the frame.
     deforming : rows of K^1/2 C M^-1/2.
     pushing, signs : rows of displacements across contacts times |f/a|^1/2, and the signs (rows, 1)
         of the static forces; None without prestress.
-    bent : places in the block of the displacements across the periods that tilt the balls, at most
+    bent : numbers in the block of the displacements across the periods that tilt the balls, at most
         two.
     tilt : (bent, n, p) gradients, with respect to q, of the motions that go with each of them.
     slack : part of the largest squared frequency by which others may be below zero, and are then
@@ -100,39 +102,40 @@ class Block:
     slack: float = 0.0
 
     def still(self) -> Block:
-        """Return the block in terms of motions of which some deform nothing at q = 0, if there are
-        such besides sound.
+        """Return the block in terms of motions of which some deform nothing at q = 0, if the block
+        has such motions besides sound.
 
-        Balls that turn like gears are an example. In other terms their columns would cancel near
-        Gamma.
+        Balls that turn like gears are an example. Near Gamma the columns of their single rotations
+        would cancel.
         """
-        odd, even = (part.reshape(self.n_rows, self.size) for part in self.deforming[:2])
+        odd = self.deforming.odd.reshape(self.n_rows, self.size)
+        even = self.deforming.even.reshape(self.n_rows, self.size)
         inner = np.flatnonzero(np.any(even != 0.0, axis=0))
         if inner.size < 2:  # a single column that is not zero depends on no other
             return self
         size = np.abs(odd) + np.abs(even)
-        free, others = find_dependent(even[:, inner], size[:, inner])
+        free, complement = find_dependent(even[:, inner], size[:, inner])
         if not free.shape[1]:
             return self
         turn = np.eye(self.size, dtype=even.dtype)
-        turn[np.ix_(inner, inner)] = np.concatenate([free, others], axis=1)
+        turn[np.ix_(inner, inner)] = np.concatenate([free, complement], axis=1)
         odd = self.deforming.odd @ turn
         even = self.deforming.even @ turn
         still = inner[: free.shape[1]]
-        # both ends of a contact, or each of them where a motion deforms nothing at any q, such as
-        # the spin of a ball between two others, leave rounding alone. Gears whose arms differ a
-        # little leave more
+        # the two ends of a contact cancel to rounding. Each end alone is rounding where a motion
+        # deforms nothing at any q, such as the spin of a ball between two others. Gears whose arms
+        # differ a little leave more than rounding
         rounding = _ROUNDING * np.linalg.norm(size, axis=1).reshape(*odd.shape[:2], 1)
-        for part in (odd, even):
-            part[..., still] = np.where(np.abs(part[..., still]) <= rounding, 0.0, part[..., still])
+        for rows in (odd, even):
+            rows[..., still] = np.where(np.abs(rows[..., still]) <= rounding, 0.0, rows[..., still])
         tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
         pushing = self.pushing
         if pushing is not None:
-            # static forces do not act on gears, but on the displacements of other such motions
-            pushed = [part @ turn for part in pushing[:2]]
-            lengths = sum(np.abs(part) for part in pushing[:2])
+            # static forces act on displacements, and not on balls that turn like gears
+            pushed = [rows @ turn for rows in pushing[:2]]
+            lengths = sum(np.abs(rows) for rows in pushing[:2])
             rounding = _ROUNDING * np.linalg.norm(lengths, axis=2, keepdims=True)
-            pushed = [np.where(np.abs(part) <= rounding, 0.0, part) for part in pushed]
+            pushed = [np.where(np.abs(rows) <= rounding, 0.0, rows) for rows in pushed]
             pushing = pushing._replace(odd=pushed[0], even=pushed[1])
         return replace(
             self,
@@ -162,12 +165,12 @@ class Block:
         """Generic rank of C(q): the number of its branches that do not vanish at every wave
         vector.
         """
-        found = 0
+        largest = 0
         for q in GENERIC[:, None, : self.deforming.half.shape[1]]:
             rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
-            if found < min(rows.shape):
-                found = max(found, find_rank(rows))
-        return found
+            if largest < min(rows.shape):
+                largest = max(largest, find_rank(rows))
+        return largest
 
     @property
     def free(self) -> int:
@@ -178,17 +181,17 @@ class Block:
     def keeps_digits(self) -> bool:
         """Whether tilted motions help, and leave the contacts undeformed at q = 0.
 
-        They do not help where branches of this block vanish for want of rows. Where the line
-        between two balls is not along the normal of their contact, a rotation of both about their
-        middle deforms it.
+        Tilted motions do not help where branches of this block vanish for want of rows. A rotation
+        of two balls about their middle deforms their contact if the line between the balls is not
+        along the normal of the contact.
         """
         if not self.bent or self.n_rows < self.size:
             return False
-        own, _, half = self._tilted
-        change = own[:, :, None] * half[:, None] + np.einsum(
+        bends, _, half = self._tilted
+        change = bends[:, :, None] * half[:, None] + np.einsum(
             "mn,kna->mka", self.deforming.even.reshape(self.n_rows, self.size), self.tilt
         )
-        return bool(np.max(np.abs(change)) <= _RIGID * np.max(np.abs(own)))
+        return bool(np.max(np.abs(change)) <= _RIGID * np.max(np.abs(bends)))
 
     def solve(self, q: Array) -> tuple[Array, NDArray[Any]]:
         """Find frequencies (n_q, n), ascending, and eigenvectors (n_q, n, n), as columns."""
@@ -217,40 +220,40 @@ class Block:
         twice = np.where(values > 0.0, 2.0 * values, np.inf)
         velocities = slopes.compute_gradients(right) / twice[..., None]
         if not values.all():
-            for at in np.flatnonzero(np.count_nonzero(values == 0.0, axis=1) > self.free).tolist():
-                self._leave_zero(point, at, values[at], right[at], velocities[at], along[at])
+            for n in np.flatnonzero(np.count_nonzero(values == 0.0, axis=1) > self.free).tolist():
+                self._leave_zero(point, n, values[n], right[n], velocities[n], along[n])
         return values, self._turn_back(point, right), velocities
 
     def _leave_zero(
         self,
         point: _Point,
-        at: int,
+        n: int,
         values: Array,
         right: NDArray[Any],
         velocities: Array,
         along: Array,
     ) -> None:
-        """Turn the modes (n, n) of zero frequency at one point, in place, into those that a path
-        follows as it leaves it.
+        """Turn the modes of zero frequency at wave vector number ``n``, in place, into those that a
+        path ``along`` (p,) follows as it leaves the wave vector.
 
-        Their velocities (n, p) become the limits along that direction. Beside the point their
-        frequencies are cones: the singular values of the change of C, less what the other motions
-        can take up, as those of sound are beside Gamma.
+        ``right`` (n, n) holds all modes there. The velocities (n, p) of those of zero frequency
+        become the limits along the path. Beside the wave vector their frequencies are cones, as
+        those of sound are beside Gamma: the singular values of the change of C, less what the modes
+        of higher frequencies can take up.
         """
         count = int(np.count_nonzero(values == 0.0))
-        motions = right if point.basis is None else point.basis[at] @ right
-        q = point.q[at : at + 1]
-        rows, slope = (
-            np.concatenate([one.compute_rows(q, d)[0] for one in self._kinds])
-            for d in (False, True)
-        )
-        half = np.concatenate([one.repeat_half_vectors() for one in self._kinds])
-        others = rows @ motions[:, count:] / values[count:]
+        motions = right if point.basis is None else point.basis[n] @ right
+        q = point.q[n : n + 1]
+        rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
+        slope = np.concatenate([waves.compute_rows(q, True)[0] for waves in self._kinds])
+        half = np.concatenate([waves.repeat_half_vectors() for waves in self._kinds])
+        stiff = rows @ motions[:, count:] / values[count:]
         change = half.T[:, :, None] * (slope @ motions[:, :count])
         ahead = np.tensordot(along, change, 1)
         if self.signs is None:
-            taken = np.linalg.qr(others)[0]
-            change, ahead = (one - taken @ (taken.conj().T @ one) for one in (change, ahead))
+            basis = np.linalg.qr(stiff)[0]
+            change = change - basis @ (basis.conj().T @ change)
+            ahead = ahead - basis @ (basis.conj().T @ ahead)
             forms = change.conj().swapaxes(1, 2) @ ahead
             _, speeds, turn = np.linalg.svd(
                 np.pad(ahead, ((0, max(0, count - len(ahead))), (0, 0))), full_matrices=False
@@ -259,24 +262,22 @@ class Block:
             turn = turn[::-1].conj().T
         else:
             weight = np.concatenate([np.ones((self.n_rows, 1)), -self.signs])
-            pull, pull_ahead = (others.conj().T @ (weight * one) for one in (change, ahead))
-            forms = (
-                change.conj().swapaxes(1, 2) @ (weight * ahead)
-                - pull.conj().swapaxes(1, 2) @ pull_ahead
-            )
+            pull = stiff.conj().T @ (weight * change)
+            pull_ahead = stiff.conj().T @ (weight * ahead)
+            forms = change.conj().swapaxes(1, 2) @ (weight * ahead)
+            forms = forms - pull.conj().swapaxes(1, 2) @ pull_ahead
             squares, turn = np.linalg.eigh(np.tensordot(along, forms, 1))
             speeds = np.sqrt(np.maximum(squares, 0.0))
         speeds = np.where(speeds <= self._limit * self._largest, 0.0, speeds)
-        for _, part in _find_runs((np.diff(speeds) <= _DEGENERATE * speeds[1:])[None]):
+        for _, run in _find_runs((np.diff(speeds) <= _DEGENERATE * speeds[1:])[None]):
             # modes of one speed stay as they are, as far as they can
-            u, _, vh = np.linalg.svd(turn[part, part])
-            turn[:, part] = turn[:, part] @ (u @ vh).conj().T
+            u, _, vh = np.linalg.svd(turn[run, run])
+            turn[:, run] = turn[:, run] @ (u @ vh).conj().T
         right[:, :count] = right[:, :count] @ turn
-        found = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
-        velocities[:count] = (
-            found * np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)[:, None]
-            + 0.0
-        )
+        # half the gradients of the squares; a mode without speed does not travel
+        gradients = np.einsum("yz,ayx,xz->za", turn.conj(), forms, turn).real
+        inverse = np.divide(1.0, speeds, out=np.zeros_like(speeds), where=speeds > 0.0)
+        velocities[:count] = gradients * inverse[:, None] + 0.0
 
     def _resolve(
         self,
@@ -290,53 +291,62 @@ class Block:
         direction.
         """
         alike: list[tuple[NDArray[np.intp], slice]] = []
-        for points, part in _find_runs(joined):
-            block = right[points, :, part]
+        for points, branches in _find_runs(joined):
+            vectors = right[points, :, branches]
             slope, turn = np.linalg.eigh(
-                slopes.compute_along(points, block, part.start, along[points])
+                slopes.compute_along(points, vectors, branches.start, along[points])
             )
-            right[points, :, part] = block @ turn
-            for rows, within in _find_runs(np.diff(slope, axis=1) <= 1e-9):
-                alike.append(
-                    (points[rows], slice(part.start + within.start, part.start + within.stop))
-                )
-        if not alike:
-            return
-        # branches of equal slope separate at second order only: use the modes one step further on,
-        # where the length of the step, not LAPACK's error, limits the accuracy. Those that do not
-        # separate there have no vectors of their own
-        points = np.unique(np.concatenate([some for some, _ in alike]))
-        beside = point.q[points] + _STEP_BESIDE * along[points]
+            right[points, :, branches] = vectors @ turn
+            for rows, within in _find_runs(np.diff(slope, axis=1) <= _EQUAL_SLOPES):
+                run = slice(branches.start + within.start, branches.start + within.stop)
+                alike.append((points[rows], run))
+        if alike:
+            self._resolve_beside(point, right, alike, along)
+
+    def _resolve_beside(
+        self,
+        point: _Point,
+        right: NDArray[Any],
+        alike: list[tuple[NDArray[np.intp], slice]],
+        along: Array,
+    ) -> None:
+        """Turn the vectors of branches of equal slope, in place, into those that are nearest to the
+        modes one step further along the path.
+
+        Such branches separate at second order only. The length of the step, not LAPACK's error,
+        limits the accuracy. Branches that are still one after the step have no vectors of their
+        own. ``alike`` holds points, and the branches that are alike there.
+        """
+        solved = np.unique(np.concatenate([points for points, _ in alike]))
+        beside = point.q[solved] + _STEP_BESIDE * along[solved]
         factors = self.deforming.compute_rows(beside)
-        matrices = self._make_matrix(
-            factors, None if self.pushing is None else self.pushing.compute_rows(beside)
-        )
+        across = None if self.pushing is None else self.pushing.compute_rows(beside)
+        matrices = self._make_matrix(factors, across)
         squares = np.linalg.eigvalsh(matrices)
-        for some, part in alike:
-            place = np.searchsorted(points, some)
-            split = (
-                squares[place, part.stop - 1] - squares[place, part.start]
-                > _DEGENERATE * squares[place, part.stop - 1]
+        for points, branches in alike:
+            steps = np.searchsorted(solved, points)
+            highest = squares[steps, branches.stop - 1]
+            split = highest - squares[steps, branches.start] > _DEGENERATE * highest
+            if not np.any(split):
+                continue
+            points = points[split]
+            steps = steps[split]
+            amplitudes = right[points, :, branches]
+            vectors = amplitudes if point.basis is None else point.basis[points] @ amplitudes
+            rows = factors[steps]
+            if self.pushing is not None:
+                rows = factorise(matrices[steps], self.slack)
+            u, _, vh = np.linalg.svd(
+                vectors.conj().swapaxes(1, 2) @ lapack_svd(rows)[1][:, :, branches]
             )
-            if np.any(split):
-                here = right[some[split], :, part]
-                vectors = here if point.basis is None else point.basis[some[split]] @ here
-                own = (
-                    factors[place[split]]
-                    if self.pushing is None
-                    else factorise(matrices[place[split]], self.slack)
-                )
-                u, _, vh = np.linalg.svd(
-                    vectors.conj().swapaxes(1, 2) @ lapack_svd(own)[1][:, :, part]
-                )
-                right[some[split], :, part] = here @ (u @ vh)
+            right[points, :, branches] = amplitudes @ (u @ vh)
 
     def _make_matrix(self, rows: NDArray[Any], across: NDArray[Any] | None) -> NDArray[Any]:
         """Return D(q) from rows of C(q), and of displacements across contacts under prestress."""
-        own = rows.conj().swapaxes(1, 2) @ rows
-        return np.asarray(
-            own if across is None else own - across.conj().swapaxes(1, 2) @ (self.signs * across)
-        )
+        matrices = rows.conj().swapaxes(1, 2) @ rows
+        if across is not None:
+            matrices = matrices - across.conj().swapaxes(1, 2) @ (self.signs * across)
+        return np.asarray(matrices)
 
     # -- C(q) --------------------------------------------------------------------------------------
 
@@ -351,21 +361,20 @@ class Block:
         motions = np.eye(self.size)[:, self._order] + np.zeros((len(q), 1, 1), self.tilt.dtype)
         motions[:, :, :count] += np.einsum("kna,qa->qnk", self.tilt, q)
         basis, triangle = np.linalg.qr(motions)
-        # A rigid rotation of two balls about the middle of their centres deforms no contact. That
-        # takes the place of the rows in which sine and cosine would cancel
-        own, turned, half = self._tilted
+        # A rigid rotation of two balls about the middle of their centres deforms no contact. So the
+        # columns of tilted motions are sums in which sine and cosine do not cancel
+        bends, turns, half = self._tilted
         angle = q @ half.T
-        tilted = bend(angle)[..., None] * own + np.sin(angle)[..., None] * np.einsum(
-            "mka,qa->qmk", turned, q
-        )
-        own = tilted @ np.linalg.inv(triangle[:, :count, :count])
-        return _Point(
-            q, np.concatenate([own, rows @ basis[:, :, count:]], axis=2), None, basis, triangle
-        )
+        tilted = bend(angle)[..., None] * bends
+        tilted = tilted + np.sin(angle)[..., None] * np.einsum("mka,qa->qmk", turns, q)
+        columns = tilted @ np.linalg.inv(triangle[:, :count, :count])
+        rows = np.concatenate([columns, rows @ basis[:, :, count:]], axis=2)
+        return _Point(q, rows, None, basis, triangle)
 
     @cached_property
     def _order(self) -> list[int]:
-        return [*self.bent, *(one for one in range(self.size) if one not in self.bent)]
+        """Motions of the block, the bent ones first."""
+        return [*self.bent, *(motion for motion in range(self.size) if motion not in self.bent)]
 
     @cached_property
     def _tilted(self) -> tuple[NDArray[Any], NDArray[Any], Array]:
@@ -383,55 +392,71 @@ class Block:
 
     def _decompose(self, point: _Point) -> tuple[Array, NDArray[Any]]:
         """Find frequencies and eigenvectors in the basis of the point."""
-        pushed = None if point.across is None else self._make_matrix(point.rows, point.across)
-        if pushed is not None:
-            self._drop_rounding(point.q, pushed)
-        apart = None
+        matrices = None if point.across is None else self._make_matrix(point.rows, point.across)
+        if matrices is not None:
+            self._drop_rounding(point.q, matrices)
         if self.free and self.size > _MANY_FREE:
-            # motions that cost nothing are split off: to tell them from the softest, plane
-            # rotations would take minutes
-            if pushed is None:
-                apart = lapack_svd(point.rows)[1]
-            else:  # a negative square, of a lattice that buckles, stays among the others
-                own_squares, apart = np.linalg.eigh(pushed)
-                apart = np.take_along_axis(
-                    apart, np.argsort(np.abs(own_squares), axis=1)[:, None], 2
-                )
-        rest = None if apart is None else apart[:, :, self.free :]
-        if pushed is None:
-            values, right = graded_svd(point.rows if rest is None else point.rows @ rest)
+            values, right = self._split_free(point.rows, matrices)
         else:
-            own = pushed if rest is None else rest.conj().swapaxes(1, 2) @ pushed @ rest
-            values, right = graded_eigh(own, partial(factorise, slack=self.slack))
-        if apart is not None and rest is not None:
-            values = np.pad(values, ((0, 0), (self.free, 0)))
-            right = np.concatenate([apart[:, :, : self.free], rest @ right], axis=2)
+            values, right = self._decompose_all(point.rows, matrices)
         small = (values <= self._limit * self._largest) & (values > 0.0)
-        if np.any(small):
-            doubtful = np.flatnonzero(np.any(small, axis=1))
-            # frequencies that are no more than the rounding of sine and cosine in their own columns
-            squares = self._measure_columns(point.q[doubtful])
-            if self.bent:
-                own, turned, half = self._tilted
-                angle = np.abs(point.q[doubtful] @ half.T)[..., None]
-                drift = np.abs(np.einsum("mka,qa->qmk", turned, point.q[doubtful]))
-                tilted = np.sum(
-                    (np.minimum(angle, angle**3) * np.abs(own) + angle * drift) ** 2, axis=1
-                )
-                squares = np.concatenate(
-                    [tilted, squares[:, self._order[len(self.bent) :]]], axis=1
-                )
-            some = values[doubtful]
-            rounding = self._limit * np.sqrt(
-                np.einsum("qn,qnb->qb", squares, np.abs(right[doubtful]) ** 2)
+        doubtful = np.flatnonzero(np.any(small, axis=1))
+        if doubtful.size:
+            values[doubtful], right[doubtful] = self._drop_small(
+                point.q[doubtful], values[doubtful], right[doubtful]
             )
-            some[some <= rounding] = 0.0
-            some[:, : self.free] = 0.0
-            values[doubtful] = some
-            if np.any(some[:, 1:] < some[:, :-1]):
-                order = np.argsort(some, axis=1, kind="stable")
-                values[doubtful] = np.take_along_axis(some, order, 1)
-                right[doubtful] = np.take_along_axis(right[doubtful], order[:, None], 2)
+        return values, right
+
+    def _decompose_all(
+        self, rows: NDArray[Any], matrices: NDArray[Any] | None
+    ) -> tuple[Array, NDArray[Any]]:
+        """Find frequencies and eigenvectors from rows of C, or, under prestress, from D."""
+        if matrices is None:
+            return graded_svd(rows)
+        return graded_eigh(matrices, partial(factorise, slack=self.slack))
+
+    def _split_free(
+        self, rows: NDArray[Any], matrices: NDArray[Any] | None
+    ) -> tuple[Array, NDArray[Any]]:
+        """Find frequencies and eigenvectors with the motions that cost nothing split off by LAPACK.
+
+        Plane rotations would take minutes to tell these motions from the softest.
+        """
+        if matrices is None:
+            basis = lapack_svd(rows)[1]
+        else:  # a negative square, of a lattice that buckles, is not among the smallest
+            squares, basis = np.linalg.eigh(matrices)
+            basis = np.take_along_axis(basis, np.argsort(np.abs(squares), axis=1)[:, None], 2)
+        stiff = basis[:, :, self.free :]
+        if matrices is None:
+            rows = rows @ stiff
+        else:
+            matrices = stiff.conj().swapaxes(1, 2) @ matrices @ stiff
+        values, right = self._decompose_all(rows, matrices)
+        right = np.concatenate([basis[:, :, : self.free], stiff @ right], axis=2)
+        return np.pad(values, ((0, 0), (self.free, 0))), right
+
+    def _drop_small(
+        self, q: Array, values: Array, right: NDArray[Any]
+    ) -> tuple[Array, NDArray[Any]]:
+        """Return frequencies and eigenvectors, ascending, with frequencies set to zero that are no
+        more than the rounding of sine and cosine in their own columns.
+        """
+        squares = self._measure_columns(q)
+        if self.bent:
+            bends, turns, half = self._tilted
+            angle = np.abs(q @ half.T)[..., None]
+            drift = np.abs(np.einsum("mka,qa->qmk", turns, q))
+            lengths = np.minimum(angle, angle**3) * np.abs(bends) + angle * drift
+            straight = squares[:, self._order[len(self.bent) :]]
+            squares = np.concatenate([np.sum(lengths**2, axis=1), straight], axis=1)
+        rounding = self._limit * np.sqrt(np.einsum("qn,qnb->qb", squares, np.abs(right) ** 2))
+        values = np.where(values <= rounding, 0.0, values)
+        values[:, : self.free] = 0.0
+        if np.any(values[:, 1:] < values[:, :-1]):
+            order = np.argsort(values, axis=1, kind="stable")
+            values = np.take_along_axis(values, order, 1)
+            right = np.take_along_axis(right, order[:, None], 2)
         return values, right
 
     def _drop_rounding(self, q: Array, matrices: NDArray[Any]) -> None:
@@ -439,15 +464,15 @@ class Block:
         to zero, in place.
         """
         squares = np.einsum("qii->qi", matrices)
-        whole = self._measure_columns(q)
-        points, columns = np.nonzero((squares != 0.0) & (np.abs(squares) <= _ROUNDING * whole))
-        # entries beside one that is zero are zero, too, unless the lattice buckles
-        beside = (
+        lengths = self._measure_columns(q)
+        points, columns = np.nonzero((squares != 0.0) & (np.abs(squares) <= _ROUNDING * lengths))
+        # the other entries of such a row are rounding too, unless the lattice buckles
+        are_small = (
             np.abs(matrices[points, columns]) ** 2
-            <= _ROUNDING * whole[points, columns][:, None] * whole[points]
+            <= _ROUNDING * lengths[points, columns][:, None] * lengths[points]
         )
-        alone = np.all(beside, axis=1)
-        squares[points[alone], columns[alone]] = 0.0
+        is_zero = np.all(are_small, axis=1)
+        squares[points[is_zero], columns[is_zero]] = 0.0
 
     def _measure_columns(self, q: Array) -> Array:
         """Return squares (n_q, n) of the lengths of columns of C(q), as if nothing cancelled;
@@ -472,7 +497,7 @@ class Block:
     def _largest(self) -> float:
         """An upper bound of the lengths of columns."""
         return 4.0 * float(
-            sum(np.linalg.norm(part) for waves in self._kinds for part in (waves.odd, waves.even))
+            sum(np.linalg.norm(rows) for waves in self._kinds for rows in (waves.odd, waves.even))
         )
 
 
@@ -497,12 +522,11 @@ class _Slopes:
             self.kinds.append((point.across, block.pushing.compute_rows(point.q, True), half))
         if point.basis is not None:
             # gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)
-            own, turned, half = block._tilted
+            bends, turns, half = block._tilted
             angle = (point.q @ half.T)[..., None]
-            inner = angle * np.sin(angle) * own + np.cos(angle) * np.einsum(
-                "mka,qa->qmk", turned, point.q
-            )
-            outer = np.sin(angle)[:, None] * np.moveaxis(turned, 2, 0)
+            inner = angle * np.sin(angle) * bends
+            inner = inner + np.cos(angle) * np.einsum("mka,qa->qmk", turns, point.q)
+            outer = np.sin(angle)[:, None] * np.moveaxis(turns, 2, 0)
             self.tilted = half.T[:, :, None] * inner[:, None] + outer
 
     def compute_along(
@@ -512,24 +536,24 @@ class _Slopes:
         degenerate vectors.
         """
         if self.point.basis is not None:
-            left, right = self._tilt(points, vectors, self.values[points, first])
-            one = np.einsum("qxb,qaxc,qa->qbc", left.conj(), right, along)
+            deformations, changes = self._tilt(points, vectors, self.values[points, first])
+            products = np.einsum("qxb,qaxc,qa->qbc", deformations.conj(), changes, along)
         else:
-            one = 0.0
+            products = np.zeros(())
             for rows, slope, half in self.kinds:
                 if len(points) < len(rows):
                     rows = rows[points]
                     slope = slope[points]
-                one = one + (rows @ vectors).conj().swapaxes(1, 2) * (along @ half.T)[:, None] @ (
-                    slope @ vectors
-                )
-        return np.asarray(one + one.conj().swapaxes(1, 2))
+                deformations = (rows @ vectors).conj().swapaxes(1, 2)
+                weighted = deformations * (along @ half.T)[:, None]
+                products = products + weighted @ (slope @ vectors)
+        return np.asarray(products + products.conj().swapaxes(-1, -2))
 
     def compute_gradients(self, vectors: NDArray[Any]) -> Array:
         """Return the gradients (n_q, n, p) of omega^2 of each vector."""
         if self.point.basis is not None:
-            left, right = self._tilt(slice(None), vectors, self.values[:, None, :])
-            return np.asarray(2.0 * np.einsum("qxb,qaxb->qba", left.conj(), right).real)
+            deformations, changes = self._tilt(slice(None), vectors, self.values[:, None, :])
+            return np.asarray(2.0 * np.einsum("qxb,qaxb->qba", deformations.conj(), changes).real)
         total: Any = 0.0
         for rows, slope, half in self.kinds:
             total = total + 2.0 * half.T @ ((rows @ vectors).conj() * (slope @ vectors)).real
@@ -556,8 +580,8 @@ class _Slopes:
         lengths = np.einsum("kna,qkb->qanb", block.tilt, tilted[:, :count])
         moved = point.basis[points] @ vectors  # type: ignore[index]
         shape = values.reshape(len(values), 1, 1, -1)
-        left = np.concatenate([rows[points] @ vectors, moved], axis=1)
-        return left, np.concatenate([plain + bent, -(shape**2) * lengths], axis=2)
+        deformations = np.concatenate([rows[points] @ vectors, moved], axis=1)
+        return deformations, np.concatenate([plain + bent, -(shape**2) * lengths], axis=2)
 
 
 def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
@@ -579,24 +603,26 @@ def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
 
 def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     """Find the sets of columns of a matrix of effects (rows, n) that no row joins to others."""
-    left = np.ones(effects.shape[1], bool)
-    found = []
+    unassigned = np.ones(effects.shape[1], bool)
+    blocks = []
     if effects.all(axis=1).any():  # one row joins all
-        return [np.flatnonzero(left)]
-    while np.any(left):
-        block = np.arange(len(left)) == np.argmax(left)
+        return [np.flatnonzero(unassigned)]
+    while np.any(unassigned):
+        block = np.arange(len(unassigned)) == np.argmax(unassigned)
         count = 0
         while count < int(np.count_nonzero(block)):
             count = int(np.count_nonzero(block))
             block = block | np.any(effects[np.any(effects[:, block], axis=1)], axis=0)
-        left &= ~block
-        found.append(np.flatnonzero(block))
-    return found
+        unassigned &= ~block
+        blocks.append(np.flatnonzero(block))
+    return blocks
 
 
 def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]]:
-    """Find runs of items; ``joined`` (n, m - 1) says whether item j + 1 belongs with item j. Equal
-    runs are together.
+    """Find runs of items in n rows; ``joined`` (n, m - 1) says whether item j + 1 belongs with item
+    j.
+
+    Returns each run, as a slice of items, with all the rows that have it.
     """
     count, width = joined.shape
     padded = np.zeros((count, width + 2), np.int8)
@@ -606,7 +632,7 @@ def _find_runs(joined: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], slice]
     stop = np.nonzero(edges == -1)[1] + 1
     if not rows.size:
         return []
-    kinds, which = np.unique(start * (width + 2) + stop, return_inverse=True)
+    runs, run_of_row = np.unique(start * (width + 2) + stop, return_inverse=True)
     return [
-        (rows[which == k], slice(*divmod(int(kind), width + 2))) for k, kind in enumerate(kinds)
+        (rows[run_of_row == k], slice(*divmod(int(run), width + 2))) for k, run in enumerate(runs)
     ]

@@ -103,11 +103,10 @@ class AcousticBranch:
                 mend="Choose lower frequencies",
             )
         right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
-        known = (self.wavenumbers, self.frequencies)
         lattice = self.lattice
         q, omega = (
             np.stack([np.where(right > 0, values[right - 1], 0.0), values[right]])
-            for values in known
+            for values in (self.wavenumbers, self.frequencies)
         )
         along = np.broadcast_to(self.direction, (target.size, lattice.periods))
         return _solve_wavenumbers(lattice, along, target, q, omega, self.vectors[right], self.name)
@@ -134,13 +133,14 @@ def _find_nearest(
         ahead = np.einsum(
             "qbp,qp->qb", modes.group_velocities, np.broadcast_to(along, (len(wavenumbers), 3))
         )
-        one = np.abs(modes.frequencies - frequencies[:, None]) <= _ONE_BRANCH * frequencies[:, None]
-        one &= np.abs(ahead - ahead[row, pick][:, None]) <= _ONE_BRANCH * np.max(
-            np.abs(ahead), axis=1, keepdims=True
-        )
-        several = np.flatnonzero(np.count_nonzero(one, axis=1) > 1)
-        parts = one[several, :, None] * modes.group_velocities[several]
-        velocities[several] = parts.sum(axis=1) / np.count_nonzero(one[several], axis=1)[:, None]
+        change = np.abs(modes.frequencies - frequencies[:, None])
+        coincides = change <= _ONE_BRANCH * frequencies[:, None]
+        steepest = np.max(np.abs(ahead), axis=1, keepdims=True)
+        coincides &= np.abs(ahead - ahead[row, pick][:, None]) <= _ONE_BRANCH * steepest
+        counts = np.count_nonzero(coincides, axis=1)
+        several = np.flatnonzero(counts > 1)
+        sums = np.sum(coincides[several, :, None] * modes.group_velocities[several], axis=1)
+        velocities[several] = sums / counts[several, None]
     return frequencies, velocities
 
 
@@ -156,7 +156,8 @@ def _solve_wavenumbers(
     """Solve for wavenumbers (n,) and group velocities (n, p) at ``target`` (n,), between two points
     (2, n) of a branch.
     """
-    (low, high), (low_f, high_f) = wavenumbers.copy(), frequencies
+    low, high = wavenumbers.copy()
+    low_f, high_f = frequencies
     # below the first point the branch is nearly straight, so linear interpolation starts close to
     # the root at any scale
     x = low + (high - low) * (target - low_f) / (high_f - low_f)
@@ -164,26 +165,26 @@ def _solve_wavenumbers(
     going = np.arange(x.size)
     for _ in range(200):
         goal = target[going]
-        here = x[going]
-        at = value[going]
-        high[going] = np.where(at >= goal, here, high[going])
-        low[going] = np.where(at <= goal, here, low[going])
+        guess = x[going]
+        omega = value[going]
+        high[going] = np.where(omega >= goal, guess, high[going])
+        low[going] = np.where(omega <= goal, guess, low[going])
         slope = np.sum(vector[going] * along[going], axis=1)
-        step = np.divide(at - goal, slope, out=np.full_like(here, np.inf), where=slope > 0.0)
-        inside = (here - step >= low[going]) & (here - step <= high[going])
-        x[going] = np.where(inside, here - step, 0.5 * (low[going] + high[going]))
+        step = np.divide(omega - goal, slope, out=np.full_like(guess, np.inf), where=slope > 0.0)
+        inside = (guess - step >= low[going]) & (guess - step <= high[going])
+        x[going] = np.where(inside, guess - step, 0.5 * (low[going] + high[going]))
         value[going], vector[going] = _find_nearest(
             lattice, x[going], along[going], references[going]
         )
         # Newton's method converges quadratically: after a step as small as this only rounding is
         # left
-        going = going[np.abs(x[going] - here) > 1e-13 * here]
+        going = going[np.abs(x[going] - guess) > 1e-13 * guess]
         if not going.size:
             break
-    lost = np.abs(value - target) > 1e-11 * target
-    if np.any(lost):
+    is_lost = np.abs(value - target) > 1e-11 * target
+    if np.any(is_lost):
         raise GranphonError(
-            f"the {name} branch could not be followed along {along[np.argmax(lost)]}",
+            f"the {name} branch could not be followed along {along[np.argmax(is_lost)]}",
             "It changes its character too fast, at an avoided crossing",
             "Choose another direction",
         )
@@ -227,12 +228,9 @@ class AcousticBranches:
         count = len(directions)
         size = lattice.n_branches
         waves = len(lattice.wave_names)
-        wanted = np.broadcast_to(np.asarray(targets, float), (waves, count))
-        grid = (
-            find_zone_boundary(lattice, directions)[:, None]
-            * np.arange(1, _PATH_POINTS + 1)
-            / _PATH_POINTS
-        )
+        goals = np.broadcast_to(np.asarray(targets, float), (waves, count))
+        edges = find_zone_boundary(lattice, directions)
+        grid = edges[:, None] * np.arange(1, _PATH_POINTS + 1) / _PATH_POINTS
         frequencies = np.full((waves, count, _PATH_POINTS), np.inf)
         vectors = np.zeros((waves, count, _PATH_POINTS, size), complex)
         rising = np.zeros((waves, count), int)
@@ -252,37 +250,33 @@ class AcousticBranches:
         last = start.eigenvectors
         going = np.arange(count)
         for first in range(0, _PATH_POINTS, _POINTS_TOGETHER):
-            part = slice(first, first + _POINTS_TOGETHER)
-            q = grid[going, part]
+            q = grid[going, first : first + _POINTS_TOGETHER]
             along = directions[going]
-            at = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
-            modes = lattice.modes(at, np.repeat(along, q.shape[1], axis=0))
-            values, here = (
-                modes.frequencies.reshape(*q.shape, size),
-                modes.eigenvectors.reshape(*q.shape, size, size),
-            )
-            ahead = np.einsum(
-                "npba,na->npb", modes.group_velocities.reshape(*q.shape, size, -1), along
-            )
-            chain = np.concatenate([last[:, None], here], axis=1)
+            wavevectors = (q[..., None] * along[:, None]).reshape(-1, lattice.periods)
+            modes = lattice.modes(wavevectors, np.repeat(along, q.shape[1], axis=0))
+            values = modes.frequencies.reshape(*q.shape, size)
+            eigenvectors = modes.eigenvectors.reshape(*q.shape, size, size)
+            velocities = modes.group_velocities.reshape(*q.shape, size, -1)
+            slopes = np.einsum("npba,na->npb", velocities, along)
+            chain = np.concatenate([last[:, None], eigenvectors], axis=1)
             overlap = np.abs(np.einsum("npma,npmb->npab", chain[:, :-1].conj(), chain[:, 1:])) ** 2
             row = np.arange(len(going))
             for point in range(q.shape[1]):
                 onward = _assign_columns(overlap[:, point])
-                column = np.stack([onward[row, one] for one in column])
-                place = first + point
-                climbs = ~falls[:, going] & (ahead[row, point, column] > 0.0)
+                column = np.stack([onward[row, branch] for branch in column])
+                climbs = ~falls[:, going] & (slopes[row, point, column] > 0.0)
                 falls[:, going] |= ~climbs
-                frequencies[:, going, place] = np.where(climbs, values[row, point, column], np.inf)
+                step = first + point
+                frequencies[:, going, step] = np.where(climbs, values[row, point, column], np.inf)
                 rising[:, going] += climbs
-                vectors[:, going, place] = here[row, point, :, column]
+                vectors[:, going, step] = eigenvectors[row, point, :, column]
             reached = frequencies[:, going, :][
                 np.arange(waves)[:, None], row, np.maximum(rising[:, going] - 1, 0)
             ]
-            left = np.any(~falls[:, going] & (reached < wanted[:, going]), axis=0)
-            going = going[left]
-            column = column[:, left]
-            last = here[left, -1]
+            go_on = np.any(~falls[:, going] & (reached < goals[:, going]), axis=0)
+            going = going[go_on]
+            column = column[:, go_on]
+            last = eigenvectors[go_on, -1]
             if not going.size:
                 break
         return cls(lattice, directions, grid, frequencies, rising, falls, vectors)
@@ -293,13 +287,13 @@ class AcousticBranches:
         """
         count = int(self.rising[which, direction])
         fallen = bool(self.falls[which, direction])
-        part = slice(0, count + fallen)
+        points_kept = slice(0, count + fallen)
         lattice = self.lattice
         along = self.directions[direction]
         name = self.lattice.wave_names[which]
-        q = self.wavenumbers[direction, part].copy()
-        omega = self.frequencies[which, direction, part].copy()
-        vectors = self.vectors[which, direction, part]
+        q = self.wavenumbers[direction, points_kept].copy()
+        omega = self.frequencies[which, direction, points_kept].copy()
+        vectors = self.vectors[which, direction, points_kept]
         if fallen:
             # the maximum lies before the last point, and takes its place
             reference = vectors[count][None]
@@ -316,10 +310,8 @@ class AcousticBranches:
                     break
                 low = float(edges[first])
                 high = float(edges[first + 1])
-            q[count], omega[count] = (
-                low,
-                _find_nearest(lattice, np.array([low]), along, reference)[0][0],
-            )
+            q[count] = low
+            omega[count] = _find_nearest(lattice, np.array([low]), along, reference)[0][0]
         return AcousticBranch(lattice, along, name, q, omega, vectors)
 
     def find_wavenumber(
@@ -330,12 +322,12 @@ class AcousticBranches:
 
         ``target`` must not be above the last point before the maximum.
         """
-        known = self.frequencies[which, direction]
-        right = np.sum(known < target[:, None], axis=1)
+        frequencies = self.frequencies[which, direction]
+        right = np.sum(frequencies < target[:, None], axis=1)
         row = np.arange(len(target))
         q, omega = (
             np.stack([np.where(right > 0, values[row, right - 1], 0.0), values[row, right]])
-            for values in (self.wavenumbers[direction], known)
+            for values in (self.wavenumbers[direction], frequencies)
         )
         references = self.vectors[which, direction, right]
         name = self.lattice.wave_names[which]
@@ -365,5 +357,5 @@ def follow_acoustic_branches(
     the long waves.
     """
     along = one_direction(direction, lattice.periods)
-    every = AcousticBranches.follow(lattice, along[None])
-    return {name: every.take_branch(which, 0) for which, name in enumerate(lattice.wave_names)}
+    branches = AcousticBranches.follow(lattice, along[None])
+    return {name: branches.take_branch(which, 0) for which, name in enumerate(lattice.wave_names)}

@@ -44,8 +44,8 @@ MOST_BYTES = 2**33
 #: part of the largest square by which D lowers others, where static tangential forces act: a tenth
 #: of this was seen where overlaps are d/50
 _WITHOUT_POTENTIAL = 1e-5
-#: distance, over the size of the cell, up to which balls are at one place
-_PLACE = 1e-9
+#: distance, over the size of the cell, up to which two centres are one point
+_SAME_CENTRE = 1e-9
 #: relative difference of vectors that are equal but for rounding
 _ALIKE = 8.0 * float(np.finfo(np.float64).eps)
 
@@ -196,18 +196,17 @@ class Compatibility:
         n = self.n_branches
         return 16 * n * (6 * len(self.rows) * contacts + 10 * n)
 
-    def _require_memory(self, needed: float) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if a wave vector needs more memory,
-        bytes, than is reasonable.
+    def _require_memory(self, size: float) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if a wave vector takes more memory,
+        ``size`` in bytes, than is reasonable.
         """
-        if needed > MOST_BYTES:
-            what = f"the cell of {self.n_balls} balls has {self.n_branches} branches"
-            why = (
-                f"One wave vector takes {needed / 2**30:.2g} GiB of memory, more than"
-                f" {MOST_BYTES >> 30}"
+        if size > MOST_BYTES:
+            raise InputError(
+                f"the cell of {self.n_balls} balls has {self.n_branches} branches",
+                f"One wave vector takes {size / 2**30:.2g} GiB of memory, more than"
+                f" {MOST_BYTES >> 30}",
+                "Take a smaller cell, or gp.Waves(network), whose matrices are sparse",
             )
-            mend = "Take a smaller cell, or gp.Waves(network), whose matrices are sparse"
-            raise InputError(what, why, mend)
 
     @cached_property
     def is_held(self) -> bool:
@@ -253,9 +252,9 @@ class Compatibility:
         q = real_array("fractions", fractions)
         count = self.periods
         if q.shape[-1:] not in ((count,), (3,)):
-            wanted = f"(..., {count})" + " or (..., 3)" * (count < 3)
+            shapes = f"(..., {count})" + " or (..., 3)" * (count < 3)
             raise InputError(
-                f"the fractions have the shape {q.shape}", mend=f"Give an array {wanted}"
+                f"the fractions have the shape {q.shape}", mend=f"Give an array {shapes}"
             )
         if np.any(q[..., count:]):
             raise InputError(
@@ -276,17 +275,18 @@ class Compatibility:
         if not np.all(np.isfinite(q)):
             raise InputError("a wave vector is not finite")
         require_digits(q)  # per diameter, which is about the same
-        taken = np.rint(q @ self.cell[:, : self.periods].T / (2.0 * np.pi)) @ self.reciprocal
-        near = q - taken
-        # for a copy of Gamma only the rounding of the reciprocal vector is left: set it to zero
-        rounded = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(taken, axis=1)
-        near[rounded & np.any(taken != 0.0, axis=1)] = 0.0
-        return near, taken
+        copies = np.rint(q @ self.cell[:, : self.periods].T / (2.0 * np.pi)) @ self.reciprocal
+        near = q - copies
+        # a copy of Gamma leaves only the rounding of the reciprocal vector, which is set to zero
+        rounded = np.linalg.norm(near, axis=1) <= 1e-15 * np.linalg.norm(copies, axis=1)
+        near[rounded & np.any(copies != 0.0, axis=1)] = 0.0
+        return near, copies
 
-    def name_place(self, wavevector: Array) -> str:
+    def name_wavevector(self, wavevector: Array) -> str:
         """Return a wave vector (p,), 1/d, in fractions of the reciprocal cell, as text."""
         fractions = wavevector @ self.cell[:, : self.periods].T / (2.0 * np.pi)
-        return f"q = ({', '.join(f'{one:.6g}' for one in np.round(fractions, 12) + 0.0)})"
+        fractions = np.round(fractions, 12) + 0.0
+        return f"q = ({', '.join(f'{fraction:.6g}' for fraction in fractions)})"
 
     def explain_buckling(self, where: str, motion: ArrayLike) -> InstabilityError:
         """Return the error of a lattice that static forces make buckle, ``where`` in words, by a
@@ -301,17 +301,12 @@ class Compatibility:
         mend = "Lower the load, or leave finite_overlap off"
         is_flat = not np.any(self.contacts.normal[:, self.periods :])
         if is_flat and size[across].sum() > size[~across].sum():
-            array = "flat layer"
-            line = "plane"
-            inner = "in_plane"
-            if self.periods == 1:
-                array = "straight chain"
-                line = "line"
-                inner = "longitudinal"
+            names = {1: ("straight chain", "line", "longitudinal")}
+            array, line, inner = names.get(self.periods, ("flat layer", "plane", "in_plane"))
             why = (
-                f"Under pressure a {array} of balls does so at any load: each contact pushes"
-                f" balls that leave the {line}"
-                " farther out, with the stiffness -f/a, and nothing else acts on long waves"
+                f"Under pressure a {array} of balls does so at any load: each contact pushes balls"
+                f" that leave the {line} farther out, with the stiffness -f/a, and nothing else"
+                " acts on long waves"
             )
             mend = f"Use the motions {inner}, or leave finite_overlap off"
         return InstabilityError(f"the lattice {self.name} buckles: {where}", why, mend)
@@ -371,7 +366,7 @@ class Compatibility:
         """
         table = self.contacts
         gyration = np.append(self.gyration, 1.0)  # the last of a body that does not move
-        found = contact_rows(
+        resisted = contact_rows(
             table.normal,
             table.arm_i,
             table.arm_j,
@@ -382,10 +377,10 @@ class Compatibility:
             gyration_i=gyration[table.i],
             gyration_j=gyration[table.j],
         )
-        # where the motions deform no contact, as out of the plane without friction, a row of zeros
-        # stands for none
-        nothing = np.zeros((len(table), self.motions.count))
-        return found or [Row("elongation", 1.0, nothing, nothing)]
+        # where the motions deform no contact, as out of the plane without friction, there is one
+        # row, of zeros
+        zeros = np.zeros((len(table), self.motions.count))
+        return resisted or [Row("elongation", 1.0, zeros, zeros)]
 
     @cached_property
     def static_rows(self) -> list[tuple[Row, Array]]:
@@ -396,15 +391,13 @@ class Compatibility:
         squares.
         """
         table = self.contacts
-        normal = np.zeros((len(self.contacts), 3))
-        across = np.zeros((len(self.contacts), 3))
-        found = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
+        pushes = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
         if not self.has_tangential_force:
-            return found
-        normal[:, : table.normal.shape[1]], across[:, : table.normal.shape[1]] = (
-            table.normal,
-            self.tangential_force,
-        )
+            return pushes
+        normal = np.zeros((len(table), 3))
+        across = np.zeros((len(table), 3))
+        normal[:, : table.normal.shape[1]] = table.normal
+        across[:, : table.normal.shape[1]] = self.tangential_force
         size = np.linalg.norm(across, axis=1)
         gyration = np.append(self.gyration, 1.0)
         across = np.divide(across, size[:, None], out=across, where=size[:, None] > 0.0)
@@ -418,7 +411,7 @@ class Compatibility:
             gyration[table.i],
             gyration[table.j],
         )
-        return found + [(row, sign * size) for row, sign in split_pairs(pairs)]
+        return pushes + [(row, sign * size) for row, sign in split_pairs(pairs)]
 
     def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
         """Return rows, and the square roots (kinds, n_c) of their stiffness.
@@ -431,10 +424,8 @@ class Compatibility:
             sizes = [np.abs(stiffness) for _, stiffness in self.static_rows]
             return rows, np.sqrt(sizes).reshape(len(rows), len(self.contacts))
         rows = self.rows
-        stiffness = self.stiffness
-        return rows, np.sqrt([row.stiffness * stiffness for row in rows]).reshape(
-            len(rows), len(self.contacts)
-        )
+        stiffness = [row.stiffness * self.stiffness for row in rows]
+        return rows, np.sqrt(stiffness).reshape(len(rows), len(self.contacts))
 
     def _combine_ends(
         self, rows: list[Row], root: Array, frame: Array | None = None
@@ -451,10 +442,10 @@ class Compatibility:
         shape = (len(rows), len(self.contacts), 1, self.motions.count)
         head = np.reshape([row.head for row in rows], shape) * motion[self.contacts.j][:, :, None]
         tail = np.reshape([row.tail for row in rows], shape) * motion[self.contacts.i][:, :, None]
-        gap, total = (root[:, :, None, None] * both for both in (head - tail, head + tail))
-        return gap.reshape(*root.shape, self.n_branches), total.reshape(
-            *root.shape, self.n_branches
-        )
+        gap = root[:, :, None, None] * (head - tail)
+        total = root[:, :, None, None] * (head + tail)
+        flat = (*root.shape, self.n_branches)
+        return gap.reshape(flat), total.reshape(flat)
 
     def _make_waves(self, prestress: bool = False) -> WaveRows:
         """Return rows of C(q), real for one ball in the cell; with ``prestress`` those of
@@ -468,17 +459,14 @@ class Compatibility:
         rows, root = self._weight_rows(prestress)
         frame = self._wave_frame
         gap, total = self._combine_ends(rows, root, frame.real + frame.imag)
-        of_rows = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])[
-            :, None, None
-        ]
-        phase = of_rows * np.kron(
-            np.where(np.any(frame.imag, axis=0), 1.0j, 1.0), self.motions.phases
-        )
+        row_phases = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])
+        frame_phases = np.where(np.any(frame.imag, axis=0), 1.0j, 1.0)
+        phase = row_phases[:, None, None] * np.kron(frame_phases, self.motions.phases)
         odd = 1j * phase * total
         even = phase * gap
         half = 0.5 * self.contacts.vector[:, : self.periods]
-        # the arms of a contact differ, or a body that does not move holds the ball, where one ball
-        # has complex rows
+        # rows of a single ball are complex where the arms of a contact differ, or a body that does
+        # not move holds the ball
         if self.n_balls > 1 or np.any(odd.imag) or np.any(even.imag):
             return WaveRows(odd, even, half)
         return WaveRows(odd.real.copy(), even.real.copy(), half)
@@ -495,63 +483,86 @@ class Compatibility:
         The image of a contact i, j joins the images of j and i by the same vector. A contact that
         is its own image is left out.
         """
-        table = self.contacts
-        p = self.periods
-        n = self.n_balls
-        if self.is_held or not len(table):
+        if self.is_held or not len(self.contacts):
             return None
-        size = np.abs(self.positions).max() + np.abs(self.cell).max()
-        inverse = np.linalg.inv(self.cell[:, :p])
-        ratios = [
-            np.broadcast_to(one, len(table))
-            for one in (self.mindlin_ratio, self.torsion, self.bending)
-        ]
-        same = np.column_stack([table.arm_i, table.arm_j, self.stiffness, self.prestress, *ratios])
-        opposite = np.column_stack([table.vector, table.normal, self.tangential_force])
-        # centres are rounded as far as they lie from the origin
-        largest = [max(size, 1.0), 1.0, float(np.max(np.abs(self.tangential_force), initial=0.0))]
-        rounding = _ALIKE * np.repeat(
-            largest, [one.shape[1] for one in (table.vector, table.normal, self.tangential_force)]
-        )
-        keys = np.column_stack([table.i, table.j, table.shift]).tolist()
-        places = {tuple(key): c for c, key in enumerate(keys)}
         balls = np.column_stack([self.masses, self.gyration])
         for first in np.flatnonzero(np.all(np.abs(balls - balls[0]) <= _ALIKE * balls, axis=1)):
-            # ball i comes to lie at its image, but for whole vectors of the cell
-            target = self.positions[0] + self.positions[first] - self.positions
-            for some in (slice(min(n, 4)), slice(n)):
-                apart = target[some, None] - self.positions
-                cells = np.rint(apart[..., :p] @ inverse)
-                error = np.max(np.abs(apart - cells @ self.cell), axis=2)
-                image = np.argmin(error, axis=1)
-                if np.any(error[np.arange(len(image)), image] > _PLACE * size):
-                    break
-            else:
-                across = cells[np.arange(n), image].astype(np.intp)
-                if np.any(np.abs(balls[image] - balls) > _ALIKE * balls) or np.any(
-                    image[image] != np.arange(n)
-                ):
-                    continue
-                i = image[table.j]
-                j = image[table.i]
-                shift = table.shift + across[table.i] - across[table.j]
-                wanted = np.column_stack([i, j, shift]).tolist()
-                turned = np.column_stack([j, i, -shift]).tolist()
-                straight = np.array([places.get(tuple(key), -1) for key in wanted])
-                found = np.where(
-                    straight < 0, [places.get(tuple(key), -1) for key in turned], straight
-                )
-                if np.any(found < 0) or np.any(found[found] != np.arange(len(table))):
-                    continue
-                sign = np.where(straight < 0, -1.0, 1.0)[:, None]
-                swapped = same.copy()
-                swapped[straight >= 0, :2] = same[straight >= 0, 1::-1]
-                differs = np.abs(swapped[found] - same) > _ALIKE * np.abs(same)
-                if np.any(differs) or np.any(np.abs(sign * opposite[found] - opposite) > rounding):
-                    continue
-                chosen = np.flatnonzero(found > np.arange(len(table)))
-                return image, chosen, found[chosen]
+            inversion = self._invert_balls(int(first))
+            if inversion is None:
+                continue
+            image, cells = inversion
+            is_pair = np.array_equal(image[image], np.arange(self.n_balls))
+            if not is_pair or np.any(np.abs(balls[image] - balls) > _ALIKE * balls):
+                continue
+            contact_images = self._invert_contacts(image, cells)
+            if contact_images is not None:
+                chosen = np.flatnonzero(contact_images > np.arange(len(contact_images)))
+                return image, chosen, contact_images[chosen]
         return None
+
+    def _invert_balls(self, first: int) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
+        """Return the image (n,) of each ball under the inversion that takes ball 0 to ball
+        ``first``, and the cell (n, p) in which the image lies.
+
+        None if a ball comes to lie where no ball is. A few balls are tried before all.
+        """
+        p = self.periods
+        n = self.n_balls
+        size = np.abs(self.positions).max() + np.abs(self.cell).max()
+        inverse = np.linalg.inv(self.cell[:, :p])
+        target = self.positions[0] + self.positions[first] - self.positions
+        for count in (min(n, 4), n):
+            apart = target[:count, None] - self.positions
+            cells = np.rint(apart[..., :p] @ inverse)
+            error = np.max(np.abs(apart - cells @ self.cell), axis=2)
+            image = np.argmin(error, axis=1)
+            if np.any(error[np.arange(count), image] > _SAME_CENTRE * size):
+                return None
+        return image, cells[np.arange(n), image].astype(np.intp)
+
+    def _invert_contacts(
+        self, image: NDArray[np.intp], cells: NDArray[np.intp]
+    ) -> NDArray[np.intp] | None:
+        """Return the image (n_c,) of each contact under an inversion of the balls; None if contacts
+        have no image, or one that differs.
+        """
+        table = self.contacts
+        keys = np.column_stack([table.i, table.j, table.shift]).tolist()
+        numbers = {tuple(key): contact for contact, key in enumerate(keys)}
+        i = image[table.j]
+        j = image[table.i]
+        shift = table.shift + cells[table.i] - cells[table.j]
+        straight_keys = np.column_stack([i, j, shift]).tolist()
+        turned_keys = np.column_stack([j, i, -shift]).tolist()
+        straight = np.array([numbers.get(tuple(key), -1) for key in straight_keys])
+        turned = np.array([numbers.get(tuple(key), -1) for key in turned_keys])
+        images = np.where(straight < 0, turned, straight)
+        if np.any(images < 0) or np.any(images[images] != np.arange(len(table))):
+            return None
+        # scalars are equal; arms are exchanged where the image runs from the image of ball j to
+        # that of ball i
+        ratios = [
+            np.broadcast_to(ratio, len(table))
+            for ratio in (self.mindlin_ratio, self.torsion, self.bending)
+        ]
+        same = np.column_stack([table.arm_i, table.arm_j, self.stiffness, self.prestress, *ratios])
+        swapped = same.copy()
+        swapped[straight >= 0, :2] = same[straight >= 0, 1::-1]
+        if np.any(np.abs(swapped[images] - same) > _ALIKE * np.abs(same)):
+            return None
+        # such an image has the same vectors, and any other the opposite ones; centres are rounded
+        # in proportion to their distance from the origin
+        size = np.abs(self.positions).max() + np.abs(self.cell).max()
+        largest_force = float(np.max(np.abs(self.tangential_force), initial=0.0))
+        sign = np.where(straight < 0, -1.0, 1.0)[:, None]
+        for vectors, largest in (
+            (table.vector, max(size, 1.0)),
+            (table.normal, 1.0),
+            (self.tangential_force, largest_force),
+        ):
+            if np.any(np.abs(sign * vectors[images] - vectors) > _ALIKE * largest):
+                return None
+        return images
 
     @cached_property
     def _wave_frame(self) -> NDArray[Any]:
@@ -584,11 +595,11 @@ class Compatibility:
     @cached_property
     def _wave_contacts(self) -> NDArray[np.intp]:
         """(n_c,) index of the contact whose half angle each row of :attr:`_deforming` contains."""
-        found = np.arange(len(self.contacts))
+        contacts = np.arange(len(self.contacts))
         if self._images is not None:
             _, first, image = self._images
-            found[image] = first
-        return found
+            contacts[image] = first
+        return contacts
 
     def _make_real_waves(self, prestress: bool = False) -> WaveRows:
         """Return rows with the same C^H C as those of :meth:`_make_waves`, but real if each contact
@@ -605,9 +616,8 @@ class Compatibility:
         paired[[first, image]] = np.sqrt(2.0)
         odd = waves.odd.real * paired
         even = waves.even.real * paired
-        odd[:, image], even[:, image] = (
-            np.sqrt(2.0) * part.imag[:, first] for part in (waves.odd, waves.even)
-        )
+        odd[:, image] = np.sqrt(2.0) * waves.odd.imag[:, first]
+        even[:, image] = np.sqrt(2.0) * waves.even.imag[:, first]
         return WaveRows(odd, even, waves.half[self._wave_contacts])
 
     @cached_property
@@ -650,13 +660,13 @@ class Compatibility:
         n_branches), in a common frame.
 
         ``wavevectors`` are (n_q, p), 1/d; ``times``, in (M/k)^1/2, and ``losses`` are (2, n_c),
-        those of
-        :class:`granphon.dynamics.damping.ContactDamping`.
+        those of :class:`granphon.dynamics.damping.ContactDamping`.
         """
         rows = self.compatibility(wavevectors)
-        of_rows = (weigh_rows(self.rows, one).ravel() for one in (times, losses))
-        viscous, lost = (rows.conj().swapaxes(1, 2) @ (one[:, None] * rows) for one in of_rows)
-        return self._compute_frame_matrix(wavevectors) + 1j * lost, viscous
+        adjoint = rows.conj().swapaxes(1, 2)
+        viscous = adjoint @ (weigh_rows(self.rows, times).reshape(-1, 1) * rows)
+        lossy = adjoint @ (weigh_rows(self.rows, losses).reshape(-1, 1) * rows)
+        return self._compute_frame_matrix(wavevectors) + 1j * lossy, viscous
 
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:
@@ -679,7 +689,7 @@ class Compatibility:
     # -- in SI -------------------------------------------------------------------------------------
 
     def contact_network(
-        self, units: Units, normal_force: ArrayLike = 0.0, radii: ArrayLike = 0.5, **more: Any
+        self, units: Units, normal_force: ArrayLike = 0.0, radii: ArrayLike = 0.5, **fields: Any
     ) -> ContactNetwork:
         """Return balls and contacts of one cell as a
         :class:`~granphon.networks.network.ContactNetwork`, in SI.
@@ -689,7 +699,7 @@ class Compatibility:
         units : the scales d (m), k (N/m) and M (kg).
         normal_force : (n_c,) forces, k d.
         radii : (n,) d.
-        more : further fields of the network.
+        fields : further fields of the network.
         """
         table = self.contacts
         d = units.length
@@ -701,20 +711,20 @@ class Compatibility:
         shift = np.zeros((count, 3), np.intp)
         cell[:p, : self.dimension] = d * self.cell
         positions[:, : self.dimension] = d * self.positions
-        normal[:, : table.normal.shape[1]], shift[:, :p] = table.normal, table.shift
+        normal[:, : table.normal.shape[1]] = table.normal
+        shift[:, :p] = table.shift
         masses = units.mass * self.masses
         spring = units.stiffness * self.stiffness
-        if self.is_prestressed:
-            across = np.zeros((count, 3))
-            across[:, : self.tangential_force.shape[1]] = units.force * self.tangential_force
-            more = {"tangential_force": across, **more}
-        given = {
+        defaults: dict[str, Any] = {
             "motions": self.named_motions.name,
             "prestress": self.is_prestressed,
             "pbc": (p > 0, p > 1, p > 2),
             "positions": positions,
-            **more,
         }
+        if self.is_prestressed:
+            across = np.zeros((count, 3))
+            across[:, : self.tangential_force.shape[1]] = units.force * self.tangential_force
+            defaults["tangential_force"] = across
         return ContactNetwork(
             cell=cell,
             radii=d * np.broadcast_to(radii, self.n_balls),
@@ -732,5 +742,5 @@ class Compatibility:
             arm_i=d * table.arm_i,
             arm_j=d * table.arm_j,
             dimension=self.dimension,
-            **given,
+            **(defaults | fields),
         )

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Annotated, Any, Self, TypeVar
 
@@ -35,14 +35,18 @@ from granphon.dynamics.long_waves import LongWaves
 from granphon.dynamics.rows import find_gyration
 from granphon.networks.network import ContactNetwork
 
-_Found = TypeVar("_Found")
+_Result = TypeVar("_Result")
+#: entries of C(q) that are found together: 64 MB of complex numbers
+_ENTRIES = 4e6
 #: |q|d at which modes are computed for their limits at Gamma; nearer to it, each branch is a power
 #: of |q|
 _NEAR_GAMMA = 1e-30
 #: |q|d at which the branches that are zero at Gamma are told apart
 _BESIDE_GAMMA = 1e-4
-#: part of a unit vector that is more than of first order in that
+#: part of a unit vector that is more than of first order in :data:`_BESIDE_GAMMA`
 _APART = 1e-2
+#: number of balls in a cell up to which the top frequency is sought on a fine mesh
+_FEW_BALLS = 8
 #: number of balls in a cell above which its top frequency hardly depends on the wave vector
 _MANY_BALLS = 200
 
@@ -80,8 +84,8 @@ class Modes(Result):
         """(n_q, n_branches), the part of the kinetic energy that moves perpendicular to q; in a
         plane, within it.
         """
-        rest = self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
-        return np.clip(1.0 - rest, 0.0, 1.0)
+        total = self.rotational_fraction + self.longitudinal_fraction + self.out_of_plane_fraction
+        return np.clip(1.0 - total, 0.0, 1.0)
 
 
 class ContactLattice(LongWaves):
@@ -160,13 +164,14 @@ class ContactLattice(LongWaves):
 
         The units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of
         gyration, each contact its own stiffnesses, arms and, with ``prestress``, normal force.
-        Bodies that do not move hold the balls that touch them. They have no motions, and the balls
-        of the lattice are the moving ones, in the order of the network. If the periods do not lie
-        along x, or in the xy plane, the network is turned: its first period is then along x, the
-        second in the xy plane. The network keeps the lattice, with what that has found.
+        Bodies that do not move hold the balls that touch them. Such bodies have no motions: the
+        balls of the lattice are the moving ones, in the order of the network. If the periods do not
+        lie along x, or in the xy plane, the network is turned: its first period is then along x,
+        the second in the xy plane. The network keeps the lattice and the results that the lattice
+        keeps.
 
-        With ``prestress`` its tangential forces act as well, but for the part that has no
-        potential: D is that of :class:`granphon.Waves`.
+        With ``prestress`` the tangential forces of the network act as well, but for the part that
+        has no potential: D is that of :class:`granphon.Waves`.
 
         Raises :class:`~granphon.base.errors.InputError` for a network without a period, without
         contacts or balls that move.
@@ -178,9 +183,11 @@ class ContactLattice(LongWaves):
         axes = np.flatnonzero(network.pbc)
         dimension = network.dimension
         if not axes.size:
-            why = "Bands and sound are those of balls that repeat without end"
-            mend = "Use gp.Waves, or give pbc and a cell"
-            raise InputError("the network repeats along no axis", why, mend)
+            raise InputError(
+                "the network repeats along no axis",
+                "Bands and sound are those of balls that repeat without end",
+                "Use gp.Waves, or give pbc and a cell",
+            )
         moving = network.moving
         units = network.scales
         count = int(np.count_nonzero(network.moving))
@@ -189,14 +196,10 @@ class ContactLattice(LongWaves):
         kept = np.flatnonzero(moving[network.i] | moving[network.j])
         # of a contact with a body that does not move, ball i is the one that moves
         swapped = ~moving[network.i[kept]]
-        i, j = (
-            np.where(swapped, one[kept], other[kept])
-            for one, other in ((network.j, network.i), (network.i, network.j))
-        )
-        arms = [
-            np.where(swapped, one[kept], other[kept])
-            for one, other in ((network.arm_j, network.arm_i), (network.arm_i, network.arm_j))
-        ]
+        i = np.where(swapped, network.j[kept], network.i[kept])
+        j = np.where(swapped, network.i[kept], network.j[kept])
+        arm_i = np.where(swapped, network.arm_j[kept], network.arm_i[kept])
+        arm_j = np.where(swapped, network.arm_i[kept], network.arm_j[kept])
         held = swapped | ~moving[j]
         turn = find_axes(network.cell[axes, :dimension])
         pushes, force = (forces[kept] for forces in network.static_forces)
@@ -218,14 +221,16 @@ class ContactLattice(LongWaves):
         cell[:, axes.size :] = 0.0
         shift = np.where(held[:, None], 0, network.shift[kept][:, axes])
         spring = network.normal_stiffness[kept]
-        roll, twist = (
-            stiffness[kept] / (spring * units.length**2)
-            for stiffness in (network.bending_stiffness, network.torsion_stiffness)
-        )
+        rotational = spring * units.length**2
         load = pushes / network.distance[kept] / units.stiffness if network.prestress else 0.0
         table = ContactTable(
-            *map(read_only, (number[i], number[j], shift, normal, vector / units.length)),
-            *(read_only(arm / units.length) for arm in arms),
+            read_only(number[i]),
+            read_only(number[j]),
+            read_only(shift),
+            read_only(normal),
+            read_only(vector / units.length),
+            read_only(arm_i / units.length),
+            read_only(arm_j / units.length),
         )
         return cls(
             cell / units.length,
@@ -236,8 +241,8 @@ class ContactLattice(LongWaves):
             prestress=load,
             masses=network.masses[moving] / units.mass,
             gyration=find_gyration(network)[moving] / units.length,
-            torsion=twist,
-            bending=roll,
+            torsion=network.torsion_stiffness[kept] / rotational,
+            bending=network.bending_stiffness[kept] / rotational,
             tangential_force=across / units.force,
             distance=network.distance[kept] / units.length,
             motions=allowed_motions(dimension)[network.motions],
@@ -262,9 +267,8 @@ class ContactLattice(LongWaves):
         faint = _is_faint(q)
         if np.any(faint):
             near = _NEAR_GAMMA * as_direction(q[faint], self.periods)
-            values[faint] = _follow_powers(
-                q[faint], near, *self._solve_with_velocities(near, near / _NEAR_GAMMA)
-            )[0]
+            modes = self._solve_with_velocities(near, near / _NEAR_GAMMA)
+            values[faint] = _follow_powers(q[faint], near, *modes)[0]
         return values
 
     @cached_property
@@ -272,15 +276,14 @@ class ContactLattice(LongWaves):
         """Highest frequency of all branches, (k/M)^1/2, on a coarse mesh that holds Gamma, K, M and
         X.
 
-        In a large cell the mesh is coarser, because other points of the smaller zone fold onto its
-        own; in one of hundreds of balls it is Gamma alone.
+        The mesh of a large cell is coarser, because many points of the zone of a small cell fold
+        onto each point of its zone. The mesh of a cell of hundreds of balls is Gamma alone.
         """
-        fractions = (
-            np.arange(12) / 12.0
-            if self.n_balls <= 8
-            else np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
-        )
-        if self.n_balls > _MANY_BALLS:
+        if self.n_balls <= _FEW_BALLS:
+            fractions = np.arange(12) / 12.0
+        elif self.n_balls <= _MANY_BALLS:
+            fractions = np.array([0.0, 1.0 / 3.0, 0.5, 2.0 / 3.0])
+        else:
             fractions = np.zeros(1)
         grid = np.stack(np.meshgrid(*[fractions] * self.periods), axis=-1).reshape(-1, self.periods)
         return float(self.frequencies(self.wavevectors(grid)).max())
@@ -300,34 +303,36 @@ class ContactLattice(LongWaves):
         InputError : q is Gamma and no direction is given: sound has no velocity without one.
         InstabilityError : prestress makes a squared frequency negative.
         """
-        asked = as_wavevectors(wavevectors, self.periods)
-        self._require_room(len(asked), self.n_branches)
+        q = as_wavevectors(wavevectors, self.periods)
+        self._require_room(len(q), self.n_branches)
         if direction is not None:
-            along = np.broadcast_to(as_direction(direction, self.periods), asked.shape)
-        elif np.all(np.any(asked != 0.0, axis=1)):
-            along = as_direction(asked, self.periods)
+            along = np.broadcast_to(as_direction(direction, self.periods), q.shape)
+        elif np.all(np.any(q != 0.0, axis=1)):
+            along = as_direction(q, self.periods)
         else:
             raise InputError(
                 "modes at Gamma need a direction",
                 "Group velocities there depend on it",
                 "Give direction",
             )
-        parts = self._share_out(lambda part: self._find_modes(asked[part], along[part]), len(asked))
+        parts = self._share_out(lambda part: self._find_modes(q[part], along[part]), len(q))
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def _require_room(self, points: int, numbers: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if so many numbers of each branch do not
         fit into memory.
         """
-        what = f"{self.n_branches:,} branches at {points:,} wave vectors"
-        needed = (16.0 if numbers == 1 else 48.0) * points * self.n_branches * numbers
-        require_memory(what, needed, "Take fewer wave vectors, or leave eigenvectors out")
+        bytes_per_number = 16.0 if numbers == 1 else 48.0
+        require_memory(
+            f"{self.n_branches:,} branches at {points:,} wave vectors",
+            bytes_per_number * points * self.n_branches * numbers,
+            "Take fewer wave vectors, or leave eigenvectors out",
+        )
 
-    def _find_modes(self, asked: Array, along: Array) -> tuple[NDArray[Any], ...]:
-        """Return what :class:`Modes` holds, at a few wave vectors."""
-        q, taken = self._fold(asked)
-        # at Gamma itself everything is its limit along the direction, and very near it the limit
-        # along q
+    def _find_modes(self, requested: Array, along: Array) -> tuple[NDArray[Any], ...]:
+        """Return the arrays of :class:`Modes` at a few ``requested`` wave vectors."""
+        q, copies = self._fold(requested)
+        # modes at Gamma are limits along the direction, and modes very near Gamma limits along q
         at_gamma = np.all(q == 0.0, axis=1)
         faint = _is_faint(q)
         near = np.where(at_gamma[:, None], _NEAR_GAMMA * along, q)
@@ -336,73 +341,68 @@ class ContactLattice(LongWaves):
         values, vectors, velocities = self._solve_with_velocities(near, along)
         limit = at_gamma | faint
         if np.any(limit):
-            found = _follow_powers(
+            values[limit], vectors[limit], velocities[limit] = _follow_powers(
                 q[limit], near[limit], values[limit], vectors[limit], velocities[limit]
             )
-            values[limit], vectors[limit], velocities[limit] = found
-        # the phase of a displacement is that of the wave vector asked for
-        phase = np.exp(-1j * (taken @ self.positions[:, : self.periods].T))[:, :, None, None]
+        # the phase of a displacement is that of the requested wave vector
+        phase = np.exp(-1j * (copies @ self.positions[:, : self.periods].T))[:, :, None, None]
         motion = vectors.reshape(len(q), self.n_balls, self.motions.count, self.n_branches) * phase
         kinetic = np.abs(motion) ** 2
         rotation = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
-        ahead = np.where(at_gamma[:, None], along, asked)
+        ahead = np.where(at_gamma[:, None], along, requested)
         toward = np.zeros((len(q), 3))
         toward[:, : self.periods] = as_direction(ahead, self.periods)
         displacement = motion[:, :, self.motions.translating]
-        parallel = (
-            np.abs(
-                np.einsum("qiab,qa->qib", displacement, toward[:, list(self.motions.translations)])
-            )
-            ** 2
-        )
-        beside = np.zeros_like(values)
-        if self.periods == 2 and 2 in self.motions.translations:
-            beside = kinetic[:, :, self.motions.translations.index(2)].sum(axis=1)
+        axes = list(self.motions.translations)
+        parallel = np.einsum("qiab,qa->qib", displacement, toward[:, axes])
+        longitudinal = (np.abs(parallel) ** 2).sum(axis=1)
+        out_of_plane = np.zeros_like(values)
+        if self.periods == 2 and 2 in axes:
+            out_of_plane = kinetic[:, :, axes.index(2)].sum(axis=1)
         physical = motion.reshape(len(q), self.n_branches, self.n_branches)
-        return asked, values, physical, velocities, rotation, parallel.sum(axis=1), beside
+        return requested, values, physical, velocities, rotation, longitudinal, out_of_plane
 
     def _solve(self, q: Array) -> Array:
         """Find frequencies."""
         if self._large is not None:  # one wave vector
-            found = self._large.find_frequencies(q[0])
-            if found is not None:
-                return found[None]
+            values = self._large.find_frequencies(q[0])
+            if values is not None:
+                return values[None]
         try:
-            values = [block.solve(q)[0] for block in self._blocks]
+            parts = [block.solve(q)[0] for block in self._blocks]
         except InstabilityError:
             raise self._find_buckling(q) from None
-        return values[0] if len(values) == 1 else np.sort(np.concatenate(values, axis=1), axis=1)
+        return parts[0] if len(parts) == 1 else np.sort(np.concatenate(parts, axis=1), axis=1)
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, motions of balls, and group velocities; resolve degenerate sets along
         ``along``.
         """
         if self._large is not None and len(q) == 1:
-            alone = self._large.solve_with_velocities(q[0])
-            if alone is not None:
-                return alone[0][None], alone[1][None], alone[2][None]
+            modes = self._large.solve_with_velocities(q[0])
+            if modes is not None:
+                return modes[0][None], modes[1][None], modes[2][None]
         try:
-            found = [block.solve_with_velocities(q, along) for block in self._blocks]
+            parts = [block.solve_with_velocities(q, along) for block in self._blocks]
         except InstabilityError:
             raise self._find_buckling(q) from None
-        if len(found) == 1:
-            return found[0][0], self._to_balls @ found[0][1], found[0][2]
-        values, velocities = (np.concatenate([one[i] for one in found], axis=1) for i in (0, 2))
-        vectors = np.zeros(
-            (len(values), self.n_branches, self.n_branches),
-            np.result_type(*(one[1] for one in found)),
-        )
+        if len(parts) == 1:
+            return parts[0][0], self._to_balls @ parts[0][1], parts[0][2]
+        values = np.concatenate([block_values for block_values, _, _ in parts], axis=1)
+        velocities = np.concatenate([block_velocities for _, _, block_velocities in parts], axis=1)
+        dtype = np.result_type(*(block_vectors for _, block_vectors, _ in parts))
+        vectors = np.zeros((len(values), self.n_branches, self.n_branches), dtype)
         first = 0
-        for block, (_, own, _) in zip(self._blocks, found, strict=True):
-            vectors[:, block.columns, first : first + block.size] = own
+        for block, (_, block_vectors, _) in zip(self._blocks, parts, strict=True):
+            vectors[:, block.columns, first : first + block.size] = block_vectors
             first += block.size
         values, vectors, velocities = _sort_branches(values, vectors, velocities)
         # modes of zero frequency in the order that they have beside the point
         zeros = np.count_nonzero(values == 0.0, axis=1)
-        for at in np.flatnonzero(zeros > self.free_branches).tolist():
-            order = np.argsort(velocities[at, : zeros[at]] @ along[at], kind="stable")
-            vectors[at, :, : zeros[at]] = vectors[at][:, order]
-            velocities[at, : zeros[at]] = velocities[at, order]
+        for n in np.flatnonzero(zeros > self.free_branches).tolist():
+            order = np.argsort(velocities[n, : zeros[n]] @ along[n], kind="stable")
+            vectors[n, :, : zeros[n]] = vectors[n][:, order]
+            velocities[n, : zeros[n]] = velocities[n, order]
         return values, self._to_balls @ vectors, velocities
 
     def _find_buckling(self, q: Array) -> InstabilityError:
@@ -410,27 +410,23 @@ class ContactLattice(LongWaves):
         frequency, which is negative.
         """
         squared, vectors = np.linalg.eigh(self._compute_frame_matrix(q))
-        place = int(np.argmin(squared[:, 0]))
+        lowest = int(np.argmin(squared[:, 0]))
         where = (
-            f"a squared frequency at {self.name_place(q[place])} is negative,"
-            f" {squared[place, 0]:.3g} k/M"
+            f"a squared frequency at {self.name_wavevector(q[lowest])} is negative,"
+            f" {squared[lowest, 0]:.3g} k/M"
         )
-        motion = (self._to_balls @ vectors[place, :, 0]).reshape(self.n_balls, -1)[
-            :, self.motions.translating
-        ]
-        return self.explain_buckling(where, motion.T)
+        motion = (self._to_balls @ vectors[lowest, :, 0]).reshape(self.n_balls, -1)
+        return self.explain_buckling(where, motion[:, self.motions.translating].T)
 
-    def _share_out(self, find: Callable[[slice], _Found], count: int) -> list[_Found]:
-        """Return what is found of slices of ``count`` wave vectors, each small enough for the
-        memory (about 64 MB an array).
+    def _share_out(self, find: Callable[[slice], _Result], count: int) -> list[_Result]:
+        """Return the results of ``find`` for slices of ``count`` wave vectors, each small enough
+        for :data:`_ENTRIES`.
 
-        Those of large cells are found on all processors.
+        Wave vectors of large cells are shared out to all processors, one by one.
         """
-        size = (
-            1
-            if self._large is not None
-            else max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
-        )
+        size = 1
+        if self._large is None:
+            size = max(1, int(_ENTRIES / (2 * len(self.contacts) * self.n_branches)))
         parts = [slice(start, start + size) for start in range(0, max(count, 1), size)]
         if self._large is None:
             return [find(part) for part in parts]
@@ -459,50 +455,54 @@ class ContactLattice(LongWaves):
         kinds = [self._deforming, self._pushing] if self.is_prestressed else [self._deforming]
         effects = [waves.find_effects() for waves in kinds]
         joined = np.concatenate([effect.reshape(-1, self.n_branches) for effect in effects])
+        blocks = []
+        for columns in find_blocks(joined):
+            rows = [np.asarray(effect[..., columns].any(axis=2)) for effect in effects]
+            if not rows[0].any():
+                rows[0][0, 0] = True  # a block without rows has one row of zeros
+            waves = [kind.select(chosen, columns) for kind, chosen in zip(kinds, rows, strict=True)]
+            block = Block(columns, waves[0])
+            if self.is_prestressed:
+                signs = np.broadcast_to(self._push_signs, rows[1].shape)[rows[1]]
+                block = Block(columns, waves[0], waves[1], signs[:, None], slack=self.slack)
+            elif not self.is_held:
+                tilted = self._tilt_block(block)
+                block = tilted if tilted.keeps_digits else block
+            blocks.append(block.still())
+        return blocks
+
+    def _tilt_block(self, block: Block) -> Block:
+        """Return a block with the motions that go with each displacement across the periods, as the
+        balls tilt with it.
+
+        A displacement u of the centre of mass turns the balls by phi = i q x u. Balls off the
+        middle of the layer, by the distance z along u, move by -i q z.
+        """
         motions = self.motions
         p = self.periods
+        columns = block.columns
         weights = self._wave_frame.conj() * np.sqrt(self.masses / self.masses.sum())[:, None]
-        found = []
-        for columns in find_blocks(joined):
-            own = [np.asarray(effect[..., columns].any(axis=2)) for effect in effects]
-            if not own[0].any():
-                own[0][0, 0] = True  # a row of zeros stands for none
-            waves = [one.select(rows, columns) for one, rows in zip(kinds, own, strict=True)]
-            if self.is_prestressed:
-                signs = np.broadcast_to(self._push_signs, own[1].shape)[own[1]]
-                found.append(
-                    Block(columns, waves[0], waves[1], signs[:, None], slack=self.slack).still()
-                )
-                continue
-            # displacements across the periods, and what goes with each as the balls tilt with it: a
-            # displacement u of the centre of mass turns the balls by phi = i q x u, and moves those
-            # that lie off the middle of the layer, by the distance z along u, by -i q z
-            bent = [
-                one
-                for one in np.flatnonzero(columns < len(motions.translations))
-                if motions.translations[columns[one]] >= p and not self.is_held
-            ]
-            tilt = np.zeros((len(bent), len(columns), p), complex)
-            for number, place in enumerate(bent):
-                axis = motions.translations[columns[place]]
-                off = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
-                off = off - self.masses @ off / self.masses.sum()
-                for along in range(p):
-                    turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
-                    moved = np.zeros((self.n_balls, motions.count), complex)
-                    moved[:, motions.turning] = (
-                        self.gyration[:, None] * turn[list(motions.rotations)]
-                    )
-                    if along in motions.translations:
-                        moved[:, motions.translations.index(along)] = -1.0j * off
-                    tilt[number, :, along] = (weights.T @ moved).ravel()[columns]
-            gradients = tilt.real.copy() if np.issubdtype(waves[0].odd.dtype, np.floating) else tilt
-            used = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
-            block = Block(
-                columns, waves[0], bent=tuple(int(bent[one]) for one in used), tilt=gradients[used]
-            )
-            found.append((block if block.keeps_digits else Block(columns, waves[0])).still())
-        return found
+        bent = [
+            motion
+            for motion in np.flatnonzero(columns < len(motions.translations)).tolist()
+            if motions.translations[columns[motion]] >= p
+        ]
+        tilt = np.zeros((len(bent), len(columns), p), complex)
+        for number, motion in enumerate(bent):
+            axis = motions.translations[columns[motion]]
+            height = self.positions[:, axis] if axis < self.dimension else np.zeros(self.n_balls)
+            height = height - self.masses @ height / self.masses.sum()
+            for along in range(p):
+                turn = np.cross(np.eye(3)[along], np.eye(3)[axis])
+                moved = np.zeros((self.n_balls, motions.count), complex)
+                moved[:, motions.turning] = self.gyration[:, None] * turn[list(motions.rotations)]
+                if along in motions.translations:
+                    moved[:, motions.translations.index(along)] = -1.0j * height
+                tilt[number, :, along] = (weights.T @ moved).ravel()[columns]
+        is_real = np.issubdtype(block.deforming.odd.dtype, np.floating)
+        gradients = tilt.real.copy() if is_real else tilt
+        used = np.flatnonzero(np.any(gradients != 0.0, axis=(1, 2)))
+        return replace(block, bent=tuple(bent[number] for number in used), tilt=gradients[used])
 
     @cached_property
     def elongating_blocks(self) -> list[Block]:
@@ -532,18 +532,18 @@ class ContactLattice(LongWaves):
         if not count:
             return ()
         vanish, them = ("vanishes", "it") if count == 1 else ("vanish", "them")
+        remedy = self.find_remedy(lambda stiffer: stiffer.free_branches == 0)
         return (
             f"{count} of {self.n_branches} branches {vanish} at every wave vector, as these"
-            f" motions deform no contact;"
-            f" to stop {them}, {self.find_remedy(lambda other: other.free_branches == 0)}",
+            f" motions deform no contact; to stop {them}, {remedy}",
         )
 
     def find_remedy(self, stops: Callable[[Self], bool]) -> str:
-        """Return what would stop a motion that costs nothing, in words: the fewest kinds of
+        """Return in words what would stop a motion that costs nothing: the fewest kinds of
         stiffness that do.
 
-        ``stops`` says whether the motion costs energy on the lattice that it is given, which has
-        more kinds of stiffness.
+        ``stops`` says whether the motion costs energy on a lattice, that of this one with more
+        kinds of stiffness.
         """
         stiffness = {
             "friction": self.mindlin_ratio,
@@ -558,9 +558,8 @@ class ContactLattice(LongWaves):
                 if stops(self._add(names))
             ]
             if enough:
-                return "add " + ", or ".join(
-                    ", ".join((*names[:-2], " and ".join(names[-2:]))) for names in enough
-                )
+                choices = [", ".join((*names[:-2], " and ".join(names[-2:]))) for names in enough]
+                return f"add {', or '.join(choices)}"
         return "use a lattice with more contacts"
 
     def _add(self, names: tuple[str, ...]) -> Self:
@@ -592,8 +591,9 @@ class ContactLattice(LongWaves):
         wavevectors : (n_q, p), 1/d.
         frequencies : (n_q, n_branches), of :meth:`frequencies`, in any unit.
         """
-        q, zero = self._fold(wavevectors)[0], real_array("frequencies", frequencies) == 0.0
-        counts = np.count_nonzero(zero.reshape(len(q), self.n_branches), axis=1)
+        q, _ = self._fold(wavevectors)
+        values = real_array("frequencies", frequencies).reshape(len(q), self.n_branches)
+        counts = np.count_nonzero(values == 0.0, axis=1)
         if not np.any(counts):
             return ()
         expected = np.where(np.all(q == 0.0, axis=1), self._zeros_at_gamma, self.free_branches)
@@ -601,20 +601,13 @@ class ContactLattice(LongWaves):
         if not np.any(soft):
             return ()
         first = int(np.argmax(soft > 0))
-        asked = np.reshape(real_array("wavevectors", wavevectors), (-1, self.periods))[first]
-        several = int(soft.sum())
-        modes = "mode" if several == 1 else "modes"
-        points = np.count_nonzero(soft)
-        vanish = "vanishes" if several == 1 else "vanish"
-        where = (
-            f"at 1 of {len(q)} wave vectors"
-            if points == 1
-            else f"at {points} of {len(q)} wave vectors"
-        )
-        place = self.name_place(asked)
+        requested = np.reshape(real_array("wavevectors", wavevectors), (-1, self.periods))
+        count = int(soft.sum())
+        modes_vanish = "mode vanishes" if count == 1 else "modes vanish"
         return (
-            f"{several} {modes} {vanish} {where}, the first at {place}: these motions deform"
-            f" no contact there",
+            f"{count} {modes_vanish} at {np.count_nonzero(soft)} of {len(q)} wave vectors, the"
+            f" first at {self.name_wavevector(requested[first])}: these motions deform no contact"
+            f" there",
         )
 
     @cached_property
@@ -629,32 +622,25 @@ class ContactLattice(LongWaves):
             rigid[:] = 0.0
         elif self.periods == 1:
             # the rotation of all balls about the only period, as a motion of the frame
-            place = np.zeros((self.n_balls, 3))
-            place[:, : self.dimension] = self.positions
-            off = place - self.masses @ place / self.masses.sum()
-            moved = np.concatenate(
-                [1.0j * np.cross([1.0, 0.0, 0.0], off), self.gyration[:, None] * np.eye(3)[:1]],
-                axis=1,
-            )
+            positions = np.zeros((self.n_balls, 3))
+            positions[:, : self.dimension] = self.positions
+            arms = positions - self.masses @ positions / self.masses.sum()
+            shifts = 1.0j * np.cross([1.0, 0.0, 0.0], arms)
+            turns = self.gyration[:, None] * np.eye(3)[:1]
             chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
-            turned = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ moved[:, chosen]
-            rigid = np.column_stack(
-                [rigid, turned.ravel() / max(float(np.linalg.norm(turned)), np.finfo(float).tiny)]
-            )
+            moved = np.concatenate([shifts, turns], axis=1)[:, chosen]
+            turned = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ moved
+            length = max(float(np.linalg.norm(turned)), np.finfo(float).tiny)
+            rigid = np.column_stack([rigid, turned.ravel() / length])
         if self._large is not None and not self.free_branches:
             return int(np.linalg.matrix_rank(rigid, tol=_APART))
         total = 0
         for block in self._blocks:
-            free = (
-                block.solve(_BESIDE_GAMMA * direction)[1][0][:, : block.free]
-                if block.free
-                else np.zeros((block.size, 0))
-            )
-            total += int(
-                np.linalg.matrix_rank(
-                    np.concatenate([rigid[block.columns], free], axis=1), tol=_APART
-                )
-            )
+            zeros = rigid[block.columns]
+            if block.free:
+                free = block.solve(_BESIDE_GAMMA * direction)[1][0][:, : block.free]
+                zeros = np.concatenate([zeros, free], axis=1)
+            total += int(np.linalg.matrix_rank(zeros, tol=_APART))
         return total
 
 

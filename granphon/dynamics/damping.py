@@ -67,9 +67,8 @@ class ContactDamping:
         :data:`LARGEST_LOSSES`, and for arrays of another length.
         """
         pairs = (("damping", damping, "s"), ("loss_factor", loss_factor, ""))
-        return cls(
-            *(_read_pair(name, given, network.n_contacts, unit) for name, given, unit in pairs)
-        )
+        contacts = network.n_contacts
+        return cls(*(_read_pair(name, value, contacts, unit) for name, value, unit in pairs))
 
     @property
     def is_none(self) -> bool:
@@ -80,15 +79,17 @@ class ContactDamping:
         """Return one sentence if contacts are more viscous than stiff at the ``highest`` frequency
         in use, Hz; else nothing.
 
-        A damping is a time. Its product with the angular frequency is above 1 where it was meant as
-        a loss factor. Of modes, the frequency is that of the same motion without losses: strong
-        dashpots make it lower, or zero.
+        A damping is a time. The product of the time and the angular frequency is above 1 where the
+        number was meant as a loss factor. Of modes, give the frequency without losses: strong
+        dashpots lower the frequency of a mode, down to zero.
         """
         viscous = 2.0 * np.pi * highest * float(np.max(self.times, initial=0.0))
         if viscous <= 1.0:
             return ()
-        what = f"at {highest:.4g} Hz dashpots resist {viscous:.3g} times as much as springs"
-        return (f"{what}: the damping is a time, in s, and no loss factor.",)
+        return (
+            f"at {highest:.4g} Hz dashpots resist {viscous:.3g} times as much as springs: the"
+            " damping is a time, in s, and no loss factor.",
+        )
 
     def soften(self, omega: Array) -> tuple[Complex, Complex]:
         """Return the factors (n_f, n_c) of the stiffness in a motion exp(-i omega t): normal, and
@@ -107,44 +108,42 @@ class ContactDamping:
             return 0.0, 0.0
         resisted = np.stack([network.normal_stiffness > 0.0, network.shear_stiffness > 0.0])
         resisted[1] |= (network.torsion_stiffness > 0.0) | (network.bending_stiffness > 0.0)
-        parts = [one[resisted] for one in (self.losses, self.times)]
-        if network.prestress or any(np.ptp(one) > _ALIKE * np.max(one) for one in parts):
-            return None
-        return float(parts[0][0]), float(parts[1][0])
+        losses = self.losses[resisted]
+        times = self.times[resisted]
+        is_even = all(np.ptp(each) <= _ALIKE * np.max(each) for each in (losses, times))
+        return (float(losses[0]), float(times[0])) if is_even and not network.prestress else None
 
 
 def read_loss(name: str, value: Any, rule: Rule) -> Any:
     """Read a damping or a loss factor, one or more, by a rule; refuse what is above
     :data:`LARGEST_LOSSES`.
     """
-    found = rule(value)
+    losses = rule(value)
+    highest = float(np.max(losses))
     largest = LARGEST_LOSSES[name]
-    if (most := float(np.max(found))) > largest:
-        raise Refused(f"{most:g}", f"{name} up to {largest:g}{' s' * (name == 'damping')}")
-    return found
+    if highest > largest:
+        raise Refused(f"{highest:g}", f"{name} up to {largest:g}{' s' * (name == 'damping')}")
+    return losses
 
 
-def _read_pair(name: str, given: Any, contacts: int, unit: str) -> Array:
-    """Return numbers (2, n_c), zero or above, from a number or (n_c,), or a tuple of two of
-    these.
+def _read_pair(name: str, value: Any, contacts: int, unit: str) -> Array:
+    """Return numbers (2, n_c), zero or above, from a number or an array (n_c,), or a tuple of two
+    numbers or arrays.
     """
-    pair = given if isinstance(given, tuple) else (given, given)
+    pair = value if isinstance(value, tuple) else (value, value)
     if len(pair) != 2:
-        raise InputError(f"{name} is {brief(given)}", mend="Give a number, or (normal, tangential)")
-    found = np.empty((2, contacts))
-    for row, one in zip(found, pair, strict=True):
-        values = require(
-            name,
-            partial(read_loss, name, rule=partial(finite_numbers, unit=unit, low="zero or above")),
-            one,
-        )
-        if values.shape not in ((), (contacts,)):
-            what = f"{name} has the shape {values.shape}, and there are {contacts} contacts"
+        raise InputError(f"{name} is {brief(value)}", mend="Give a number, or (normal, tangential)")
+    rule = partial(finite_numbers, unit=unit, low="zero or above")
+    losses = np.empty((2, contacts))
+    for row, each in zip(losses, pair, strict=True):
+        numbers = require(name, partial(read_loss, name, rule=rule), each)
+        if numbers.shape not in ((), (contacts,)):
             raise InputError(
-                what, mend="Give a number, one for each contact, or a tuple (normal, tangential)"
+                f"{name} has the shape {numbers.shape}, and there are {contacts} contacts",
+                mend="Give a number, one for each contact, or a tuple (normal, tangential)",
             )
-        row[:] = values
-    return found
+        row[:] = numbers
+    return losses
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,8 +175,9 @@ class DampedModes(Result, array="frequencies"):
         that creeps.
         """
         real = self.frequencies.real
-        lost = 2.0 * self.frequencies.imag
-        return np.asarray(np.divide(real, lost, out=np.full(real.shape, np.inf), where=lost > 0.0))
+        decay = 2.0 * self.frequencies.imag
+        infinite = np.full(real.shape, np.inf)
+        return np.asarray(np.divide(real, decay, out=infinite, where=decay > 0.0))
 
     @property
     def decay(self) -> Array:
@@ -194,12 +194,11 @@ def damp_evenly(omega: Array, loss_factor: float, time: float) -> Complex:
     squared = omega**2 * (1.0 + 1j * loss_factor)
     creep = 0.5 * time * omega**2
     root = np.sqrt(squared - creep**2)
-    found = 1j * creep + root
-    # of the two rates of a mode that creeps, whose product is the square, the slower one
-    slow = (squared.real < creep**2) & (loss_factor == 0.0)
-    return np.asarray(
-        np.where(slow, np.divide(-squared, found, out=np.zeros_like(found), where=slow), found)
-    )
+    damped = 1j * creep + root
+    # a mode that creeps has two rates, whose product is the square: the slower one is taken
+    creeps = (squared.real < creep**2) & (loss_factor == 0.0)
+    slow = np.divide(-squared, damped, out=np.zeros_like(damped), where=creeps)
+    return np.asarray(np.where(creeps, slow, damped))
 
 
 def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Complex, Complex]:
@@ -219,15 +218,20 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     n = stiffness.shape[-1]
     scale = np.sqrt(np.max(np.abs(stiffness), axis=(-2, -1), keepdims=True))
     scale = np.where(scale > 0.0, scale, 1.0)
-    # of the rates, up to G/scale in size, those that creep are of the order scale/G
-    if (strongest := float(np.max(np.abs(viscous) / scale, initial=0.0))) > _STRONGEST:
-        what = f"dashpots are {strongest:.2g} times as stiff as springs at the highest frequency"
-        raise PrecisionError(what, "The modes that creep would have no digit", "Give less damping")
+    # rates are up to G/scale in size, and those of modes that creep of the order scale/G
+    strongest = float(np.max(np.abs(viscous) / scale, initial=0.0))
+    if strongest > _STRONGEST:
+        raise PrecisionError(
+            f"dashpots are {strongest:.2g} times as stiff as springs at the highest frequency",
+            "The modes that creep would have no digit",
+            "Give less damping",
+        )
     # with y = x'/scale, the eigenvalues of ((0, 1), (-D, -G)) are i omega / scale
-    whole = np.zeros((*stiffness.shape[:-2], 2 * n, 2 * n), complex)
-    whole[..., :n, n:] = np.eye(n)
-    whole[..., n:, :n], whole[..., n:, n:] = -stiffness / scale**2, -viscous / scale
-    rates, vectors = np.linalg.eig(whole)
+    matrices = np.zeros((*stiffness.shape[:-2], 2 * n, 2 * n), complex)
+    matrices[..., :n, n:] = np.eye(n)
+    matrices[..., n:, :n] = -stiffness / scale**2
+    matrices[..., n:, n:] = -viscous / scale
+    rates, vectors = np.linalg.eig(matrices)
     omega = -1j * rates
     still = np.abs(omega) <= _STILL
     ahead = omega.real > _STILL
@@ -239,11 +243,10 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     still = np.take_along_axis(still, order, -1)
     spare = still & (2 * np.cumsum(still, axis=-1) > np.sum(still, axis=-1, keepdims=True) + 1)
     kept = np.argsort(spare, axis=-1, kind="stable")[..., :n]
-    own = np.take_along_axis(omega, kept, -1)
-    kept = np.take_along_axis(kept, np.lexsort((own.imag, own.real)), -1)
+    unsorted = np.take_along_axis(omega, kept, -1)
+    kept = np.take_along_axis(kept, np.lexsort((unsorted.imag, unsorted.real)), -1)
     omega = np.take_along_axis(omega, kept, -1)
-    place = np.take_along_axis(order, kept, -1)
-    vectors = np.take_along_axis(vectors[..., :n, :], place[..., None, :], -1)
-    return omega * scale[..., 0], np.asarray(
-        vectors / np.linalg.norm(vectors, axis=-2, keepdims=True), complex
-    )
+    columns = np.take_along_axis(order, kept, -1)
+    vectors = np.take_along_axis(vectors[..., :n, :], columns[..., None, :], -1)
+    vectors = vectors / np.linalg.norm(vectors, axis=-2, keepdims=True)
+    return omega * scale[..., 0], np.asarray(vectors, complex)

@@ -59,16 +59,16 @@ def take_voigt(c: Array) -> Array:
 def name_strain(strains: Array) -> str:
     """Return a plain strain as text with the names of its parts, the largest part being one.
 
-    ``strains`` (n, m) are orthonormal columns xx, yy, xy sqrt 2, ... in Voigt order, of which every
-    sum is meant. Shown is what they have of the strain that is most theirs.
+    ``strains`` (n, m) are orthonormal columns xx, yy, xy sqrt 2, ... in Voigt order, which stand
+    for all their sums. The text shows the projection, on these sums, of the plain strain that is
+    nearest to them.
     """
     pairs = _VOIGT[_PERIODS[len(strains)]]
-    most = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
-    strain = strains @ strains[most] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
+    nearest = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
+    strain = strains @ strains[nearest] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
     names = ", ".join(("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs)
-    shown = ", ".join(
-        f"{part:g}" for part in np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0
-    )
+    scaled = np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0
+    shown = ", ".join(f"{component:g}" for component in scaled)
     return f"({names}) = ({shown})"
 
 
@@ -100,9 +100,9 @@ def find_stress_part(stress: Array) -> Array:
 
     The sums are the coefficients between stress and strain (F. Birch, Phys. Rev. 71, 809, 1947).
     """
-    one = np.eye(stress.shape[-1])
+    unit = np.eye(stress.shape[-1])
     return take_voigt(
-        np.einsum("...ik,jl->...ijkl", stress, one) - np.einsum("...ij,kl->...ijkl", stress, one)
+        np.einsum("...ik,jl->...ijkl", stress, unit) - np.einsum("...ij,kl->...ijkl", stress, unit)
     )
 
 
@@ -118,13 +118,13 @@ def point_group(lattice: Lattice) -> Array:
     cell = lattice.vectors[:, :p]
     balls = lattice.positions
     gram = cell @ cell.T
-    # lattice vectors onto which each vector of the cell may be carried: they are as long
+    # a vector of the cell may be carried onto lattice vectors of the same length
     reach = steps_within(cell, float(np.sqrt(gram.diagonal().max())) + _TOLERANCE) @ cell
     lengths = np.linalg.norm(reach, axis=1)
     images = [reach[np.abs(lengths - np.sqrt(gram[axis, axis])) < _TOLERANCE] for axis in range(p)]
     chosen = np.array([np.stack(rows) for rows in itertools.product(*images)])
     kept = chosen[np.max(np.abs(chosen @ chosen.swapaxes(1, 2) - gram), axis=(1, 2)) < _TOLERANCE]
-    found = []
+    group = []
     for turn in (np.linalg.inv(cell) @ kept).swapaxes(1, 2):
         # carries each row of the cell to its image
         turned = np.concatenate([balls[:, :p] @ turn.T, balls[:, p:]], axis=1)
@@ -134,9 +134,9 @@ def point_group(lattice: Lattice) -> Array:
             along = apart[..., :p] @ np.linalg.inv(cell)
             apart[..., :p] = (along - np.rint(along)) @ cell
             if np.all(np.min(np.linalg.norm(apart, axis=-1), axis=1) < _TOLERANCE):
-                found.append(turn)
+                group.append(turn)
                 break
-    return read_only(found)
+    return read_only(group)
 
 
 def symmetrise(tensor: Array, lattice: Lattice) -> Array:
@@ -144,12 +144,12 @@ def symmetrise(tensor: Array, lattice: Lattice) -> Array:
     a lattice.
     """
     a, b = np.transpose(voigt_pairs(lattice.periods))
-    place = np.empty((lattice.periods,) * 2, int)
-    place[a, b] = place[b, a] = np.arange(len(a))
-    whole = tensor[..., place[:, :, None, None], place[None, None]]
+    number = np.empty((lattice.periods,) * 2, int)  # of each pair of axes in Voigt order
+    number[a, b] = number[b, a] = np.arange(len(a))
+    full = tensor[..., number[:, :, None, None], number[None, None]]
     turns = point_group(lattice)
     mean = np.einsum(
-        "gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, whole, optimize=True
+        "gia,gjb,gkc,gld,...abcd->...ijkl", turns, turns, turns, turns, full, optimize=True
     ) / len(turns)
     return np.asarray(mean[..., a[:, None], b[:, None], a[None], b[None]])
 
@@ -178,13 +178,13 @@ def is_cubic(tensor: Array, tolerance: float = _ROUNDED) -> bool:
     p = _PERIODS[len(tensor)]
     if n == 1:
         return False
-    wanted = np.zeros((n, n))
-    wanted[:p, :p] = tensor[0, 1]
-    wanted[np.arange(p), np.arange(p)] = tensor[0, 0]
-    wanted[np.arange(p, n), np.arange(p, n)] = tensor[p, p]
-    most = tolerance * np.max(tensor)
-    turned = abs(tensor[0, 0] - tensor[0, 1] - 2.0 * tensor[p, p]) < most  # isotropic
-    return bool(np.max(np.abs(tensor - wanted)) < most and not turned)
+    cubic = np.zeros((n, n))
+    cubic[:p, :p] = tensor[0, 1]
+    cubic[np.arange(p), np.arange(p)] = tensor[0, 0]
+    cubic[np.arange(p, n), np.arange(p, n)] = tensor[p, p]
+    largest_error = tolerance * np.max(tensor)
+    is_isotropic = abs(tensor[0, 0] - tensor[0, 1] - 2.0 * tensor[p, p]) < largest_error
+    return bool(np.max(np.abs(tensor - cubic)) < largest_error and not is_isotropic)
 
 
 def shears(tensor: Array) -> Array:
@@ -248,12 +248,11 @@ def name_waves(axes: tuple[int, ...], periods: int) -> tuple[str, ...]:
     """
     ahead = ("longitudinal",) * (set(range(periods)) <= set(axes))
     across = ("out_of_plane",) * (periods == 2 and 2 in axes)
-    rest = len(axes) - len(ahead) - len(across)
-    return (
-        *ahead,
-        *(("transverse",) if rest == 1 else ("transverse_slow", "transverse_fast")[:rest]),
-        *across,
-    )
+    count = len(axes) - len(ahead) - len(across)
+    transverse = ("transverse_slow", "transverse_fast")[:count]
+    if count == 1:
+        transverse = ("transverse",)
+    return (*ahead, *transverse, *across)
 
 
 def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple[Array, Array]:
@@ -266,24 +265,22 @@ def decompose_waves(along: Array, factor: Array, axes: tuple[int, ...]) -> tuple
     values, right = jacobi_svd(factor)
     periods = along.shape[-1]
     if len(axes) == 3:
-        right = _settle_vectors(
-            np.pad(along, [(0, 0)] * (along.ndim - 1) + [(0, 3 - periods)]), values, right
-        )
+        along_in_space = np.pad(along, [(0, 0)] * (along.ndim - 1) + [(0, 3 - periods)])
+        right = _settle_vectors(along_in_space, values, right)
     names = name_waves(axes, periods)
     toward = np.zeros((*along.shape[:-1], len(axes)))
     for axis in set(range(periods)) & set(axes):
         toward[..., axes.index(axis)] = along[..., axis]
     rank = np.zeros(right.shape[:-2] + right.shape[-1:])
     if names[0] == "longitudinal":
-        part = np.abs(np.einsum("...i,...ib->...b", toward, right))
-        # of two that are equally longitudinal, the fast one
-        tied = part >= (1.0 - _TIED_ALONG) * np.max(part, axis=-1, keepdims=True)
+        along_q = np.abs(np.einsum("...i,...ib->...b", toward, right))
+        # the fast one of two waves that are equally longitudinal
+        tied = along_q >= (1.0 - _TIED_ALONG) * np.max(along_q, axis=-1, keepdims=True)
         ahead = len(axes) - 1 - np.argmax(tied[..., ::-1], axis=-1)
         np.put_along_axis(rank, ahead[..., None], -1.0, -1)
     if names[-1] == "out_of_plane":
-        across = np.argmax(
-            np.where(rank < 0.0, -1.0, np.abs(right[..., axes.index(2), :])), axis=-1
-        )
+        off_plane = np.abs(right[..., axes.index(2), :])
+        across = np.argmax(np.where(rank < 0.0, -1.0, off_plane), axis=-1)
         np.put_along_axis(rank, across[..., None], 1.0, -1)
     order = np.argsort(rank, axis=-1, kind="stable")
     return np.take_along_axis(values, order, -1), np.take_along_axis(right, order[..., None, :], -1)
@@ -301,24 +298,23 @@ def _settle_vectors(along: Array, values: Array, vectors: Array) -> Array:
     triple = np.all(tied, axis=-1)
     vectors[triple, :, 2] = along[triple]
     for pair, third in ((0, 2), (1, 0)):
-        here = tied[..., pair] & (~triple if pair else True)
-        apart = vectors[here][..., third]
-        # the first vector, without its part along the third: the direction, or an axis far from the
-        # third vector
-        ahead = along[here] - np.sum(along[here] * apart, axis=-1, keepdims=True) * apart
+        settled = tied[..., pair] & (~triple if pair else True)
+        apart = vectors[settled][..., third]
+        # the first vector is the direction, or an axis far from the third vector, without the part
+        # along the third
+        ahead = along[settled] - np.sum(along[settled] * apart, axis=-1, keepdims=True) * apart
         axis = np.eye(3)[np.argmin(np.round(np.abs(apart), 9), axis=-1)]
         aside = axis - np.sum(axis * apart, axis=-1, keepdims=True) * apart
         first = np.where(np.linalg.norm(ahead, axis=-1, keepdims=True) > _TIED_ALONG, ahead, aside)
         first /= np.linalg.norm(first, axis=-1, keepdims=True)
-        vectors[here, :, pair], vectors[here, :, pair + 1] = first, np.cross(apart, first)
-    # longitudinal parts point ahead; of a vector without one, the largest component is above zero
-    part = np.einsum("...i,...ib->...b", along, vectors)
+        vectors[settled, :, pair] = first
+        vectors[settled, :, pair + 1] = np.cross(apart, first)
+    # longitudinal parts point ahead; a vector without one has its largest component above zero
+    longitudinal = np.einsum("...i,...ib->...b", along, vectors)
     largest = np.argmax(np.round(np.abs(vectors), 9), axis=-2)
-    own = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
-    return (
-        vectors
-        * np.where(np.where(np.abs(part) > _TIED_ALONG, part, own) < 0.0, -1.0, 1.0)[..., None, :]
-    )
+    component = np.take_along_axis(vectors, largest[..., None, :], -2)[..., 0, :]
+    decisive = np.where(np.abs(longitudinal) > _TIED_ALONG, longitudinal, component)
+    return vectors * np.where(decisive < 0.0, -1.0, 1.0)[..., None, :]
 
 
 def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
@@ -337,18 +333,19 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
     periods = _PERIODS[tensor.shape[-1]]
     along = as_direction(direction, periods)
     pairs = voigt_pairs(periods)
-    # of a wave with a unit displacement along each axis
+    # strains of waves with a unit displacement along each axis
     strain = np.zeros((*along.shape, len(pairs)))
-    for place, (a, b) in enumerate(pairs):
-        strain[..., a, place] += along[..., b]
+    for n, (a, b) in enumerate(pairs):
+        strain[..., a, n] += along[..., b]
         if a != b:
-            strain[..., b, place] += along[..., a]
+            strain[..., b, n] += along[..., a]
     stiffness = np.asarray(tensor)[(..., *(None,) * (along.ndim - 1), slice(None), slice(None))]
     try:
         factor = cholesky_factor(strain @ stiffness @ strain.swapaxes(-1, -2))
     except np.linalg.LinAlgError:
-        what = "a squared sound velocity is negative"
         raise InstabilityError(
-            what, "The elastic tensor is not positive", "Raise the load"
+            "a squared sound velocity is negative",
+            "The elastic tensor is not positive",
+            "Raise the load",
         ) from None
     return decompose_waves(along, factor, tuple(range(periods)))

@@ -3,12 +3,12 @@ decomposition.
 
 The balls are cut in two halves by a layer of balls, each half likewise, and so on (nested
 dissection, A. George, SIAM J. Numer. Anal. 10, 345, 1973). A front is such a layer with the balls
-outside that its halves touch. Its matrix is dense, so that LAPACK does all of the work, and what is
-left of it once the layer has been eliminated goes to the layer that cuts off both (I. S. Duff and
-J. K. Reid, ACM Trans. Math. Softw. 9, 302, 1983).
+outside that its halves touch. The matrix of a front is dense, so that LAPACK does all of the work.
+Once the layer has been eliminated, the remainder of the matrix goes to the layer that cuts off both
+(I. S. Duff and J. K. Reid, ACM Trans. Math. Softw. 9, 302, 1983).
 
 Motions that cost nothing, or hardly anything, have no pivot. They are set aside, with all of their
-couplings, until all others have been eliminated: they are the only ones that are left.
+couplings, until all other motions have been eliminated.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from granphon.base.progress import Progress, silent
 
 #: most balls that are not cut any more
 _FEW_BALLS = 24
-#: pivot, over the diagonal, below which a motion is set aside: pivots lose half of their digits to
-#: it at most
+#: pivot, over the diagonal, below which a motion is set aside: so other pivots keep half of their
+#: digits
 _SOFT_PIVOT = 1e-8
-#: and below which it is rounding, with all of its couplings
+#: coupling of a motion that is set aside, over the diagonal, up to which it is rounding
 _NO_PIVOT = 1e-13
-
-
 #: memory of an entry of the factors, with those of fronts that are under way, bytes
 _FRONTS_BYTES = 24.0
 
 
 class Layer(NamedTuple):
-    """Balls that are eliminated together, those that are left and touch them or what they cut off,
-    and what they cut.
+    """A layer of balls.
+
+    ``balls`` are eliminated together; ``beyond`` are balls that are eliminated later and touch the
+    layer or its halves; ``halves`` are the numbers of the layers that cut its two halves.
     """
 
     balls: Index
@@ -46,53 +46,56 @@ class Layer(NamedTuple):
 
 
 class _Front(NamedTuple):
-    """Motions that have been eliminated, those with which they were coupled, and both parts of the
-    factor L.
+    """Motions that have been ``eliminated``, the ``coupled`` motions that remained, and both parts
+    of the factor L: ``lower`` of the first, and ``below``, which joins both.
     """
 
-    own: Index
-    rest: Index
+    eliminated: Index
+    coupled: Index
     lower: Array
     below: Array
 
 
-def dissect(places: Array, i: Index, j: Index) -> list[Layer]:
-    """Cut balls at ``places`` (n, d), which contacts join, into layers; halves come before the
+def dissect(positions: Array, i: Index, j: Index) -> list[Layer]:
+    """Cut balls at ``positions`` (n, d), which contacts join, into layers; halves come before the
     layer that cuts them.
 
-    Along a period a place counts within the cell. The last layer cuts all that contacts join.
+    Along a period a position counts within the cell. The last layer cuts all that contacts join.
     """
     from scipy.sparse import csr_array
 
-    n = len(places)
+    n = len(positions)
     ends = np.concatenate([i, j]), np.concatenate([j, i])
     touches = csr_array((np.ones(ends[0].size, np.int8), ends), shape=(n, n))
     layers: list[Layer] = []
-    gone, mark = np.zeros(n, bool), np.zeros(n, bool)
+    gone = np.zeros(n, bool)
+    mark = np.zeros(n, bool)
 
     def find_neighbours(balls: Index) -> Index:
         return np.unique(touches[balls].indices).astype(np.intp)
+
+    def find_touching(balls: Index, neighbours: Index) -> NDArray[np.bool_]:
+        mark[neighbours] = True
+        is_touching = touches[balls] @ mark > 0
+        mark[neighbours] = False
+        return np.asarray(is_touching)
 
     def cut(balls: Index) -> int:
         halves: tuple[int, ...] = ()
         layer = balls
         if balls.size > _FEW_BALLS:
-            axis = int(np.argmax(np.ptp(places[balls], axis=0)))
-            order = balls[np.argsort(places[balls, axis], kind="stable")]
+            axis = int(np.argmax(np.ptp(positions[balls], axis=0)))
+            order = balls[np.argsort(positions[balls, axis], kind="stable")]
             low = order[: order.size // 2]
             high = order[order.size // 2 :]
-            layers_between = []
-            for one, other in ((low, high), (high, low)):
-                mark[other] = True
-                between = touches[one] @ mark > 0
-                mark[other] = False
-                layers_between.append(between)
-            if np.count_nonzero(layers_between[0]) <= np.count_nonzero(layers_between[1]):
-                layer = low[layers_between[0]]
-                low = low[~layers_between[0]]
+            low_touches = find_touching(low, high)
+            high_touches = find_touching(high, low)
+            if np.count_nonzero(low_touches) <= np.count_nonzero(high_touches):
+                layer = low[low_touches]
+                low = low[~low_touches]
             else:
-                layer = high[layers_between[1]]
-                high = high[~layers_between[1]]
+                layer = high[high_touches]
+                high = high[~high_touches]
             halves = tuple(cut(half) for half in (low, high) if half.size)
         gone[layer] = True
         parts = [find_neighbours(layer), *(layers[half].beyond for half in halves)]
@@ -108,112 +111,124 @@ class Fronts:
     """The factors of a symmetric matrix (n, n), sparse by rows, whose diagonal is one or zero.
 
     ``layers`` are those of :func:`dissect`; each ball has ``count`` motions, one ball after the
-    other. ``left`` are the motions that have been set aside. If nothing but these can make the
-    matrix indefinite, it is so where what is left of it is. Then :meth:`solve` is for the others
-    alone.
+    other. ``aside`` are the motions that have been set aside, and :meth:`solve` is for all other
+    motions. If only the motions set aside can make the matrix indefinite, it is indefinite where
+    the part that remains for them is.
     """
 
     def __init__(
         self, matrix: Any, layers: list[Layer], count: int, progress: Progress = silent
     ) -> None:
-        needed = max(1.0, _FRONTS_BYTES * count**2 * sum(map(_count_entries, layers)))
         balls = f"{matrix.shape[0] // count:,} balls"
         require_memory(
             f"factors of the contacts of {balls}",
-            needed,
+            max(1.0, _FRONTS_BYTES * count**2 * sum(map(_count_entries, layers))),
             "Take fewer balls, or a part of the network",
         )
         self._fronts: list[_Front] = []
-        places = np.full(matrix.shape[0], -1)
-        left: list[Index] = []
-        passed: list[tuple[Index, Array] | None] = []  # what each layer leaves of its front
-        aside: list[Index] = []  # motions without a pivot that it hands on
+        rows = np.full(matrix.shape[0], -1)  # of motions in the front that is under way
+        uncoupled: list[Index] = []
+        remainders: list[tuple[Index, Array] | None] = []  # of the front of each layer
+        soft_motions: list[Index] = []  # motions without a pivot, of each layer
         with progress.step("factors of the contacts", len(layers)) as step:
             for layer in layers:
-                waiting = [aside[half] for half in layer.halves]
                 first = (layer.balls[:, None] * count + np.arange(count)).ravel()
-                own = np.concatenate([first, *waiting])
-                rest = (layer.beyond[:, None] * count + np.arange(count)).ravel()
-                every = np.concatenate([own, rest])
-                places[every] = np.arange(every.size)
-                front = np.zeros((every.size, every.size))
-                lines = matrix[first]
-                at_line = np.repeat(np.arange(first.size), np.diff(lines.indptr))
-                at = places[lines.indices]
-                inside = at >= 0  # others have been eliminated, and have handed on what they leave
-                front[at_line[inside], at[inside]] = lines.data[inside]
-                front[at[inside], at_line[inside]] = lines.data[inside]
+                inner = np.concatenate([first, *(soft_motions[half] for half in layer.halves)])
+                outer = (layer.beyond[:, None] * count + np.arange(count)).ravel()
+                motions = np.concatenate([inner, outer])
+                rows[motions] = np.arange(motions.size)
+                front = _compose_front(matrix[first], rows, motions.size)
                 for half in layer.halves:
-                    handed = passed[half]
-                    if handed is not None:
-                        at = places[handed[0]]
-                        front[at[:, None], at] += handed[1]
-                        passed[half] = None
-                places[every] = -1
-                lower, order, rank = _factorise(front[: own.size, : own.size])
-                kept = order[:rank]
+                    remainder = remainders[half]
+                    if remainder is not None:
+                        numbers = rows[remainder[0]]
+                        front[numbers[:, None], numbers] += remainder[1]
+                        remainders[half] = None
+                rows[motions] = -1
+                lower, order, rank = _factorise(front[: inner.size, : inner.size])
+                hard = order[:rank]
                 soft = order[rank:]
-                after = np.concatenate([soft, np.arange(own.size, every.size)])
-                below = np.ascontiguousarray(_divide(lower, front[np.ix_(after, kept)]))
-                remains = (
-                    front[np.ix_(after, after)] - below @ below.T
-                    if after.size
-                    else np.zeros((0, 0))
-                )
-                # a motion that is coupled with nothing any more needs no place in the fronts above
-                nothing = np.max(np.abs(remains[: soft.size]), axis=1, initial=0.0) <= _NO_PIVOT
-                handed_on = np.concatenate([~nothing, np.ones(rest.size, bool)])
-                if rest.size == 0:
-                    handed_on[:] = False  # nothing is above
-                names = every[after]
-                left.append(names[~handed_on])
-                aside.append(every[soft[handed_on[: soft.size]]])
-                passed.append((names[handed_on], remains[np.ix_(handed_on, handed_on)]))
-                self._fronts.append(_Front(own[kept], names, lower, below))
+                later = np.concatenate([soft, np.arange(inner.size, motions.size)])
+                below = np.ascontiguousarray(_divide(lower, front[np.ix_(later, hard)]))
+                matrix_later = np.zeros((0, 0))
+                if later.size:
+                    matrix_later = front[np.ix_(later, later)] - below @ below.T
+                # a soft motion without couplings stays out of the fronts above; the last layer has
+                # no front above
+                coupling = np.max(np.abs(matrix_later[: soft.size]), axis=1, initial=0.0)
+                is_passed = np.concatenate([coupling > _NO_PIVOT, np.ones(outer.size, bool)])
+                if outer.size == 0:
+                    is_passed[:] = False
+                coupled = motions[later]
+                uncoupled.append(coupled[~is_passed])
+                soft_motions.append(motions[soft[is_passed[: soft.size]]])
+                remainders.append((coupled[is_passed], matrix_later[np.ix_(is_passed, is_passed)]))
+                self._fronts.append(_Front(inner[hard], coupled, lower, below))
                 step.advance()
-        self.left = np.concatenate(left)
-        self._is_left = np.zeros(matrix.shape[0], bool)
-        self._is_left[self.left] = True
+        self.aside = np.concatenate(uncoupled)
+        self._is_aside = np.zeros(matrix.shape[0], bool)
+        self._is_aside[self.aside] = True
 
     def solve(self, forces: Array) -> Array:
-        """Return the motions (n, k) of balls under forces (n, k), those in ``left`` being held."""
+        """Return the motions (n, k) of balls under forces (n, k), those in ``aside`` being held."""
         from scipy.linalg import solve_triangular
 
-        found = np.where(self._is_left[:, None], 0.0, forces)
-        fronts = [front for front in self._fronts if front.own.size]
+        motions = np.where(self._is_aside[:, None], 0.0, forces)
+        fronts = [front for front in self._fronts if front.eliminated.size]
         for front in fronts:
-            own = solve_triangular(front.lower, found[front.own], lower=True, check_finite=False)
-            found[front.own] = own
-            found[front.rest] -= front.below @ own
-        found[self.left] = 0.0
-        for front in reversed(fronts):
-            own = found[front.own] - front.below.T @ found[front.rest]
-            found[front.own] = solve_triangular(
-                front.lower, own, lower=True, trans="T", check_finite=False
+            forward = solve_triangular(
+                front.lower, motions[front.eliminated], lower=True, check_finite=False
             )
-        return found
+            motions[front.eliminated] = forward
+            motions[front.coupled] -= front.below @ forward
+        motions[self.aside] = 0.0
+        for front in reversed(fronts):
+            residual = motions[front.eliminated] - front.below.T @ motions[front.coupled]
+            motions[front.eliminated] = solve_triangular(
+                front.lower, residual, lower=True, trans="T", check_finite=False
+            )
+        return motions
 
     def follow(self) -> Array:
-        """Return the motions (n, k) of all balls, without forces on them, as each of ``left`` (k,)
+        """Return the motions (n, k) of all balls, without forces on them, as each of ``aside`` (k,)
         alone moves by one.
         """
         from scipy.linalg import solve_triangular
 
-        found = np.zeros((self._is_left.size, self.left.size))
-        found[self.left, np.arange(self.left.size)] = 1.0
+        motions = np.zeros((self._is_aside.size, self.aside.size))
+        motions[self.aside, np.arange(self.aside.size)] = 1.0
         for front in reversed(self._fronts):
-            if not front.own.size:
+            if not front.eliminated.size:
                 continue
-            moved = found[front.rest]
-            # most of those that are left move a few balls alone
-            some = np.flatnonzero(np.any(moved != 0.0, axis=0))
-            if not some.size:
+            moved = motions[front.coupled]
+            # most motions that are set aside move a few balls alone
+            columns = np.flatnonzero(np.any(moved != 0.0, axis=0))
+            if not columns.size:
                 continue
-            own = -(front.below.T @ moved[:, some])
-            found[front.own[:, None], some] = solve_triangular(
-                front.lower, own, lower=True, trans="T", check_finite=False
+            motions[front.eliminated[:, None], columns] = solve_triangular(
+                front.lower,
+                -(front.below.T @ moved[:, columns]),
+                lower=True,
+                trans="T",
+                check_finite=False,
             )
-        return found
+        return motions
+
+
+def _compose_front(lines: Any, rows: Index, size: int) -> Array:
+    """Return the matrix (size, size) of a front from ``lines``, the sparse rows of the motions of
+    its layer, which come first.
+
+    ``rows`` (n,) are the rows of motions in the front, and -1 of motions that have been eliminated:
+    the remainders of the halves hold what these leave.
+    """
+    front = np.zeros((size, size))
+    i = np.repeat(np.arange(lines.shape[0]), np.diff(lines.indptr))
+    j = rows[lines.indices]
+    inside = j >= 0
+    front[i[inside], j[inside]] = lines.data[inside]
+    front[j[inside], i[inside]] = lines.data[inside]
+    return front
 
 
 def _count_entries(layer: Layer) -> int:

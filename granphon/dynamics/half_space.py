@@ -101,11 +101,11 @@ _TOP_PART = 0.02
 
 
 class EdgeWaves(NamedTuple):
-    """Waves of an edge: the number of the wave vector, w = omega^2 (complex where they leak), and
-    the energy on top.
+    """Waves of an edge: the number ``point`` of the wave vector, w = omega^2 (complex where they
+    leak), and the energy on top.
     """
 
-    place: Index
+    point: Index
     squares: Complex
     weight: Array
 
@@ -154,10 +154,11 @@ class HalfSpace:
                     "the network has static tangential forces",
                     "With prestress, they have no potential",
                 )
-            rows += (pushes := push_rows(cut.normal[:, :d], self.motions))
+            pushes = push_rows(cut.normal[:, :d], self.motions)
+            rows += pushes
             stiff += [-cut.normal_force / cut.distance / units.stiffness] * len(pushes)
-        # C(q) is the sum over steps s along the edge of C_s exp(i q.s): tails are at s = 0. Kept
-        # are the contacts that reach into the two outer blocks, which are those of three
+        # C(q) is the sum over steps s along the edge of C_s exp(i q.s), with tails at s = 0. The
+        # contacts kept are those of the two outer blocks, which reach into a third
         number = np.where(moving, np.cumsum(moving) - 1, np.count_nonzero(moving))
         lower = np.minimum(number[cut.i], number[cut.j]) // (reach * self.per_layer)
         kept = np.flatnonzero(lower < 2)
@@ -168,23 +169,21 @@ class HalfSpace:
         count = self.motions.count
         root = 1.0 / np.sqrt(np.where(moving, cut.masses / units.mass, np.inf))
         matrix = np.zeros((len(steps), len(rows), len(kept), int(number.max()) + 1, count))
-        for place, row in enumerate(rows):
-            for part, end, at in (
+        for n, row in enumerate(rows):
+            for coefficients, end, step in (
                 (-row.tail, cut.i, of_step.ravel()[0]),
                 (row.head, cut.j, of_step.ravel()[1:]),
             ):
                 ball = end[kept]
-                matrix[at, place, np.arange(len(kept)), number[ball]] += (
-                    part[kept] * root[ball][:, None]
-                )
+                effect = coefficients[kept] * root[ball][:, None]
+                matrix[step, n, np.arange(len(kept)), number[ball]] += effect
         columns = 3 * self.size // count
         self._matrix: Array = matrix[:, :, :, :columns].reshape(len(steps), -1, 3 * self.size)
-        self._stiff: Array = np.concatenate([one[kept] for one in stiff])
+        self._stiff: Array = np.concatenate([stiffness[kept] for stiffness in stiff])
         upper = np.maximum(number[cut.i], number[cut.j]) // (reach * self.per_layer)
-        self._whole, self._crossing = (
-            np.tile(one[kept], len(rows))
-            for one in (lower == 1, (lower == 0) & (upper == 1) & moving[cut.i] & moving[cut.j])
-        )
+        crosses = (lower == 0) & (upper == 1) & moving[cut.i] & moving[cut.j]
+        self._second: Array = np.tile(lower[kept] == 1, len(rows))
+        self._crossing: Array = np.tile(crosses[kept], len(rows))
         self._kept = kept
         self._kinds = [row.kind for row in rows]
 
@@ -195,8 +194,8 @@ class HalfSpace:
         size = self.size
         phase = np.exp(2.0j * np.pi * (q @ self._steps.T))
         rows: Complex = np.asarray(np.tensordot(phase, self._matrix[:, :, : 2 * size], 1), complex)
-        whole = rows.conj().swapaxes(1, 2) @ (self._stiff[:, None] * rows)
-        return whole[:, :size, :size], whole[:, size:, size:], whole[:, :size, size:]
+        matrices = rows.conj().swapaxes(1, 2) @ (self._stiff[:, None] * rows)
+        return matrices[:, :size, :size], matrices[:, size:, size:], matrices[:, :size, size:]
 
     def couplings(self, q: Array, elongation: Any = 1.0, other: Any = 1.0) -> Couplings:
         """Return the blocks at one wave vector q (p - 1,); contacts of :attr:`cut` are as many
@@ -206,38 +205,37 @@ class HalfSpace:
         where energy is lost.
         """
         size = self.size
-        rows = np.tensordot(
-            np.exp(2.0j * np.pi * (self._steps @ q)), self._matrix[:, :, : 2 * size], 1
-        )
+        phase = np.exp(2.0j * np.pi * (self._steps @ q))
+        rows = np.asarray(np.tensordot(phase, self._matrix[:, :, : 2 * size], 1), complex)
         weights = self._stiff
-        parts = list[Complex]()
         if np.ndim(elongation):
-            each = {"elongation": elongation, "push": np.ones_like(elongation)}
+            factors = {"elongation": elongation, "push": np.ones_like(elongation)}
             weights = weights * np.concatenate(
-                [each.get(kind, other)[:, self._kept] for kind in self._kinds], axis=1
+                [factors.get(kind, other)[:, self._kept] for kind in self._kinds], axis=1
             )
-        for chosen in (slice(None), self._crossing):
-            some = np.asarray(rows[chosen], complex)
-            parts.append(some.conj().T @ (weights[..., chosen, None] * some))
-        whole, cross = parts
+        full = rows.conj().T @ (weights[..., None] * rows)
+        crossing = rows[self._crossing]
+        cross = crossing.conj().T @ (weights[..., self._crossing, None] * crossing)
         return Couplings(
-            whole[..., size:, size:],
+            full[..., size:, size:],
             cross[..., :size, :size],
             cross[..., size:, size:],
-            whole[..., :size, size:],
-            whole[..., size:, :size],
+            full[..., :size, size:],
+            full[..., size:, :size],
         )
 
     def read_wavevector(self, q: ArrayLike) -> Array:
         """Return one wave vector along the edge (p - 1,), zero if () is given; raises InputError
         for another shape.
         """
-        p, given = len(self.layers.cell), real_array("q", q)
-        if given.shape not in ((p,), (0,)) or not np.all(np.isfinite(given)):
+        p = len(self.layers.cell)
+        fractions = real_array("q", q)
+        if fractions.shape not in ((p,), (0,)) or not np.all(np.isfinite(fractions)):
             raise InputError(
-                f"q has the shape {given.shape}", mend=f"Give ({p},) fractions, along the layers"
+                f"q has the shape {fractions.shape}",
+                mend=f"Give ({p},) fractions, along the layers",
             )
-        return given if given.size else np.zeros(p)
+        return fractions if fractions.size else np.zeros(p)
 
     def wavenumbers(self, factors: Complex, q: Array) -> Complex:
         """Return wave numbers across the edge, 1/m, of motions that change by ``factors`` from
@@ -263,46 +261,48 @@ class HalfSpace:
         return float((rows.T @ (np.abs(self._stiff) * rows.sum(axis=1))).max())
 
     def _eliminate(
-        self, own: Complex, inner: Complex, hop: Complex, place: Index, w: Complex
+        self, outer: Complex, inner: Complex, hop: Complex, point: Index, w: Complex
     ) -> tuple[Complex, Complex]:
-        """Return w - F of the outer block, and of one that has others on both sides, (n, m, m), for
-        blocks of ``place``.
+        """Return w - F of the outer block, and of a block with blocks on both sides, (n, m, m), at
+        the wave vectors ``point`` (n,) of the blocks.
         """
-        size = own.shape[1]
-        out = np.empty((2, len(w), size, size), complex)
-        eye = np.eye(size)
+        size = outer.shape[1]
+        surface = np.empty((len(w), size, size), complex)
+        bulk = np.empty((len(w), size, size), complex)
         together = max(1, _CHUNK // (12 * size**2))
         for first in range(0, len(w), together):
-            part = slice(first, first + together)
-            at = place[part]
-            here = w[part, None, None] * eye
-            top, bulk, down = own[at].copy(), inner[at].copy(), hop[at]
+            chunk = slice(first, first + together)
+            numbers = point[chunk]
+            shift = w[chunk, None, None] * np.eye(size)
+            top = outer[numbers].copy()
+            middle = inner[numbers].copy()
+            down = hop[numbers]
             pair = np.concatenate([down, down.conj().swapaxes(1, 2)], axis=1)  # A on top of B
-            left = np.arange(len(at))
+            going = np.arange(len(numbers))
             for _ in range(_MOST_DOUBLINGS):
-                both = np.concatenate([pair[:, :size], pair[:, size:]], axis=2)
-                met = pair @ np.linalg.solve(here[left] - bulk[left], both)
-                through = met[:, :size, size:]
-                back = met[:, size:, :size]  # A g B and B g A
-                top[left] += through
-                bulk[left] += through + back
-                pair = np.concatenate([met[:, :size, :size], met[:, size:, size:]], axis=1)
-                going = (
-                    np.max(np.abs(through) + np.abs(back), axis=(1, 2))
-                    > _COUPLING_TOLERANCE * self.highest
-                )
-                left = left[going]
-                pair = pair[going]
-                if not left.size:
+                side_by_side = np.concatenate([pair[:, :size], pair[:, size:]], axis=2)
+                products = pair @ np.linalg.solve(shift[going] - middle[going], side_by_side)
+                through = products[:, :size, size:]  # A g B
+                back = products[:, size:, :size]  # B g A
+                top[going] += through
+                middle[going] += through + back
+                next_down = products[:, :size, :size]  # A g A
+                next_up = products[:, size:, size:]  # B g B
+                change = np.max(np.abs(through) + np.abs(back), axis=(1, 2))
+                is_coupled = change > _COUPLING_TOLERANCE * self.highest
+                going = going[is_coupled]
+                pair = np.concatenate([next_down, next_up], axis=1)[is_coupled]
+                if not going.size:
                     break
-            out[:, part] = here - top, here - bulk
-        return out[0], out[1]
+            surface[chunk] = shift - top
+            bulk[chunk] = shift - middle
+        return surface, bulk
 
-    def inverse_green(self, q: Array, place: Index, w: Complex) -> Complex:
-        """Return S = w - F of the outer layers, (n, size, size), at wave vectors ``q[place]`` and w
+    def inverse_green(self, q: Array, point: Index, w: Complex) -> Complex:
+        """Return S = w - F of the outer layers, (n, size, size), at wave vectors ``q[point]`` and w
         (n,).
         """
-        return self._eliminate(*self.blocks(q), place, w)[0]
+        return self._eliminate(*self.blocks(q), point, w)[0]
 
     def bands(self, q: Array) -> Array:
         """Return the lowest and the highest w (n_q, size, 2) of each branch at q (n_q, p - 1), over
@@ -310,36 +310,41 @@ class HalfSpace:
         """
         _, inner, hop = self.blocks(q)
 
-        def solve(at: Index, angle: Array) -> Array:
-            turned = hop[at] * np.exp(1j * angle)[:, None, None]
-            return np.linalg.eigvalsh(inner[at] + turned + turned.conj().swapaxes(1, 2))
+        def solve(point: Index, angle: Array) -> Array:
+            turned = hop[point] * np.exp(1j * angle)[:, None, None]
+            return np.linalg.eigvalsh(inner[point] + turned + turned.conj().swapaxes(1, 2))
 
         n = len(q)
         size = self.size
         grid = 2.0 * np.pi * np.arange(_BAND_SAMPLES) / _BAND_SAMPLES
-        values = solve(np.repeat(np.arange(n), _BAND_SAMPLES), np.tile(grid, n)).reshape(
-            n, _BAND_SAMPLES, size
-        )
+        samples = solve(np.repeat(np.arange(n), _BAND_SAMPLES), np.tile(grid, n))
+        samples = samples.reshape(n, _BAND_SAMPLES, size)
         sign = np.array([1.0, -1.0])
-        start = grid[np.argmin(values[..., None] * sign, axis=1)].reshape(-1)  # (n, size, 2)
-        place = np.repeat(np.arange(n), 2 * size)
+        start = grid[np.argmin(samples[..., None] * sign, axis=1)].reshape(-1)  # (n, size, 2)
+        points = np.repeat(np.arange(n), 2 * size)
         branch = np.tile(np.repeat(np.arange(size), 2), n)
         signs = np.tile(sign, n * size)
+
+        def evaluate(angle: Array) -> Array:
+            return np.asarray(signs * solve(points, angle)[np.arange(len(points)), branch])
+
+        # the golden section of all brackets together; f is +-w at two inner angles x
         golden = 0.5 * (math.sqrt(5.0) - 1.0)
         step = 2.0 * np.pi / _BAND_SAMPLES
         low = start - step
         high = start + step
-        best = signs * solve(place, start)[np.arange(len(place)), branch]
+        best = evaluate(start)
         x = np.stack([high - golden * (high - low), low + golden * (high - low)])
-        f = [signs * solve(place, one)[np.arange(len(place)), branch] for one in x]
+        f = [evaluate(angle) for angle in x]
         for _ in range(_SECTIONS):
-            left = f[0] < f[1]
-            low, high = np.where(left, low, x[0]), np.where(left, x[1], high)
-            new = np.where(left, high - golden * (high - low), low + golden * (high - low))
-            found = signs * solve(place, new)[np.arange(len(place)), branch]
-            x = np.where(left, [new, x[0]], [x[1], new])
-            f = [np.where(left, found, f[1]), np.where(left, f[0], found)]
-            best = np.minimum(best, found)
+            is_lower = f[0] < f[1]
+            low = np.where(is_lower, low, x[0])
+            high = np.where(is_lower, x[1], high)
+            new_x = np.where(is_lower, high - golden * (high - low), low + golden * (high - low))
+            new_f = evaluate(new_x)
+            x = np.where(is_lower, [new_x, x[0]], [x[1], new_x])
+            f = [np.where(is_lower, new_f, f[1]), np.where(is_lower, f[0], new_f)]
+            best = np.minimum(best, new_f)
         return (signs * best).reshape(n, size, 2)
 
     # -- waves of the edge -------------------------------------------------------------------------
@@ -348,27 +353,29 @@ class HalfSpace:
         """Return intervals of w without a band, or those inside of bands: the wave vector of each,
         and (2, n) its ends.
         """
-        place = []
+        points = []
         ends = []
-        for at, each in enumerate(self.bands(q)):
-            order = each[np.argsort(each[:, 0])]
-            below = np.concatenate([[0.0], np.maximum.accumulate(order[:, 1]).clip(0.0)])
-            above = np.append(order[:, 0], 1.01 * self.highest)
+        for point, bands in enumerate(self.bands(q)):
+            ascending = bands[np.argsort(bands[:, 0])]
+            below = np.concatenate([[0.0], np.maximum.accumulate(ascending[:, 1]).clip(0.0)])
+            above = np.append(ascending[:, 0], 1.01 * self.highest)
             clear = above - below > _LEAST_GAP * above
-            found = list(zip(below[clear], above[clear], strict=True))
+            intervals = list(zip(below[clear], above[clear], strict=True))
             if inside:
-                tops, bottoms = [0.0, *(high for _, high in found)], [*(low for low, _ in found)]
-                found = [
-                    (a, b) for a, b in zip(tops, bottoms, strict=False) if b - a > _LEAST_GAP * b
+                bottoms = [0.0, *(high for _, high in intervals)]
+                tops = [low for low, _ in intervals]
+                intervals = [
+                    (bottom, top)
+                    for bottom, top in zip(bottoms, tops, strict=False)
+                    if top - bottom > _LEAST_GAP * top
                 ]
-            place += [at] * len(found)
-            ends += found
+            points += [point] * len(intervals)
+            ends += intervals
         low, high = np.array(ends).reshape(-1, 2).T
         margin = _GAP_MARGIN * (high - low)
         # motions that cost nothing are no waves
-        return np.array(place, np.intp), np.stack(
-            [np.maximum(low + margin, _FREE_IN_GAP * high), high - margin]
-        )
+        low = np.maximum(low + margin, _FREE_IN_GAP * high)
+        return np.array(points, np.intp), np.stack([low, high - margin])
 
     def find_waves(self, q: Array) -> EdgeWaves:
         """Find all waves of the edge outside of the bands, at wave vectors q (n_q, p - 1).
@@ -378,55 +385,50 @@ class HalfSpace:
         the Green's function of the crystal. In a gap M is smooth and its eigenvalues rise, so that
         each has one zero if its sign changes over the gap, and none otherwise.
         """
-        own, inner, hop = self.blocks(q)
+        outer, inner, hop = self.blocks(q)
         size = self.size
         back = hop.conj().swapaxes(1, 2)
         none = np.zeros_like(hop)
-        change = np.block([[none, -hop], [-back, own - inner]])
-        block, across = (
-            np.block([[inner, hop], [back, inner]]),
-            np.block([[none, none], [hop, none]]),
-        )
+        change = np.block([[none, -hop], [-back, outer - inner]])
+        block = np.block([[inner, hop], [back, inner]])
+        across = np.block([[none, none], [hop, none]])
         strength, basis = np.linalg.eigh(change)
         signs = np.where(strength < 0.0, -1.0, 1.0)
         root = basis * np.sqrt(np.abs(strength))[:, None]
 
-        def find(place: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
-            """Return M, its derivative by w, and what moves in both blocks, g |V|^1/2."""
+        def find(point: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
+            """Return M, its derivative by w, and the motions of both blocks, g |V|^1/2."""
             nearest = np.minimum(w - gap[0], gap[1] - w).clip(_GAP_MARGIN * (gap[1] - gap[0]))
-            aside, both = np.outer(_GAP_BROADENINGS, nearest), np.tile(place, 2)
-            green = np.linalg.inv(
-                self._eliminate(block, block, across, both, (w + 1j * aside).ravel())[1]
-            )
-            green, turned = (
-                one.reshape(2, -1, 2 * size, 2 * size)
-                for one in (green, green.conj().swapaxes(1, 2))
-            )
-            even = 0.5 * (green + turned)
-            odd = (green - turned) / (2j * aside[:, :, None, None])
-            level, slope = ((4.0 * one[0] - one[1]) / 3.0 for one in (even, odd))
-            left = root[place].conj().swapaxes(1, 2)
-            moved = level @ root[place]
-            return (
-                signs[place, None] * np.eye(2 * size) - left @ moved,
-                -left @ slope @ root[place],
-                moved,
-            )
+            aside = np.outer(_GAP_BROADENINGS, nearest)
+            shifted = (w + 1j * aside).ravel()
+            inverse = self._eliminate(block, block, across, np.tile(point, 2), shifted)[1]
+            green = np.linalg.inv(inverse).reshape(2, -1, 2 * size, 2 * size)
+            adjoint = green.conj().swapaxes(2, 3)
+            even = 0.5 * (green + adjoint)
+            odd = (green - adjoint) / (2j * aside[:, :, None, None])
+            level = (4.0 * even[0] - even[1]) / 3.0
+            slope = (4.0 * odd[0] - odd[1]) / 3.0
+            root_adjoint = root[point].conj().swapaxes(1, 2)
+            moved = level @ root[point]
+            matrices = signs[point, None] * np.eye(2 * size) - root_adjoint @ moved
+            return matrices, -root_adjoint @ slope @ root[point], moved
 
-        def rising(place: Index, w: Array, gap: Array) -> Array:
-            return np.asarray(np.linalg.eigvalsh(find(place, w, gap)[0]), float)
+        def rising(point: Index, w: Array, gap: Array) -> Array:
+            return np.asarray(np.linalg.eigvalsh(find(point, w, gap)[0]), float)
 
-        place, gap = self._find_gaps(q)
-        ends = np.stack([rising(place, one, gap) for one in gap])
-        # of zeros at the very ends, beside the poles of g
+        point, gap = self._find_gaps(q)
+        ends = np.stack([rising(point, end, gap) for end in gap])
+        # zeros at the very ends, beside the poles of g, have no sign
         rounded = _UNSIGNED * np.max(np.abs(ends), axis=2, keepdims=True)
         row, branch = np.nonzero((ends[0] < -rounded[0]) & (ends[1] > rounded[1]))
-        place, gap, w = place[row], gap[:, row], np.zeros(len(row))
+        point = point[row]
+        gap = gap[:, row]
         if not row.size:
-            return EdgeWaves(place, np.zeros(0, complex), np.zeros(0))
+            return EdgeWaves(point, np.zeros(0, complex), np.zeros(0))
         low, high = gap.copy()
         f_low, f_high = ends[:, row, branch]
         going = np.arange(len(row))
+        w = np.zeros(len(row))
         side = np.zeros(len(row))
         for step in range(_SECTIONS * 3):
             if not going.size:
@@ -439,42 +441,45 @@ class HalfSpace:
             fb = f_high[going]
             x = 0.5 * (a + b) if step % 3 == 2 else (a * fb - b * fa) / (fb - fa)
             x = np.clip(x, a, b)
-            value = rising(place[going], x, gap[:, going])[np.arange(len(going)), branch[going]]
+            value = rising(point[going], x, gap[:, going])[np.arange(len(going)), branch[going]]
             up = value > 0.0
             again = np.where(up, 1.0, -1.0) == side[going]
-            high[going], low[going] = np.where(up, x, b), np.where(up, a, x)
+            high[going] = np.where(up, x, b)
+            low[going] = np.where(up, a, x)
             f_high[going] = np.where(up, value, np.where(again, 0.5 * fb, fb))
             f_low[going] = np.where(up, np.where(again, 0.5 * fa, fa), value)
-            side[going], w[going] = np.where(up, 1.0, -1.0), x
+            side[going] = np.where(up, 1.0, -1.0)
+            w[going] = x
             going = going[(high[going] - low[going] > _ROOT_TOLERANCE * x) & (value != 0.0)]
-        return self._sort_sides(find, place, w, gap)
+        return self._sort_sides(find, point, w, gap)
 
-    def _sort_sides(self, find: Any, place: Index, w: Array, gap: Array) -> EdgeWaves:
-        """Return those waves that are of this edge, not of the one beyond the cut, with their
-        energy on top.
+    def _sort_sides(self, find: Any, point: Index, w: Array, gap: Array) -> EdgeWaves:
+        """Return the waves of this edge, not of the edge beyond the cut, with their energy on
+        top.
         """
         size = self.size
-        found = []
-        order = np.lexsort((w, place))
-        new = np.ones(len(w), bool)
-        new[1:] = (np.diff(place[order]) > 0) | (
-            np.diff(w[order]) > _DEGENERACY * (gap[1] - gap[0])[order][1:]
-        )
-        for members in np.split(order, np.flatnonzero(new)[1:]):
-            at, here = place[members[:1]], np.mean(w[members])
-            (matrix,), (slope,), (moved,) = find(at, np.array([here]), gap[:, members[:1]])
+        waves = []
+        order = np.lexsort((w, point))
+        is_apart = np.diff(w[order]) > _DEGENERACY * (gap[1] - gap[0])[order][1:]
+        is_new = np.ones(len(w), bool)
+        is_new[1:] = (np.diff(point[order]) > 0) | is_apart
+        for members in np.split(order, np.flatnonzero(is_new)[1:]):
+            number = point[members[:1]]
+            mean = np.mean(w[members])
+            (matrix,), (slope,), (moved,) = find(number, np.array([mean]), gap[:, members[:1]])
             values, vectors = np.linalg.eigh(matrix)
             free = vectors[:, np.argsort(np.abs(values))[: len(members)]]
-            # of a wave of this edge, nothing moves beyond the cut
-            top, beyond = (
-                part.conj().T @ part for part in (moved[size:] @ free, moved[:size] @ free)
-            )
-            scale = np.linalg.inv(np.linalg.cholesky(top + beyond))
+            # a wave of this edge moves nothing beyond the cut
+            on_top = moved[size:] @ free
+            beyond = moved[:size] @ free
+            top = on_top.conj().T @ on_top
+            scale = np.linalg.inv(np.linalg.cholesky(top + beyond.conj().T @ beyond))
             share, turned = np.linalg.eigh(scale @ top @ scale.conj().T)
-            for one in (free @ scale.conj().T @ turned).T[share > 0.5]:
-                energy = float((one.conj() @ slope @ one).real)
-                found.append((at[0], here, float(np.sum(np.abs(moved[size:] @ one) ** 2)) / energy))
-        table = np.array(found).reshape(-1, 3)
+            for wave in (free @ scale.conj().T @ turned).T[share > 0.5]:
+                energy = float((wave.conj() @ slope @ wave).real)
+                top_energy = float(np.sum(np.abs(moved[size:] @ wave) ** 2))
+                waves.append((number[0], mean, top_energy / energy))
+        table = np.array(waves).reshape(-1, 3)
         return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2])
 
     def find_free_motions(self, q: Array) -> EdgeWaves:
@@ -488,57 +493,52 @@ class HalfSpace:
         w = np.full(len(q), -_FREE_SHIFT * self.highest, complex)
         green = np.linalg.inv(self.inverse_green(q, np.arange(len(q)), w))
         parts = np.linalg.eigvalsh(w[:, None, None] * 0.5 * (green + green.conj().swapaxes(1, 2)))
-        place, branch = np.nonzero(parts > _FREE_TOP_PART)
-        return EdgeWaves(
-            place, np.zeros(len(place), complex), np.asarray(parts[place, branch], float)
-        )
+        point, branch = np.nonzero(parts > _FREE_TOP_PART)
+        weight = np.asarray(parts[point, branch], float)
+        return EdgeWaves(point, np.zeros(len(point), complex), weight)
 
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
         """Find leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S + dw
         S' on the real axis.
         """
-        place, gap = self._find_gaps(q, inside=True)
-        three = np.array([-1.0, 0.0, 1.0])
+        point, gap = self._find_gaps(q, inside=True)
+        steps = _DIFFERENCE_STEP * self.highest * np.array([-1.0, 0.0, 1.0])
         top = self.highest
 
-        def solve(place: Index, w: Array) -> tuple[Complex, Array]:
-            at = np.asarray(
-                (w + _DIFFERENCE_STEP * top * three[:, None]).ravel() + 1j * _BAND_BROADENING * top,
-                complex,
-            )
-            low, middle, high = self.inverse_green(q, np.tile(place, 3), at).reshape(
-                3, len(w), self.size, self.size
-            )
+        def solve(point: Index, w: Array) -> tuple[Complex, Array]:
+            """Return dw (n, size) of the resonances of S + dw S' at w, and their energy on top."""
+            real = (w + steps[:, None]).ravel()
+            shifted = np.asarray(real + 1j * _BAND_BROADENING * top, complex)
+            inverse = self.inverse_green(q, np.tile(point, 3), shifted)
+            low, middle, high = inverse.reshape(3, len(w), self.size, self.size)
             slope = (high - low) / (2.0 * _DIFFERENCE_STEP * top)
             values, vectors = np.linalg.eig(np.linalg.solve(slope, -middle))
             norm = np.abs(np.einsum("nab,nac,ncb->nb", vectors.conj(), slope, vectors))
             return values, np.sum(np.abs(vectors) ** 2, axis=1) / norm
 
         # denser towards the edges of the bands
-        part = 0.5 * (1.0 - np.cos(np.pi * (np.arange(_LEAKY_STARTS) + 0.5) / _LEAKY_STARTS))
-        x = (gap[0] + (gap[1] - gap[0]) * part[:, None]).ravel()
-        place, gap = np.tile(place, _LEAKY_STARTS), np.tile(gap, _LEAKY_STARTS)
-        wide = 2.0 * (gap[1] - gap[0]) / _LEAKY_STARTS
-        offset = solve(place, x)[0] if len(x) else np.zeros((0, self.size), complex)
-        close = np.abs(offset.real) <= wide[:, None]
+        starts = 0.5 * (1.0 - np.cos(np.pi * (np.arange(_LEAKY_STARTS) + 0.5) / _LEAKY_STARTS))
+        x = (gap[0] + (gap[1] - gap[0]) * starts[:, None]).ravel()
+        point = np.tile(point, _LEAKY_STARTS)
+        gap = np.tile(gap, _LEAKY_STARTS)
+        reach = 2.0 * (gap[1] - gap[0]) / _LEAKY_STARTS
+        offset = solve(point, x)[0] if len(x) else np.zeros((0, self.size), complex)
+        close = np.abs(offset.real) <= reach[:, None]
         row, column = np.nonzero(close & (np.abs(offset.imag) < 2.0 * _MOST_WIDTH * x[:, None]))
-        place = place[row]
+        point = point[row]
         gap = gap[:, row]
         shift = offset[row, column]
-        w, weight, size = (
-            np.clip(x[row] + shift.real, *gap),
-            np.zeros(len(row)),
-            np.full(len(row), np.inf),
-        )
+        w = np.clip(x[row] + shift.real, *gap)
+        weight = np.zeros(len(row))
+        size = np.full(len(row), np.inf)
         going = np.arange(len(row))
         for _ in range(_SEARCH_STEPS):
             if not going.size:
                 break
-            offset, parts = solve(place[going], w[going])
+            offset, weights = solve(point[going], w[going])
             best = np.argmin(np.abs(offset), axis=1)
-            shift[going], weight[going] = (
-                one[np.arange(len(going)), best] for one in (offset, parts)
-            )
+            shift[going] = offset[np.arange(len(going)), best]
+            weight[going] = weights[np.arange(len(going)), best]
             moved = w[going] + shift[going].real
             inside = (moved >= gap[0, going]) & (moved <= gap[1, going])
             size[going] = np.where(inside, np.abs(shift[going].real), np.inf)
@@ -550,86 +550,87 @@ class HalfSpace:
             (depth < 2.0 * _MOST_WIDTH * w) & (size < np.inf) & (weight > _TOP_PART)
         )
         # many resonances lead to one pole
-        kept = kept[self._find_different(place[kept], w[kept] - 1j * depth[kept], _SAME_POLE)]
+        kept = kept[self._find_different(point[kept], w[kept] - 1j * depth[kept], _SAME_POLE)]
         poles = w[kept].astype(complex)
         blocks = self.blocks(q)
         for number, chosen in enumerate(kept):
             if depth[chosen] > least or size[chosen] > _NEWTON_TOLERANCE * w[chosen]:
-                own, inner, hop = (one[place[chosen]] for one in blocks)
-                poles[number] = self._find_pole(
-                    own, inner, hop, complex(w[chosen], -max(depth[chosen], least))
-                )
+                outer, inner, hop = (block[point[chosen]] for block in blocks)
+                start = complex(w[chosen], -max(depth[chosen], least))
+                poles[number] = self._find_pole(outer, inner, hop, start)
         low, high = gap[:, kept]
         within = (poles.real >= low) & (poles.real <= high) & (poles.imag <= least)
         leaks = np.flatnonzero(within & (poles.imag > -2.0 * _MOST_WIDTH * poles.real))
-        leaks = leaks[self._find_different(place[kept[leaks]], poles[leaks])]
-        found = poles[leaks].real + 1j * np.minimum(poles[leaks].imag, 0.0)
-        return EdgeWaves(place[kept[leaks]], found, weight[kept[leaks]])
+        leaks = leaks[self._find_different(point[kept[leaks]], poles[leaks])]
+        squares = poles[leaks].real + 1j * np.minimum(poles[leaks].imag, 0.0)
+        return EdgeWaves(point[kept[leaks]], squares, weight[kept[leaks]])
 
-    def _find_different(self, place: Index, w: Complex, near: float = 0.0) -> Index:
+    def _find_different(self, point: Index, w: Complex, near: float = 0.0) -> Index:
         """Return indices that sort w (n,) at each wave vector, without those that repeat another.
 
         Two are the same if they differ by less than ``near`` times the lesser half width.
         """
-        order = np.lexsort((w.real, place))
+        order = np.lexsort((w.real, point))
         depth = -w[order].imag
-        fresh = np.ones(len(order), bool)
+        is_new = np.ones(len(order), bool)
         same = near * np.minimum(depth[1:], depth[:-1]) + 0.1 * _NEWTON_TOLERANCE * self.highest
-        fresh[1:] = (np.diff(place[order]) > 0) | (np.abs(np.diff(w[order])) > same)
-        return order[fresh]
+        is_new[1:] = (np.diff(point[order]) > 0) | (np.abs(np.diff(w[order])) > same)
+        return order[is_new]
 
-    def _find_pole(self, own: Complex, inner: Complex, hop: Complex, w: complex) -> complex:
-        """Return the root of S near w, straight below the real axis; nan if none is found.
+    def _find_pole(self, outer: Complex, inner: Complex, hop: Complex, w: complex) -> complex:
+        """Return the root of S near w, straight below the real axis; nan if the search finds none.
 
         Waves that go from the edge take the motions of a block, times L, to the next: S = w - E_0 -
-        A L. Above the real axis they are those that decay. On the way down they are told from the
-        others as each of their factors, the eigenvalues of L, moves by less than what parts it from
-        the factors of the others.
+        A L. Above the real axis these are the waves that decay. On the way down they stay the same
+        waves as long as each of their factors, the eigenvalues of L, moves by less than its
+        distance from the factors of all other waves.
         """
         from scipy.linalg import ordqz
         from scipy.optimize import linear_sum_assignment
 
-        size, eye, none = self.size, np.eye(self.size), np.zeros((self.size, self.size))
+        size = self.size
+        eye = np.eye(size)
+        none = np.zeros((size, size))
         width = -w.imag
         right = np.block([[eye, none], [none, hop]])
 
-        def solve(w: complex, known: Complex) -> tuple[Complex, Array, Complex]:
-            """Return the factors that continue ``known``, what parts each from those of other
-            waves, and the waves.
+        def solve(w: complex, earlier: Complex) -> tuple[Complex, Array, Complex]:
+            """Return the factors that continue ``earlier`` ones, the distance of each from those of
+            other waves, and the waves.
             """
-            found = list[tuple[Complex, Array]]()
+            choices = list[tuple[Complex, Array]]()
 
             def choose(alpha: Any, beta: Any) -> Any:
                 factors = np.full(2 * size, _FAR, complex)
                 np.divide(alpha, beta, out=factors, where=np.abs(alpha) < _FAR * np.abs(beta))
-                far = (
-                    np.abs(factors - known[:, None])
-                    if len(known)
-                    else np.tile(np.abs(factors), (size, 1))
-                )
-                mine = linear_sum_assignment(far)[1]
-                chosen = np.isin(np.arange(2 * size), mine)
-                found.append(
-                    (factors[mine], np.min(np.abs(factors[mine, None] - factors[~chosen]), axis=1))
-                )
+                moves = np.tile(np.abs(factors), (size, 1))
+                if len(earlier):
+                    moves = np.abs(factors - earlier[:, None])
+                columns = linear_sum_assignment(moves)[1]
+                chosen = np.isin(np.arange(2 * size), columns)
+                distances = np.abs(factors[columns, None] - factors[~chosen])
+                choices.append((factors[columns], np.min(distances, axis=1)))
                 return chosen
 
             left = np.block([[none, eye], [-hop.conj().T, w * eye - inner]])
             waves = ordqz(left, right, choose, "complex")[5][:, :size]
-            return *found[0], np.asarray(waves, complex)
+            factors, distances = choices[0]
+            return factors, distances, np.asarray(waves, complex)
 
         def inverse_green(w: complex, waves: Complex) -> Complex:
-            return w * eye - own - hop @ waves[size:] @ np.linalg.inv(waves[:size])
+            return w * eye - outer - hop @ waves[size:] @ np.linalg.inv(waves[:size])
 
         for _ in range(_NEWTON_STEPS):
-            at = complex(w.real, _BAND_BROADENING * self.highest)
-            factors, apart, waves = solve(at, np.zeros(0, complex))
-            step = w.imag - at.imag
-            while at.imag > w.imag:
-                step = max(step, w.imag - at.imag)
-                trial = solve(at + 1j * step, factors)
+            position = complex(w.real, _BAND_BROADENING * self.highest)
+            factors, apart, waves = solve(position, np.zeros(0, complex))
+            step = w.imag - position.imag
+            while position.imag > w.imag:
+                step = max(step, w.imag - position.imag)
+                trial = solve(position + 1j * step, factors)
                 if np.all(np.abs(trial[0] - factors) <= _MOST_MOVED * np.minimum(trial[1], apart)):
-                    (factors, apart, waves), at, step = trial, at + 1j * step, 2.0 * step
+                    factors, apart, waves = trial
+                    position = position + 1j * step
+                    step = 2.0 * step
                 elif step > -_LEAST_STEP * width:
                     return complex(np.nan)
                 else:
@@ -640,10 +641,8 @@ class HalfSpace:
             shifts = np.linalg.eigvals(np.linalg.solve(slope, -inverse))
             shift = shifts[np.argmin(np.abs(shifts))]
             w = w + shift
-            if (
-                not w.imag < 0.0
-                or abs(shift) < _NEWTON_TOLERANCE * width + _POLE_NOISE * self.highest
-            ):
+            tolerance = _NEWTON_TOLERANCE * width + _POLE_NOISE * self.highest
+            if not w.imag < 0.0 or abs(shift) < tolerance:
                 return w
         return complex(np.nan)
 
@@ -653,15 +652,14 @@ class HalfSpace:
         """Return |K|^1/2 C M^-1/2 (n, rows, size) of one block of the crystal at q (p - 1,), at n
         phases between blocks.
 
-        A contact of two blocks is one of the lower.
+        A contact that joins two blocks counts to the lower-numbered block.
         """
-        size, parts = (
-            self.size,
-            np.tensordot(np.exp(2.0j * np.pi * (self._steps @ q)), self._matrix[:, self._whole], 1),
-        )
+        size = self.size
+        along = np.exp(2.0j * np.pi * (self._steps @ q))
+        coefficients = np.tensordot(along, self._matrix[:, self._second], 1)
         phase = np.exp(2.0j * np.pi * np.arange(_WINDING_PHASES) / _WINDING_PHASES)[:, None, None]
-        rows = parts[:, size : 2 * size] + phase * parts[:, 2 * size :]
-        return np.asarray(np.sqrt(np.abs(self._stiff[self._whole]))[:, None] * rows)
+        rows = coefficients[:, size : 2 * size] + phase * coefficients[:, 2 * size :]
+        return np.asarray(np.sqrt(np.abs(self._stiff[self._second]))[:, None] * rows)
 
     def zak_phase(self, q: Array, below: int) -> float:
         """Return the Zak phase of all but the ``below`` lowest branches at q (p - 1,), 0 to 2 pi
@@ -677,9 +675,10 @@ class HalfSpace:
                 mend="Take a state without, or a held edge",
             )
         rows = self._find_rows(q)
-        signs = np.sign(self._stiff[self._whole])[:, None]
+        signs = np.sign(self._stiff[self._second])[:, None]
         squares, vectors = np.linalg.eigh(rows.conj().swapaxes(1, 2) @ (signs * rows))
-        shape, gap = vectors[:, :, below:], np.min(squares[:, below] - squares[:, below - 1])
+        shape = vectors[:, :, below:]
+        gap = np.min(squares[:, below] - squares[:, below - 1])
         if self.edge == "free":
             shape = np.linalg.qr(rows @ shape)[0]
         steps = np.linalg.det(shape.conj().swapaxes(1, 2) @ np.roll(shape, -1, axis=0))
@@ -700,14 +699,17 @@ class HalfSpace:
         """
         rows = self._find_rows(q)
         if rows.shape[1] != rows.shape[2]:
-            what = (
+            raise InputError(
                 f"{rows.shape[1]} deformations of contacts and {rows.shape[2]} motions are not as"
-                f" many"
+                " many",
+                "C has no determinant",
+                "Take an isostatic lattice",
             )
-            raise InputError(what, "C has no determinant", "Take an isostatic lattice")
-        found, size = np.linalg.det(rows), np.prod(np.linalg.norm(rows, axis=2), axis=1)
-        turns = np.angle(np.roll(found, -1) * found.conj())
-        if np.any(np.abs(found) <= _SINGULAR * size) or np.max(np.abs(turns)) > 0.5 * np.pi:
+        determinants = np.linalg.det(rows)
+        bounds = np.prod(np.linalg.norm(rows, axis=2), axis=1)
+        turns = np.angle(np.roll(determinants, -1) * determinants.conj())
+        is_singular = np.any(np.abs(determinants) <= _SINGULAR * bounds)
+        if is_singular or np.max(np.abs(turns)) > 0.5 * np.pi:
             raise InputError(
                 "det C vanishes, or nearly, at this wave vector", mend="Take another one"
             )
@@ -742,51 +744,44 @@ class HalfSpace:
             raise InputError(
                 "the periods of the network do not lie along x, or in the xy plane", mend="Turn it"
             )
-        stiffness = (
-            lattice.gradient_stiffness()[np.ix_(inside, range(p), inside, range(p))]
-            / lattice.measure
-        )
+        gradients = np.ix_(inside, range(p), inside, range(p))
+        stiffness = lattice.gradient_stiffness()[gradients] / lattice.measure
         tensor = np.einsum("ai,bj,ck,dl,ijkl->abcd", turn, turn, turn, turn, stiffness)
         density = float(lattice.masses.sum()) / lattice.measure
-        along, normal = np.append(direction, 0.0), np.eye(p)[-1]
-
-        still, mixed, inner = (
-            np.einsum("ijkl,j,l->ik", tensor, one, other)
-            for one, other in ((along, along), (along, normal), (normal, normal))
-        )
-        inverse = np.linalg.inv(inner)
+        along = np.append(direction, 0.0)
+        normal = np.eye(p)[-1]
+        still = np.einsum("ijkl,j,l->ik", tensor, along, along)
+        mixed = np.einsum("ijkl,j,l->ik", tensor, along, normal)
+        inverse = np.linalg.inv(np.einsum("ijkl,j,l->ik", tensor, normal, normal))
 
         def slowest(angle: Any) -> Any:
-            way = np.cos(angle)[..., None] * along + np.sin(angle)[..., None] * normal
-            squared = (
-                np.linalg.eigvalsh(np.einsum("ijkl,...j,...l->...ik", tensor, way, way))[..., 0]
-                / density
-            )
+            """Return the velocity along the edge of the slowest bulk wave that runs at an angle."""
+            course = np.cos(angle)[..., None] * along + np.sin(angle)[..., None] * normal
+            acoustic = np.einsum("ijkl,...j,...l->...ik", tensor, course, course)
+            squared = np.linalg.eigvalsh(acoustic)[..., 0] / density
             return np.sqrt(np.maximum(squared, 0.0)) / np.cos(angle)
 
         def impedance(v: float) -> float:
             # displacements a exp(i (m + p n).x), with the roots p that decay below the edge, and
             # their tractions
-            own = still - density * v * v * np.eye(p)
-            system = np.block(
-                [[-inverse @ mixed.T, inverse], [mixed @ inverse @ mixed.T - own, -mixed @ inverse]]
-            )
+            dynamic = still - density * v * v * np.eye(p)
+            coupling = mixed @ inverse @ mixed.T - dynamic
+            system = np.block([[-inverse @ mixed.T, inverse], [coupling, -mixed @ inverse]])
             roots, vectors = np.linalg.eig(system)
             chosen = np.argsort(-roots.imag)[:p]
             shape = vectors[:p, chosen]
             force = vectors[p:, chosen]
-            found = -1j * force @ np.linalg.inv(shape)
-            return float(np.linalg.eigvalsh(0.5 * (found + found.conj().T))[0])
+            impedances = -1j * force @ np.linalg.inv(shape)
+            return float(np.linalg.eigvalsh(0.5 * (impedances + impedances.conj().T))[0])
 
         from scipy.optimize import brentq, minimize_scalar
 
         grid = np.linspace(-1.4, 1.4, 281)
-        at = float(grid[np.argmin(slowest(grid))])
-        near = (at - 0.01, at + 0.01)
-        limit = float(
-            minimize_scalar(slowest, bounds=near, method="bounded", options={"xatol": 1e-12}).fun
-        )
-        ends = 1e-3 * limit, (1.0 - 1e-9) * limit
+        best = float(grid[np.argmin(slowest(grid))])
+        near = (best - 0.01, best + 0.01)
+        minimum = minimize_scalar(slowest, bounds=near, method="bounded", options={"xatol": 1e-12})
+        limit = float(minimum.fun)
+        ends = (1e-3 * limit, (1.0 - 1e-9) * limit)
         if not impedance(ends[0]) * impedance(ends[1]) < 0.0:
             raise GranphonError(
                 "no long wave runs along this edge", mend="Choose another direction"

@@ -5,10 +5,11 @@ The motions are those of each ball. A contact joins two balls, so that D costs n
 LAPACK's eigenvalues take nearly all of the time. If an inversion leaves the cell the same, even
 motions and odd ones times i make D real.
 
-An eigenvalue of D has the error of rounding of the largest. The few that are far below it are found
-again, by Lanczos with sparse factors, as squares of singular values of C. What has no digits so
-either, as sound very near Gamma, and modes that touch, are left to the blocks of
-:mod:`granphon.dynamics.blocks`, whose matrices are dense and keep all digits.
+An eigenvalue of D has the error of rounding of the largest. The few that are far below the largest
+are found again, by Lanczos with sparse factors, as squares of singular values of C. Wave vectors
+where singular values have no digits either, as those of sound very near Gamma, and modes that
+touch, are left to the blocks of :mod:`granphon.dynamics.blocks`, whose matrices are dense and keep
+all digits.
 """
 
 from __future__ import annotations
@@ -27,19 +28,20 @@ from granphon.dynamics.sparse_relaxation import compose_ends
 
 #: singular value of C, over the largest, from which it has eleven digits in the motions of balls
 _LEAST = 1e-5
-#: the same of a mode, whose error is of first order
+#: the same where modes are requested, whose error is of first order
 _LEAST_OF_MODES = 1e-3
 #: singular value of C, over the largest, up to which it is rounding of zero
-_NOTHING = 1e-13
-#: distance of a wave vector from Gamma, 1/d, from which sound is well above that
+_ZERO = 1e-13
+#: distance of a wave vector from Gamma, 1/d, from which sound is well above rounding of zero
 _FAR = 1e-2
-#: eigenvalue under prestress, over the largest, from which it has digits: it is rounded itself
+#: eigenvalue under prestress, over the largest, from which it has digits: the eigenvalue itself is
+#: rounded
 _LEAST_SQUARE = 1e-7
-#: and up to which it is rounding of zero
-_NO_SQUARE = 1e-12
+#: eigenvalue under prestress, over the largest, up to which it is rounding of zero
+_ZERO_SQUARE = 1e-12
 #: distance of the shift of Lanczos from zero, over the largest eigenvalue
 _SHIFT = 1e-8
-#: error of eigenvalues, over the largest, that tells that one is missing
+#: error of eigenvalues, over the largest, from which Lanczos has missed an eigenvalue
 _MISSED = 1e-11
 #: memory of one wave vector over the square of the number of branches, bytes: D, LAPACK's copy and
 #: its work
@@ -59,6 +61,13 @@ class _Ends(NamedTuple):
     tail: Any
     half: Array
     signs: Array
+
+
+class _LowModes(NamedTuple):
+    """The lowest frequencies of a part of a cell, ascending, and which of them are zero."""
+
+    frequencies: Array
+    are_zero: NDArray[np.bool_]
 
 
 class LargeCell:
@@ -90,25 +99,29 @@ class LargeCell:
             unit = eye_array(n, format="csc")
             pair = np.flatnonzero(image > np.arange(n))
             fixed = np.flatnonzero(image == np.arange(n))
-            one = unit[:, pair]
-            other = unit[:, image[pair]]
-            of_balls = hstack([unit[:, fixed], root * (one + other), 1j * root * (one - other)])
+            ball = unit[:, pair]
+            partner = unit[:, image[pair]]
+            even = root * (ball + partner)
+            odd = 1j * root * (ball - partner)
+            of_balls = hstack([unit[:, fixed], even, odd])
             self.frame = kron(of_balls, np.diag(lattice.motions.phases)).tocsr()
         #: fewest frequencies of zero at any wave vector so far
         self._zeros = self.size
         self.kinds: list[_Ends] = []
-        for prestress, (own, roots) in enumerate(rows):
-            ends = [one @ self.frame for one in compose_ends(lattice, own, roots)]
-            signs = -lattice.static_signs if prestress else np.ones((len(own), len(table)))
-            half = np.tile(0.5 * table.vector[:, : lattice.periods], (len(own), 1))
-            self.kinds.append(_Ends(ends[0], ends[1], half, signs.ravel()))
+        for prestress, (deformations, roots) in enumerate(rows):
+            head, tail = compose_ends(lattice, deformations, roots)
+            count = len(deformations)
+            signs = -lattice.static_signs if prestress else np.ones((count, len(table)))
+            half = np.tile(0.5 * table.vector[:, : lattice.periods], (count, 1))
+            ends = _Ends(head @ self.frame, tail @ self.frame, half, signs.ravel())
+            self.kinds.append(ends)
 
     def find_frequencies(self, q: Array) -> Array | None:
         """Find frequencies (n,), ascending, at one wave vector (p,); None if digits would be
         lost.
         """
-        found = self._solve(q, False)
-        return None if found is None else np.sort(found[0])
+        modes = self._solve(q, with_vectors=False)
+        return None if modes is None else np.sort(modes[0])
 
     def solve_with_velocities(self, q: Array) -> tuple[Array, NDArray[Any], Array] | None:
         """Find frequencies (n,), motions of balls (n, n), as columns, and group velocities (n, p)
@@ -116,15 +129,14 @@ class LargeCell:
 
         Return None if digits would be lost, or branches touch.
         """
-        found = self._solve(q, True)
-        if found is None:
+        modes = self._solve(q, with_vectors=True)
+        if modes is None:
             return None
-        order = np.argsort(found[0], kind="stable")
-        values = found[0][order]
-        vectors = found[1][:, order]
-        if values[0] < _LEAST_OF_MODES * values[-1] or np.any(
-            np.diff(values) <= _DEGENERATE * values[1:]
-        ):
+        order = np.argsort(modes[0], kind="stable")
+        values = modes[0][order]
+        vectors = modes[1][:, order]
+        touch = np.any(np.diff(values) <= _DEGENERATE * values[1:])
+        if touch or values[0] < _LEAST_OF_MODES * values[-1]:
             return None
         gradients = np.zeros((self.size, len(q)))
         for ends in self.kinds:
@@ -134,11 +146,8 @@ class LargeCell:
             ahead = phase * ahead
             behind = phase.conj() * behind
             # 2 Re <C v| S dC/dq |v>, dC/dq = i half (head + tail)
-            gradients -= (
-                2.0
-                * (((ahead - behind).conj() * (ahead + behind)).imag * ends.signs[:, None]).T
-                @ ends.half
-            )
+            products = ((ahead - behind).conj() * (ahead + behind)).imag * ends.signs[:, None]
+            gradients -= 2.0 * products.T @ ends.half
         return values, self.frame @ vectors, gradients / (2.0 * values[:, None])
 
     @property
@@ -155,46 +164,61 @@ class LargeCell:
             phase = np.exp(1j * (ends.half @ q))[:, None]
             rows.append((ends.head.multiply(phase) - ends.tail.multiply(phase.conj())).tocsr())
         matrix = sum(
-            one.conj().T @ one.multiply(ends.signs[:, None])
-            for one, ends in zip(rows, self.kinds, strict=True)
+            kind.conj().T @ kind.multiply(ends.signs[:, None])
+            for kind, ends in zip(rows, self.kinds, strict=True)
         )
         matrix = (matrix.real if self.is_real else matrix).tocsr()
         return rows[0], matrix, float(abs(matrix).sum(axis=1).max())
 
-    def _solve(self, q: Array, wanted: bool) -> tuple[Array, NDArray[Any]] | None:
-        """Find frequencies, in any order, and eigenvectors if they are wanted."""
+    def _solve(self, q: Array, with_vectors: bool) -> tuple[Array, NDArray[Any]] | None:
+        """Find frequencies (n,), in any order, and on request eigenvectors (n, n); None if digits
+        would be lost.
+        """
         rows, matrix, top = self._compute(q)
-        values = np.zeros(self.size)
-        vectors = np.zeros((self.size,) * 2 if wanted else (0, 0), matrix.dtype)
-        for part in _split(matrix):
-            own = matrix[part][:, part]
-            if wanted:
-                squares, vectors[np.ix_(part, part)] = np.linalg.eigh(own.toarray())
+        is_near_gamma = 0.0 < float(np.linalg.norm(q)) < _FAR
+        frequencies = np.zeros(self.size)
+        vectors = np.zeros((self.size, self.size) if with_vectors else (0, 0), matrix.dtype)
+        for motions in _split(matrix):
+            block = matrix[motions][:, motions]
+            if with_vectors:
+                squares, vectors[np.ix_(motions, motions)] = np.linalg.eigh(block.toarray())
             else:
-                squares = np.linalg.eigvalsh(own.toarray())
-            sizes = np.sqrt(np.maximum(squares, 0.0))
-            low = int(
-                np.count_nonzero(squares <= (_LEAST_SQUARE if self.pressed else WELL_ABOVE) * top)
-            )
-            if self.pressed:  # squares are rounded, and nothing helps
-                nothing = np.abs(squares[:low]) <= _NO_SQUARE * top
-                lost = not np.all(nothing)
-            elif low <= min(_MOST, len(part) // 3):
-                sizes[:low] = _sharpen(own, rows[:, part], low, top) if low else 0.0
-                nothing = sizes[:low] <= _NOTHING * np.sqrt(top)
-                lost = not np.all(nothing | (sizes[:low] >= _LEAST * np.sqrt(top)))
-                lost = lost or bool(
-                    np.any(np.abs(sizes[:low] ** 2 - squares[:low]) > _MISSED * top)
-                )
-            else:
-                nothing = sizes[:low] <= 0.0
-                lost = not np.all(nothing & (own.count_nonzero() == 0))
-            if lost or (np.any(nothing) and 0.0 < float(np.linalg.norm(q)) < _FAR):
+                squares = np.linalg.eigvalsh(block.toarray())
+            low = self._resolve_low_modes(block, rows[:, motions], squares, top)
+            if low is None or (np.any(low.are_zero) and is_near_gamma):
                 return None
-            sizes[:low][nothing] = 0.0
-            values[part] = sizes
-        self._zeros = min(self._zeros, int(np.count_nonzero(values == 0.0)))
-        return values, vectors
+            sizes = np.sqrt(np.maximum(squares, 0.0))
+            sizes[: low.are_zero.size] = np.where(low.are_zero, 0.0, low.frequencies)
+            frequencies[motions] = sizes
+        self._zeros = min(self._zeros, int(np.count_nonzero(frequencies == 0.0)))
+        return frequencies, vectors
+
+    def _resolve_low_modes(
+        self, block: Any, rows: Any, squares: Array, top: float
+    ) -> _LowModes | None:
+        """Find the frequencies that are too low to have digits as roots of ``squares`` (n,),
+        ascending; None if digits would be lost.
+
+        ``block`` (n, n) is the sparse D of some motions, ``rows`` those of C, and ``top`` a bound
+        of all squares. There are three ways. Under static forces the squares themselves are
+        rounded, and must be zero. A few frequencies are found again as singular values of C. If
+        there are many, they must all be those of motions without contacts.
+        """
+        limit = _LEAST_SQUARE if self.pressed else WELL_ABOVE
+        count = int(np.count_nonzero(squares <= limit * top))
+        lowest = squares[:count]
+        if self.pressed:
+            are_zero = np.abs(lowest) <= _ZERO_SQUARE * top
+            return _LowModes(np.zeros(count), are_zero) if np.all(are_zero) else None
+        if count > min(_MOST, len(squares) // 3):
+            are_zero = lowest <= 0.0
+            is_loose = np.all(are_zero) and block.count_nonzero() == 0
+            return _LowModes(np.zeros(count), are_zero) if is_loose else None
+        sizes = _sharpen(block, rows, count, top) if count else np.zeros(0)
+        are_zero = sizes <= _ZERO * np.sqrt(top)
+        have_digits = np.all(are_zero | (sizes >= _LEAST * np.sqrt(top)))
+        are_all = np.all(np.abs(sizes**2 - lowest) <= _MISSED * top)
+        return _LowModes(sizes, are_zero) if have_digits and are_all else None
 
 
 def _split(matrix: Any) -> list[NDArray[np.intp]]:

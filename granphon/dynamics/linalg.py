@@ -87,9 +87,9 @@ def graded_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
         return _decompose(matrices)
     _, right = np.linalg.eigh(matrices.conj().swapaxes(1, 2) @ matrices)
     values, right, good = _straighten(matrices @ right, right)
-    rest = np.flatnonzero(~good)
-    if rest.size:
-        values[rest], right[rest] = _decompose(matrices[rest])
+    bad = np.flatnonzero(~good)
+    if bad.size:
+        values[bad], right[bad] = _decompose(matrices[bad])
     return values, right
 
 
@@ -107,12 +107,11 @@ def graded_eigh(
         return jacobi_svd(factor(matrices))
     squares, right = np.linalg.eigh(matrices)
     # a root has half the relative error of its square
-    rest = np.flatnonzero(
-        squares[:, 0] <= 0.5 * _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR * squares[:, -1]
-    )
+    limit = 0.5 * _LAPACK_ERROR * _EPSILON / _ACCEPTED_ERROR
+    doubtful = np.flatnonzero(squares[:, 0] <= limit * squares[:, -1])
     values = np.sqrt(np.maximum(squares, 0.0))
-    if rest.size:
-        values[rest], right[rest] = graded_svd(factor(matrices[rest]))
+    if doubtful.size:
+        values[doubtful], right[doubtful] = graded_svd(factor(matrices[doubtful]))
     return values, right
 
 
@@ -143,10 +142,10 @@ def _straighten(
     good = np.all(straight | (small & (size <= _FIRST_ORDER * lengths)), axis=(1, 2))
     apart = small & (gap != 0.0)
     turn = np.where(apart, products, 0.0)
-    # real and imaginary part by themselves: a quotient of complex numbers leaves the floating range
-    # near subnormal ones
-    for part in (turn.real, turn.imag) if np.iscomplexobj(turn) else (turn,):
-        np.divide(part, gap, out=part, where=apart)
+    # real and imaginary parts are divided apart: a quotient of complex numbers leaves the floating
+    # range near subnormal ones
+    for component in (turn.real, turn.imag) if np.iscomplexobj(turn) else (turn,):
+        np.divide(component, gap, out=component, where=apart)
     order = np.argsort(values, axis=1, kind="stable")
     # skew to rounding, as a rotation of first order must be
     turn = 0.5 * (turn - turn.conj().swapaxes(1, 2))
@@ -164,25 +163,23 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     # the largest element stands for the length of a column: its square might underflow
     size = np.max(np.abs(matrices[doubtful]), axis=1)
     graded = []
-    for place, lengths in zip(doubtful.tolist(), size, strict=True):
-        # a column of zeros gives a singular value of zero; it is not a reason to doubt the others
+    for n, lengths in zip(doubtful.tolist(), size, strict=True):
+        # a column of zeros gives a singular value of zero, which is no reason to doubt the others
         zeros = np.count_nonzero(lengths == 0.0)
-        values[place, :zeros] = 0.0
-        rest = lengths[lengths > 0.0]
-        if (
-            rest.size
-            and values[place, zeros] <= limit * values[place, -1]
-            and _GRADED_RATIO * rest.min() < rest.max()
-        ):
-            graded.append(place)
+        values[n, :zeros] = 0.0
+        lengths = lengths[lengths > 0.0]
+        if not lengths.size or values[n, zeros] > limit * values[n, -1]:
+            continue
+        if _GRADED_RATIO * lengths.min() < lengths.max():
+            graded.append(n)
     again = np.array(graded, np.intp)
     if again.size:
         turned, nearly = _precondition(matrices[again])
         values[again], right[again], good = _straighten(turned, nearly)
         if not np.all(good):
-            rest = again[~good]
-            values[rest], rotation = jacobi_svd(turned[~good])
-            right[rest] = nearly[~good] @ rotation
+            bad = again[~good]
+            values[bad], rotation = jacobi_svd(turned[~good])
+            right[bad] = nearly[~good] @ rotation
     return values, right
 
 
@@ -208,9 +205,8 @@ def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """
     size = np.max(np.abs(matrices), axis=1)
     order = np.argsort(-size, axis=1, kind="stable")
-    triangles = np.asarray(
-        np.linalg.qr(_pad_rows(np.take_along_axis(matrices, order[:, None], 2)), mode="r")
-    )
+    descending = np.take_along_axis(matrices, order[:, None], 2)
+    triangles = np.asarray(np.linalg.qr(_pad_rows(descending), mode="r"))
     right, upper = np.linalg.qr(triangles.swapaxes(1, 2).conj())
     within = np.zeros_like(right)
     # blocks (n_matrices, n) of columns of comparable norms, in descending order
@@ -224,8 +220,9 @@ def _precondition(matrices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     for kind in np.unique(blocks, axis=0):
         same = np.flatnonzero(np.all(blocks == kind, axis=1))
         for block in range(kind[-1] + 1):
-            part = np.ix_(same, np.flatnonzero(kind == block), np.flatnonzero(kind == block))
-            within[part] = lapack_svd(upper.swapaxes(1, 2).conj()[part])[1]
+            columns = np.flatnonzero(kind == block)
+            diagonal = np.ix_(same, columns, columns)
+            within[diagonal] = lapack_svd(upper.swapaxes(1, 2).conj()[diagonal])[1]
     right = right @ within
     return triangles @ right, np.take_along_axis(right, np.argsort(order, axis=1)[:, :, None], 1)
 
@@ -258,9 +255,8 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     if n == 1:  # the only singular value is the length of the column
         unit = np.divide(a, scale, order="C")
         length = np.sqrt(np.einsum("nmb,nmb->nb", unit, unit.conj()).real) * scale
-        return length.reshape(*shape, 1), np.ones(
-            (*shape, 1, 1), np.result_type(matrices.dtype, np.float64)
-        )
+        ones = np.ones((*shape, 1, 1), np.result_type(matrices.dtype, np.float64))
+        return length.reshape(*shape, 1), ones
     # axes: column first, batch last, so that each rotation works on contiguous rows. Below each
     # column of A is the matching column of the right singular vectors
     columns = np.zeros((n, m + n, a.shape[-1]), np.result_type(matrices.dtype, np.float64))
@@ -279,9 +275,8 @@ def jacobi_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     order = np.argsort(norms, axis=0, kind="stable")
     values = np.take_along_axis(norms, order, 0) * scale
     right = np.take_along_axis(columns[:, m:], order[:, None], 0)
-    return np.moveaxis(values, -1, 0).reshape(*shape, n), right.transpose(2, 1, 0).reshape(
-        *shape, n, n
-    )
+    values = np.moveaxis(values, -1, 0).reshape(*shape, n)
+    return values, right.transpose(2, 1, 0).reshape(*shape, n, n)
 
 
 def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
@@ -293,11 +288,10 @@ def _rotate(first: NDArray[Any], second: NDArray[Any], m: int) -> bool:
     beta = np.einsum("mb,mb->b", second[:m].conj(), second[:m]).real
     gamma = np.einsum("mb,mb->b", adjoint, second[:m])
     size = np.abs(gamma)
-    # a column below _NO_COLUMN is the rounding error of a dependent one: it counts as zero and
+    # a column below _NO_COLUMN is the rounding error of a dependent column: it counts as zero and
     # cannot be made orthogonal
-    active = (size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)) & (
-        np.minimum(alpha, beta) > _NO_COLUMN**2
-    )
+    active = size > 4.0 * _EPSILON * np.sqrt(alpha) * np.sqrt(beta)
+    active &= np.minimum(alpha, beta) > _NO_COLUMN**2
     if not np.any(active):
         return False
     safe = np.where(active, size, 1.0)
@@ -376,12 +370,12 @@ def is_independent(rows: NDArray[Any]) -> bool:
 def find_dependent(
     rows: NDArray[Any], sizes: NDArray[np.float64]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Find orthonormal vectors (n, k) that a matrix (m, n) takes to zero, and others (n, n - k)
+    """Find orthonormal vectors (n, k) that a matrix (m, n) takes to zero, and vectors (n, n - k)
     that complete them.
 
-    ``sizes`` (m, n) are those of its entries if nothing cancelled in them. As in :func:`find_rank`,
-    each column and then each row is divided by its length in these, so that small ones count as
-    much as others, and no entry is above one.
+    ``sizes`` (m, n) are the sizes that the entries of the matrix would have if nothing cancelled in
+    them. As in :func:`find_rank`, each column and then each row is divided by its length in the
+    matrix of sizes, so that small columns count as much as large ones, and no entry is above one.
     """
     lengths = np.linalg.norm(sizes, axis=0)
     lengths[lengths == 0.0] = 1.0
@@ -389,20 +383,16 @@ def find_dependent(
     scaled = rows / lengths / np.where(row_lengths > 0.0, row_lengths, 1.0)
     if is_independent(scaled):
         return np.zeros((len(lengths), 0), rows.dtype), np.eye(len(lengths), dtype=rows.dtype)
-    left, values, adjoint = np.linalg.svd(_pad_rows(scaled[None])[0], full_matrices=False)
+    range_basis, values, adjoint = np.linalg.svd(_pad_rows(scaled[None])[0], full_matrices=False)
     rank = int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
     count = len(values) - rank
     free, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
-    # vectors that are longest in long columns come out as small differences of others: what is left
-    # of them is taken back
-    rest = (
-        left[: len(rows), :rank].conj().T
-        @ (scaled @ (lengths[:, None] * free))
-        / values[:rank, None]
-    )
-    basis, _ = np.linalg.qr(
-        free - adjoint[:rank].conj().T @ rest / lengths[:, None], mode="complete"
-    )
+    # vectors that are longest in long columns come out as small differences of others, which are
+    # not quite taken to zero: the residuals correct the vectors
+    residuals = scaled @ (lengths[:, None] * free)
+    amplitudes = range_basis[: len(rows), :rank].conj().T @ residuals / values[:rank, None]
+    correction = adjoint[:rank].conj().T @ amplitudes / lengths[:, None]
+    basis, _ = np.linalg.qr(free - correction, mode="complete")
     return basis[:, :count], basis[:, count:]
 
 

@@ -45,6 +45,9 @@ _AGREEMENT = {2: 1e-9, 3: 1e-8}
 _LEAST_HELD = 1e-6
 #: number of entries of C(q) that are worked on at a time, few enough for the cache
 _ENTRIES = 2**16
+#: distance, in steps of the cell and in diameters across the periods, up to which two midpoints of
+#: contacts are one point
+_SAME_MIDPOINT = 1e-3
 #: height of an equilateral triangle of side one
 _TRIANGLE_HEIGHT = float(np.sqrt(3.0) / 2.0)
 
@@ -148,9 +151,11 @@ def local_field(
     PrecisionError : friction, torsion or bending is so weak, on a lattice that needs it, or so
         strong, that the integral over q does not settle.
     """
-    given = {"mindlin_ratio": mindlin_ratio, "bending": bending, "torsion": torsion}
     return _compute_local_field(
-        find_lattice(lattice), *(not_negative(name, value) for name, value in given.items())
+        find_lattice(lattice),
+        not_negative("mindlin_ratio", mindlin_ratio),
+        not_negative("bending", bending),
+        not_negative("torsion", torsion),
     )
 
 
@@ -176,7 +181,7 @@ def _compute_local_field(
         return make_field(0.0)  # the contacts can take up any deformation
     # mean elongations under a unit tension of one ball's star: of the star, then on top and at the
     # bridges
-    before = np.zeros(0)
+    coarser = np.full(1, np.inf)
     find = _make_response(medium)
     for order in _ORDERS[medium.periods]:
         zone = divide_zone(medium.reciprocal, order, _find_operations(medium))
@@ -184,19 +189,14 @@ def _compute_local_field(
         # u_1 is small at strong friction and near one at weak friction. Both u_1 and Xi = 1/u_1 - 1
         # must be accurate, so 1 - u_1 must be well above rounding
         accepted = _AGREEMENT[medium.periods] * values[0] * (1.0 - values[0])
-        if (
-            before.size
-            and 1.0 - values[0] > _LEAST_HELD
-            and np.max(np.abs(values - before)) <= accepted
-        ):
+        has_settled = np.max(np.abs(values - coarser)) <= accepted
+        if has_settled and 1.0 - values[0] > _LEAST_HELD:
             break
-        before = values
+        coarser = values
     else:
-        shown = ", ".join(
-            f"{name} {getattr(medium, name):g}" for name in ("mindlin_ratio", "torsion", "bending")
-        )
         raise PrecisionError(
-            f"the local field of lattice {medium.name!r} at {shown} does not converge",
+            f"the local field of lattice {medium.name!r} at mindlin_ratio {eta:g},"
+            f" torsion {torsion:g}, bending {bending:g} does not converge",
             "Stiffnesses are so unequal that some of its motions cost almost no energy beside"
             " others",
             "Use stiffnesses nearer to that of compression",
@@ -241,15 +241,14 @@ def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
             across = np.stack([-spokes[:, 1], spokes[:, 0]], axis=1)
             sides = [0.5 * spokes + sign * _TRIANGLE_HEIGHT * across for sign in (1.0, -1.0)]
             kinds += [1.5 * spokes, np.concatenate([spokes + 0.5 * side for side in sides])]
-        for found, off in zip(tensions, kinds, strict=True):
-            where = centre + off
-            offset = where[:, None] - middle
-            steps = offset[..., :p] @ np.linalg.inv(medium.cell[:, :p])
-            apart = np.max(
-                np.abs(np.concatenate([steps - np.rint(steps), offset[..., p:]], axis=-1)), axis=-1
-            )
-            found.append((where[:, :p], (apart < 1e-3).astype(float)))
-    counts = [sum(len(where) for where, _ in found) for found in tensions]
+        for of_balls, offsets in zip(tensions, kinds, strict=True):
+            midpoints = centre + offsets
+            separation = midpoints[:, None] - middle
+            steps = separation[..., :p] @ np.linalg.inv(medium.cell[:, :p])
+            apart = np.concatenate([steps - np.rint(steps), separation[..., p:]], axis=-1)
+            is_contact = np.max(np.abs(apart), axis=-1) < _SAME_MIDPOINT
+            of_balls.append((midpoints[:, :p], is_contact.astype(float)))
+    counts = [sum(len(midpoints) for midpoints, _ in of_balls) for of_balls in tensions]
     columns = np.concatenate([block.columns for block in medium.elongating_blocks])
     rank = sum(block.rank for block in medium.elongating_blocks)
     size = max(1, _ENTRIES // (len(medium.rows) * len(medium.contacts) * len(columns)))
@@ -271,15 +270,13 @@ def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
             )[0][..., :rank]
         # of an orthonormal basis of the range: P = Q Q^H
         adjoint = basis[:, : len(medium.contacts)].conj().swapaxes(1, 2)
-        moved = [
+        projections = []
+        for of_balls in tensions:
             # the Fourier transforms (n_q, n_c, n_balls) of the tensions
-            adjoint
-            @ np.stack([np.exp(-1j * (q @ where.T)) @ which for where, which in found], axis=2)
-            for found in tensions
-        ]
-        return (
-            np.stack([np.einsum("qrb,qrb->q", one.conj(), moved[0]).real for one in moved], axis=1)
-            / counts
-        )
+            transforms = [np.exp(-1j * (q @ points.T)) @ contacts for points, contacts in of_balls]
+            projections.append(adjoint @ np.stack(transforms, axis=2))
+        star = projections[0]
+        sums = [np.einsum("qrb,qrb->q", each.conj(), star).real for each in projections]
+        return np.stack(sums, axis=1) / counts
 
     return find

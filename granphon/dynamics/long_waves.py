@@ -5,15 +5,16 @@ Elastic moduli, sound velocities and mechanisms follow from the same rows as the
 reduced units.
 
 Terms of finite overlap are of relative order e = delta/d, and so is their effect on sound: the
-limit of small overlap comes before that of long waves. This matters for balls that turn like gears.
-On a lattice without odd rings they cost nothing; but where overlaps differ, so do the lever arms of
-a ball, and gears then have an energy of order e^2 and a coupling with strain of order e. If they
-were relaxed, the square of this over that would be of order one: a strain would turn the balls by
-1/e times itself, and the crystal would be soft. Gears keep up with sound only if it is slower than
-they are. Their frequency is about e (k/M)^1/2, so that this is at wavelengths above d/e, hundreds
-of metres for balls of 8 mm at e = 1e-5. In all shorter waves they stay behind, and are an optical
-wave of their own, as the bands show. So inner motions relax if they cost an energy of order one or
-e; those that cost none to that order do not (:meth:`LongWaves._find_relaxing`).
+limit of small overlap comes before that of long waves. The order of limits matters for balls that
+turn like gears. On a lattice without odd rings gears cost nothing; but where overlaps differ, so do
+the lever arms of a ball, and gears then have an energy of order e^2 and a coupling with strain of
+order e. If gears were relaxed, the square of the coupling over the energy would be of order one: a
+strain would turn the balls by 1/e times the strain, and the crystal would be soft. Gears keep up
+with sound only if the frequency of sound is below that of gears, about e (k/M)^1/2: at wavelengths
+above d/e, hundreds of metres for balls of 8 mm at e = 1e-5. In all shorter waves gears stay behind,
+and are an optical wave of their own, as the bands show. So inner motions relax if they cost an
+energy of order one or e; motions that cost no energy to that order do not relax
+(:meth:`LongWaves._find_relaxing`).
 """
 
 from __future__ import annotations
@@ -49,10 +50,10 @@ from granphon.dynamics.sparse_relaxation import SparseRelaxation, compose_ends
 #: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a
 #: mechanism
 _SOFT = 1e-12
-#: relative difference of the lever arms of a ball up to which it is rounding, and up to which
-#: overlaps explain it: beyond that Hertz's law does not hold, (contact radius / ball radius)^2
-#: being overlap over diameter
+#: relative difference of the lever arms of a ball up to which it is rounding
 _ROUNDED_ARM = 1e-14
+#: relative difference of the lever arms of a ball up to which overlaps explain it: that at which
+#: Hertz's law ends, as (contact radius / ball radius)^2 is overlap over diameter
 _UNEVEN_ARM = MOST_CONTACT_RADIUS**2
 #: eigenvalue of the energy of inner motions, over the largest, up to which it is rounding
 _NO_ENERGY = 1e-13
@@ -102,8 +103,8 @@ class LongWaves(Compatibility):
     def _is_large(self) -> bool:
         """Whether there are so many motions in the cell that sparse factors are faster.
 
-        They relax all motions that deform contacts. Where some of these stay behind, as gears whose
-        arms differ a little, dense matrices tell them apart.
+        Sparse factors relax all motions that deform contacts. Where some such motions stay behind,
+        as gears whose arms differ a little, dense matrices tell these apart.
         """
         if self.n_branches <= MANY_COLUMNS:
             return False
@@ -153,8 +154,8 @@ class LongWaves(Compatibility):
         """(n_inner,) lengths that the columns of inner motions would have if nothing cancelled
         between the ends of contacts.
 
-        Gears of nearly equal balls may be almost one column. Divided by its own length, which is
-        that small difference, it would have rounding that is large, and gears would cost as much.
+        Gears of nearly equal balls may be almost one column, whose length is a small difference.
+        Divided by this length, the column would have large rounding, and gears a large energy.
         """
         gap, total = self._find_inner_ends(*self._weight_rows())
         return np.asarray(np.linalg.norm(np.hypot(gap, total), axis=0))
@@ -179,8 +180,8 @@ class LongWaves(Compatibility):
             turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0)
         )
         still = size <= _SOFT * of_kind
-        left, free, scale = _split_columns(np.where(still, 0.0, inner), size)
-        return left, free / scale[:, None]
+        deformations, free, scale = _split_columns(np.where(still, 0.0, inner), size)
+        return deformations, free / scale[:, None]
 
     @cached_property
     def _free(self) -> Array:
@@ -260,8 +261,8 @@ class LongWaves(Compatibility):
         """
         if self._relaxation is not None:
             return self._relaxation.relax(rows)
-        left = self._relaxing
-        return np.asarray(rows - np.tensordot(left, np.tensordot(left.T, rows, 1), 1))
+        basis = self._relaxing
+        return np.asarray(rows - np.tensordot(basis, np.tensordot(basis.T, rows, 1), 1))
 
     @cached_property
     def _relaxed_rows(self) -> Array:
@@ -299,24 +300,21 @@ class LongWaves(Compatibility):
         in cells of one ball, and where inversion exchanges both balls, as in hcp and diamond.
         """
         relaxed = self._relaxed_rows
-        turning = np.repeat(
-            [row.kind in ("twist", "roll") for row in self.rows], len(self.contacts)
-        )
-        return bool(
-            np.max(np.abs(relaxed[turning]), initial=0.0)
-            > _COUPLED * np.max(np.abs(relaxed), initial=0.0)
-        )
+        kinds = [row.kind in ("twist", "roll") for row in self.rows]
+        turning = np.abs(relaxed[np.repeat(kinds, len(self.contacts))])
+        largest = np.max(np.abs(relaxed), initial=0.0)
+        return bool(np.max(turning, initial=0.0) > _COUPLED * largest)
 
     @cached_property
     def _with_sound(self) -> tuple[bool, Array]:
-        """Whether inner motions that cost no energy at Gamma take part in sound, and the part of
-        the mass that sound moves.
+        """Whether inner motions that cost no energy at Gamma take part in sound, and the part
+        (n_u, n_u) of the mass that sound moves, 1 of all mass.
 
-        In a wave, their energy is of second order in q, as that of sound is. Where they do not
-        couple with sound to that order, they are separate waves; this is always so for antiphase
-        motions in a cell that holds several smaller cells. Motions that deform nothing to this
-        order stay behind: a ball that touches no other shifts against the rest. What they have of
-        the shift of all balls is missing from the mass, (n_u, n_u) of one if none do.
+        In a wave, the energy of such motions is of second order in q, as that of sound is. Motions
+        that do not couple with sound to second order are separate waves; antiphase motions in a
+        cell that holds several smaller cells never couple. Motions that deform nothing to second
+        order stay behind, as a ball that touches no other: the part that they have of the shift of
+        all balls is missing from the mass.
         """
         if self._touching is not self:
             return self._touching._with_sound
@@ -335,28 +333,26 @@ class LongWaves(Compatibility):
         size = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
         change = total @ free
         change = np.where(np.abs(change) <= _SOFT * size, 0.0, change)
-        whole = half[:, :, None] * change[:, None, :]
-        waves = self._relax(whole)
+        unrelaxed = half[:, :, None] * change[:, None, :]
+        waves = self._relax(unrelaxed)
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
+        # a wave that relaxes altogether leaves the rounding of the unrelaxed wave
+        rounding = _COUPLED * np.linalg.norm(sound) * np.linalg.norm(unrelaxed)
 
         def couple(waves: Array) -> bool:
             coupling = np.einsum("rij,rlm->ijlm", sound, waves)
             coupling = coupling + coupling.swapaxes(1, 2)
-            # what remains of a wave that has relaxed is rounding of the whole
-            return bool(
-                np.max(np.abs(coupling), initial=0.0)
-                > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(whole)
-            )
+            return bool(np.max(np.abs(coupling), initial=0.0) > rounding)
 
         if not couple(waves):
             return False, np.eye(count)
-        # as inner motions are, per root of mass
+        # sound per root of mass, as inner motions are
         moved = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())
         together = np.concatenate([moved, waves], axis=2).reshape(-1, count + free.shape[1])
         still = _find_null(together)
-        rest = waves @ _find_null(still[:, count:], 1.0).T
-        part = np.eye(count) - still[:, :count].T @ still[:, :count]
-        return couple(rest), np.where(np.abs(part) > _COUPLED, part, 0.0)
+        deforming = waves @ _find_null(still[:, count:], 1.0).T
+        mass = np.eye(count) - still[:, :count].T @ still[:, :count]
+        return couple(deforming), np.where(np.abs(mass) > _COUPLED, mass, 0.0)
 
     def require_rigid(self) -> None:
         """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a
@@ -365,9 +361,10 @@ class LongWaves(Compatibility):
         Raises :class:`~granphon.base.errors.InputError` if bodies that do not move hold the balls.
         """
         if self.is_held:
-            why = "Long waves move all balls together, which these bodies hold"
             raise InputError(
-                "the balls touch bodies that do not move", why, "Use gp.Phonons or gp.Waves"
+                "the balls touch bodies that do not move",
+                "Long waves move all balls together, which these bodies hold",
+                "Use gp.Phonons or gp.Waves",
             )
         if self.mechanism:
             mend = "Use bending, or a lattice with more contacts"
@@ -396,13 +393,11 @@ class LongWaves(Compatibility):
         if not self._strains.size:
             return ""
         values, right = jacobi_svd(self._sound_rows @ self._strains)
-        if values[0] <= _SOFT * values[-1]:
-            soft = right[:, values <= _SOFT * values[-1]]
-            why = (
-                "" if self.motions.rotate else "; without friction contacts resist compression only"
-            )
-            return f"The strain {name_strain(soft)} costs no energy{why}"
-        return ""
+        if values[0] > _SOFT * values[-1]:
+            return ""
+        soft = right[:, values <= _SOFT * values[-1]]
+        why = "" if self.motions.rotate else "; without friction contacts resist compression only"
+        return f"The strain {name_strain(soft)} costs no energy{why}"
 
     @cached_property
     def _strains(self) -> Array:
@@ -413,15 +408,15 @@ class LongWaves(Compatibility):
         """
         if not set(range(self.periods)) <= set(self.motions.translations):
             return np.zeros((self._n_gradients, 0))
-        found = []
+        translations = self.motions.translations
+        strains = []
         for a, b in voigt_pairs(self.periods):
-            gradient = np.zeros((len(self.motions.translations), self.periods))
-            for one, other in ((a, b), (b, a)):
-                gradient[self.motions.translations.index(one), other] = (
-                    1.0 if a == b else np.sqrt(0.5)
-                )
-            found.append(gradient.ravel())
-        return np.stack(found, axis=1)
+            gradient = np.zeros((len(translations), self.periods))
+            weight = 1.0 if a == b else np.sqrt(0.5)
+            gradient[translations.index(a), b] = weight
+            gradient[translations.index(b), a] = weight
+            strains.append(gradient.ravel())
+        return np.stack(strains, axis=1)
 
     def gradient_stiffness(self, prestress: ArrayLike | None = None) -> Array:
         """Return the second derivative of a cell's energy with respect to the displacement
@@ -444,16 +439,17 @@ class LongWaves(Compatibility):
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)
         if prestress is not None and self._is_large and np.ndim(prestress):
-            return np.stack([self.gradient_stiffness(one) for one in np.asarray(prestress)])
-        each, push = self._find_load(prestress)
-        own, mixed, block = (
-            spring - each * held for spring, held in zip(self._spring_forms, push[:3], strict=True)
+            return np.stack([self.gradient_stiffness(load) for load in np.asarray(prestress)])
+        load, push = self._find_load(prestress)
+        form, mixed, block = (
+            spring - load * pushed
+            for spring, pushed in zip(self._spring_forms, push[:3], strict=True)
         )
         if self._relaxation is not None:
-            own = self._relaxation.eliminate(own, mixed, block)
+            form = self._relaxation.eliminate(form, mixed, block)
         else:
-            own = self._eliminate(own, mixed, block, self._find_relaxing(push[2]))
-        stiffness = np.asarray(own.reshape(*own.shape[:-2], *shape))
+            form = self._eliminate(form, mixed, block, self._find_relaxing(push[2]))
+        stiffness = np.asarray(form.reshape(*form.shape[:-2], *shape))
         across = self._is_across
         # a gradient of displacements across the periods costs the work of the static stress,
         # nothing else
@@ -461,30 +457,30 @@ class LongWaves(Compatibility):
             stiffness[..., across, :, :, :] = 0.0
             stiffness[..., :, :, across, :] = 0.0
             for axis in np.flatnonzero(across):
-                stiffness[..., axis, :, axis, :] = -each * push[3]
+                stiffness[..., axis, :, axis, :] = -load * push[3]
         return stiffness
 
-    def _eliminate(self, own: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
-        """Return forms ``own`` (..., m, m) less what the ``relaxing`` inner motions (n_inner, n)
-        take from them.
+    def _eliminate(self, form: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
+        """Return energy forms ``form`` (..., m, m) of gradients less the energy that the
+        ``relaxing`` inner motions (n_inner, n) save.
 
-        ``mixed`` (..., n_inner, m) and ``block`` (..., n_inner, n_inner) are the parts of the forms
-        with inner motions.
+        ``mixed`` (..., n_inner, m) are the forms of an inner motion and a gradient, and ``block``
+        (..., n_inner, n_inner) those of two inner motions.
         """
         if not relaxing.size:
-            return own
+            return form
         values, vectors = np.linalg.eigh(relaxing.T @ block @ relaxing)
-        moved = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
+        pull = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
         top = np.max(np.abs(values), axis=-1, keepdims=True)
-        most = np.sqrt(np.linalg.norm(own, axis=(-2, -1))[..., None] * top)
-        self._require_stable_cell(
-            values, np.max(np.abs(moved), axis=-1) > _SOFT * most, relaxing @ vectors
-        )
-        # static forces without a potential lack a part, so that energies a little below zero are
-        # none
-        none = (values <= _NO_ENERGY * top) & (values >= -max(_NO_ENERGY, self.slack) * top)
-        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=~none)
-        return np.asarray(own - moved.swapaxes(-1, -2) @ (inverse[..., None] * moved))
+        largest = np.sqrt(np.linalg.norm(form, axis=(-2, -1))[..., None] * top)
+        is_moved = np.max(np.abs(pull), axis=-1) > _SOFT * largest
+        self._require_stable_cell(values, is_moved, relaxing @ vectors)
+        # D lacks the part of static forces without a potential, so that energies a little below
+        # zero count as zero
+        lowest = -max(_NO_ENERGY, self.slack) * top
+        is_zero = (values <= _NO_ENERGY * top) & (values >= lowest)
+        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=~is_zero)
+        return np.asarray(form - pull.swapaxes(-1, -2) @ (inverse[..., None] * pull))
 
     def _require_stable_cell(
         self, values: Array, is_moved: NDArray[np.bool_], vectors: Array
@@ -503,12 +499,12 @@ class LongWaves(Compatibility):
         motion = np.zeros(self.n_branches)
         motion[len(self.motions.translations) :] = vectors.swapaxes(-1, -2)[soft][0]
         of_balls = self._frame @ motion.reshape(self.n_balls, -1)
-        where = f"a squared frequency at {self.name_place(np.zeros(self.periods))} is negative"
+        where = f"a squared frequency at {self.name_wavevector(np.zeros(self.periods))} is negative"
         raise self.explain_buckling(where, of_balls[:, self.motions.translating].T)
 
     def _find_load(self, prestress: ArrayLike | None) -> tuple[Any, tuple[Array, ...]]:
-        """Return a factor (..., 1, 1), and what it multiplies: :meth:`_compute_push_forms`, and the
-        sum of f r r/a.
+        """Return a factor (..., 1, 1), and the forms that it multiplies:
+        :meth:`_compute_push_forms`, and the sum of f r r/a.
         """
         if prestress is None:
             rows, root = self._weight_rows(prestress=True)
@@ -519,8 +515,8 @@ class LongWaves(Compatibility):
                 turned = across.T @ vector
                 stress = stress + 0.5 * (turned + turned.T)
             return 1.0, (*self._compute_push_forms(rows, self.static_signs * root**2), stress)
-        each = real_array("prestress", prestress)
-        return (each[..., None, None] if each.ndim else float(each)), self._even_push_forms
+        loads = real_array("prestress", prestress)
+        return (loads[..., None, None] if loads.ndim else float(loads)), self._even_push_forms
 
     @cached_property
     def _spring_forms(self) -> tuple[Array, Array, Array]:
@@ -532,12 +528,11 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _even_push_forms(self) -> tuple[Array, ...]:
+        """The forms of :meth:`_find_load` of the same force over spacing, 1, in all contacts."""
         push = push_rows(self.contacts.normal, self.motions)
         vector = self.contacts.vector[:, : self.periods]
-        return (
-            *self._compute_push_forms(push, np.ones((len(push), len(self.contacts)))),
-            vector.T @ vector,
-        )
+        forms = self._compute_push_forms(push, np.ones((len(push), len(self.contacts))))
+        return (*forms, vector.T @ vector)
 
     def _compute_push_forms(self, rows: list[Row], load: Array) -> tuple[Array, ...]:
         """Return the forms of :attr:`_spring_forms` for rows of static forces, weighted by ``load``
@@ -557,10 +552,8 @@ class LongWaves(Compatibility):
         """
         along = as_direction(direction, self.periods)
         many = along.reshape(-1, self.periods)
-        tensor = (
-            np.einsum("...ijkl,nj,nl->...nik", self.gradient_stiffness(prestress), many, many)
-            / self.masses.sum()
-        )
+        stiffness = self.gradient_stiffness(prestress)
+        tensor = np.einsum("...ijkl,nj,nl->...nik", stiffness, many, many) / self.masses.sum()
         tensor = self._per_mass @ tensor @ self._per_mass
         return np.asarray(tensor if along.ndim > 1 else tensor[..., 0, :, :])
 
@@ -586,24 +579,19 @@ class LongWaves(Compatibility):
         self.require_rigid()
         along = as_direction(direction, self.periods)
         if prestress is None and not self.is_prestressed:
-            # at every load of every state the same few directions are asked for
-            few = along.size <= _FEW_NUMBERS
-            return (
-                self._waves_along(along.shape, tuple(along.ravel().tolist()))
-                if few
-                else self._compute_waves(along)
-            )
+            if along.size > _FEW_NUMBERS:
+                return self._compute_waves(along)
+            # every load of every state needs the same few directions
+            return self._waves_along(along.shape, tuple(along.ravel().tolist()))
         tensor = self.acoustic_tensor(along, prestress)
         try:
             factor = cholesky_factor(tensor)
         except np.linalg.LinAlgError:
             squared, vectors = np.linalg.eigh(tensor)
             worst = np.unravel_index(np.argmin(squared[..., 0]), squared.shape[:-1])
-            way = along if along.ndim == 1 else along[worst[-1]]
-            where = (
-                f"a squared sound velocity in direction"
-                f" ({', '.join(f'{one:.6g}' for one in way)}) is negative"
-            )
+            unstable = along if along.ndim == 1 else along[worst[-1]]
+            components = ", ".join(f"{component:.6g}" for component in unstable)
+            where = f"a squared sound velocity in direction ({components}) is negative"
             raise self.explain_buckling(where, vectors[worst][:, 0]) from None
         return decompose_waves(along, factor, self.motions.translations)
 
@@ -619,21 +607,20 @@ class LongWaves(Compatibility):
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
         rows = self._sound_rows.reshape(-1, len(self.motions.translations), self.periods)
-        factor = (
-            np.einsum("rij,...j->...ri", rows, along) @ self._per_mass / np.sqrt(self.masses.sum())
-        )
+        factor = np.einsum("rij,...j->...ri", rows, along) @ self._per_mass
+        factor = factor / np.sqrt(self.masses.sum())
         return decompose_waves(along, factor, self.motions.translations)
 
     @property
     def loose_warnings(self) -> tuple[str, ...]:
         """A sentence about balls that sound leaves behind, or none."""
-        left = len(self.motions.translations) - float(np.trace(self._with_sound[1]))
-        if left <= _COUPLED:
+        count = len(self.motions.translations)
+        missing = count - float(np.trace(self._with_sound[1]))
+        if missing <= _COUPLED:
             return ()
-        part = left / len(self.motions.translations)
         return (
-            f"balls that are not held, {part:.2g} of the mass, have no part in the moduli,"
-            f" and stay behind in sound waves",
+            f"balls that are not held, {missing / count:.2g} of the mass, have no part in the"
+            " moduli, and stay behind in sound waves",
         )
 
     @cached_property
@@ -700,29 +687,29 @@ class LongWaves(Compatibility):
                 f"the motions {self.motions.name!r} have no elastic moduli",
                 "The balls do not move along the lattice",
             )
-        own = [axes.index(axis) for axis in range(p)]
-        c = self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure
-        if prestress is not None or self.is_prestressed:
-            each, push = self._find_load(prestress)
-            tensor = take_voigt(c) + find_stress_part(-each * push[3] / self.measure)
-            strains = find_unstable_strains(tensor)
-            if strains is not None:
-                raise self.explain_buckling(
-                    f"the strain {name_strain(strains)} has a modulus below zero", []
-                )
-            return tensor
-        return take_voigt(c)
+        along = [axes.index(axis) for axis in range(p)]
+        c = self.gradient_stiffness(prestress)[..., along, :, :, :][..., along, :] / self.measure
+        if prestress is None and not self.is_prestressed:
+            return take_voigt(c)
+        load, push = self._find_load(prestress)
+        tensor = take_voigt(c) + find_stress_part(-load * push[3] / self.measure)
+        strains = find_unstable_strains(tensor)
+        if strains is not None:
+            where = f"the strain {name_strain(strains)} has a modulus below zero"
+            raise self.explain_buckling(where, [])
+        return tensor
 
     @cached_property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions."""
         c = self.elastic_tensor()
         p = self.periods
-        alike = np.diag(
-            [c[0, 0]] * p + [(c[0, 0] - c[0, -1 if p == 1 else 1]) / 2.0] * (len(c) - p)
-        )
-        alike[:p, :p][~np.eye(p, dtype=bool)] = c[0, 1] if p > 1 else 0.0
-        return bool(np.max(np.abs(c - alike)) <= _ISOTROPIC * c[0, 0])
+        if p == 1:
+            return True
+        shear = (c[0, 0] - c[0, 1]) / 2.0
+        isotropic = np.diag([c[0, 0]] * p + [shear] * (len(c) - p))
+        isotropic[:p, :p][~np.eye(p, dtype=bool)] = c[0, 1]
+        return bool(np.max(np.abs(c - isotropic)) <= _ISOTROPIC * c[0, 0])
 
     def optical_branch(self, direction: ArrayLike = (1.0, 0.0)) -> tuple[float, float]:
         """Return (omega_0^2, c) of the long-wave rotational branch omega^2 = omega_0^2 (1 - c q^2),
@@ -753,24 +740,24 @@ def _find_null(matrix: Array, size: float = 0.0) -> Array:
     """Return an orthonormal basis, as rows, of the vectors that a matrix, of this ``size`` or
     larger, takes to zero.
     """
-    _, values, right = np.linalg.svd(
-        np.pad(matrix, ((0, max(0, matrix.shape[1] - len(matrix))), (0, 0))), full_matrices=False
-    )
+    lacking = max(0, matrix.shape[1] - len(matrix))
+    padded = np.pad(matrix, ((0, lacking), (0, 0)))
+    _, values, right = np.linalg.svd(padded, full_matrices=False)
     return np.asarray(right[values <= _SOFT * np.max(values, initial=size)])
 
 
 def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
-    """Return an orthonormal basis (m, rank) of columns (m, n), and what takes them to zero.
+    """Return an orthonormal basis (m, rank) of columns (m, n), an orthonormal basis (n, n - rank)
+    of the vectors that take the scaled columns to zero, and the scale (n,).
 
-    That is an orthonormal basis (n, n - rank) of vectors that take the columns to zero once these
-    are divided by the third array returned (n,). The lengths ``size`` (n,) are those of the columns
-    if nothing cancelled in them.
+    The scaled columns are the columns over their scale. The lengths ``size`` (n,) are those that
+    the columns would have if nothing cancelled in them.
     """
     scale = np.where(np.any(columns != 0.0, axis=0), size, 1.0)
     # with fewer rows than columns some vectors are free: add a row of zeros for each missing row
     lacking = max(0, columns.shape[1] - len(columns))
-    left, values, right = np.linalg.svd(
+    basis, values, right = np.linalg.svd(
         np.pad(columns / scale, ((0, lacking), (0, 0))), full_matrices=False
     )
     free = values <= _SOFT * np.max(values, initial=0.0)
-    return np.asarray(left[: len(columns), ~free]), np.asarray(right[free].T), scale
+    return np.asarray(basis[: len(columns), ~free]), np.asarray(right[free].T), scale

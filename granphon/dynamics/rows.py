@@ -86,19 +86,20 @@ def contact_rows(
     """
     n, t, b = contact_frames(normal)
     none = [np.zeros(len(normal))] * 3
-    one_i, one_j = 1.0 / np.asarray(gyration_i), 1.0 / np.asarray(gyration_j)
-    at_i = arm_i * one_i
-    at_j = arm_j * one_j
+    turn_i = 1.0 / np.asarray(gyration_i)
+    turn_j = 1.0 / np.asarray(gyration_j)
+    lever_i = arm_i * turn_i
+    lever_j = arm_j * turn_j
     # each entry: kind, stiffness, axis of u, axis of phi, and the factors of phi_j and phi_i. As b
     # = n x t, (phi x n).t is phi.b, and (phi x n).b is -phi.t
     return _keep_resisted(
         [
-            ("elongation", elongation, n, none, one_j, one_i),
-            ("slip", slip, t, b, -at_j, at_i),
-            ("slip", slip, b, t, at_j, -at_i),
-            ("twist", twist, none, n, one_j, one_i),
-            ("roll", roll, none, t, one_j, one_i),
-            ("roll", roll, none, b, one_j, one_i),
+            ("elongation", elongation, n, none, turn_j, turn_i),
+            ("slip", slip, t, b, -lever_j, lever_i),
+            ("slip", slip, b, t, lever_j, -lever_i),
+            ("twist", twist, none, n, turn_j, turn_i),
+            ("roll", roll, none, t, turn_j, turn_i),
+            ("roll", roll, none, b, turn_j, turn_i),
         ],
         motions,
     )
@@ -123,7 +124,7 @@ def network_rows(network: ContactNetwork) -> list[Row]:
     """
     gyration = find_gyration(network)
     motions = network.ball_motions
-    found = contact_rows(
+    rows = contact_rows(
         network.normal[:, : network.dimension],
         network.arm_i,
         network.arm_j,
@@ -135,9 +136,9 @@ def network_rows(network: ContactNetwork) -> list[Row]:
         gyration_i=gyration[network.i],
         gyration_j=gyration[network.j],
     )
-    if not found:
+    if not rows:
         raise InputError(f"the motions {motions.name!r} deform no contact of this network")
-    return found
+    return rows
 
 
 def push_rows(normal: Array, motions: Motions) -> list[Row]:
@@ -159,36 +160,35 @@ def carry_rows(
     gyration_i: Array,
     gyration_j: Array,
 ) -> list[tuple[Row, Row]]:
-    """Return the stiffness that static forces T = ``force`` (n_c, 3) across contacts have: the sum
-    of pull^T move.
+    """Return the stiffness that static forces T = ``force`` (n_c, 3) across contacts have, as pairs
+    (pull, move) of rows: the sum of pull^T move.
 
-    T, with which ball i acts on ball j, stays across the normal, and its lever arms change by half
+    T, with which ball i acts on ball j, stays across the normal. The lever arms of T change by half
     of the elongation e:
 
         dF_j = -dF_i = -(T.dn) n,    dM_i = -arm_i dn x T - (e/2) n x T,    dn = v/r
 
-    where v is the displacement across the contact and r the ``distance``; and dM_j, with its own
-    arm, likewise. That has no potential: the sum is not symmetric. T does not turn about n with the
-    balls. ``normal`` is (n_c, 3), the rest as for :func:`contact_rows`.
+    where v is the displacement across the contact and r the ``distance``; dM_j is the same with
+    arm_j. Such a stiffness has no potential: the sum is not symmetric. T does not turn about n with
+    the balls. ``normal`` is (n_c, 3), and all else is as for :func:`contact_rows`.
     """
     n = normal
     beside = np.cross(normal, force)
-    one_i = 1.0 / gyration_i
-    one_j = 1.0 / gyration_j
+    turn_i = 1.0 / gyration_i
+    turn_j = 1.0 / gyration_j
     none = list(np.zeros((3, len(n))))
 
     def push(vector: Array) -> Row:
-        return _make_row(
-            "push", 1.0, list((vector / distance[:, None]).T), none, one_j, one_i, motions
-        )
+        axes = list((vector / distance[:, None]).T)
+        return _make_row("push", 1.0, axes, none, turn_j, turn_i, motions)
 
-    def turn(vector: Array, at_j: Array, at_i: Array) -> Row:
-        return _make_row("turn", 1.0, none, list(vector.T), at_j * one_j, -at_i * one_i, motions)
+    def turn(vector: Array, lever_j: Array, lever_i: Array) -> Row:
+        axes = list(vector.T)
+        return _make_row("turn", 1.0, none, axes, lever_j * turn_j, -lever_i * turn_i, motions)
 
-    along = _make_row("elongation", 1.0, list(n.T), none, one_j, one_i, motions)
+    along = _make_row("elongation", 1.0, list(n.T), none, turn_j, turn_i, motions)
     unit = np.ones(len(n))
-    # v x T is along n
-    turned = turn(n, arm_j, arm_i), push(-beside)
+    turned = (turn(n, arm_j, arm_i), push(-beside))  # as v x T is along n
     return [(along, push(force)), turned, (turn(0.5 * beside, unit, unit), along)]
 
 
@@ -196,19 +196,13 @@ def split_pairs(pairs: Sequence[tuple[Row, Row]]) -> list[tuple[Row, float]]:
     """Return rows, with signs: the sum of signs times squares is the symmetric part of pull^T move
     of ``pairs``.
     """
-    return [
-        (
-            Row(
-                "carry",
-                1.0,
-                0.5 * (pull.head + sign * move.head),
-                0.5 * (pull.tail + sign * move.tail),
-            ),
-            sign,
-        )
-        for pull, move in pairs
-        for sign in (1.0, -1.0)
-    ]
+    rows = []
+    for pull, move in pairs:
+        for sign in (1.0, -1.0):
+            head = 0.5 * (pull.head + sign * move.head)
+            tail = 0.5 * (pull.tail + sign * move.tail)
+            rows.append((Row("carry", 1.0, head, tail), sign))
+    return rows
 
 
 def weigh_rows(rows: Sequence[Row], weights: NDArray[Any]) -> NDArray[Any]:
@@ -229,15 +223,22 @@ def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:
 
 
 def _make_row(
-    kind: str, stiffness: Any, moved: _Axes, turned: _Axes, at_j: Any, at_i: Any, motions: Motions
+    kind: str,
+    stiffness: Any,
+    moved: _Axes,
+    turned: _Axes,
+    factor_j: Any,
+    factor_i: Any,
+    motions: Motions,
 ) -> Row:
-    """Return the row ``moved.(u_j - u_i) + turned.(at_j phi_j - at_i phi_i)`` in terms of the
-    motions.
+    """Return the row ``moved.(u_j - u_i) + turned.(factor_j phi_j - factor_i phi_i)`` in terms of
+    the motions.
     """
     moves = [moved[axis] for axis in motions.translations]
     turns = [turned[axis] for axis in motions.rotations]
     # the transposed array keeps the contacts of one motion contiguous in memory
-    head, tail = (np.array(moves + [at * turn for turn in turns]).T for at in (at_j, at_i))
+    head = np.array(moves + [factor_j * turn for turn in turns]).T
+    tail = np.array(moves + [factor_i * turn for turn in turns]).T
     return Row(kind, stiffness, head, tail)
 
 
@@ -250,14 +251,13 @@ def _keep_resisted(
     contact. If there are no contacts, the second rule does not apply.
     """
     rows = []
-    for kind, stiffness, moved, turned, at_j, at_i in deformations:
-        if not (stiffness.any() if isinstance(stiffness, np.ndarray) else stiffness):
+    for kind, stiffness, moved, turned, factor_j, factor_i in deformations:
+        if not np.any(stiffness):
             continue
-        parts = [moved[axis] for axis in motions.translations] + [
-            turned[axis] for axis in motions.rotations
-        ]
-        if any(part.any() or not len(part) for part in parts):
-            rows.append(_make_row(kind, stiffness, moved, turned, at_j, at_i, motions))
+        components = [moved[axis] for axis in motions.translations]
+        components += [turned[axis] for axis in motions.rotations]
+        if any(component.any() or not len(component) for component in components):
+            rows.append(_make_row(kind, stiffness, moved, turned, factor_j, factor_i, motions))
     return rows
 
 
@@ -281,14 +281,14 @@ class WaveRows(NamedTuple):
         angle.
         """
         angle = wavevectors @ self.half.T
-        sine = np.sin(angle)
-        cosine = np.cos(angle)
+        odd_factor = np.sin(angle)
+        even_factor = np.cos(angle)
         if derivative:
-            sine, cosine = cosine, -sine
+            odd_factor, even_factor = even_factor, -odd_factor
         # view complex numbers as pairs of reals: the factors are real, and a real product is
         # cheaper
-        rows = sine[:, None, :, None] * self.odd.view(np.float64)
-        rows += cosine[:, None, :, None] * self.even.view(np.float64)
+        rows = odd_factor[:, None, :, None] * self.odd.view(np.float64)
+        rows += even_factor[:, None, :, None] * self.even.view(np.float64)
         kinds, contacts, columns = self.odd.shape
         return rows.view(self.odd.dtype).reshape(len(angle), kinds * contacts, columns)
 
@@ -307,12 +307,13 @@ class WaveRows(NamedTuple):
         kinds = np.any(rows, axis=1)
         contacts = np.any(rows, axis=0)
         if np.all(rows[np.ix_(kinds, contacts)]):
-            place: Any = np.ix_(kinds, contacts, columns)
-            odd = self.odd[place]
-            even = self.even[place]
+            chosen: Any = np.ix_(kinds, contacts, columns)
+            odd = self.odd[chosen]
+            even = self.even[chosen]
             half = self.half[contacts]
         else:
-            odd, even = (part[rows][None, :, columns] for part in (self.odd, self.even))
+            odd = self.odd[rows][None, :, columns]
+            even = self.even[rows][None, :, columns]
             half = self.half[np.nonzero(rows)[1]]
         # complex numbers can be viewed as pairs of reals where they lie one after the other
         return WaveRows(np.ascontiguousarray(odd), np.ascontiguousarray(even), half)
@@ -326,8 +327,5 @@ def bend(angle: Array) -> Array:
     series = np.zeros_like(angle)
     for coefficient in reversed(_BEND):
         series = series * square + coefficient
-    return np.asarray(
-        np.where(
-            np.abs(angle) < _SERIES, angle * square * series, np.sin(angle) - angle * np.cos(angle)
-        )
-    )
+    direct = np.sin(angle) - angle * np.cos(angle)
+    return np.asarray(np.where(np.abs(angle) < _SERIES, angle * square * series, direct))

@@ -55,17 +55,14 @@ def compose_ends(lattice: Compatibility, rows: list[Row], root: Array) -> tuple[
         (table.j, [row.head for row in rows]),
         (table.i, [row.tail for row in rows]),
     ):
-        there = np.flatnonzero(balls < n)  # not a body that does not move
-        weight = root[:, there, None] * np.asarray(coefficients)[:, there]
-        weight = weight / np.sqrt(lattice.masses[balls[there]])[:, None]
-        line = (np.arange(len(rows))[:, None] * len(table) + there)[..., None]
-        column = (balls[there] * count)[:, None] + np.arange(count)
-        where = tuple(np.broadcast_to(each, weight.shape).ravel() for each in (line, column))
-        ends.append(
-            coo_array(
-                (weight.ravel(), where), shape=(len(rows) * len(table), lattice.n_branches)
-            ).tocsr()
-        )
+        moving = np.flatnonzero(balls < n)  # contacts whose end is not a body that does not move
+        weight = root[:, moving, None] * np.asarray(coefficients)[:, moving]
+        weight = weight / np.sqrt(lattice.masses[balls[moving]])[:, None]
+        line = (np.arange(len(rows))[:, None] * len(table) + moving)[..., None]
+        column = (balls[moving] * count)[:, None] + np.arange(count)
+        entries = tuple(np.broadcast_to(each, weight.shape).ravel() for each in (line, column))
+        shape = (len(rows) * len(table), lattice.n_branches)
+        ends.append(coo_array((weight.ravel(), entries), shape=shape).tocsr())
     return ends[0], ends[1]
 
 
@@ -92,11 +89,11 @@ class SparseRelaxation:
         lattice = self.lattice
         p = lattice.periods
         table = lattice.contacts
-        places = lattice.positions.copy()
-        along = places[:, :p] @ np.linalg.inv(lattice.cell[:, :p])
-        places[:, :p] = (along - np.floor(along)) * np.linalg.norm(lattice.cell, axis=1)
+        positions = lattice.positions.copy()
+        along = positions[:, :p] @ np.linalg.inv(lattice.cell[:, :p])
+        positions[:, :p] = (along - np.floor(along)) * np.linalg.norm(lattice.cell, axis=1)
         among = table.j < lattice.n_balls
-        return dissect(places, table.i[among], table.j[among])
+        return dissect(positions, table.i[among], table.j[among])
 
     def _factorise(self, gap: Any, soft: float, progress: Progress) -> None:
         from scipy.sparse import diags_array
@@ -122,38 +119,35 @@ class SparseRelaxation:
         """Tell motions that cost nothing from soft ones among those that the factors have set
         aside.
 
-        Most of the first kind move a few balls, and change nothing in a wave either. Of these, no
-        more is of interest than what they have of the shift of all balls: ``free`` holds this, and
-        all others.
+        Most motions that cost nothing move a few balls, and change nothing in a wave either. Only
+        the part that these have of the shift of all balls is of interest: ``free`` holds this part,
+        and all other motions that cost nothing.
         """
         from scipy.sparse import csc_array, diags_array
 
-        left = csc_array(self._fronts.follow())
-        lengths = np.sqrt(left.power(2).sum(axis=0))
+        aside = csc_array(self._fronts.follow())
+        lengths = np.sqrt(aside.power(2).sum(axis=0))
         limit = soft * np.sqrt(self._top)
-        costless = np.sqrt((self._rows @ left).power(2).sum(axis=0)) <= limit * lengths
-        moved = (diags_array(1.0 / self._scale) @ left).tocsc()
+        costless = np.sqrt((self._rows @ aside).power(2).sum(axis=0)) <= limit * lengths
+        moved = (diags_array(1.0 / self._scale) @ aside).tocsc()
         change = (total @ moved).tocoo()
-        rounding = (
-            soft
-            * np.sqrt(total.power(2).sum(axis=1))[change.row]
-            * np.sqrt(moved.power(2).sum(axis=0))[change.col]
-        )
-        alone = costless
-        alone[change.col[np.abs(change.data) > rounding]] = False
-        others = left[:, ~alone].toarray()
+        row_lengths = np.sqrt(total.power(2).sum(axis=1))
+        column_lengths = np.sqrt(moved.power(2).sum(axis=0))
+        rounding = soft * row_lengths[change.row] * column_lengths[change.col]
+        idle = costless
+        idle[change.col[np.abs(change.data) > rounding]] = False
+        active = aside[:, ~idle].toarray()
         for _ in range(_CORRECTIONS):
-            others -= self._fronts.solve(self._columns @ (self._rows @ others))
-        basis = np.linalg.qr(_leave_out(left[:, alone], others))[0]
+            active -= self._fronts.solve(self._columns @ (self._rows @ active))
+        basis = np.linalg.qr(_leave_out(aside[:, idle], active))[0]
         deformations, values, right = np.linalg.svd(self._rows @ basis, full_matrices=False)
         free = values <= limit
-        self._left = deformations[:, ~free]
-        apart = _leave_out(moved[:, alone], basis @ right[free].T / self._scale[:, None])
+        self._soft_deformations = deformations[:, ~free]
+        apart = _leave_out(moved[:, idle], basis @ right[free].T / self._scale[:, None])
         shifts = self._shifts
-        every = np.concatenate(
-            [_orthonormalise(shifts - _leave_out(moved[:, alone], shifts)), apart], axis=1
-        )
-        self.free: Array = _orthonormalise(every - shifts @ (shifts.T @ every))
+        idle_shifts = _orthonormalise(shifts - _leave_out(moved[:, idle], shifts))
+        motions = np.concatenate([idle_shifts, apart], axis=1)
+        self.free: Array = _orthonormalise(motions - shifts @ (shifts.T @ motions))
 
     @property
     def _shifts(self) -> Array:
@@ -172,21 +166,22 @@ class SparseRelaxation:
         """Return the part of deformations (n_rows, ...) that remains once the inner motions have
         relaxed.
         """
-        found = deformations.reshape(len(deformations), -1)
+        relaxed = deformations.reshape(len(deformations), -1)
         with single_products():
             for _ in range(1 + _CORRECTIONS):
-                motion = self._fronts.solve(self._columns @ found)
-                found = found - self._rows @ motion
-        found = found - self._left @ (self._left.T @ found)
-        return found.reshape(deformations.shape)
+                motion = self._fronts.solve(self._columns @ relaxed)
+                relaxed = relaxed - self._rows @ motion
+        soft = self._soft_deformations
+        relaxed = relaxed - soft @ (soft.T @ relaxed)
+        return relaxed.reshape(deformations.shape)
 
-    def eliminate(self, own: Array, mixed: Array, block: Any) -> Array:
-        """Return the form ``own`` (m, m) less what inner motions take from it as they relax, with
-        prestress.
+    def eliminate(self, form: Array, mixed: Array, block: Any) -> Array:
+        """Return an energy ``form`` (m, m) of gradients, with prestress, less the energy that inner
+        motions save as they relax.
 
-        ``mixed`` (n_branches, m) and the sparse ``block`` (n_branches, n_branches) are its parts
-        with inner motions. Raises :class:`~granphon.base.errors.InstabilityError` if one of these
-        costs less than nothing.
+        ``mixed`` (n_branches, m) is the form of an inner motion and a gradient, and the sparse
+        ``block`` (n_branches, n_branches) that of two inner motions. Raises
+        :class:`~granphon.base.errors.InstabilityError` if an inner motion has a negative energy.
         """
         from scipy.sparse import diags_array
 
@@ -203,17 +198,15 @@ class SparseRelaxation:
             values, vectors = np.linalg.eigh(0.5 * (costs + costs.T))
             top = _bound(block)
             motions = basis @ vectors
-            coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / np.sqrt(
-                np.linalg.norm(own) * top
-            )
-            # one that no strain moves belongs to another wave vector of a smaller cell
-            unstable = np.flatnonzero(
-                (values < -max(_NO_SQUARE, lattice.slack) * top) & (coupling > _UNCOUPLED)
-            )
+            largest = np.sqrt(np.linalg.norm(form) * top)
+            coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / largest
+            # a motion that no strain moves belongs to another wave vector of a smaller cell
+            is_negative = values < -max(_NO_SQUARE, lattice.slack) * top
+            unstable = np.flatnonzero(is_negative & (coupling > _UNCOUPLED))
             if unstable.size:
                 raise self._explain_buckling(block, motions[:, unstable[0]])
-            # of static forces without a potential a part is missing that leaves nothing on motions
-            # that cost nothing
+            # D lacks the part of static forces without a potential; the whole forces do not act on
+            # motions that cost nothing
             stiff = values > _NO_SQUARE * top
             free = motions[:, ~stiff]
             mixed = mixed - free @ (free.T @ mixed)
@@ -222,13 +215,13 @@ class SparseRelaxation:
             for _ in range(1 + _CORRECTIONS):
                 motion += fronts.solve(pull - matrix @ motion)
         forces = motions[:, stiff].T @ mixed
-        return np.asarray(own - pull.T @ motion - forces.T @ (forces / values[stiff, None]))
+        return np.asarray(form - pull.T @ motion - forces.T @ (forces / values[stiff, None]))
 
     def _explain_buckling(self, block: Any, motion: Array) -> InstabilityError:
         lattice = self.lattice
         squared = float(motion @ (block @ motion) / (motion @ motion))
         where = (
-            f"a squared frequency at {lattice.name_place(np.zeros(lattice.periods))} is"
+            f"a squared frequency at {lattice.name_wavevector(np.zeros(lattice.periods))} is"
             f" {squared:.3g} k/M or below"
         )
         moved = motion.reshape(lattice.n_balls, -1)[:, lattice.motions.translating]
@@ -250,5 +243,5 @@ def _leave_out(basis: Any, vectors: Array) -> Array:
 
 def _orthonormalise(vectors: Array) -> Array:
     """Return an orthonormal basis (n, r) of what vectors (n, m) span."""
-    left, values, _ = np.linalg.svd(vectors, full_matrices=False)
-    return np.asarray(left[:, values > _DEPENDENT])
+    basis, values, _ = np.linalg.svd(vectors, full_matrices=False)
+    return np.asarray(basis[:, values > _DEPENDENT])

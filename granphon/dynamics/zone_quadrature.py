@@ -39,11 +39,11 @@ class Operation(NamedTuple):
     order: tuple[int, ...]
     signs: tuple[int, ...]
 
-    def after(self, other: Operation) -> Operation:
-        """Return the operation that acts as ``other`` and then as this one."""
-        order = tuple(other.order[axis] for axis in self.order)
+    def after(self, first: Operation) -> Operation:
+        """Return the operation that acts as ``first`` and then as this one."""
+        order = tuple(first.order[axis] for axis in self.order)
         signs = tuple(
-            sign * other.signs[axis] for sign, axis in zip(self.signs, self.order, strict=True)
+            sign * first.signs[axis] for sign, axis in zip(self.signs, self.order, strict=True)
         )
         return Operation(order, signs)
 
@@ -58,10 +58,10 @@ def shortest_vectors(reciprocal: Array) -> Array:
     first among equals.
     """
     longest = float(np.linalg.norm(reciprocal, axis=1).max())
-    found = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
-    lengths = np.round(np.linalg.norm(found, axis=1) / longest, 9)
+    vectors = np.concatenate([reciprocal, steps_within(reciprocal, longest) @ reciprocal])
+    lengths = np.round(np.linalg.norm(vectors, axis=1) / longest, 9)
     chosen: list[Array] = []
-    for vector in found[np.argsort(lengths, kind="stable")]:
+    for vector in vectors[np.argsort(lengths, kind="stable")]:
         if np.linalg.matrix_rank(np.array([*chosen, vector]), tol=1e-6 * longest) > len(chosen):
             chosen.append(vector)
         if len(chosen) == len(reciprocal):
@@ -76,25 +76,28 @@ def find_symmetries(function: Callable[[Array], Array], reciprocal: Array) -> li
     ``function`` takes wave vectors (n_q, p) and returns (n_q, ...).
     """
     basis = shortest_vectors(reciprocal)
-    every = _list_operations(len(basis))
+    operations = _list_operations(len(basis))
     fractions = _PROBES[:, : len(basis)]
-    turned = np.stack([fractions[:, one.order] * one.signs for one in every])
-    values = function(turned.reshape(fractions.size // len(basis) * len(every), -1) @ basis)
-    values = values.reshape(len(every), len(fractions), -1)
+    turned = np.stack([fractions[:, turn.order] * turn.signs for turn in operations])
+    values = function(turned.reshape(-1, len(basis)) @ basis)
+    values = values.reshape(len(operations), len(fractions), -1)
     alike = np.all(np.abs(values - values[0]) <= _EQUAL * np.abs(values[0]), axis=(1, 2))
-    allowed = {one for one, same in zip(every, alike, strict=True) if same}
-    group = {every[0]}
-    for one in every:
-        # in a lattice that is symmetric but for rounded numbers, some products of alike operations
-        # are not alike
-        if one not in allowed or one in group:
-            continue
-        grown = group | {one}
-        while (products := {a.after(b) for a in grown for b in grown}) - grown:
-            grown |= products
-        if grown <= allowed:
-            group = grown
+    allowed = {turn for turn, same in zip(operations, alike, strict=True) if same}
+    group = {operations[0]}
+    for turn in operations:
+        # in a lattice that is symmetric but for rounded numbers, some products of allowed
+        # operations are not allowed
+        if turn in allowed and turn not in group:
+            grown = _close_group(group | {turn})
+            if grown <= allowed:
+                group = grown
     return sorted(group)
+
+
+def _close_group(operations: set[Operation]) -> set[Operation]:
+    """Return the operations and all their products."""
+    products = {last.after(first) for last in operations for first in operations}
+    return operations if products <= operations else _close_group(operations | products)
 
 
 def _list_operations(periods: int) -> list[Operation]:
@@ -110,26 +113,27 @@ def _list_operations(periods: int) -> list[Operation]:
 
 
 @lru_cache(maxsize=64)
-def _take_one_of_each(
+def _find_distinct_simplices(
     symmetries: tuple[Operation, ...], periods: int
 ) -> list[tuple[_Simplex, int]]:
     """Return one simplex of each set of simplices that the symmetries turn into each other, and the
     size of the set.
     """
     corners = itertools.product((0, 1), repeat=periods)
-    left: dict[_Simplex, None] = dict.fromkeys(
+    unassigned: dict[_Simplex, None] = dict.fromkeys(
         itertools.product(corners, _list_operations(periods))
     )
-    found = []
-    while left:
-        corner, sides = first = next(iter(left))
+    simplices = []
+    while unassigned:
+        first = next(iter(unassigned))
+        corner, sides = first
         images = {
-            (tuple(corner[axis] for axis in one.order), one.after(sides)) for one in symmetries
+            (tuple(corner[axis] for axis in turn.order), turn.after(sides)) for turn in symmetries
         }
-        for one in images:
-            del left[one]
-        found.append((first, len(images)))
-    return found
+        for image in images:
+            del unassigned[image]
+        simplices.append((first, len(images)))
+    return simplices
 
 
 def divide_zone(
@@ -152,15 +156,17 @@ def divide_zone(
             _list_operations(periods)[0],
             Operation(tuple(range(periods)), (-1,) * periods),
         ]
-    cube, gauss = (  # (n^p, p), all combinations of points from 0 to 1, and of their weights
-        np.stack(np.meshgrid(*[0.5 * values] * periods, indexing="ij"), axis=-1).reshape(
-            -1, periods
-        )
-        + start
-        for values, start in zip(np.polynomial.legendre.leggauss(order), (0.5, 0.0), strict=True)
-    )
+    points, gauss_weights = np.polynomial.legendre.leggauss(order)
+    # (n^p, p), all combinations of points from 0 to 1, and of their weights
+    cube = _combine(0.5 * points, periods) + 0.5
+    gauss = _combine(0.5 * gauss_weights, periods)
     away = np.cumprod(cube, axis=1)  # distances from the corner along the axes, in descending order
     weights = np.prod(gauss, axis=1) * np.prod(away[:, :-1], axis=1)
-    for (corner, sides), count in _take_one_of_each(tuple(symmetries), periods):
+    for (corner, sides), count in _find_distinct_simplices(tuple(symmetries), periods):
         fractions = 0.5 * np.array(corner) + 0.25 * away[:, sides.order] * sides.signs
         yield fractions @ basis, weights * (count / 4.0**periods)
+
+
+def _combine(values: Array, count: int) -> Array:
+    """Return all combinations (n^count, count) of values (n,)."""
+    return np.stack(np.meshgrid(*[values] * count, indexing="ij"), axis=-1).reshape(-1, count)

@@ -150,24 +150,21 @@ def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
     is no pressure.
     """
 
-    def found(of: Analysis) -> Any:
+    def find_or_none(analysis: Analysis) -> Any:
         with suppress(InputError):
-            return find(of)
+            return find(analysis)
         return None
 
-    return found
+    return find_or_none
 
 
-def _find_direction(of: Analysis) -> Any:
+def _find_direction(analysis: Analysis) -> Any:
     """Return the direction of propagation; None if it is x and the velocities are the same in all
     directions.
     """
-    along = of.velocities.direction
-    return (
-        None
-        if of.state.is_isotropic and np.array_equal(along, np.eye(along.shape[-1])[0])
-        else along
-    )
+    along = analysis.velocities.direction
+    is_x = np.array_equal(along, np.eye(along.shape[-1])[0])
+    return None if analysis.state.is_isotropic and is_x else along
 
 
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
@@ -177,7 +174,12 @@ def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[An
     Their exponent is that of the limit of small overlap, and does not belong to them. That of
     samples in their exact geometry has all terms.
     """
-    return lambda of: None if of.state.finite_overlap and not of.state.n_samples else find(of.state)
+
+    def find_unless_finite(analysis: Analysis) -> Any:
+        state = analysis.state
+        return None if state.finite_overlap and not state.n_samples else find(state)
+
+    return find_unless_finite
 
 
 def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
@@ -188,7 +190,7 @@ def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
         name,
         SimulatedState.units[name],
         title,
-        find=lambda of: getattr(of.state, name, None),
+        find=lambda analysis: getattr(analysis.state, name, None),
         **more,
     )
 
@@ -199,7 +201,7 @@ def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
 
     Of two transverse waves each has an entry of its own, and both together have none.
     """
-    both = name in ("transverse", "transverse_error")
+    is_of_both = name in ("transverse", "transverse_error")
     return Observable(
         name,
         "m/s",
@@ -207,10 +209,10 @@ def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
         cost="velocities",
         per_direction=True,
         **more,
-        find=lambda of: (
+        find=lambda analysis: (
             None
-            if both and of.velocities.transverse_slow is not None
-            else getattr(of.velocities, name)
+            if is_of_both and analysis.velocities.transverse_slow is not None
+            else getattr(analysis.velocities, name)
         ),
     )
 
@@ -219,9 +221,13 @@ def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the moduli; its value is None if the lattice has no such
     modulus.
     """
-    own = name.removesuffix("_error")  # a lattice without the modulus has no error of it either
+    modulus = name.removesuffix("_error")  # a lattice without the modulus has no error of it either
     find = _or_none(
-        lambda of: None if getattr(of.moduli, own, None) is None else getattr(of.moduli, name)
+        lambda analysis: (
+            None
+            if getattr(analysis.moduli, modulus, None) is None
+            else getattr(analysis.moduli, name)
+        )
     )
     return Observable(
         name,
@@ -243,7 +249,7 @@ def _make_load_error_entry(name: str, title: str) -> Observable:
         error,
         SimulatedState.units[name],
         title,
-        find=lambda of: of.state.mean_errors.get(error),
+        find=lambda analysis: analysis.state.mean_errors.get(error),
         swept=False,
     )
 
@@ -253,8 +259,9 @@ def _make_cubic_entry(name: str, title: str, **more: Any) -> Observable:
     of another lattice.
     """
 
-    def find(of: Any) -> Any:
-        return getattr(of.moduli, name) if of.moduli is not None and of.moduli.cubic else None
+    def find(analysis: Any) -> Any:
+        moduli = analysis.moduli
+        return getattr(moduli, name) if moduli is not None and moduli.cubic else None
 
     return Observable(name, "1", title, find=find, cost="velocities", **more)
 
@@ -314,7 +321,7 @@ _OBSERVABLES = (
         SimulatedState.units["pressure"],
         "force per length of boundary",
         per_dimension="pressure",
-        find=_or_none(lambda of: of.state.pressure),
+        find=_or_none(lambda analysis: analysis.state.pressure),
     ),
     Observable(
         "stress",
@@ -368,24 +375,29 @@ _OBSERVABLES = (
     _make_state_entry(
         "dissipated_energy", "energy lost since the start of a history, a mean over contacts"
     ),
-    Observable("regime", "", "pressure regime of Section III", find=lambda of: of.state.regime),
+    Observable(
+        "regime", "", "pressure regime of Section III", find=lambda analysis: analysis.state.regime
+    ),
     _make_load_error_entry("force", f"{_OVER_SAMPLES} force, at a given overlap"),
     _make_load_error_entry("overlap", f"{_OVER_SAMPLES} overlap, at a given force or pressure"),
     _of_packing(
         "width",
         "m",
         "width W of the distribution of diameters",
-        find=lambda of: of.state.packing.width,
+        find=lambda analysis: analysis.state.packing.width,
         meaning="width W: √12 times the standard deviation of the diameters",
     ),
     _of_packing(
         "mindlin_ratio",
         "1",
         "shear over normal stiffness η; 0 without friction",
-        find=lambda of: of.state.packing.mindlin_ratio,
+        find=lambda analysis: analysis.state.packing.mindlin_ratio,
     ),
     _of_packing(
-        "mass", "kg", "mass of a ball of the mean diameter", find=lambda of: of.state.packing.mass
+        "mass",
+        "kg",
+        "mass of a ball of the mean diameter",
+        find=lambda analysis: analysis.state.packing.mass,
     ),
     _make_velocity_entry(
         "longitudinal", "longitudinal sound velocity", label="Longitudinal velocity", told=True
@@ -431,12 +443,14 @@ _OBSERVABLES = (
     *(
         _make_velocity_entry(
             f"{words.replace(' ', '_')}_error",
-            f"{_OVER_SAMPLES} {said} sound velocity",
+            f"{_OVER_SAMPLES} {title} sound velocity",
             sampled=True,
         )
-        for words, said in (
-            *((one, one) for one in ("longitudinal", "transverse")),
-            *((f"transverse {one}", f"{one} transverse") for one in ("slow", "fast")),
+        for words, title in (
+            ("longitudinal", "longitudinal"),
+            ("transverse", "transverse"),
+            ("transverse slow", "slow transverse"),
+            ("transverse fast", "fast transverse"),
         )
     ),
     _make_modulus_entry("bulk_error", f"{_OVER_SAMPLES} bulk modulus", sampled=True),
@@ -734,10 +748,10 @@ def register_observable(
         "unit": (unit, is_si, 'a unit of SI without a factor, such as "N/m", or "1"'),
         "words": (words, bool, "a text"),
     }
-    for what, (given, holds, allowed) in good.items():
-        if not (isinstance(given, str) and holds(given)):
+    for argument, (value, holds, allowed) in good.items():
+        if not (isinstance(value, str) and holds(value)):
             raise InputError(
-                f"an observable cannot have the {what} {brief(given)}", mend=f"Give {allowed}"
+                f"an observable cannot have the {argument} {brief(value)}", mend=f"Give {allowed}"
             )
     one_of("cost", cost, ("state", "velocities", "exponent"))
     if not callable(find):
@@ -753,14 +767,10 @@ def _is_free(name: str) -> bool:
     """Whether a name is a word, and none of a dimension of data sets or of a part that scenes
     observe.
     """
-    taken = {word for one in _OBSERVABLES for word in (one.cost, *one.dims)}
-    return name.isidentifier() and name not in taken | {
-        "load",
-        "medium",
-        "gaps",
-        "response",
-        "motion",
-    }
+    reserved = {"load", "medium", "gaps", "response", "motion"}
+    for entry in _OBSERVABLES:
+        reserved |= {entry.cost, *entry.dims}
+    return name.isidentifier() and name not in reserved
 
 
 #: words of titles and meanings that belong to the plane, with those in their place on a line and in
@@ -780,69 +790,76 @@ def entry_of(name: str, packing: Balls) -> Observable:
     A parameter of a kind of ball, "A.diameter", has the entry of the parameter, with the kind in
     its title.
     """
-    kind, _, own = name.rpartition(".")
-    entry = CATALOGUE[own]
+    kind, _, parameter = name.rpartition(".")
+    entry = CATALOGUE[parameter]
     periods = packing.structure.periods
     if kind:
-        title = f"{spell(own)} of {kind}"
-        return replace(
-            entry, name=name, title=title, meaning=title, label=title[0].upper() + title[1:]
-        )
+        title = f"{spell(parameter)} of {kind}"
+        label = title[0].upper() + title[1:]
+        return replace(entry, name=name, title=title, meaning=title, label=label)
     if periods == 2 or not entry.per_dimension:
         return entry
     title = entry.title
     meaning = entry.meaning
-    for words, others in _WORDS.items():
-        title, meaning = (text.replace(words, others[periods // 3]) for text in (title, meaning))
+    for words, (on_line, in_space) in _WORDS.items():
+        replacement = in_space if periods == 3 else on_line
+        title = title.replace(words, replacement)
+        meaning = meaning.replace(words, replacement)
     unit = packing.structure.units_of({entry.per_dimension})[entry.per_dimension]
     return replace(entry, unit=unit, title=title, meaning=meaning)
 
 
 def find_all(
-    of: Analysis, costs: Iterable[CostClass], swept: bool = False, observed: Container[str] = ()
+    analysis: Analysis,
+    costs: Iterable[CostClass],
+    swept: bool = False,
+    observed: Container[str] = (),
 ) -> dict[str, Any]:
     """Find the observables of these ``costs`` that the state has, in the order of the costs, as
     values in SI by name.
 
-    With ``swept`` only those that sweeps store. Of those that were registered, one that fails is
-    left out, and ``failed`` of the analysis says why; if it is ``observed``, it is an error.
+    With ``swept`` only those that sweeps store. A registered observable that fails is left out, and
+    ``failed`` of the analysis says why; the failure of an ``observed`` one is an error.
     """
-    found = {}
+    values = {}
     for cost in costs:
-        for name, one in CATALOGUE.items():
-            if one.cost == cost and one.find is not None and (one.swept or not swept):
-                found[name] = (
-                    _find_added(of, one, observed) if CATALOGUE.is_added(name) else one.find(of)
-                )
-    return {name: value for name, value in found.items() if value is not None}
+        for name, entry in CATALOGUE.items():
+            if entry.cost != cost or entry.find is None or (swept and not entry.swept):
+                continue
+            is_added = CATALOGUE.is_added(name)
+            values[name] = (
+                _find_added(analysis, entry, observed) if is_added else entry.find(analysis)
+            )
+    return {name: value for name, value in values.items() if value is not None}
 
 
-def _find_added(of: Analysis, one: Observable, observed: Container[str]) -> Any:
+def _find_added(analysis: Analysis, entry: Observable, observed: Container[str]) -> Any:
     """Return the value of an observable that was registered; None where it has none, or fails."""
-    if one.cost != "state":
-        _ = of.velocities  # of a mechanism this is an error, and not of the observable
-    assert one.find is not None
+    if entry.cost != "state":
+        _ = analysis.velocities  # the error of a mechanism is not an error of the observable
+    assert entry.find is not None
+    description = CATALOGUE.describe(entry.name)
     try:
-        value = one.find(of)
-        shape = np.shape(of.state.force)
+        value = entry.find(analysis)
+        shape = np.shape(analysis.state.force)
         if value is None:
             return None
         if np.shape(value) != shape:
             raise ValueError(f"it has the shape {np.shape(value)}, and the load {shape}")
-        found = np.asarray(value, float) if shape else float(value)
-        if count := np.count_nonzero(np.isnan(found)):
-            of.failed[one.name] = (
-                f"{CATALOGUE.describe(one.name)} is not known (nan) at {count} of"
-                f" {np.size(found)} loads"
+        numbers = np.asarray(value, float) if shape else float(value)
+        count = np.count_nonzero(np.isnan(numbers))
+        if count:
+            analysis.failed[entry.name] = (
+                f"{description} is not known (nan) at {count} of {np.size(numbers)} loads"
             )
-        return found
+        return numbers
     except Exception as error:
-        why = f"{CATALOGUE.describe(one.name)} fails: {type(error).__name__}: {error}"
-        if one.name in observed:
+        why = f"{description} fails: {type(error).__name__}: {error}"
+        if entry.name in observed:
             failed = InputError(why, mend="Mend its function, or do not observe it")
             failed.block = ("observe",)
             raise failed from error
-        of.failed[one.name] = one_line(f"{why}; it is left out")
+        analysis.failed[entry.name] = one_line(f"{why}; it is left out")
         return None
 
 
@@ -853,8 +870,9 @@ def axis_label(name: str, unit: str | None = None) -> str:
     """
     entry = CATALOGUE.get(name)
     label = _write_words(name) if entry is None else entry.label
-    said = (entry.unit if entry else "") if unit is None else unit
-    return label if said in ("", "1") else f"{label} ({said})"
+    if unit is None:
+        unit = entry.unit if entry else ""
+    return label if unit in ("", "1") else f"{label} ({unit})"
 
 
 def warn_of_missing_error(found: dict[str, Any]) -> tuple[str, ...]:

@@ -61,7 +61,8 @@ class Validity(Result):
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each condition that fails; empty if all hold."""
-        return tuple(one for check in self.checks if (one := check.warning) is not None)
+        warnings = (check.warning for check in self.checks)
+        return tuple(warning for warning in warnings if warning is not None)
 
     def __getitem__(self, name: str) -> Check:
         for check in self.checks:
@@ -99,9 +100,8 @@ def validity(state: Any) -> Validity:
     - Young modulus and density, which must be those of a solid, and the diameter, from 10 nm to 1
       m: others are probably given in a wrong unit.
     """
-    if (
-        limits := getattr(state, "limits", None)
-    ) is not None:  # a crystal says itself what limits it
+    limits = getattr(state, "limits", None)  # a crystal knows its limits
+    if limits is not None:
         return Validity(limits)
     return as_state(state).cached(_compute_validity)
 
@@ -110,9 +110,9 @@ def find_warnings(state: Any) -> tuple[str, ...]:
     """Return one sentence for each limit that a state exceeds: limits of the state, or else of
     :func:`validity`.
     """
-    own = getattr(state, "warnings", None)
-    if own is not None:
-        return tuple(own)
+    warnings = getattr(state, "warnings", None)
+    if warnings is not None:
+        return tuple(warnings)
     return validity(state).warnings if state.follows_law else network_warnings(state.network)
 
 
@@ -166,8 +166,8 @@ def _compute_validity(state: Any) -> Validity:
     )
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
-    if (deficit := state.shear_deficit) is not None:
-        values["shear"] = deficit
+    if state.shear_deficit is not None:
+        values["shear"] = state.shear_deficit
     if state.floats:
         values["places"] = np.full(state.shape, _BY_NUMBERING)
     if state.packing.torsion == MINDLIN and not state.finite_overlap:
@@ -184,17 +184,9 @@ def _compute_validity(state: Any) -> Validity:
     if state.packing.width:
         reason = f"{state.medium} is not reliable"
         force = np.asarray(state.force)
-        checks.insert(
-            0,
-            Check(
-                "medium",
-                "contact force in N",
-                force,
-                state.least_valid_force,
-                reason,
-                at_least=True,
-            ),
-        )
+        least = state.least_valid_force
+        check = Check("medium", "contact force in N", force, least, reason, at_least=True)
+        checks.insert(0, check)
     for name, (attribute, *_) in BALL_LIMITS.items():
         checks.append(check_limit(name, np.full(state.shape, attrgetter(attribute)(state.packing))))
     return Validity(tuple(checks))
@@ -226,5 +218,6 @@ def network_warnings(network: ContactNetwork) -> tuple[str, ...]:
     """Return one sentence for each limit that a network exceeds, and one if its static forces act
     and are out of balance.
     """
-    told = network.imbalance_warning
-    return (*check_network(network).warnings, *([told] if told else []))
+    limits = check_network(network).warnings
+    imbalance = network.imbalance_warning
+    return (*limits, imbalance) if imbalance else limits

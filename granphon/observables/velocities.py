@@ -60,8 +60,8 @@ def local_exponent(state: ContactState) -> Any:
     and :class:`~granphon.base.errors.InputError` for a network, whose law is not known, and for a
     crystal whose contacts have different exponents.
     """
-    found = getattr(state, "exponent", None)
-    return given_state(state).exponent if found is None else found
+    exponent = getattr(state, "exponent", None)
+    return given_state(state).exponent if exponent is None else exponent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -109,8 +109,8 @@ class SoundVelocities(Result):
         load = np.shape(self.velocities)[:-1]
         count = self._count_transverse()
         shapes = [None, load, (*load, 2)]
-        found = None if self.transverse is None else np.shape(self.transverse)
-        if not 0 <= count <= 2 or found != shapes[count]:
+        shape = None if self.transverse is None else np.shape(self.transverse)
+        if not 0 <= count <= 2 or shape != shapes[count]:
             raise InputError(
                 "the SoundVelocities data lack a wave that 'velocities' has, or have one more"
             )
@@ -141,13 +141,14 @@ class SoundVelocities(Result):
 
     def _count_transverse(self) -> int:
         """Return the number of transverse waves: all waves but those with other names."""
-        others = (self.longitudinal, self.out_of_plane)
-        return int(np.shape(self.velocities)[-1]) - sum(one is not None for one in others)
+        named = [wave for wave in (self.longitudinal, self.out_of_plane) if wave is not None]
+        return int(np.shape(self.velocities)[-1]) - len(named)
 
-    def _take_transverse(self, place: int, of: Any) -> Any:
-        return (
-            None if of is None or self._count_transverse() != 2 else np.asarray(of)[..., place][()]
-        )
+    def _take_transverse(self, number: int, values: Any) -> Any:
+        """Return the value of the slow (0) or the fast (1) wave; None where there are not two."""
+        if values is None or self._count_transverse() != 2:
+            return None
+        return np.asarray(values)[..., number][()]
 
 
 def sound_velocities(
@@ -170,8 +171,7 @@ def sound_velocities(
         the first polarisation is along the axis x, y or z farthest from the longitudinal one, in
         this order if several are.
     progress : told how far the factors of a network of many balls have come, which takes long once;
-        the network keeps what
-        :func:`moduli` shares with this.
+        the network keeps what :func:`moduli` shares with this.
 
     Raises
     ------
@@ -184,20 +184,13 @@ def sound_velocities(
     state.relax_inner_motions(progress)
     along = choose_direction(state, direction, "sound velocities", state.is_isotropic)
     names = state.wave_names
-    (v, vectors) = state.polarised_waves(along)
+    v, vectors = state.polarised_waves(along)
     order = np.argsort(v, axis=-1, kind="stable")
-    named = {name: v[..., place] for place, name in enumerate(names)}
-    if "transverse_slow" in names:
-        first = names.index("transverse_slow")
-        named["transverse"] = v[..., first : first + 2]
+    named = _name_values(names, v)
+    errors = _name_values(names, state.wave_errors(along))
     twist = state.twist_velocity
     if twist is not None and along.ndim > 1:
         twist = np.repeat(np.asarray(twist)[..., None], len(along), axis=-1)
-    errors: dict[str, Any] = {}
-    if (found := state.wave_errors(along)) is not None:
-        errors = {name: found[..., place] for place, name in enumerate(names)}
-        if "transverse_slow" in names:
-            errors["transverse"] = found[..., first : first + 2]
     return SoundVelocities(
         longitudinal=named.get("longitudinal"),
         transverse=named.get("transverse"),
@@ -212,6 +205,19 @@ def sound_velocities(
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
         twist=twist,
     )
+
+
+def _name_values(names: tuple[str, ...], values: Array | None) -> dict[str, Any]:
+    """Return values (..., n) of waves by the names (n,), with both transverse waves together under
+    "transverse"; empty if there are none.
+    """
+    if values is None:
+        return {}
+    named: dict[str, Any] = {name: values[..., n] for n, name in enumerate(names)}
+    if "transverse_slow" in names:
+        first = names.index("transverse_slow")
+        named["transverse"] = values[..., first : first + 2]
+    return named
 
 
 def warn_of_free_branches(state: State, velocities: Array) -> tuple[str, ...]:
@@ -392,10 +398,9 @@ class Moduli(Result):
             )
         compliance = np.linalg.inv(stiffness)
         under_pressure = np.sum(compliance[..., :p, :p], axis=(-2, -1))
-        rest = np.trace(compliance, axis1=-2, axis2=-1) - under_pressure / p
-        return AveragedModuli(
-            (1.0 / under_pressure)[()], ((stiffness.shape[-1] - 1) / (2.0 * rest))[()]
-        )
+        under_shear = np.trace(compliance, axis1=-2, axis2=-1) - under_pressure / p
+        shear = (stiffness.shape[-1] - 1) / (2.0 * under_shear)
+        return AveragedModuli((1.0 / under_pressure)[()], shear[()])
 
     @property
     def hill(self) -> AveragedModuli:
@@ -449,13 +454,13 @@ def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
     tensor = state.elastic_tensor
     isotropic = state.is_isotropic
     cubic = state.has_cubic_axes
-    if (every := state.sampled_tensors) is not None:
-        errors["bulk_error"], errors["shear_error"] = np.moveaxis(
-            standard_error(bulk_and_shear(every), -2), -1, 0
-        )
-        errors["tensor_error"] = standard_error(every, -3)
+    samples = state.sampled_tensors
+    if samples is not None:
+        averages_error = standard_error(bulk_and_shear(samples), -2)
+        errors["bulk_error"], errors["shear_error"] = np.moveaxis(averages_error, -1, 0)
+        errors["tensor_error"] = standard_error(samples, -3)
         if (isotropic or cubic) and tensor.shape[-1] > 1:
-            errors["anisotropy_error"] = jackknife(anisotropy, shears(every))
+            errors["anisotropy_error"] = jackknife(anisotropy, shears(samples))
     warnings = find_warnings(state) + state.reference_lattice.loose_warnings
     return Moduli(tensor=tensor, isotropic=isotropic, warnings=warnings, cubic=cubic, **errors)
 
@@ -542,43 +547,29 @@ def pulse_velocities(
     periods = state.reference_lattice.periods
     even = periods == 1 or ("longitudinal" in state.wave_names and state.is_isotropic)
     along = choose_direction(state, direction, "pulses", even)
-    known = state.wave_names
-    if branches is None:
-        v = state.long_waves(along).reshape(-1, len(known))
-        names = (
-            tuple(name for name, one in zip(known, v.T, strict=True) if np.all(one > 0.0)) or known
-        )
-    else:
-        names = texts("branches", branches)
-        unknown = [name for name in names if name not in known]
-        if unknown or not names:
-            among = (
-                "longitudinal, transverse or both"
-                if known == ("longitudinal", "transverse")
-                else ", ".join(known)
-            )
-            raise InputError(f"unknown branch {brief(unknown)}", mend=f"Use {among}")
+    names = _choose_branches(state, along, branches)
     scales = state.branch_scales(along, names)
     axes = along.ndim - 1
     try:
         shape = np.broadcast_shapes(hertz.shape, state.shape)
     except ValueError:
-        what = f"the frequencies have the shape {hertz.shape}, and the loads {state.shape}"
         raise InputError(
-            what, mend="Give one frequency, or shapes that numpy can broadcast"
+            f"the frequencies have the shape {hertz.shape}, and the loads {state.shape}",
+            mend="Give one frequency, or shapes that numpy can broadcast",
         ) from None
-    count = len(names) * math.prod(shape + along.shape[:-1])
-    needed = (_PULSE_BYTES + _MODE_BYTES * state.reference_lattice.n_branches**2) * count
+    pulse_shape = shape + along.shape[:-1]
+    count = len(names) * math.prod(pulse_shape)
+    memory = (_PULSE_BYTES + _MODE_BYTES * state.reference_lattice.n_branches**2) * count
     require_memory(
-        f"velocities of {count:,} pulses", needed, "Take fewer frequencies, loads or directions"
+        f"velocities of {count:,} pulses", memory, "Take fewer frequencies, loads or directions"
     )
-    scale = np.stack([np.broadcast_to(one, shape + along.shape[:-1]) for one in scales])
+    scale = np.stack([np.broadcast_to(branch_scale, pulse_shape) for branch_scale in scales])
     with np.errstate(over="ignore"):  # infinity is beyond every branch, too
         target = hertz.reshape(hertz.shape + (1,) * axes) * (2.0 * np.pi * d / scale)
     if np.min(target) < np.finfo(float).tiny:
-        what = f"a frequency of {np.min(hertz):.6g} Hz has lost digits in double precision"
         raise InputError(
-            what, mend="Raise it: the velocities are those of long waves, gp.sound_velocities"
+            f"a frequency of {np.min(hertz):.6g} Hz has lost digits in double precision",
+            mend="Raise it: the velocities are those of long waves, gp.sound_velocities",
         )
     # shape (branches, loads and frequencies, directions)
     many = along.reshape(-1, periods)
@@ -589,14 +580,16 @@ def pulse_velocities(
     # torsion of a Hertz contact, each load has its own
     parts: list[tuple[Any, slice]] = [(state, slice(None))]
     if not state.has_one_lattice:
+        states: Any = state
         size = math.prod(state.shape)
         loads = np.broadcast_to(np.arange(size).reshape(state.shape), shape).ravel().tolist()
-        each = [parts[0][0][np.unravel_index(load, state.shape)] for load in range(size)]
+        each = [states[np.unravel_index(load, state.shape)] for load in range(size)]
         parts = [(each[load], slice(index, index + 1)) for index, load in enumerate(loads)]
-    wavenumber, vector = np.empty(target.shape), np.empty((*target.shape, periods))
-    for part, here in parts:
-        wavenumber[:, here], vector[:, here] = _find_wavenumbers(
-            part.contact_lattice(), many, names, target[:, here], units[:, here]
+    wavenumber = np.empty(target.shape)
+    vector = np.empty((*target.shape, periods))
+    for single, rows in parts:
+        wavenumber[:, rows], vector[:, rows] = _find_wavenumbers(
+            single.contact_lattice(), many, names, target[:, rows], units[:, rows]
         )
     group = np.sum(vector * many, axis=-1)
     phase = (target / wavenumber).reshape(scale.shape) * scale
@@ -612,6 +605,27 @@ def pulse_velocities(
     )
 
 
+def _choose_branches(
+    state: State, along: Array, branches: str | Sequence[str] | None
+) -> tuple[str, ...]:
+    """Return the names of the branches of pulses; by default those whose long waves have a velocity
+    above zero, or all if there are none.
+    """
+    names = state.wave_names
+    if branches is None:
+        v = state.long_waves(along).reshape(-1, len(names))
+        moving = [name for name, each in zip(names, v.T, strict=True) if np.all(each > 0.0)]
+        return tuple(moving) or names
+    requested = texts("branches", branches)
+    unknown = [name for name in requested if name not in names]
+    if unknown or not requested:
+        allowed = ", ".join(names)
+        if names == ("longitudinal", "transverse"):
+            allowed = "longitudinal, transverse or both"
+        raise InputError(f"unknown branch {brief(unknown)}", mend=f"Use {allowed}")
+    return requested
+
+
 def _find_wavenumbers(
     lattice: ContactLattice, along: Array, names: Sequence[str], target: Array, scale: Array
 ) -> tuple[Array, Array]:
@@ -620,32 +634,33 @@ def _find_wavenumbers(
 
     ``target`` (b, m, n) holds angular frequencies in units of ``scale`` (rad/s).
     """
-    places = [lattice.wave_names.index(name) for name in names]
-    wanted = np.full((len(lattice.wave_names), len(along)), -np.inf)
-    wanted[places] = target.max(axis=1)
-    every = AcousticBranches.follow(lattice, along, wanted)
-    q, group = np.empty(target.shape), np.empty((*target.shape, along.shape[1]))
+    waves = [lattice.wave_names.index(name) for name in names]
+    highest = np.full((len(lattice.wave_names), len(along)), -np.inf)
+    highest[waves] = target.max(axis=1)
+    branches = AcousticBranches.follow(lattice, along, highest)
+    q = np.empty(target.shape)
+    group = np.empty((*target.shape, along.shape[1]))
     row = np.arange(len(along))
-    for one, which in enumerate(places):
-        last = np.where(
-            every.rising[which] > 0, every.frequencies[which, row, every.rising[which] - 1], 0.0
-        )
-        beyond = wanted[which] > last
+    for b, wave in enumerate(waves):
+        rising = branches.rising[wave]
+        last = np.where(rising > 0, branches.frequencies[wave, row, rising - 1], 0.0)
+        beyond = highest[wave] > last
         # directions are solved together if the frequency is below the last point before the
-        # maximum; the others one by one
+        # maximum, and one by one otherwise
         inside = np.flatnonzero(~beyond)
         if inside.size:
-            flat = np.broadcast_to(inside, (target.shape[1], len(inside))).ravel()
-            found = every.find_wavenumber(which, flat, target[one][:, inside].ravel())
-            q[one][:, inside] = found[0].reshape(-1, len(inside))
-            group[one][:, inside] = found[1].reshape(*target[one][:, inside].shape, -1)
-        for place in np.flatnonzero(beyond).tolist():
-            goal = target[one, :, place]
-            unit = scale[one, :, place]
-            branch = every.take_branch(which, place)
+            goals = target[b][:, inside]
+            flat = np.broadcast_to(inside, goals.shape).ravel()
+            numbers, velocities = branches.find_wavenumber(wave, flat, goals.ravel())
+            q[b][:, inside] = numbers.reshape(goals.shape)
+            group[b][:, inside] = velocities.reshape(*goals.shape, -1)
+        for direction in np.flatnonzero(beyond).tolist():
+            goal = target[b, :, direction]
+            unit = scale[b, :, direction]
+            branch = branches.take_branch(wave, direction)
             if np.any(goal > branch.top):
                 raise _explain_unreachable(branch, goal, unit)
-            q[one, :, place], group[one, :, place] = branch.find_pulse(goal)
+            q[b, :, direction], group[b, :, direction] = branch.find_pulse(goal)
     return q, group
 
 
@@ -655,28 +670,26 @@ def _explain_unreachable(
     """Return the error for angular frequencies (in units of ``scale``, rad/s) above the top of a
     branch.
     """
-    wanted = float(np.max(target / (2.0 * np.pi) * scale))
-    top = float(np.min(branch.top * scale))
-    along = f"in direction ({', '.join(f'{one:.6g}' for one in branch.direction)})"
+    components = ", ".join(f"{component:.6g}" for component in branch.direction)
+    along = f"in direction ({components})"
     if branch.top <= _NO_FREQUENCY:
 
-        def travels(other: ContactLattice) -> bool:
-            found = follow_acoustic_branches(other, branch.direction)
-            return branch.name in found and found[branch.name].top > _NO_FREQUENCY
+        def travels(stiffer: ContactLattice) -> bool:
+            branches = follow_acoustic_branches(stiffer, branch.direction)
+            return branch.name in branches and branches[branch.name].top > _NO_FREQUENCY
 
         remedy = branch.lattice.find_remedy(travels)
-        what = f"the {branch.name} branch has no pulses {along}"
-        why = (
-            "Its waves cost no energy there, as they deform no contact, so that their frequency"
-            " is zero"
-        )
         return UnreachableFrequencyError(
-            what, why, f"{remedy.capitalize()}, or name other branches"
+            f"the {branch.name} branch has no pulses {along}",
+            "Its waves cost no energy there, as they deform no contact, so that their frequency is"
+            " zero",
+            f"{remedy.capitalize()}, or name other branches",
         )
-    what = f"the {branch.name} branch does not reach {wanted:.6g} Hz {along}"
-    ends = f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (
-        " at the least load" if np.ptp(scale) > 0.0 else ""
-    )
+    highest = float(np.max(target / (2.0 * np.pi) * scale))
+    top = float(np.min(branch.top * scale)) / (2.0 * np.pi)
+    at_load = " at the least load" if np.ptp(scale) > 0.0 else ""
     return UnreachableFrequencyError(
-        what, ends, "Lower the frequency, or name the branches that reach it"
+        f"the {branch.name} branch does not reach {highest:.6g} Hz {along}",
+        f"It ends at {top:.6g} Hz{at_load}",
+        "Lower the frequency, or name the branches that reach it",
     )

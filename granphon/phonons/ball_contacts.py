@@ -8,6 +8,7 @@ the files of tables and dumps of networks by the formats ``granphon-tables`` and
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Mapping
@@ -63,10 +64,12 @@ class ContactCalculator(Calculator):  # type: ignore[misc]
         among them.
         """
         changes: list[str] = super().check_state(atoms, tol=tol)
-        old = self.atoms
-        own = self.follows if old is not None else ()
+        if self.atoms is None:
+            return changes
+        old = self.atoms.arrays
+        new = atoms.arrays
         return changes + [
-            name for name in own if not np.array_equal(old.arrays.get(name), atoms.arrays.get(name))
+            name for name in self.follows if not np.array_equal(old.get(name), new.get(name))
         ]
 
 
@@ -105,64 +108,67 @@ class BallContacts(ContactCalculator):
         self, balls: Mapping[str, Ball | Material], law: Any = None, friction: bool = True
     ) -> None:
         super().__init__()
-        given: Any = balls
-        known = isinstance(given, Mapping) and all(
-            isinstance(one, Ball | Material) for one in given.values()
+        kinds: Any = balls
+        are_balls = isinstance(kinds, Mapping) and all(
+            isinstance(ball, Ball | Material) for ball in kinds.values()
         )
-        if not known or not given:
-            mend = 'Give a granphon.Ball or Material for each kind, as {"Na": ball}'
-            raise InputError(f"the balls are {brief(given)}", mend=mend)
+        if not are_balls or not kinds:
+            raise InputError(
+                f"the balls are {brief(kinds)}",
+                mend='Give a granphon.Ball or Material for each kind, as {"Na": ball}',
+            )
         self.balls = dict(balls)
         self.friction = friction
         self._law = read_laws(law)
-        self._known = dict[tuple[str, float, str, float], tuple[PairLaw, float, float]]()
+        self._laws = dict[tuple[str, float, str, float], tuple[PairLaw, float, float]]()
 
     def find_radii(self, atoms: Atoms) -> tuple[list[str], Array]:
         """Return the kind of each ball, and their radii (n,), m."""
-        kinds = [str(one) for one in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
-        if missing := sorted(set(kinds) - set(self.balls)):
-            what = f"there is no ball for the kind {list_names(missing)}"
+        kinds = [str(kind) for kind in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
+        missing = sorted(set(kinds) - set(self.balls))
+        if missing:
             raise InputError(
-                what, mend="Give one for each kind in the array 'kinds', or each symbol"
+                f"there is no ball for the kind {list_names(missing)}",
+                mend="Give one for each kind in the array 'kinds', or each symbol",
             )
         radii = atoms.arrays.get("radius")
         if radii is None:
-            own = {kind: getattr(self.balls[kind], "radius", None) for kind in set(kinds)}
-            if None in own.values():
-                what = "the Atoms have no array 'radius', and the kinds are materials"
+            balls = [self.balls[kind] for kind in kinds]
+            radii = np.array([ball.radius for ball in balls if isinstance(ball, Ball)])
+            if len(radii) < len(balls):
                 raise InputError(
-                    what, mend="Set the radii, m, or give a granphon.Ball for each kind"
+                    "the Atoms have no array 'radius', and the kinds are materials",
+                    mend="Set the radii, m, or give a granphon.Ball for each kind",
                 )
-            radii = np.array([own[kind] for kind in kinds])
         radii = np.asarray(radii, float).reshape(len(kinds))
-        if not (
-            np.all(np.isfinite(atoms.positions))
-            and np.all(np.isfinite(radii))
-            and np.all(radii > 0.0)
-        ):
-            mend = "Mend their positions, or the array radius"
+        are_sizes = np.isfinite(radii) & (radii > 0.0)
+        if not (np.all(np.isfinite(atoms.positions)) and np.all(are_sizes)):
             raise InputError(
                 "the Atoms have a place that is not finite, or a radius that is not above zero",
-                mend=mend,
+                mend="Mend their positions, or the array radius",
             )
         return kinds, radii
 
     def _find_law(
-        self, kind: str, radius: float, other: str, wide: float
+        self, kind_i: str, radius_i: float, kind_j: str, radius_j: float
     ) -> tuple[PairLaw, float, float]:
         """Return the law of two balls, and 4 G*/E* and E*, Pa, of their contacts."""
-        key = (kind, radius, other, wide)
-        if key not in self._known:
-            one, two = (self._make(name, size) for name, size in ((kind, radius), (other, wide)))
-            found = law_of_pair(self._law, one, two, kind, other)
-            constants = ContactConstants.of(one, two)
-            check_law(found, constants.radius)
-            self._known[key] = found, constants.mindlin_ratio, constants.modulus
-        return self._known[key]
+        key = (kind_i, radius_i, kind_j, radius_j)
+        if key not in self._laws:
+            ball_i = self._make_ball(kind_i, radius_i)
+            ball_j = self._make_ball(kind_j, radius_j)
+            law = law_of_pair(self._law, ball_i, ball_j, kind_i, kind_j)
+            constants = ContactConstants.of(ball_i, ball_j)
+            check_law(law, constants.radius)
+            self._laws[key] = law, constants.mindlin_ratio, constants.modulus
+        return self._laws[key]
 
-    def _make(self, kind: str, radius: float) -> Ball:
-        own = self.balls[kind]
-        return Ball(own if isinstance(own, Material) else own.material, 2.0 * radius, name=kind)
+    def _make_ball(self, kind: str, radius: float) -> Ball:
+        """Return a ball of a kind with a radius, m."""
+        ball = self.balls[kind]
+        if isinstance(ball, Material):
+            return Ball(ball, 2.0 * radius, name=kind)
+        return Ball(ball.material, 2.0 * radius, name=kind)
 
     def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, Springs, Array]:
         """Return i, j and the shift of each contact, the vectors (n_c, 3) between centres, m, the
@@ -170,14 +176,15 @@ class BallContacts(ContactCalculator):
         """
         kinds, radii = self.find_radii(atoms)
         keys = list(zip(kinds, radii.tolist(), strict=True))
-        every = list(dict.fromkeys(keys))
-        number = {key: at for at, key in enumerate(every)}
+        sorts = list(dict.fromkeys(keys))  # of balls, by kind and radius
+        number = {key: n for n, key in enumerate(sorts)}
         code = np.array([number[key] for key in keys], np.intp)
-        # balls that adhere touch until they are this much apart: Hertz's are cheap to tell
+        # balls that adhere touch until they are this much apart; Hertz's law has no adhesion
         apart = 0.0
         if not isinstance(self._law, Hertz):
+            pairs = itertools.product(sorts, repeat=2)
             ends = [
-                opening_overlap(self._find_law(*one, *two)[0]) for one in every for two in every
+                opening_overlap(self._find_law(*sort_i, *sort_j)[0]) for sort_i, sort_j in pairs
             ]
             apart = -min([0.0, *ends])
         if math.isinf(apart):
@@ -186,24 +193,26 @@ class BallContacts(ContactCalculator):
             )
         reach = (radii + 0.5 * apart) * (1.0 + 1e-12)
         periods = np.flatnonzero(atoms.pbc)
-        most = 2.0 * float(np.max(reach, initial=0.0))
-        i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], most)
+        longest = 2.0 * float(np.max(reach, initial=0.0))
+        i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], longest)
         near = np.linalg.norm(vector, axis=1) < reach[i] + reach[j]
         i = i[near]
         j = j[near]
         vector = vector[near]
         shift = np.zeros((np.count_nonzero(near), 3), np.intp)
         shift[:, periods] = steps[near]
-        pair = np.minimum(code[i], code[j]) * len(every) + np.maximum(code[i], code[j])
+        pair = np.minimum(code[i], code[j]) * len(sorts) + np.maximum(code[i], code[j])
         groups = list[tuple[PairLaw, Index]]()
         ratio = np.empty(len(i))
         modulus = np.empty(len(i))
         order = np.argsort(pair, kind="stable")
-        for at in np.split(order, np.flatnonzero(np.diff(pair[order])) + 1) if len(order) else ():
-            law, ratio[at], modulus[at] = self._find_law(
-                *every[code[i[at[0]]]], *every[code[j[at[0]]]]
-            )
-            groups.append((law, at))
+        for group in np.split(order, np.flatnonzero(np.diff(pair[order])) + 1):
+            if not group.size:  # no contacts at all
+                continue
+            sort_i = sorts[code[i[group[0]]]]
+            sort_j = sorts[code[j[group[0]]]]
+            law, ratio[group], modulus[group] = self._find_law(*sort_i, *sort_j)
+            groups.append((law, group))
         return i, j, shift, vector, Springs(groups, len(i), modulus), ratio
 
     def calculate(
@@ -248,13 +257,12 @@ class BallContacts(ContactCalculator):
         overlap = radii[i] + radii[j] - np.linalg.norm(vector, axis=1)
         force = springs.force(overlap)
         stiffness = springs.stiffness(overlap)
-        given = [self.balls[kind] for kind in kinds]
-        mass = [
-            one.mass
-            if isinstance(one, Ball) and one.radius == radius
-            else self._make(kind, radius).mass
-            for kind, radius, one in zip(kinds, radii.tolist(), given, strict=True)
-        ]
+        mass = []
+        for kind, radius in zip(kinds, radii.tolist(), strict=True):
+            ball = self.balls[kind]
+            if not isinstance(ball, Ball) or ball.radius != radius:
+                ball = self._make_ball(kind, radius)
+            mass.append(ball.mass)
         x, y, z = atoms.positions.T
         balls = {"x": x, "y": y, "z": z, "radius": radii, "mass": mass, "kind": kinds}
         contacts = {
@@ -265,37 +273,33 @@ class BallContacts(ContactCalculator):
             "shear_stiffness": ratio * springs.punch(overlap) * self.friction,
             **{f"shift_{axis + 1}": shift[:, axis] for axis in range(3)},
         }
-        periods = (
-            {"cell": atoms.cell.array, "pbc": list(map(bool, atoms.pbc))}
-            if np.any(atoms.pbc)
-            else {}
-        )
-        mean = {
+        if np.any(atoms.pbc):
+            options = {"cell": atoms.cell.array, "pbc": list(map(bool, atoms.pbc))} | options
+        mean_radii = {
             kind: float(np.mean(radii[np.array(kinds) == kind])) for kind in dict.fromkeys(kinds)
         }
-        known = tuple(self._make(kind, radius) for kind, radius in mean.items())
-        model = ContactModel(known, tuple(mean), self._law, self.friction, own_radii=True)
-        return replace(
-            ContactNetwork.from_table(balls, contacts, **(periods | options)), contact_model=model
-        )
+        mean_balls = tuple(self._make_ball(kind, radius) for kind, radius in mean_radii.items())
+        names = tuple(mean_radii)
+        model = ContactModel(mean_balls, names, self._law, self.friction, own_radii=True)
+        network = ContactNetwork.from_table(balls, contacts, **options)
+        return replace(network, contact_model=model)
 
 
 def _warn_of_lengths(atoms: Atoms, radii: Array) -> None:
     """Warn if balls that do not touch are so far from each other that their places are not in m."""
-    # it loads much of scipy, which balls in contact do not need here
-    from scipy.spatial import (
-        cKDTree,
-    )
+    # imported here: it loads much of scipy, which balls in contact do not need
+    from scipy.spatial import cKDTree
 
     # the first is the ball itself
     distances, _ = cKDTree(atoms.positions).query(atoms.positions, k=[2])
     nearest = float(np.min(distances))
     diameter = 2.0 * float(np.max(radii))
     if nearest > _FARTHEST * diameter:
-        what = f"the balls are {nearest:.3g} m from each other or more, and {diameter:.3g} m wide"
-        warnings.warn(
-            f"{what}: none touch. Their places are to be in m", InconsistencyWarning, stacklevel=4
+        text = (
+            f"the balls are {nearest:.3g} m from each other or more, and {diameter:.3g} m wide:"
+            " none touch. Their places are to be in m"
         )
+        warnings.warn(text, InconsistencyWarning, stacklevel=4)
 
 
 # -- what ASE finds by entry points ----------------------------------------------------------------
@@ -337,20 +341,19 @@ def _write_atoms(network: ContactNetwork) -> Atoms:
     return balls
 
 
-def _find_beside(path: Any, given: Any, words: Mapping[str, str]) -> Any:
-    """Return the file of contacts, by default that beside the file of balls, with a word of its
-    name replaced.
+def _find_beside(path: Any, contacts: Any, word: str, replacement: str) -> Any:
+    """Return the file of ``contacts``; by default the file beside that of balls whose name has the
+    ``replacement`` for a ``word`` of the name of that.
     """
-    found = Path(path)
-    beside = [
-        found.with_name(found.name.replace(*pair))
-        for pair in words.items()
-        if pair[0] in found.name
-    ]
-    if given is None and not beside:
-        what = f"{path} has its contacts in another file"
-        raise InputError(what, mend=f"Name it, or call the file ...{next(iter(words))}...")
-    return beside[0] if given is None else given
+    if contacts is not None:
+        return contacts
+    balls = Path(path)
+    if word not in balls.name:
+        raise InputError(
+            f"{path} has its contacts in another file",
+            mend=f"Name it, or call the file ...{word}...",
+        )
+    return balls.with_name(balls.name.replace(word, replacement))
 
 
 def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Atoms:
@@ -361,10 +364,9 @@ def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Ato
     name. ``options`` are those of :meth:`ContactNetwork.from_table`, which also says what is
     raised; rattlers are kept.
     """
-    found = _find_beside(path, contacts, {"balls": "contacts"})
-    return _write_atoms(
-        ContactNetwork.from_table(path, found, **{"keep_rattlers": True, **options})
-    )
+    file = _find_beside(path, contacts, "balls", "contacts")
+    options = {"keep_rattlers": True} | options
+    return _write_atoms(ContactNetwork.from_table(path, file, **options))
 
 
 def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
@@ -377,10 +379,9 @@ def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
     """
     if not {"material", "normal_stiffness"} & set(options):
         options |= {"normal_stiffness": 1.0, "shear_stiffness": 0.0}
-    found = _find_beside(path, pairs, {"atoms": "pairs"})
-    return _write_atoms(
-        ContactNetwork.from_lammps(path, found, **{"keep_rattlers": True, **options})
-    )
+    file = _find_beside(path, pairs, "atoms", "pairs")
+    options = {"keep_rattlers": True} | options
+    return _write_atoms(ContactNetwork.from_lammps(path, file, **options))
 
 
 def __getattr__(name: str) -> Any:
@@ -389,9 +390,9 @@ def __getattr__(name: str) -> Any:
     """
     if name != "__ase_plugins__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    for place in ("ase.plugins", "ase._4.plugins.plugin"):
+    for module in ("ase.plugins", "ase._4.plugins.plugin"):
         with suppress(ImportError, AttributeError):
-            make = import_module(place).CalculatorPlugin
+            make = import_module(module).CalculatorPlugin
             citation = "B. Velicky and C. Caroli, Phys. Rev. E 65, 021307 (2002)"
             return {
                 make(

@@ -133,10 +133,10 @@ class Bands(Result):
         p = self.periods
         if self.eigenvectors is not None:
             if self.eigenvectors.shape[2] != self.motions.count * balls:
-                what = (
-                    f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
+                raise InputError(
+                    f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls",
+                    mend=f"Give {self.motions.count} for each ball",
                 )
-                raise InputError(what, mend=f"Give {self.motions.count} for each ball")
             lengths = np.linalg.norm(self.eigenvectors, axis=2)
         self._require_finite()
         leaves = (
@@ -144,10 +144,9 @@ class Bands(Result):
             or bool(np.any(self.cell[:p, p:]))
             or bool(np.any(self.cell[p:, :p]))
         )
-        # the lowest frequencies are roots of rounding errors, so that neighbours may be out of
-        # order by as much
+        # the lowest frequencies are roots of rounding errors, which may put neighbours out of order
         falls = -np.diff(self.frequencies, axis=2) > _ROUNDING * self.frequencies.max(initial=0.0)
-        for holds, what in (
+        for holds, fault in (
             (self.frequencies.size > 0, "there is no frequency"),
             (
                 not leaves,
@@ -173,12 +172,12 @@ class Bands(Result):
                 "an eigenvector has not the length one",
             ),
             (
-                len(self.pbc) == p and all(isinstance(one, bool) for one in self.pbc),
+                len(self.pbc) == p and all(isinstance(repeats, bool) for repeats in self.pbc),
                 f"pbc is not {p} times true or false",
             ),
         ):
             if not holds:
-                raise InputError(what, mend="Make the bands again")
+                raise InputError(fault, mend="Make the bands again")
 
     @property
     def n_branches(self) -> int:
@@ -223,13 +222,10 @@ class Bands(Result):
         ahead = np.broadcast_to((q[:, -1] - q[:, 0])[:, None], q.shape)
         ahead = np.where(np.any(q != 0.0, axis=-1, keepdims=True), q, ahead)
         ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
-        inside = [place for place, axis in enumerate(self.motions.translations) if axis < d]
+        axes = [axis for axis in self.motions.translations if axis < d]
+        inside = [self.motions.translations.index(axis) for axis in axes]
         moved = self.motion[:, :, :, inside]
-        along = np.einsum(
-            "spiab,spa->spib",
-            moved,
-            ahead[..., [self.motions.translations[place] for place in inside]],
-        )
+        along = np.einsum("spiab,spa->spib", moved, ahead[..., axes])
         return np.asarray(np.sum(np.abs(along) ** 2, axis=2))
 
     @property
@@ -240,8 +236,8 @@ class Bands(Result):
         It is zero for lattices with one or three periods.
         """
         across = [
-            place
-            for place, axis in enumerate(self.motions.translations)
+            component
+            for component, axis in enumerate(self.motions.translations)
             if axis >= self.periods == 2
         ]
         return np.asarray(np.sum(np.abs(self.motion[:, :, :, across]) ** 2, axis=(2, 3)))
@@ -253,10 +249,8 @@ class Bands(Result):
 
         With the rotational, the longitudinal and the out-of-plane fraction it adds up to 1.
         """
-        rest = (
-            1.0 - self.rotational_fraction - self.longitudinal_fraction - self.out_of_plane_fraction
-        )
-        return np.asarray(np.clip(rest, 0.0, 1.0))
+        transverse = 1.0 - self.rotational_fraction - self.longitudinal_fraction
+        return np.asarray(np.clip(transverse - self.out_of_plane_fraction, 0.0, 1.0))
 
     @cached_property
     def edge_weight(self) -> Array:
@@ -273,23 +267,22 @@ class Bands(Result):
                 "the lattice has no edges", mend="Take bands of network.cut(axis, layers)"
             )
         masks = find_outer(heights)
-        found = np.einsum(
-            "ei,spicb->spbe", masks.astype(float), np.abs(self.motion) ** 2, optimize=True
-        )
+        energy = np.abs(self.motion) ** 2
+        weights = np.einsum("ei,spicb->spbe", masks.astype(float), energy, optimize=True)
         close = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()
         for s, p in np.argwhere(np.any(close, axis=2)):
-            splits = np.split(np.arange(self.n_branches), np.flatnonzero(~close[s, p]) + 1)
-            for group in (one for one in splits if len(one) > 1):
+            for group in np.split(np.arange(self.n_branches), np.flatnonzero(~close[s, p]) + 1):
+                if len(group) == 1:
+                    continue
                 motion = self.motion[s, p][..., group]
                 low, high = (
                     np.einsum("icb,icd->bd", motion[mask].conj(), motion[mask]) for mask in masks
                 )
                 turned = np.linalg.eigh(high - low)[1]
-                for edge, each in enumerate((low, high)):
-                    found[s, p, group, edge] = np.einsum(
-                        "ba,bc,ca->a", turned.conj(), each, turned
-                    ).real
-        return np.asarray(np.clip(found, 0.0, 1.0))
+                for edge, form in enumerate((low, high)):
+                    parts = np.einsum("ba,bc,ca->a", turned.conj(), form, turned)
+                    weights[s, p, group, edge] = parts.real
+        return np.asarray(np.clip(weights, 0.0, 1.0))
 
     @cached_property
     def connection(self) -> NDArray[np.intp]:
@@ -299,9 +292,8 @@ class Bands(Result):
         crossings. Branches are connected inside each segment, by the overlap of eigenvectors, and
         numbered by their order at its start.
         """
-        return np.array(
-            [connect_branches(one.reshape(len(one), -1, self.n_branches)) for one in self.motion]
-        )
+        segments = self.motion.reshape(*self.motion.shape[:2], -1, self.n_branches)
+        return np.array([connect_branches(motions) for motions in segments])
 
     @property
     def connected_frequencies(self) -> Array:
@@ -381,14 +373,14 @@ class Bands(Result):
             *(f"- {_write_row(row)}" for row in self.cell.tolist()),
             "points:",
         ]
-        places = place_atoms(self.positions, self.motions, OFFSET @ np.linalg.inv(self.cell))
+        positions = place_atoms(self.positions, self.motions, OFFSET @ np.linalg.inv(self.cell))
         masses = np.repeat(self.masses, per_ball).tolist()
-        for name, place, mass in zip(
-            name_atoms(self.masses, self.motions, self.kinds), places, masses, strict=True
+        for name, position, mass in zip(
+            name_atoms(self.masses, self.motions, self.kinds), positions, masses, strict=True
         ):
             lines += [
                 f"- symbol: {name}",
-                f"  coordinates: {_write_row(place.tolist())}",
+                f"  coordinates: {_write_row(position.tolist())}",
                 f"  mass: {write_float(mass)}",
             ]
         lines.append("phonon:")
@@ -420,39 +412,32 @@ class Bands(Result):
         text, verified = read_sealed(path)
         with require_own_file(path, "band.yaml"):
             data = plain_yaml(text, path)
-            own = data["granphon"]
+            header = data["granphon"]
             phonon = data["phonon"]
-            hertz, scales = read_header(path, own)
+            hertz, scales = read_header(path, header)
             s, count, natom = (
                 require(key, partial(whole, low=1), data[key])
                 for key in ("npath", "nqpoint", "natom")
             )
             p = len(phonon) // s
-            there = len(phonon)
-            if (
-                count != there
-                or s * p != there
-                or p == 0
-                or data["segment_nqpoint"] != [p] * s
-                or len(data["labels"]) != s
-            ):
-                what = (
+            fits = count == len(phonon) == s * p and p > 0
+            if not fits or data["segment_nqpoint"] != [p] * s or len(data["labels"]) != s:
+                raise InputError(
                     f"Its keys npath ({s}), nqpoint ({count}), segment_nqpoint and labels do not"
-                    f" fit"
+                    f" fit the {len(phonon)} points of phonon"
                 )
-                raise InputError(f"{what} the {there} points of phonon")
             points = data["points"]
             if natom != len(points):
                 raise InputError(
                     f"Its key natom is {data['natom']}, and it has {len(points)} points"
                 )
             symbols = [point["symbol"] for point in points]
-            n = natom // read_motions(own)[0].atoms_per_ball
-            still = int(own.get("still_branches", 0))
+            n = natom // read_motions(header)[0].atoms_per_ball
+            still = int(header.get("still_branches", 0))
             bands = [q["band"][still:] for q in phonon]
             b = len(bands[0])
             per_ball = len(points) // max(n, 1)
-            motions, periods = read_motions(own, b // max(n, 1))
+            motions, periods = read_motions(header, b // max(n, 1))
             cell = read_numbers("lattice", data["lattice"])
             qpoints = read_numbers("q-position", [q["q-position"] for q in phonon]).reshape(s, p, 3)
             vectors = None
@@ -480,10 +465,10 @@ class Bands(Result):
                 labels.append(f"{pair[1]}|{following[0]}" if jump and following else pair[1])
             coordinates = read_numbers("coordinates", [point["coordinates"] for point in points])
             masses = read_numbers("mass", [point["mass"] for point in points])
-            kinds = read_kinds(own, symbols[::per_ball])
+            kinds = read_kinds(header, symbols[::per_ball])
             if name_atoms(masses[::per_ball], motions, kinds) != symbols:
                 raise InputError("Its atoms are not those of balls with these motions")
-            found = cls(
+            read_bands = cls(
                 qpoints,
                 read_numbers("distance", [q["distance"] for q in phonon]).reshape(s, p),
                 read_numbers(
@@ -497,13 +482,15 @@ class Bands(Result):
                 coordinates[::per_ball],
                 masses[::per_ball],
                 scales,
-                tuple(own["warnings"]),
+                tuple(header["warnings"]),
                 motions,
-                tuple(own.get("pbc", (True,) * periods)),
+                tuple(header.get("pbc", (True,) * periods)),
                 kinds,
-                read_numbers("gyration", own["gyration"], (n,)) if "gyration" in own else None,
+                read_numbers("gyration", header["gyration"], (n,))
+                if "gyration" in header
+                else None,
             )
-            found._check()
+            read_bands._check()
             if not np.allclose(
                 read_numbers("reciprocal_lattice", data["reciprocal_lattice"]),
                 np.linalg.inv(cell).T,
@@ -511,7 +498,7 @@ class Bands(Result):
                 raise InputError("Its reciprocal_lattice is not that of its lattice")
         if not verified:
             warn_unverified(path)
-        return found
+        return read_bands
 
 
 @dataclass(frozen=True, eq=False, repr=False)

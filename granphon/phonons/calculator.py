@@ -106,37 +106,50 @@ def atoms(state: Any) -> Atoms:
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a
     network without a period.
     """
-    found: Any = as_state(state)
-    scales = found.scales
-    lattice: Any = found.packing.structure if found.follows_law else found.contact_lattice()
-    spacing = 1.0 - found.relative_overlap if found.follows_law and found.finite_overlap else 1.0
-    cell = np.eye(3)
-    positions = np.zeros((lattice.n_balls, 3))
-    cell[: lattice.periods] = 0.0
-    cell[: lattice.periods, : lattice.dimension] = (
-        lattice.vectors if found.follows_law else lattice.cell
-    ) * spacing
-    positions[:, : lattice.dimension] = lattice.positions * spacing
-    balls = Atoms(
-        [BALL] * lattice.n_balls, positions=positions, cell=cell, pbc=np.arange(3) < lattice.periods
-    )
-    if not found.follows_law:
-        network = found.network
-        kinds = found.kinds
-        balls.symbols = name_balls(lattice.masses, kinds)
-        balls.set_masses(lattice.masses)
-        balls.set_array("radius", network.radii[network.moving] / scales.length)
-        balls.info.update(scales.to_info())
-        if kinds:
-            balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(kinds).items()}
-        if turning := lattice.motions.rotations:
-            balls.set_array("rotations", np.zeros((len(balls), 3)[: 1 if turning == (2,) else 2]))
-        balls.calc = HarmonicContacts(found, balls)
-        return balls
-    state = given_state(found)
+    any_state: Any = as_state(state)
+    if not any_state.follows_law:
+        return _make_network_atoms(any_state)
+    state = given_state(any_state)
+    lattice = state.packing.structure
+    spacing = 1.0 - state.relative_overlap if state.finite_overlap else 1.0
+    balls = _place_balls(lattice.vectors * spacing, lattice.positions * spacing)
     kind = FINITE if state.finite_overlap else LATTICE
-    take_arrays(balls, scales, kind, coordinates=count_coordinates(state.packing))
+    take_arrays(balls, any_state.scales, kind, coordinates=count_coordinates(state.packing))
     balls.calc = HertzMindlin(state)
+    return balls
+
+
+def _place_balls(vectors: Array, positions: Array) -> Atoms:
+    """Return Atoms at ``positions`` (n, d) that repeat along ``vectors`` (p, d), in three
+    dimensions; the cell is one diameter thick across the periods.
+    """
+    periods, dimension = vectors.shape
+    cell = np.eye(3)
+    cell[:periods] = 0.0
+    cell[:periods, :dimension] = vectors
+    places = np.zeros((len(positions), 3))
+    places[:, :dimension] = positions
+    symbols = [BALL] * len(positions)
+    return Atoms(symbols, positions=places, cell=cell, pbc=np.arange(3) < periods)
+
+
+def _make_network_atoms(state: NetworkState) -> Atoms:
+    """Return the balls of a network that move, as Atoms with its calculator."""
+    lattice = state.contact_lattice()
+    network = state.network
+    kinds = state.kinds
+    balls = _place_balls(lattice.cell, lattice.positions)
+    balls.symbols = name_balls(lattice.masses, kinds)
+    balls.set_masses(lattice.masses)
+    balls.set_array("radius", network.radii[network.moving] / state.scales.length)
+    balls.info.update(state.scales.to_info())
+    if kinds:
+        balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(kinds).items()}
+    axes = lattice.motions.rotations
+    if axes:
+        shape = (len(balls),) if axes == (2,) else (len(balls), 3)
+        balls.set_array("rotations", np.zeros(shape))
+    balls.calc = HarmonicContacts(state, balls)
     return balls
 
 
@@ -160,10 +173,10 @@ class HarmonicContacts(ContactCalculator):
 
     follows = ("rotations",)
 
-    def __init__(self, state: NetworkState, rest: Atoms) -> None:
+    def __init__(self, state: NetworkState, reference: Atoms) -> None:
         super().__init__()
         self.state = state
-        self._rest = rest.copy()
+        self._reference = reference.copy()
 
     def calculate(
         self,
@@ -174,7 +187,7 @@ class HarmonicContacts(ContactCalculator):
         """Find the energy (units of k d^2), forces (k d) and stress (k/d) of the atoms."""
         super().calculate(atoms, properties, system_changes)
         balls = self.atoms
-        rest = self._rest
+        reference = self._reference
         lattice = self.state.contact_lattice()
         self.contact_network(balls)
         table = lattice.contacts
@@ -188,11 +201,9 @@ class HarmonicContacts(ContactCalculator):
         u = np.zeros((n + 1, 3))
         w = np.zeros((n + 1, len(rotations)))
         gyration = lattice.gyration[:, None]
-        steps = (
-            np.rint(balls.get_scaled_positions(wrap=False) - rest.get_scaled_positions(wrap=False))
-            * balls.pbc
-        )
-        u[:n] = balls.positions - steps @ balls.cell - rest.positions
+        fractions = balls.get_scaled_positions(wrap=False)
+        steps = np.rint(fractions - reference.get_scaled_positions(wrap=False)) * balls.pbc
+        u[:n] = balls.positions - steps @ balls.cell - reference.positions
         turned = balls.arrays.get("rotations", np.zeros((n, 3))).reshape(n, -1)
         w[:n] = gyration * (turned if turned.shape[1] == len(rotations) else turned[:, rotations])
         i = table.i
@@ -200,19 +211,20 @@ class HarmonicContacts(ContactCalculator):
         energy = 0.0
         pull = np.zeros((len(table), 3))
         torques = np.zeros_like(w)
-        moved = u[j] - u[i] + table.shift @ (balls.cell - rest.cell)[:p]
+        moved = u[j] - u[i] + table.shift @ (balls.cell - reference.cell)[:p]
         if np.max(np.abs(moved), initial=0.0) > _FAR:
-            what = f"balls in contact have moved against each other by more than {_FAR} diameters"
             raise InputError(
-                what, "Displacements must be small", "Compare the order of the balls, and the cell"
+                f"balls in contact have moved against each other by more than {_FAR} diameters",
+                "Displacements must be small",
+                "Compare the order of the balls, and the cell",
             )
         for row, stiffness in _list_springs(lattice):
             head = row.head[:, motions.turning]
             tail = row.tail[:, motions.turning]
             along = row.head[:, motions.translating]
-            change = np.sum(along * moved[:, translations], axis=1) + np.sum(
-                head * w[j] - tail * w[i], axis=1
-            )
+            shift = np.sum(along * moved[:, translations], axis=1)
+            turn = np.sum(head * w[j] - tail * w[i], axis=1)
+            change = shift + turn
             tension = (stiffness * change)[:, None]
             energy += 0.5 * float(np.sum(tension[:, 0] * change))
             pull[:, translations] -= tension * along
@@ -229,7 +241,8 @@ class HarmonicContacts(ContactCalculator):
         live = network.moving[network.i] | network.moving[network.j]
         force = network.normal_force[live, None] / self.state.scales.force * table.normal
         static = -vector.T @ np.pad(force, ((0, 0), (0, 3 - lattice.dimension)))
-        strain = np.linalg.solve(rest.cell.array, balls.cell.array - rest.cell.array)
+        cell = reference.cell.array
+        strain = np.linalg.solve(cell, balls.cell.array - cell)
         energy += float(np.sum(static * strain))
         self.results = {"energy": energy, "free_energy": energy, "forces": forces[:n]}
         if not lattice.is_held:
@@ -237,9 +250,9 @@ class HarmonicContacts(ContactCalculator):
             stress /= abs(np.linalg.det(balls.cell.array[:p, :p]))
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
-            mend = "Ask for energy or forces"
             raise InputError(
-                "a network that bodies without motion hold has no stress of its own", mend=mend
+                "a network that bodies without motion hold has no stress of its own",
+                mend="Ask for energy or forces",
             )
 
     def get_torques(self, atoms: Atoms) -> Array:
@@ -251,15 +264,17 @@ class HarmonicContacts(ContactCalculator):
         """Return the network; raises :class:`~granphon.base.errors.InputError` for Atoms that are
         not its balls.
         """
-        rest = self._rest
+        reference = self._reference
         if not (
-            len(atoms) == len(rest)
-            and np.array_equal(atoms.pbc, rest.pbc)
-            and np.array_equal(atoms.get_masses(), rest.get_masses())
+            len(atoms) == len(reference)
+            and np.array_equal(atoms.pbc, reference.pbc)
+            and np.array_equal(atoms.get_masses(), reference.get_masses())
         ):
-            why = "Its calculator serves these alone"
-            mend = "Use gp.atoms(network.repeat(...)), or of another network"
-            raise InputError(f"the Atoms are not the {len(rest)} balls of the network", why, mend)
+            raise InputError(
+                f"the Atoms are not the {len(reference)} balls of the network",
+                "Its calculator serves these alone",
+                "Use gp.atoms(network.repeat(...)), or of another network",
+            )
         return self.state.network
 
 
@@ -284,13 +299,47 @@ def keep_rows(kept: Flags, *arrays: Any) -> tuple[Any, ...]:
     return arrays if kept.all() else tuple(values[kept] for values in arrays)
 
 
+class _Search(NamedTuple):
+    """The ``pairs`` of balls nearer than ``reach`` at ``positions`` in a ``cell``."""
+
+    pairs: Pairs
+    positions: Array
+    cell: Array
+    periodic: tuple[bool, ...]
+    reach: float
+
+    def serves(
+        self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float
+    ) -> bool:
+        """Whether the pairs hold all pairs nearer than ``cutoff`` at other positions, in another
+        cell.
+
+        A change of the cell maps every vector to vector F. So a pair beyond the reach is at least s
+        times the reach apart, s being the smallest singular value of F, less the further motion of
+        its two balls.
+        """
+        if positions.shape != self.positions.shape or periodic != self.periodic:
+            return False
+        expected: Any = self.positions
+        stretch = 1.0
+        if not np.array_equal(cell, self.cell):
+            change: Any = np.zeros_like(cell)
+            if abs(np.linalg.det(self.cell)) >= _FLAT:
+                change = np.linalg.solve(self.cell, cell)
+            stretch = float(np.linalg.svd(change, compute_uv=False)[-1])
+            expected = expected @ change
+        moved = positions - expected
+        farthest = float(np.sqrt(np.max(np.einsum("na,na->n", moved, moved), initial=0.0)))
+        return stretch * self.reach - 2.0 * farthest >= cutoff
+
+
 class PairList:
     """A search for pairs that keeps its list. The list reaches beyond the cutoff, and serves until
     it might miss a pair.
     """
 
     def __init__(self) -> None:
-        self._kept: tuple[Pairs, Array, Array, tuple[bool, ...], float] | None = None
+        self._kept: _Search | None = None
 
     def near(
         self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float
@@ -303,29 +352,7 @@ class PairList:
         :class:`~granphon.base.errors.InputError` for a periodic axis whose cell vector has no
         length, and for periods that are not independent of each other.
         """
-        serves = False
-        if (
-            self._kept is not None
-            and positions.shape == self._kept[1].shape
-            and periodic == self._kept[3]
-        ):
-            _, old, last, _, reach = self._kept
-            # a change of the cell maps every vector to vector F. A pair that was beyond the reach
-            # is then at least s times the reach apart, where s is the smallest singular value of F,
-            # less what its two balls have moved besides
-            stretch = 1.0
-            if not np.array_equal(cell, last):
-                change = (
-                    np.linalg.solve(last, cell)
-                    if abs(np.linalg.det(last)) >= _FLAT
-                    else np.zeros_like(cell)
-                )
-                stretch = float(np.linalg.svd(change, compute_uv=False)[-1])
-                old = old @ change
-            moved = positions - old
-            farthest = float(np.sqrt(np.max(np.einsum("na,na->n", moved, moved), initial=0.0)))
-            serves = stretch * reach - 2.0 * farthest >= cutoff
-        if self._kept is None or not serves:
+        if self._kept is None or not self._kept.serves(positions, cell, periodic, cutoff):
             reach = cutoff + _SKIN
             axes = np.flatnonzero(periodic)
             periods = cell[axes]
@@ -335,18 +362,17 @@ class PairList:
                     "The period is not known",
                 )
             if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
-                what = (
-                    f"the balls are periodic in a cell without"
-                    f" {('a length', 'an area', 'a volume')[len(axes) - 1]}"
-                )
+                measure = ("a length", "an area", "a volume")[len(axes) - 1]
                 raise InputError(
-                    what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}"
+                    f"the balls are periodic in a cell without {measure}",
+                    f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}",
                 )
             i, j, steps, vector = find_pairs(positions, periods, reach)
             shift = np.zeros((len(i), len(cell)), np.intp)
             shift[:, axes] = steps
-            self._kept = Pairs(i, j, shift, vector), positions.copy(), cell.copy(), periodic, reach
-        i, j, shift, _ = self._kept[0]
+            pairs = Pairs(i, j, shift, vector)
+            self._kept = _Search(pairs, positions.copy(), cell.copy(), periodic, reach)
+        i, j, shift, _ = self._kept.pairs
         vector = positions[j] - positions[i] + shift @ cell
         near = np.einsum("ca,ca->c", vector, vector) < cutoff**2
         return Pairs(*keep_rows(near, i, j, shift, vector))
@@ -483,13 +509,11 @@ class HertzMindlin(ContactCalculator):
         super().calculate(atoms, properties, system_changes)
         balls: Atoms = self.atoms
         if self._overlap - self._apart < _LEAST_OVERLAP:
-            what = (
-                f"energy, forces and stress need positions, and balls overlap by"
-                f" {self._overlap - self._apart:.3g} d"
-            )
-            mend = "Use force constants, bands and velocities, which need none"
             raise PrecisionError(
-                what, f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that", mend
+                f"energy, forces and stress need positions, and balls overlap by"
+                f" {self._overlap - self._apart:.3g} d",
+                f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that",
+                "Use force constants, bands and velocities, which need none",
             )
         law = self._choose_law(balls)
         n = len(balls)
@@ -558,10 +582,10 @@ class HertzMindlin(ContactCalculator):
         for axis in range(m):
             forces[:, axis] = np.bincount(j, pull[:, axis], n) - np.bincount(i, pull[:, axis], n)
         ends = zip(torque_i, torque_j, strict=True)
-        torques = [np.bincount(i, at_i, n) + np.bincount(j, at_j, n) for at_i, at_j in ends]
-        self._torques: Array = (
-            np.stack(torques, axis=1) if m == 3 else np.asarray(torques[0], float)
-        )
+        torques = [np.bincount(i, on_i, n) + np.bincount(j, on_j, n) for on_i, on_j in ends]
+        self._torques: Array = np.asarray(torques[0], float)
+        if m == 3:
+            self._torques = np.stack(torques, axis=1)
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         periods = self._periods
         volume = float(abs(np.linalg.det(np.asarray(balls.cell)[:periods, :periods])))
@@ -572,12 +596,11 @@ class HertzMindlin(ContactCalculator):
             stress[:m, :m] = -np.einsum("ca,cb->ab", pull, vector) / volume
             self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
-            mend = (
-                f"Give the cell"
-                f" {('a vector along x', 'two vectors in the plane', 'three vectors')[periods - 1]}"
-            )
+            vectors = ("a vector along x", "two vectors in the plane", "three vectors")
             raise InputError(
-                f"the cell has no {_EXTENTS[periods - 1]}", "Stress is force over area", mend
+                f"the cell has no {_EXTENTS[periods - 1]}",
+                "Stress is force over area",
+                f"Give the cell {vectors[periods - 1]}",
             )
 
     def get_torques(self, atoms: Atoms) -> Array:
@@ -589,7 +612,7 @@ class HertzMindlin(ContactCalculator):
 
     # -- contacts ----------------------------------------------------------------------------------
 
-    def _find_pairs(self, balls: Atoms, places: Array) -> Pairs:
+    def _find_pairs(self, balls: Atoms, positions: Array) -> Pairs:
         """Find the pairs of balls that are near enough to touch, each pair once."""
         largest = 1.0 + float(np.max(balls.arrays["diameter_deviations"], initial=0.0)) + _CATCH
         m = self._coordinates
@@ -597,7 +620,7 @@ class HertzMindlin(ContactCalculator):
         cell = np.asarray(balls.cell)[:m, :m]
         if p < m:  # no vector across the periods counts
             cell = np.concatenate([cell[:p], np.eye(m)[p:]])
-        return self._near.near(places, cell, tuple(balls.pbc[:m].tolist()), largest)
+        return self._near.near(positions, cell, tuple(balls.pbc[:m].tolist()), largest)
 
     @cached_property
     def _directions(self) -> Array:
@@ -612,28 +635,27 @@ class HertzMindlin(ContactCalculator):
         """Distance halfway from that of touching balls to that of second neighbours, if these are
         close.
         """
+        structure = self.state.packing.structure
+        reach = 1.0 + 2.0 * _CATCH
         cell = np.eye(3)
-        places = np.zeros((self.state.packing.structure.n_balls, 3))
-        cell[: self._periods, : self.state.packing.structure.dimension] = (
-            self.state.packing.structure.vectors
-        )
-        places[:, : self.state.packing.structure.dimension] = self.state.packing.structure.positions
-        pairs = PairList().near(
-            places, cell, tuple(axis < self._periods for axis in range(3)), 1.0 + 2.0 * _CATCH
-        )
+        positions = np.zeros((structure.n_balls, 3))
+        cell[: self._periods, : structure.dimension] = structure.vectors
+        positions[:, : structure.dimension] = structure.positions
+        periodic = tuple(axis < self._periods for axis in range(3))
+        pairs = PairList().near(positions, cell, periodic, reach)
         distance = np.linalg.norm(pairs.vector, axis=1)
-        second = np.min(distance, where=distance > 1.0 + TOUCH, initial=1.0 + 2.0 * _CATCH)
+        second = np.min(distance, where=distance > 1.0 + TOUCH, initial=reach)
         return 0.5 * self._spacing * (1.0 + float(second))
 
     def _find_normals(
         self, vector: Array, extra: Array, at_sites: bool = False
     ) -> tuple[Array, Flags]:
         """Find the direction of the lattice contact nearest to each pair, and whether the pair is
-        near enough to be it.
+        near enough to be that contact.
 
-        ``extra`` (n,) is what the diameters of the two balls add to the distance at which they
-        touch. ``at_sites`` says that the vectors join the sites of the balls, and so only tell
-        which balls touch.
+        ``extra`` (n,) is the distance, d, that the diameters of the two balls add to the distance
+        at which balls touch. With ``at_sites`` the vectors join the sites of the balls, and so only
+        tell which balls touch.
 
         Raises :class:`InputError` if balls touch in another direction, or if the lattice is turned
         too far for contacts of fixed direction.
@@ -641,9 +663,9 @@ class HertzMindlin(ContactCalculator):
         distance = np.linalg.norm(vector, axis=1)
         if self._free:
             near = np.abs(distance - self._spacing) < _CATCH
-            return vector / distance[:, None], near & (
-                distance < self._midway
-            ) if at_sites else near
+            if at_sites:
+                near &= distance < self._midway
+            return vector / distance[:, None], near
         nearest = np.argmax(vector @ self._directions.T, axis=1)
         normal = self._directions[nearest]
         near = np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
@@ -651,23 +673,25 @@ class HertzMindlin(ContactCalculator):
         astray = ~near & (distance < reach)
         touching = near & (np.einsum("ca,ca->c", vector, normal) < reach)
         turn = _find_turn(normal, vector, distance, touching)
-        turned = (
-            _TURN_PER_SPACING if at_sites else _TURN_PER_OVERLAP * (self._overlap - self._apart)
-        )
-        if np.any(astray) or 0.5 * turn**2 > turned:
-            what = (
+        largest_turn = _TURN_PER_OVERLAP * (self._overlap - self._apart)
+        if at_sites:
+            largest_turn = _TURN_PER_SPACING
+        fault = ""
+        if np.any(astray):
+            fault = "balls touch in directions that are not those of the lattice"
+        elif 0.5 * turn**2 > largest_turn:
+            fault = (
                 f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g}"
-                f" degrees on average"
+                " degrees on average"
             )
-            if np.any(astray):
-                what = "balls touch in directions that are not those of the lattice"
-            why = "With friction, and in the limit of small overlap, contacts keep these"
-            why += ": balls are turned against the lattice, or were moved"
-            mend = (
+        if fault:
+            raise InputError(
+                fault,
+                "With friction, and in the limit of small overlap, contacts keep these: balls are"
+                " turned against the lattice, or were moved",
                 "Keep the orientation of gp.atoms(state), or take a state of finite overlap"
-                " without friction"
+                " without friction",
             )
-            raise InputError(what, why, mend)
         return normal, near
 
     def _find_rest(
@@ -699,12 +723,12 @@ class HertzMindlin(ContactCalculator):
         belong to the state.
         """
         if len(self.state.samples) > 1 and has_sampled(balls):
-            what = (
+            raise InputError(
                 f"the Atoms are of one sample, and the state is the mean over"
-                f" {len(self.state.samples)}"
+                f" {len(self.state.samples)}",
+                "Each sample has an overlap and a stiffness of its own",
+                "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)",
             )
-            mend = "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)"
-            raise InputError(what, "Each sample has an overlap and a stiffness of its own", mend)
         if has_sampled(balls) and self.state.samples:
             exact = self.state.samples[0].is_exact
             loaded = getattr(self.state, "work", None) is not None
@@ -719,29 +743,23 @@ class HertzMindlin(ContactCalculator):
                 )
                 raise InputError(f"the Atoms are of a sample that {how}", why, mend)
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
-        own = (balls.arrays[name] for name in ARRAYS)
-        if not all(
-            np.all(np.isfinite(values))
-            for values in (balls.positions, np.asarray(balls.cell), *own)
-        ):
-            what = (
+        arrays = [balls.positions, np.asarray(balls.cell), *(balls.arrays[name] for name in ARRAYS)]
+        if not all(np.all(np.isfinite(values)) for values in arrays):
+            raise InputError(
                 "the Atoms hold a number that is not finite, in positions, cell or an array that"
                 " granphon added"
             )
-            raise InputError(what)
         require_lying(balls, self._periods)
         if kind == SAMPLE:
             return self.state.packing.law
         if self._apart < 0.0 and np.any(balls.arrays["diameter_deviations"]):
-            what = (
+            raise InputError(
                 f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is"
-                f" the mean over all"
-            )
-            mend = (
+                f" the mean over all",
+                "Their spread would count twice",
                 "Use a state of AveragedLattice, whose law is that of two balls, or the Atoms of"
-                " a sample"
+                " a sample",
             )
-            raise InputError(what, "Their spread would count twice", mend)
         return self.state.law
 
     def _find_springs(self, law: Law, overlap: Array) -> tuple[Array, float | Array]:
@@ -751,16 +769,18 @@ class HertzMindlin(ContactCalculator):
         stiffness = np.ones(overlap.shape)
         torsion = np.full(overlap.shape, self._torsion)
         packing = self.state.packing
-        other = (overlap != self._overlap) | (law is not self.state.law)
-        if not np.any(other):
+        differs = (overlap != self._overlap) | (law is not self.state.law)
+        if not np.any(differs):
             return stiffness, self._torsion
-        # only where needed: the law of a simulation solves an equilibrium for each overlap
-        depth = overlap[other] * self.scales.length
+        # the law of a simulation solves an equilibrium for each overlap, so it is used only where
+        # the stiffness differs
+        depth = overlap[differs] * self.scales.length
         slopes = law.stiffness(depth)
-        stiffness[other] = slopes / self.scales.stiffness
-        if packing.torsion == MINDLIN:
-            torsion[other] = packing.find_torsion(law.force(depth), slopes)
-        return stiffness, torsion if packing.torsion == MINDLIN else self._torsion
+        stiffness[differs] = slopes / self.scales.stiffness
+        if packing.torsion != MINDLIN:
+            return stiffness, self._torsion
+        torsion[differs] = packing.find_torsion(law.force(depth), slopes)
+        return stiffness, torsion
 
     def contact_lattice(self, atoms: Atoms, motions: str | None = None) -> ContactLattice:
         """Return the harmonic :class:`~granphon.ContactLattice` of any cell of these balls, about
@@ -796,9 +816,9 @@ class HertzMindlin(ContactCalculator):
         positions = np.zeros((len(atoms), 3))
         positions[:, : lattice.dimension] = d * atoms.positions[:, : lattice.dimension]
         force = np.full(overlap.shape, self.state.force)
-        other = (overlap != self._overlap) | (law is not self.state.law)
-        if np.any(other):
-            force[other] = law.force(overlap[other] * d)
+        differs = (overlap != self._overlap) | (law is not self.state.law)
+        if np.any(differs):
+            force[differs] = law.force(overlap[differs] * d)
         return lattice.contact_network(
             self.scales,
             force / self.scales.force,
@@ -812,23 +832,21 @@ class HertzMindlin(ContactCalculator):
     def _find_lattice(self, atoms: Atoms, motions: str | None) -> tuple[ContactLattice, Law, Array]:
         """Return the lattice of contacts, and the law and the overlaps (n_c,), d, of these."""
         packing = self.state.packing
-        moving = own = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
+        moving = allowed_motions(packing.structure.dimension)[packing.ball_motions.name]
         if motions is not None:
-            had = {
-                one.name: one
-                for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)
-                if set(one.translations) <= set(own.translations)
-                and set(one.rotations) <= set(own.rotations)
+            subsets = {
+                subset.name: subset
+                for subset in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)
+                if set(subset.translations) <= set(moving.translations)
+                and set(subset.rotations) <= set(moving.rotations)
             }
-            if not is_one_of(motions, had):
-                what = f"the state has no motions {brief(motions)}"
-                why = f"Its balls have the motions {own.name!r}"
+            if not is_one_of(motions, subsets):
                 raise InputError(
-                    what,
-                    why,
-                    "Use " + ", ".join(had) + ", or make a state of a Packing with these motions",
+                    f"the state has no motions {brief(motions)}",
+                    f"Its balls have the motions {moving.name!r}",
+                    f"Use {', '.join(subsets)}, or make a state of a Packing with these motions",
                 )
-            moving = had[motions]
+            moving = subsets[motions]
         law = self._choose_law(atoms)
         deviations = atoms.arrays["diameter_deviations"]
         m = self._coordinates
@@ -839,9 +857,11 @@ class HertzMindlin(ContactCalculator):
         normal, near = self._find_normals(
             vector, 0.5 * (deviations[i] + deviations[j]), at_sites=True
         )
-        rest = self._find_rest(atoms, i, j, normal)
-        closed = near & (rest[1] > law.least_overlap / self.scales.length)
-        i, j, shift, vector, axis, overlap, distance = keep_rows(closed, i, j, shift, vector, *rest)
+        axis, overlap, distance = self._find_rest(atoms, i, j, normal)
+        closed = near & (overlap > law.least_overlap / self.scales.length)
+        i, j, shift, vector, axis, overlap, distance = keep_rows(
+            closed, i, j, shift, vector, axis, overlap, distance
+        )
         width = m if np.any(axis[:, dimension:]) else dimension
         d = self.scales.length
         k = self.scales.stiffness
@@ -931,8 +951,11 @@ class HertzMindlin(ContactCalculator):
             sparse.sum_duplicates()
             kept = (size * np.arange(n)[:, None] + slots).ravel()
             return sparse if slots == list(range(size)) else sparse[kept][:, kept]
-        what = f"dense force constants of {n:,} balls"
-        require_memory(what, 16.0 * (size * n) ** 2, 'Take fewer balls, or format="csr"')
+        require_memory(
+            f"dense force constants of {n:,} balls",
+            16.0 * (size * n) ** 2,
+            'Take fewer balls, or format="csr"',
+        )
         dense = np.zeros((size * n, size * n))
         np.add.at(dense, (first, second), blocks.ravel())
         return dense.reshape(n, size, n, size).transpose(0, 2, 1, 3)[:, :, slots][..., slots]
@@ -980,7 +1003,7 @@ def contact_blocks(lattice: ContactLattice) -> Array:
     springs = _list_springs(lattice)
     entries = np.zeros((len(springs), 2 * count, len(lattice.contacts)))
     for entry, (row, _) in zip(entries, springs, strict=True):
-        entry[:count][slots], entry[count:][slots] = -row.tail.T, row.head.T
-    return np.asarray(
-        np.einsum("rc,rac,rbc->cab", [stiffness for _, stiffness in springs], entries, entries)
-    )
+        entry[:count][slots] = -row.tail.T
+        entry[count:][slots] = row.head.T
+    stiffness = [values for _, values in springs]
+    return np.asarray(np.einsum("rc,rac,rbc->cab", stiffness, entries, entries))

@@ -102,14 +102,11 @@ class DensityOfStates(Result):
             comments = [
                 line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")
             ]
-            what, how = comments[:2]
-            words = re.fullmatch(r"method (\w+), mesh (\d+(?: \d+){0,2})", how)
-            schema = re.fullmatch(_DOS_HEAD.format(r"(\d+)"), what)
-            if (
-                tuple(heading.name for heading in table.headings) != _DOS_COLUMNS
-                or schema is None
-                or words is None
-            ):
+            head, origin = comments[:2]
+            words = re.fullmatch(r"method (\w+), mesh (\d+(?: \d+){0,2})", origin)
+            schema = re.fullmatch(_DOS_HEAD.format(r"(\d+)"), head)
+            columns = tuple(heading.name for heading in table.headings)
+            if columns != _DOS_COLUMNS or schema is None or words is None:
                 raise InputError(
                     "Its heading or its first comments are not those of a density of states"
                 )
@@ -123,10 +120,10 @@ class DensityOfStates(Result):
                 raise InputError("It has a comment that granphon does not write")
             frequencies, total, translational, rotational = map(table.numbers, _DOS_COLUMNS)
             mesh = tuple(map(int, words[2].split()))
-            found = cls(frequencies, translational, rotational, words[1], mesh, tuple(warnings))
-            found._check()
-            if not np.array_equal(found.total, total):
+            density = cls(frequencies, translational, rotational, words[1], mesh, tuple(warnings))
+            density._check()
+            if not np.array_equal(density.total, total):
                 raise InputError("The total is not the sum of its parts")
         if not verified:
             warn_unverified(path)
-        return found
+        return density

@@ -27,8 +27,8 @@ from granphon.base.errors import needing
 _HELD = 2**20
 #: width of a step, far below any frequency that is not zero
 _TINY = 1e-200
-#: distance, in diameters, up to which balls are at one place
-_PLACE = 1e-5
+#: distance, in diameters, up to which balls are at one position
+_SAME_POSITION = 1e-5
 #: relative difference of numbers that are equal but for rounding
 _EQUAL = 1e-10
 #: a wave vector without symmetry, fractions of the reciprocal cell
@@ -40,12 +40,12 @@ class ZoneMesh(NamedTuple):
 
     #: numbers of points along the reciprocal vectors, (p,)
     numbers: tuple[int, ...]
-    #: the point among those left to which each point of the mesh is equivalent; the first axis runs
+    #: the irreducible point to which each point of the mesh is equivalent; the first axis runs
     #: fastest
-    left: Index
-    #: points left, (n, p) fractions of the reciprocal cell
+    irreducible: Index
+    #: irreducible points, (n, p) fractions of the reciprocal cell
     qpoints: Array
-    #: number of points of the mesh to which each of them is equivalent, (n,)
+    #: number of points of the mesh to which each irreducible point is equivalent, (n,)
     weights: Index
 
     @classmethod
@@ -53,25 +53,25 @@ class ZoneMesh(NamedTuple):
         """Return the mesh, reduced by a ``group`` (n, p, p) of :func:`find_point_group` and by time
         reversal.
 
-        It is whole without a group, and where a rotation mixes axes of different numbers.
+        The mesh has all its points without a group, and where a rotation mixes axes of different
+        numbers.
         """
         count = np.array(numbers)
-        given = np.eye(len(numbers), dtype=int)[None]
+        rotations = np.eye(len(numbers), dtype=int)[None]
         if group is not None and not np.any(group[:, count[:, None] != count]):
-            given = np.unique(np.concatenate([group, -group]), axis=0)
+            rotations = np.unique(np.concatenate([group, -group]), axis=0)
         # (p, n)
         addresses = np.stack(np.unravel_index(np.arange(count.prod()), numbers, order="F"))
         images = (
-            np.ravel_multi_index(tuple(one.T @ addresses % count[:, None]), numbers, order="F")
-            for one in given
+            np.ravel_multi_index(tuple(turn.T @ addresses % count[:, None]), numbers, order="F")
+            for turn in rotations
         )
-        points, left, weights = np.unique(
+        points, irreducible, weights = np.unique(
             reduce(np.minimum, images), return_inverse=True, return_counts=True
         )
-        centred = addresses[:, points] - count[:, None] * (
-            2 * addresses[:, points] > count[:, None]
-        )
-        return cls(numbers, left, (centred / count[:, None]).T, weights)
+        is_upper = 2 * addresses[:, points] > count[:, None]
+        centred = addresses[:, points] - count[:, None] * is_upper
+        return cls(numbers, irreducible, (centred / count[:, None]).T, weights)
 
     def count_modes(
         self, reciprocal: Array, frequencies: Array, parts: Array, limits: Array
@@ -84,7 +84,7 @@ class ZoneMesh(NamedTuple):
         reciprocal : (p, p) reciprocal vectors, one a row; each cell of the mesh is cut along its
             shortest diagonal.
         frequencies : (n_q, n_branches).
-        parts : (n_parts, n_q, n_branches), what of each mode is counted.
+        parts : (n_parts, n_q, n_branches), weights with which each mode is counted.
         limits : (n_limits,), ascending.
         """
         p = len(self.numbers)
@@ -93,66 +93,64 @@ class ZoneMesh(NamedTuple):
         lengths = np.linalg.norm(senses @ (reciprocal / numbers[:, None]), axis=1)
         sense = senses[np.argmax(lengths <= (1.0 + _EQUAL) * lengths.min())].astype(int)
         # the simplices of a cell of the mesh go from corner to corner along its edges, in any order
-        # of these; about a point there are p + 1 times as many, in each of which it is one corner:
-        # (n, p + 1, p) steps from it
-        ways = (
-            np.array(
-                [
-                    np.cumsum([np.zeros(p, int), *np.eye(p, dtype=int)[list(way)]], axis=0)
-                    for way in itertools.permutations(range(p))
-                ]
-            )
-            * sense
-        )
-        steps = np.concatenate([ways - ways[:, [corner]] for corner in range(p + 1)])
-        own = np.repeat(np.arange(p + 1), len(ways))
+        # of axes
+        orders = list(itertools.permutations(range(p)))
+        edges = [[np.zeros(p, int), *np.eye(p, dtype=int)[list(order)]] for order in orders]
+        simplices = np.cumsum(edges, axis=1) * sense
+        # about a point there are p + 1 times as many, as the point may be each of their corners:
+        # (n, p + 1, p) steps from the point, and the corner that the point is
+        steps = np.concatenate([simplices - simplices[:, [corner]] for corner in range(p + 1)])
+        corner_of_point = np.repeat(np.arange(p + 1), len(simplices))
         stride = np.concatenate([[1], np.cumprod(numbers[:-1])])
         address = np.rint(self.qpoints * numbers).astype(int)
         share = parts * self.weights[:, None] / (numbers.prod() * len(steps))
-        counted = np.zeros((len(parts), len(limits) + 1))
-        for some in np.array_split(
-            np.arange(len(address)), -(-len(address) * len(steps) * len(limits) // _HELD)
-        ):
-            corners = self.left[(address[some, None, None] + steps) % numbers @ stride]
-            # (n, n_steps, p + 2)
-            corners = np.concatenate(
-                [corners, corners[:, np.arange(len(steps)), own, None]], axis=2
-            )
+        counts = np.zeros((len(parts), len(limits) + 1))
+        pieces = -(-len(address) * len(steps) * len(limits) // _HELD)
+        for points in np.array_split(np.arange(len(address)), pieces):
+            corners = self.irreducible[(address[points, None, None] + steps) % numbers @ stride]
+            # (n, n_steps, p + 2): the point itself counts twice
+            twice = corners[:, np.arange(len(steps)), corner_of_point, None]
+            corners = np.concatenate([corners, twice], axis=2)
             for branch in range(frequencies.shape[1]):
                 knots = np.sort(frequencies[corners, branch].reshape(-1, p + 2), axis=1)
-                each = np.repeat(share[:, some, branch], len(steps), axis=1)  # (n_parts, n)
-                # a simplex is below all limits from its last on; between its first and its last,
-                # limit by limit
-                first, last = (np.searchsorted(limits, knots[:, end]) for end in (0, -1))
+                weights = np.repeat(share[:, points, branch], len(steps), axis=1)  # (n_parts, n)
+                # a simplex is below all limits from its last knot on; limits between its first and
+                # its last knot are counted one by one
+                first = np.searchsorted(limits, knots[:, 0])
+                last = np.searchsorted(limits, knots[:, -1])
                 within = np.repeat(np.arange(len(knots)), last - first)
-                limit = np.arange(len(within)) - np.repeat(
-                    np.cumsum(last - first) - last, last - first
-                )
-                # the distribution function there of the B-splines with these knots
-                at = limits[limit]
-                own_knots = knots[within].T
-                below = [(at >= knot).astype(float) for knot in own_knots]
-                for degree in range(1, p + 2):
-                    for k in range(p + 2 - degree):
-                        # equal knots make a step
-                        width = np.maximum(own_knots[k + degree] - own_knots[k], _TINY)
-                        part = np.clip((at - own_knots[k]) / width, 0.0, 1.0)
-                        below[k] = below[k + 1] + part * (below[k] - below[k + 1])
-                for count, one in zip(counted, each, strict=True):
-                    count += np.cumsum(np.bincount(last, one, len(count)))
-                    count += np.bincount(limit, one[within] * below[0], len(count))
-        return counted[:, :-1]
+                offset = np.repeat(np.cumsum(last - first) - last, last - first)
+                limit = np.arange(len(within)) - offset
+                below = _integrate_splines(limits[limit], knots[within].T)
+                for count, weight in zip(counts, weights, strict=True):
+                    count += np.cumsum(np.bincount(last, weight, len(count)))
+                    count += np.bincount(limit, weight[within] * below, len(count))
+        return counts[:, :-1]
+
+
+def _integrate_splines(x: Array, knots: Array) -> Array:
+    """Return the parts (n,) below ``x`` (n,) of the B-splines with ``knots`` (m, n), ascending, of
+    integral one.
+    """
+    below = [(x >= knot).astype(float) for knot in knots]
+    for degree in range(1, len(knots)):
+        for k in range(len(knots) - degree):
+            # equal knots make a step
+            width = np.maximum(knots[k + degree] - knots[k], _TINY)
+            weight = np.clip((x - knots[k]) / width, 0.0, 1.0)
+            below[k] = below[k + 1] + weight * (below[k] - below[k + 1])
+    return np.asarray(below[0], float)
 
 
 def find_point_group(
     atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]
 ) -> Index | None:
-    """Return the rotations that keep ``frequencies``, (n, p, p), which act on fractions q as q @
+    """Return the rotations (n, p, p) that keep ``frequencies``, which act on fractions q as q @
     rotation; None if unknown.
 
-    They are of the layer or space group of the ``atoms``. Spglib knows the places of the balls, not
-    the stiffness of contacts: ``frequencies`` (n, n_branches) of wave vectors (n, p), fractions,
-    are compared at images of one of them.
+    The rotations are of the layer or space group of the ``atoms``. Spglib knows the positions of
+    the balls, not the stiffness of contacts: ``frequencies`` (n, n_branches) of wave vectors
+    (n, p), fractions, are compared at the images of one wave vector.
     """
     with needing("A mesh that is reduced by symmetry"):
         import spglib
@@ -169,7 +167,7 @@ def find_point_group(
         else spglib.get_symmetry_dataset
     )
     try:
-        dataset = find(cell, symprec=_PLACE)
+        dataset = find(cell, symprec=_SAME_POSITION)
     except spglib.SpglibError:
         return None
     if dataset is None:

@@ -62,15 +62,15 @@ def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Ar
     """
     points = _find_band_path(vectors, pbc).special_points
     signs = -1.0 if sum(pbc) == 1 and np.min(list(points.values())) < 0.0 else 1.0
-    found = {name: signs * np.array(point) + 0.0 for name, point in points.items()}
-    if (sum(pbc) or len(np.asarray(vectors))) == 2 and "H1" in found:
-        # of oblique cells ASE has the corners right in one of two mirror images: they are as far
-        # from 0 as from 2Y, 2C or 2X
+    special = {name: signs * np.array(point) + 0.0 for name, point in points.items()}
+    if (sum(pbc) or len(np.asarray(vectors))) == 2 and "H1" in special:
+        # ASE has the corners of oblique cells right in one of two mirror images only: a corner is
+        # as far from 0 as from 2Y, 2C or 2X
         cell = np.asarray(vectors, float)[:2, :2]
         for corner, side in (("H", "Y"), ("H1", "X")):
-            g = 2.0 * np.array([found[side], found["C"]])[:, :2] @ np.linalg.inv(cell).T
-            found[corner][:2] = cell @ np.linalg.solve(g, 0.5 * np.sum(g**2, axis=1))
-    return found
+            g = 2.0 * np.array([special[side], special["C"]])[:, :2] @ np.linalg.inv(cell).T
+            special[corner][:2] = cell @ np.linalg.solve(g, 0.5 * np.sum(g**2, axis=1))
+    return special
 
 
 def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
@@ -96,10 +96,10 @@ def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
     with needing("A path through the zone"):
         from ase.cell import Cell
 
-    given = np.asarray(vectors)
+    periods = np.asarray(vectors)
     cell = np.eye(3)
-    p = len(given)
-    cell[:p, :p] = given[:, :p]
+    p = len(periods)
+    cell[:p, :p] = periods[:, :p]
     # a cluster, which repeats nowhere, has the zone of the cell that it was put into
     repeats = pbc if any(pbc) else (True,) * p
     return Cell(cell).bandpath(npoints=0, pbc=(*repeats, *(False,) * (3 - p)))
@@ -153,9 +153,9 @@ def interpolate_path(
         for letters in split_letters(path):
             unknown = [letter for letter in letters if letter not in special_points]
             if unknown:
-                what = f"there is no special point {', '.join(unknown)} in this Brillouin zone"
                 raise InputError(
-                    what, mend="Use " + ", ".join(special_points) + ", or give the path in numbers"
+                    f"there is no special point {', '.join(unknown)} in this Brillouin zone",
+                    mend=f"Use {', '.join(special_points)}, or give the path in numbers",
                 )
             pieces.append(np.array([special_points[letter] for letter in letters], float))
             said += letters
@@ -261,8 +261,8 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
     if not isinstance(value, str):
         raise Refused(show(value), allowed, "Write the points as one line of text.")
     paths = []
-    for part in value.split(","):
-        numbers = [_fraction(word, value, allowed) for word in part.split()]
+    for piece in value.split(","):
+        numbers = [_fraction(word, value, allowed) for word in piece.split()]
         if len(numbers) % 3 or len(numbers) < 6:
             raise Refused(
                 f"{show(value)}, with {len(numbers)} numbers in a path",
@@ -272,17 +272,16 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
         points = tuple(
             (numbers[n], numbers[n + 1], numbers[n + 2]) for n in range(0, len(numbers), 3)
         )
-        across = [place for point in points for place in range(periods, 3) if point[place] != 0.0]
+        across = [axis for point in points for axis in range(periods, 3) if point[axis] != 0.0]
         if across:
-            found = (
-                f"{show(value)}, with a {('second', 'third')[across[0] - 1]} number that is not 0"
-            )
+            ordinal = ("second", "third")[across[0] - 1]
+            shape = ("row", "layer")[periods - 1]
             raise Refused(
-                found,
+                f"{show(value)}, with a {ordinal} number that is not 0",
                 allowed,
-                ("The packing is one row.", "The packing is one layer.")[periods - 1],
+                f"The packing is one {shape}.",
             )
-        if any(one == two for one, two in itertools.pairwise(points)):
+        if any(point == following for point, following in itertools.pairwise(points)):
             raise Refused(f"{show(value)}, with the same point twice in a row", allowed)
         paths.append(points)
     return tuple(paths)
@@ -305,20 +304,21 @@ def read_point(value: Any, structure: Lattice) -> Array:
     fractions, one for each period or three, parted by spaces or commas.
     :class:`~granphon.base.errors.Refused` if it is neither.
     """
-    known = special_points(structure.vectors)
+    letters = special_points(structure.vectors)
     p = structure.periods
-    example = ("1/2", "1/3 1/3", "1/2 1/4 3/4")[p - 1]
-    count = ("one number or fraction", "two numbers or fractions", "three numbers or fractions")[
-        p - 1
-    ]
-    allowed = f"{', '.join(known)}, or {count}, such as '{example}'"
+    count, example = {
+        1: ("one number or fraction", "1/2"),
+        2: ("two numbers or fractions", "1/3 1/3"),
+        3: ("three numbers or fractions", "1/2 1/4 3/4"),
+    }[p]
+    allowed = f"{', '.join(letters)}, or {count}, such as '{example}'"
     if not isinstance(value, str):
         raise Refused(show(value), allowed)
     name = "G" if value in ("Gamma", "GAMMA", "Γ") else value
-    if name in known:
-        return known[name]
+    if name in letters:
+        return letters[name]
     if re.fullmatch(r"\s*[^\W\d_]\w*\s*", value):
-        meant = closest(value.strip(), known)
+        meant = closest(value.strip(), letters)
         raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
     numbers = [_fraction(word, value, allowed) for word in value.replace(",", " ").split()]
     if len(numbers) not in (p, 3):
@@ -365,23 +365,22 @@ class BandPath:
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        given: Any = self.paths
-        if not isinstance(given, list | tuple) or not given:
-            mend = "Give one piece or more, each of two points or more"
-            raise InputError(f"the path of the band is {brief(given)}", mend=mend)
-        pieces = [real_array("band", piece) for piece in given]
+        paths: Any = self.paths
+        if not isinstance(paths, list | tuple) or not paths:
+            raise InputError(
+                f"the path of the band is {brief(paths)}",
+                mend="Give one piece or more, each of two points or more",
+            )
+        pieces = [real_array("band", piece) for piece in paths]
         for piece in pieces:
-            if (
-                piece.ndim != 2
-                or len(piece) < 2
-                or piece.shape[1] != 3
-                or not np.all(np.isfinite(piece))
-            ):
-                what = f"a piece of the path of the band is {brief(piece.tolist())}"
-                raise InputError(what, mend="Give two points or more, each of three finite numbers")
-        object.__setattr__(
-            self, "paths", tuple(tuple(map(tuple, piece.tolist())) for piece in pieces)
-        )
+            are_points = piece.ndim == 2 and len(piece) >= 2 and piece.shape[1] == 3
+            if not are_points or not np.all(np.isfinite(piece)):
+                raise InputError(
+                    f"a piece of the path of the band is {brief(piece.tolist())}",
+                    mend="Give two points or more, each of three finite numbers",
+                )
+        plain = tuple(tuple(map(tuple, piece.tolist())) for piece in pieces)
+        object.__setattr__(self, "paths", plain)
         count = sum(map(len, self.paths))
         if self.labels is not None and len(self.labels) != count:
             raise InputError(
@@ -412,18 +411,19 @@ class BandPath:
                 return cls(read_paths(value, structure.periods))
             except Refused:  # ASE, which knows the letters, is asked for a message only
                 return cls(read_paths(value, structure.periods, default_letters(structure.vectors)))
-        known = special_points(structure.vectors)
+        special = special_points(structure.vectors)
         letters = default_letters(structure.vectors)
         names = [tuple(piece) for piece in split_letters("".join(value.split()))]
-        if unknown := [name for piece in names for name in piece if name not in known]:
-            allowed = f"{', '.join(known)}, such as {letters}, or points in numbers"
+        unknown = [name for piece in names for name in piece if name not in special]
+        if unknown:
+            allowed = f"{', '.join(special)}, such as {letters}, or points in numbers"
             raise Refused(f"{show(value)}, with the letter {unknown[0]}", allowed)
-        paths: Any = [[known[name].tolist() for name in piece] for piece in names]
-        if any(
-            len(piece) < 2 or any(one == two for one, two in itertools.pairwise(piece))
-            for piece in paths
-        ):
-            raise Refused(show(value), f"two different points or more in a row, such as {letters}")
+        paths: Any = [[special[name].tolist() for name in piece] for piece in names]
+        for piece in paths:
+            repeats = any(point == following for point, following in itertools.pairwise(piece))
+            if repeats or len(piece) < 2:
+                allowed = f"two different points or more in a row, such as {letters}"
+                raise Refused(show(value), allowed)
         return cls(paths, tuple(name for piece in names for name in piece))
 
     @classmethod
@@ -454,14 +454,14 @@ class BandPath:
         return [np.array(path) for path in self.paths]
 
     def __str__(self) -> str:
-        near = {
-            x: Fraction(x).limit_denominator(100)
-            for path in self.paths
-            for point in path
-            for x in point
-        }
-        said = {x: str(one) if float(one) == x else repr(x) for x, one in near.items()}
-        return ", ".join(" ".join(said[x] for point in path for x in point) for path in self.paths)
+        pieces = [[_write_coordinate(x) for point in path for x in point] for path in self.paths]
+        return ", ".join(" ".join(words) for words in pieces)
+
+
+def _write_coordinate(x: float) -> str:
+    """Return a number as text: as a fraction, if it is one with a denominator up to 100."""
+    near = Fraction(x).limit_denominator(100)
+    return str(near) if float(near) == x else repr(x)
 
 
 # -- the zone itself: a polygon in the plane, faces in space ---------------------------------------
@@ -475,16 +475,14 @@ def zone_polygon(reciprocal: ArrayLike) -> Array:
     """
     a, b = short = shortest_vectors(np.asarray(reciprocal, float))
     b = -b if a @ b > 0.0 else b
-    # the angle of a and b is at least 90 degrees, so that these are the neighbours of the origin in
+    # the angle of a and b is at least 90 degrees, so that g are the neighbours of the origin in
     # turn; each corner of the zone is as far from two successive neighbours as from the origin
     g = np.array([a, a + b, b, -a, -a - b, -b])
-    both = np.stack([g, np.roll(g, -1, axis=0)], axis=1)
-    found = np.linalg.solve(both, 0.5 * np.sum(both**2, axis=2)[..., None])[..., 0]
-    found = found[np.argsort(np.arctan2(found[:, 1], found[:, 0]))]
-    apart = np.linalg.norm(
-        found - np.roll(found, 1, axis=0), axis=1
-    ) > _SAME_CORNER * np.linalg.norm(short)
-    return np.asarray(found[apart])
+    pairs = np.stack([g, np.roll(g, -1, axis=0)], axis=1)
+    corners = np.linalg.solve(pairs, 0.5 * np.sum(pairs**2, axis=2)[..., None])[..., 0]
+    corners = corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    return np.asarray(corners[sides > _SAME_CORNER * np.linalg.norm(short)])
 
 
 def zone_faces(reciprocal: ArrayLike) -> list[Array]:
@@ -503,18 +501,17 @@ def zone_faces(reciprocal: ArrayLike) -> list[Array]:
     points = np.array(list(itertools.product((-1, 0, 1), repeat=3))) @ short / size
     cells = Voronoi(points)
     gamma = 13
-    for places, pair in zip(cells.ridge_vertices, cells.ridge_points, strict=True):
+    for vertices, pair in zip(cells.ridge_vertices, cells.ridge_points, strict=True):
         if gamma not in pair:
             continue
-        ring = cells.vertices[places]
+        ring = cells.vertices[vertices]
         outward = points[pair].sum(axis=0)
         # a neighbour that the zone touches in an edge or a corner only gives a face without area
         corners = ring[np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1) > _SAME_CORNER]
-        area = (
-            np.sum(np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0]), axis=0)
-            if len(corners) > 2
-            else 0.0
-        )
+        if len(corners) < 3:
+            continue
+        spokes = corners[1:] - corners[0]
+        area = np.sum(np.cross(spokes[:-1], spokes[1:]), axis=0)
         if np.linalg.norm(area) > _SAME_CORNER:
             faces.append(np.asarray(corners[:: 1 if area @ outward > 0.0 else -1] * size))
     return faces

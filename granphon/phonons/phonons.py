@@ -15,7 +15,7 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import touch_once_at_most
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, PrecisionError, brief, needing
 from granphon.base.memory import require_memory
 from granphon.base.scales import Units
@@ -28,7 +28,12 @@ from granphon.base.validation import (
     real_array,
     whole_number,
 )
-from granphon.dynamics.bloch_waves import LEAST_PART, find_bloch_waves, require_bloch_memory
+from granphon.dynamics.bloch_waves import (
+    LEAST_PART,
+    BlochWaves,
+    find_bloch_waves,
+    require_bloch_memory,
+)
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
@@ -122,19 +127,19 @@ class Phonons:
     def __init__(
         self, state: Any, atoms: Atoms | None = None, dim: Sequence[int] | None = None
     ) -> None:
-        self.state: State = (state := as_state(state))
+        state = as_state(state)
+        self.state: State = state
         self.scales: Units = state.scales
         if not isinstance(atoms, Atoms | None):
             raise InputError(f"atoms is {atoms!r}", mend="Give an ase.Atoms")
         self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
         for axis in range(state.reference_lattice.periods, 3):
+            # phonopy needs three dimensions; the layer is one diameter thick
             if not self.atoms.cell[axis].any():
-                self.atoms.cell[axis, axis] = (
-                    1.0  # phonopy needs three dimensions; the layer is one diameter thick
-                )
+                self.atoms.cell[axis, axis] = 1.0
         if np.any(self._repeats):
-            # a vector along which nothing repeats only spans the cell: upright, it leaves the wave
-            # vectors to the others
+            # a vector along which nothing repeats only spans the cell: if it is upright, wave
+            # vectors have no component along it
             cell = self.atoms.cell.array
             open_axes = np.flatnonzero(~self._repeats)
             along = cell[np.flatnonzero(self._repeats)]
@@ -146,9 +151,11 @@ class Phonons:
             else self.calculator.contact_lattice(self.atoms)
         )
         if not self.lattice.measure > 0.0:
-            why = "Wave vectors are fractions of its reciprocal vectors"
-            mend = "Give the Atoms a cell of any size"
-            raise InputError("the Atoms have no cell", why, mend)
+            raise InputError(
+                "the Atoms have no cell",
+                "Wave vectors are fractions of its reciprocal vectors",
+                "Give the Atoms a cell of any size",
+            )
         if not len(self.lattice.contacts):
             raise InputError(
                 "no two of these balls touch",
@@ -181,7 +188,10 @@ class Phonons:
         """Along which of the periods of the lattice the cell repeats, (p,)."""
         return np.asarray(self.atoms.pbc[: self.state.reference_lattice.periods], bool)
 
-    def _choose_dim(self, given: Sequence[int] | None) -> tuple[int, ...]:
+    def _choose_dim(self, requested: Sequence[int] | None) -> tuple[int, ...]:
+        """Return the numbers of cells in the supercell of phonopy, as ``requested``, or the
+        smallest in which two balls touch once at most.
+        """
         p = self._periods
         contact = float(np.linalg.norm(self.lattice.contacts.vector, axis=1).max())
         if self.lattice.motions.atoms_per_ball > 1:  # atoms a little aside of their balls
@@ -189,30 +199,27 @@ class Phonons:
         # an axis that is not periodic has no images: a very long cell vector keeps them away
         periodic = np.asarray(self.atoms.pbc)[:p]
         cell = np.where(periodic[:, None], self.lattice.cell, 1e6 * self.lattice.cell)
-        if given is not None:
-            dim = grid_numbers(
-                "dim", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((3,) * p))), p
-            )
+        if requested is not None:
+            example = " ".join(map(str, _pad((3,) * p)))
+            dim = grid_numbers("dim", requested, 1, LARGEST_COUNT, example, p)
             if np.any((np.array(dim) > 1) & ~periodic):
                 raise InputError(
-                    f"dim is {given!r}",
+                    f"dim is {requested!r}",
                     "An axis that is not periodic has one cell",
                     "Give 1 for it",
                 )
+            shown = " x ".join(map(str, dim))
             if not touch_once_at_most(cell, dim, contact):
-                what, least = (
-                    " x ".join(map(str, numbers)) for numbers in (dim, self._choose_dim(None))
-                )
-                why = (
-                    "Two balls would touch through more than one image, and their contacts could"
-                    " not be told apart"
-                )
                 raise InputError(
-                    f"a supercell of {what} cells is too small", why, f"Use at least {least}"
+                    f"a supercell of {shown} cells is too small",
+                    "Two balls would touch through more than one image, and their contacts could"
+                    " not be told apart",
+                    f"Use at least {' x '.join(map(str, self._choose_dim(None)))}",
                 )
-            needed = costs.force_constants(dim, len(self.atoms)).working
-            what = f"force constants of a supercell of {' x '.join(map(str, dim))} cells"
-            require_memory(what, needed, "Take a smaller dim")
+            memory = costs.force_constants(dim, len(self.atoms)).working
+            require_memory(
+                f"force constants of a supercell of {shown} cells", memory, "Take a smaller dim"
+            )
             return dim
         numbers = [1] * p
         lengths = np.linalg.norm(cell, axis=1)
@@ -226,23 +233,28 @@ class Phonons:
         memory of this machine.
         """
         cost = costs.density_of_states(numbers, self.lattice.n_branches)
-        what = f"modes on a mesh of {' x '.join(map(str, numbers))} wave vectors"
-        require_memory(what, cost.working + cost.kept, "Take fewer wave vectors (mesh)")
+        shown = " x ".join(map(str, numbers))
+        memory = cost.working + cost.kept
+        require_memory(
+            f"modes on a mesh of {shown} wave vectors", memory, "Take fewer wave vectors (mesh)"
+        )
 
-    def _require_own_cell(self, *names: str) -> None:
-        """Raise InputError unless contacts, in their order, and attributes of the lattice of these
-        names are the state's.
+    def _require_state_cell(self, with_stiffness: bool = False) -> None:
+        """Raise InputError unless the lattice has the contacts of the state, in their order; on
+        request also the masses and stiffnesses of the state.
         """
-        own = self.state.contact_lattice()
-        given = self.lattice
-        pairs = [
-            (getattr(own.contacts, name), getattr(given.contacts, name))
-            for name in ("i", "j", "vector")
-        ]
-        pairs += [(getattr(own, name), getattr(given, name)) for name in names]
+
+        def list_arrays(lattice: ContactLattice) -> list[Array]:
+            contacts = lattice.contacts
+            arrays: list[Any] = [contacts.i, contacts.j, contacts.vector]
+            if with_stiffness:
+                arrays += [lattice.masses, lattice.gyration, lattice.stiffness, lattice.prestress]
+            return arrays
+
+        expected = list_arrays(self.state.contact_lattice())
         if not all(
-            one.shape == other.shape and np.allclose(one, other, rtol=_SAME, atol=_SAME)
-            for one, other in pairs
+            mine.shape == theirs.shape and np.allclose(theirs, mine, rtol=_SAME, atol=_SAME)
+            for mine, theirs in zip(list_arrays(self.lattice), expected, strict=True)
         ):
             raise InputError(
                 "the Atoms are another cell than that of the state",
@@ -290,19 +302,18 @@ class Phonons:
             unit, np.diag(_pad(self.dim)), primitive_matrix="P", is_symmetry=False, log_level=0
         )
         bridge.unit_conversion_factor = 1.0
-        # where[atom, n1, ...]: index in phonopy's supercell of the image of an atom in cell (n1,
-        # ...)
         table = self.lattice.contacts
         blocks = contact_blocks(self.lattice)
         dim = self.dim
         per_ball = motions.atoms_per_ball
         cells = bridge.supercell
         atom = np.array([cells.u2u_map[s] for s in cells.s2u_map])
-        place = np.rint(
-            (cells.positions - bridge.unitcell.positions[atom]) @ np.linalg.inv(unit.cell)
-        ).astype(int)
-        where = np.empty((len(unit), *dim), int)
-        where[(atom, *(place[:, : len(dim)] % dim).T)] = np.arange(len(atom))
+        offsets = cells.positions - bridge.unitcell.positions[atom]
+        steps = np.rint(offsets @ np.linalg.inv(unit.cell)).astype(int)
+        # number[atom, n1, ...]: index in phonopy's supercell of the image of an atom in cell (n1,
+        # ...)
+        number = np.empty((len(unit), *dim), int)
+        number[(atom, *(steps[:, : len(dim)] % dim).T)] = np.arange(len(atom))
         # force constants between atoms of the cell and of the supercell, contact by contact; a body
         # that does not move is none of these atoms
         free = table.j < self.lattice.n_balls
@@ -311,25 +322,24 @@ class Phonons:
         away = table.shift % dim
         back = -table.shift % dim
         for a, b in itertools.product(range(per_ball), repeat=2):  # the atoms of a ball
-            (i, j), (i_too, j_too) = (
-                [per_ball * end + part for end in (table.i, table.j)] for part in (a, b)
+            i_a = per_ball * table.i + a
+            j_a = per_ball * table.j + a
+            i_b = per_ball * table.i + b
+            j_b = per_ball * table.j + b
+            # rows of the atoms of balls i and j in the blocks of contacts
+            at_i_a, at_i_b, at_j_a, at_j_b = (
+                slice(3 * atom_of_pair, 3 * atom_of_pair + 3)
+                for atom_of_pair in (a, b, per_ball + a, per_ball + b)
             )
-            rows, columns = (slice(3 * part, 3 * part + 3) for part in (a, b))
-            far_rows, far_columns = (
-                slice(3 * part, 3 * part + 3) for part in (per_ball + a, per_ball + b)
-            )
-            for one, row, other, column, shift in (
-                (i, rows, i_too, columns, home),
-                (j, far_rows, j_too, far_columns, home),
-                (i, rows, j_too, far_columns, away),
-                (j, far_rows, i_too, columns, back),
+            everywhere = np.ones(len(table), bool)
+            for first, row, second, column, shift, kept in (
+                (i_a, at_i_a, i_b, at_i_b, home, everywhere),
+                (j_a, at_j_a, j_b, at_j_b, home, free),
+                (i_a, at_i_a, j_b, at_j_b, away, free),
+                (j_a, at_j_a, i_b, at_i_b, back, free),
             ):
-                kept = free if one is j or other is j_too else np.ones(len(table), bool)
-                np.add.at(
-                    constants,
-                    (one[kept], where[(other[kept], *shift[kept].T)]),
-                    blocks[kept, row, column],
-                )
+                columns = number[(second[kept], *shift[kept].T)]
+                np.add.at(constants, (first[kept], columns), blocks[kept, row, column])
         bridge.give_force_constants(constants)
         return bridge
 
@@ -373,24 +383,20 @@ class Phonons:
         network = given_network(self.state)
         top = self.scales.angular_frequency
         kept = network.moving[network.i] | network.moving[network.j]
-        self._require_own_cell()
-        q, found = (
-            self.lattice.wavevectors(points),
-            ContactDamping.of(network, damping, loss_factor),
-        )
+        self._require_state_cell()
+        q = self.lattice.wavevectors(points)
+        damped = ContactDamping.of(network, damping, loss_factor)
         undamped = self.lattice.frequencies(q)
-        even = found.find_even(network)
+        even = damped.find_even(network)
         if even is not None:
             omega = np.sort(damp_evenly(undamped, even[0], even[1] * top))
         else:
-            matrices = self.lattice.damped_matrices(
-                q, found.times[:, kept] * top, found.losses[:, kept]
-            )
+            times = damped.times[:, kept] * top
+            matrices = self.lattice.damped_matrices(q, times, damped.losses[:, kept])
             omega, _ = damp_unevenly(*matrices)
-        highest = float(np.max(undamped, initial=0.0)) * self.scales.frequency
-        return DampedModes(
-            omega * self.scales.frequency, None, points, found.find_warnings(highest)
-        )
+        unit = self.scales.frequency
+        warnings = damped.find_warnings(float(np.max(undamped, initial=0.0)) * unit)
+        return DampedModes(omega * unit, None, points, warnings)
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
         """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at
@@ -446,30 +452,29 @@ class Phonons:
             to no memory, see :meth:`estimate`.
         """
         letters = self.special_points if path is None or isinstance(path, str) else {}
-        way = (
-            default_letters(self._lattice_vectors, self._repeats.tolist()) if path is None else path
-        )
-        segments, ticks = interpolate_path(way, npoints, letters, labels, self._periods)
+        if path is None:
+            path = default_letters(self._lattice_vectors, self._repeats.tolist())
+        segments, ticks = interpolate_path(path, npoints, letters, labels, self._periods)
         s, p, _ = segments.shape
         q = self.lattice.wavevectors(segments)  # (s, p, periods)
         steps = np.linalg.norm(np.diff(q, axis=1), axis=2) / (2.0 * np.pi)
         distances = np.concatenate([np.zeros((s, 1)), np.cumsum(steps, axis=1)], axis=1)
         distances[1:] += np.cumsum(distances[:-1, -1])[:, None]
         along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
-        along[
-            p - 1 :: p
-        ] *= -1.0  # at the last point of a segment the limit is taken from inside the segment
+        # at the last point of a segment the limit is taken from inside the segment
+        along[p - 1 :: p] *= -1.0
         b = self.lattice.n_branches
         d = self._periods
         cost = costs.bands(q.size // d, b, eigenvectors, file=False)
         mend = "Give fewer npoints or segments, or eigenvectors=False"
         size = 16 * q.size // d * b * b
         if eigenvectors and size > MOST_BYTES:
-            what = (
+            raise InputError(
                 f"{b} eigenvectors at {q.size // d} wave vectors take {size / 2**30:.3g} GiB of"
-                f" memory"
+                " memory",
+                f"Bands of more than {MOST_BYTES >> 30} GiB are not made",
+                mend,
             )
-            raise InputError(what, f"Bands of more than {MOST_BYTES >> 30} GiB are not made", mend)
         require_memory(
             f"bands of {b:,} branches at {q.size // d:,} wave vectors",
             cost.working + cost.kept,
@@ -540,46 +545,42 @@ class Phonons:
         axis across which some motions are passed on to the next layers and no further.
         """
         network = given_network(self.state)
-        self._require_own_cell("masses", "gyration", "stiffness", "prestress")
-        at = frequency_array("frequencies", frequencies, "above zero", in_order=False)
+        self._require_state_cell(with_stiffness=True)
+        hertz = frequency_array("frequencies", frequencies, "above zero", in_order=False)
         space = HalfSpace(network, axis)
         damped = ContactDamping.of(space.cut, damping, loss_factor)
-        require_bloch_memory(at.size, space.size, 0 if damped.is_none else space.cut.n_contacts)
+        require_bloch_memory(hertz.size, space.size, 0 if damped.is_none else space.cut.n_contacts)
         along = space.read_wavevector(q)
-        omega = at / space.units.frequency
-        blocks = space.couplings(
-            along, *(() if damped.is_none else damped.soften(2.0 * np.pi * at))
-        )
+        omega = hertz / space.units.frequency
+        factors = () if damped.is_none else damped.soften(2.0 * np.pi * hertz)
+        blocks = space.couplings(along, *factors)
         far = omega**2 * LEAST_PART > np.max(np.abs(blocks.inner))
-        senses = (
-            [] if np.any(far) else find_bloch_waves(blocks, omega**2, space.size // space.reach)
-        )
-        for n, pair in enumerate(senses):
-            far[n] = any(
-                np.any(np.abs(one.factors) ** sign < LEAST_PART)
-                for one, sign in zip(pair, (1, -1), strict=True)
-            )
+        senses = list[tuple[BlochWaves, BlochWaves]]()
+        if not np.any(far):
+            senses = find_bloch_waves(blocks, omega**2, space.size // space.reach)
+        for n, (upward, downward) in enumerate(senses):
+            decays = [np.abs(upward.factors), 1.0 / np.abs(downward.factors)]
+            far[n] = any(np.any(decay < LEAST_PART) for decay in decays)
         if np.any(far):
-            what = (
-                f"at {float(at[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_PART:g}"
-                f" from layer to layer"
-            )
             raise PrecisionError(
-                what, "Its wave number would have no digits", "Take lower frequencies"
+                f"at {float(hertz[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_PART:g}"
+                " from layer to layer",
+                "Its wave number would have no digits",
+                "Take lower frequencies",
             )
-        size = space.size
-        found = np.empty((len(at), 2, size), complex)
-        for row, pair in zip(found, senses, strict=True):
+        wavenumbers = np.empty((len(hertz), 2, space.size), complex)
+        for row, pair in zip(wavenumbers, senses, strict=True):
             for half, waves, sign in zip(row, pair, (1.0, -1.0), strict=True):
                 numbers = space.wavenumbers(waves.factors, along)
                 numbers[: waves.running].imag = 0.0
                 half[:] = complex(0.0, sign * np.inf)
                 half[: len(numbers)] = numbers
-        # what reaches no other layer at any frequency is no wave
-        found = found[:, :, np.any(np.isfinite(found), axis=(0, 1))]
-        running = np.array([one.running for one, _ in senses])
-        warnings = damped.find_warnings(float(np.max(at)))
-        return ComplexBands(at, found.reshape(len(at), -1), running, space.height, warnings)
+        # motions that reach no other layer at any frequency are no waves
+        are_waves = np.any(np.isfinite(wavenumbers), axis=(0, 1))
+        flat = wavenumbers[:, :, are_waves].reshape(len(hertz), -1)
+        running = np.array([upward.running for upward, _ in senses])
+        warnings = damped.find_warnings(float(np.max(hertz)))
+        return ComplexBands(hertz, flat, running, space.height, warnings)
 
     def dos(
         self,
@@ -602,14 +603,16 @@ class Phonons:
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
         """
         p = self._periods
-        given = MESHES[p - 1] if mesh is None else mesh
         example = " ".join(map(str, _pad((64,) * p)))
-        numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, example, p)
-        by = one_of("method", method, ("tetrahedron", "smearing"))
+        requested = MESHES[p - 1] if mesh is None else mesh
+        numbers = grid_numbers("mesh", requested, 1, LARGEST_COUNT, example, p)
+        chosen_method = one_of("method", method, ("tetrahedron", "smearing"))
         count = whole_number("points", points, 12, LARGEST_COUNT)
         if np.prod(numbers, dtype=float) > _MOST_MESH_POINTS:
-            what = f"a mesh of {' x '.join(map(str, numbers))} wave vectors is too large"
-            raise InputError(what, mend=f"Take {_MOST_MESH_POINTS:.0e} at most in all")
+            raise InputError(
+                f"a mesh of {' x '.join(map(str, numbers))} wave vectors is too large",
+                mend=f"Take {_MOST_MESH_POINTS:.0e} at most in all",
+            )
         self._require_mesh(numbers)
         require_memory(
             f"densities of states at {count:,} points", _DENSITY_BYTES * count, "Give fewer points"
@@ -617,68 +620,62 @@ class Phonons:
         grid = self._make_mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
         # any direction will do: the rotational fractions of degenerate modes have the same sum
-        pieces = -(
-            -len(q) // min(_MESH_POINTS, max(1, _MESH_NUMBERS // self.lattice.n_branches**2))
-        )
-        modes = (self.lattice.modes(some, np.eye(p)[0]) for some in np.array_split(q, pieces))
-        values, rotation = map(
-            np.concatenate,
-            zip(*((m.frequencies, m.rotational_fraction) for m in modes), strict=True),
-        )
+        together = min(_MESH_POINTS, max(1, _MESH_NUMBERS // self.lattice.n_branches**2))
+        values = np.empty((len(q), self.lattice.n_branches))
+        rotation = np.empty_like(values)
+        for rows in np.array_split(np.arange(len(q)), -(-len(q) // together)):
+            modes = self.lattice.modes(q[rows], np.eye(p)[0])
+            values[rows] = modes.frequencies
+            rotation[rows] = modes.rotational_fraction
         parts = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         top = self.lattice.top_frequency
         if top == 0.0:
             raise InputError(
                 "every branch vanishes", "The motions deform no contact", "Use friction or bending"
             )
-        at = np.linspace(0.0, 1.02 * top, count)
-        if by == "tetrahedron":
+        if chosen_method == "tetrahedron":
             if sigma is not None:
                 raise InputError(
                     "sigma is for the smearing method only", mend="Give method='smearing'"
                 )
+            omega = np.linspace(0.0, 1.02 * top, count)
             # each value is the mean over its own interval, a difference of the integrated density:
             # van Hove singularities stay finite, and the trapezoidal sum over the points is exactly
             # the number of modes
-            edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
+            edges = np.concatenate([omega[:1], 0.5 * (omega[1:] + omega[:-1]), omega[-1:]])
             integrated = grid.count_modes(self.lattice.reciprocal, values, parts, edges)
             integrated[:, 0] = 0.0  # modes at zero belong to the first interval
             density = np.diff(integrated, axis=1) / np.diff(edges)
         else:
-            width = max(0.01, 1.0 / (count - 7)) * top
-            if sigma is not None:
-                width = positive("sigma", sigma, "Hz") / self.scales.frequency
-                if width > _WIDEST * top:
-                    what = (
-                        f"sigma = {brief(sigma)} Hz is more than {_WIDEST:.0e} times the top"
-                        f" frequency"
-                    )
-                    raise InputError(
-                        what, "Nothing would be left of the density of states", "Lower sigma"
-                    )
-            at = np.linspace(0.0, top + 5.0 * width, count)
-            if width < at[1]:
-                what = f"sigma = {sigma!r} Hz is below the spacing of {count} points"
-                raise InputError(what, mend="Raise sigma, or take more points")
-            # the part of a Gaussian below zero frequency is reflected, so that no mode is lost
-            weight = (
-                parts * grid.weights[:, None] / (np.prod(numbers) * np.sqrt(2.0 * np.pi) * width)
-            )
-            bells = (
-                np.exp(-0.5 * ((one - values) / width) ** 2)
-                + np.exp(-0.5 * ((one + values) / width) ** 2)
-                for one in at
-            )
-            density = np.stack([np.sum(weight * bell, axis=(1, 2)) for bell in bells], axis=1)
+            width = self._read_width(sigma, top, count)
+            omega = np.linspace(0.0, top + 5.0 * width, count)
+            if width < omega[1]:
+                raise InputError(
+                    f"sigma = {sigma!r} Hz is below the spacing of {count} points",
+                    mend="Raise sigma, or take more points",
+                )
+            norm = np.prod(numbers) * np.sqrt(2.0 * np.pi) * width
+            density = _smear(omega, values, parts * grid.weights[:, None] / norm, width)
         density = density / (len(self.atoms) * self.scales.frequency)
-        return DensityOfStates(
-            at * self.scales.frequency,
-            density[0],
-            density[1],
-            by,
-            numbers,
-            self._find_warnings(q, values),
-        )
+        warnings = self._find_warnings(q, values)
+        hertz = omega * self.scales.frequency
+        translational, rotational = density
+        return DensityOfStates(hertz, translational, rotational, chosen_method, numbers, warnings)
+
+    def _read_width(self, sigma: float | None, top: float, count: int) -> float:
+        """Return the standard deviation of the Gaussians of a density of states, (k/M)^1/2, from
+        ``sigma``, Hz; by default the width that ``count`` frequencies up to the ``top`` resolve.
+        """
+        if sigma is None:
+            return max(0.01, 1.0 / (count - 7)) * top
+        width = positive("sigma", sigma, "Hz") / self.scales.frequency
+        if width > _WIDEST * top:
+            raise InputError(
+                f"sigma = {brief(sigma)} Hz is more than {_WIDEST:.0e} times the top frequency",
+                "Nothing would be left of the density of states",
+                "Lower sigma",
+            )
+        return width
 
     def gaps(self, mesh: Sequence[int] | None = None) -> Array:
         """Return the gaps, (n, 2) Hz, ascending: intervals from zero to the top frequency in which
@@ -698,10 +695,10 @@ class Phonons:
         p = self._periods
         n = self.lattice.n_balls
         finer = (n / 4.0) ** (1.0 / p) if n > _FEW_BALLS else 1.0
-        given = [max(2, round(one / finer)) for one in _GAP_MESHES[p - 1]] if mesh is None else mesh
-        numbers = grid_numbers(
-            "mesh", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((48,) * p))), p
-        )
+        if mesh is None:
+            mesh = [max(2, round(number / finer)) for number in _GAP_MESHES[p - 1]]
+        example = " ".join(map(str, _pad((48,) * p)))
+        numbers = grid_numbers("mesh", mesh, 1, LARGEST_COUNT, example, p)
         self._require_mesh(numbers)
         axes = [np.arange(number) / number for number in numbers]
         axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies
@@ -722,82 +719,83 @@ class Phonons:
         several = max(1, min(_STARTS, _FEW_BRANCHES // len(low)))
         order = np.argsort(-sign * values[:, branch], axis=0, kind="stable")[:several].T
         starts = self.lattice.wavevectors(q[order]).reshape(-1, p)
-        (edges, several) = order.shape
+        edges, several = order.shape
         reach = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
-        # the highest frequencies times the sign, along the group velocity from each start, with the
-        # steps of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none longer
-        # than ``reach``
-        own_branch = np.repeat(branch, several)
-        own_sign = np.repeat(sign, several)
-        at = starts.copy()
-        best = np.full(len(at), -np.inf)
-        before = at.copy()
-        slope_before = np.zeros_like(at)
-        left = np.arange(len(at))
-        for turn in range(_TURNS):
-            modes = self.lattice.modes(at[left], np.eye(p)[0])
-            row = np.arange(left.size)
-            best[left] = np.maximum(
-                best[left], own_sign[left] * modes.frequencies[row, own_branch[left]]
-            )
-            slope = own_sign[left, None] * modes.group_velocities[row, own_branch[left]]
-            moved = at[left] - before[left]
-            size = np.linalg.norm(slope, axis=1)
-            bend = np.abs(np.sum(moved * (slope - slope_before[left]), axis=1))
-            step = np.divide(
-                np.sum(moved**2, axis=1) * size, bend, out=np.zeros(left.size), where=bend > 0.0
-            )
-            step = np.minimum(step if turn else 0.5 * reach, np.where(size > 0.0, reach, 0.0))
-            ahead = (
-                np.divide(step, size, out=np.zeros(left.size), where=size > 0.0)[:, None] * slope
-            )
-            before[left], slope_before[left] = at[left], slope
-            at[left] += ahead
-            left = left[step > _LEVEL]
-            if not left.size:
-                break
+        best = self._climb(starts, np.repeat(branch, several), np.repeat(sign, several), reach)
         best = best.reshape(edges, several).max(axis=1)
-        # branches that cross at a point of their own make a cone, up which there is no way along
-        # group velocities
-        width = -best[edges - len(gaps) :][gaps > 0] - best[: edges - len(gaps)]
-        for one in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
-            place = (
-                one
-                if one < len(width)
-                else edges - len(gaps) + np.flatnonzero(gaps > 0)[one - len(width)]
-            )
-            near = starts[place * several : (place + 1) * several]
-            # where both come close, peaks may be narrower than the mesh
-            below_gap = branch[place] - (sign[place] < 0.0)
-            closest = np.argsort(values[:, below_gap + 1] - values[:, below_gap], kind="stable")[
-                : _CLOSEST * several
-            ]
+        # branches that cross at a point of their own make a cone, whose tip no path along group
+        # velocities reaches: both edges of a narrow gap are sought on finer meshes too
+        n_lower = edges - len(gaps)
+        lower_edges = np.arange(n_lower)
+        upper_edges = n_lower + np.flatnonzero(gaps > 0)
+        is_narrow = -best[upper_edges] - best[lower_edges] < _NARROW * float(high[-1])
+        for edge in (*lower_edges[is_narrow], *upper_edges[is_narrow]):
+            near = starts[edge * several : (edge + 1) * several]
+            # where the branches of both edges come close, peaks may be narrower than the mesh
+            below_gap = branch[edge] - (sign[edge] < 0.0)
+            distance = values[:, below_gap + 1] - values[:, below_gap]
+            closest = np.argsort(distance, kind="stable")[: _CLOSEST * several]
             near = np.concatenate([near, self.lattice.wavevectors(q[closest])])
-            best[place] = max(best[place], self._zoom(near, branch[place], sign[place], reach))
-        edge = sign * best
-        lower = edge[: edges - len(gaps)]
-        upper = edge[edges - len(gaps) :]
-        lower = np.concatenate([np.zeros(len(gaps) - len(lower)), lower])
-        found = np.stack([np.maximum(lower, below[gaps]), upper], axis=1)[upper - lower > least]
-        return np.reshape(found, (-1, 2)) * self.scales.frequency
+            best[edge] = max(best[edge], self._zoom(near, branch[edge], sign[edge], reach))
+        frequencies = sign * best
+        upper = frequencies[n_lower:]
+        lower = np.concatenate([np.zeros(len(gaps) - n_lower), frequencies[:n_lower]])
+        intervals = np.stack([np.maximum(lower, below[gaps]), upper], axis=1)
+        return np.reshape(intervals[upper - lower > least], (-1, 2)) * self.scales.frequency
+
+    def _climb(self, starts: Array, branch: Index, sign: Array, reach: float) -> Array:
+        """Return the highest frequency times ``sign`` (n,) of a ``branch`` (n,) along its group
+        velocity from each of the wave vectors ``starts`` (n, p), 1/d.
+
+        Steps are those of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none
+        longer than ``reach``.
+        """
+        q = starts.copy()
+        best = np.full(len(q), -np.inf)
+        last_q = q.copy()
+        last_slope = np.zeros_like(q)
+        going = np.arange(len(q))
+        for turn in range(_TURNS):
+            modes = self.lattice.modes(q[going], np.eye(q.shape[1])[0])
+            row = np.arange(going.size)
+            values = sign[going] * modes.frequencies[row, branch[going]]
+            best[going] = np.maximum(best[going], values)
+            slope = sign[going, None] * modes.group_velocities[row, branch[going]]
+            size = np.linalg.norm(slope, axis=1)
+            zeros = np.zeros(going.size)
+            step = np.full(going.size, 0.5 * reach)
+            if turn:
+                moved = q[going] - last_q[going]
+                bend = np.abs(np.sum(moved * (slope - last_slope[going]), axis=1))
+                squared = np.sum(moved**2, axis=1)
+                step = np.divide(squared * size, bend, out=zeros.copy(), where=bend > 0.0)
+            step = np.minimum(step, np.where(size > 0.0, reach, 0.0))
+            last_q[going] = q[going]
+            last_slope[going] = slope
+            q[going] += np.divide(step, size, out=zeros, where=size > 0.0)[:, None] * slope
+            going = going[step > _LEVEL]
+            if not going.size:
+                break
+        return best
 
     def _zoom(self, wavevectors: Array, branch: int, sign: float, reach: float) -> float:
         """Return the highest frequency times ``sign`` of a branch about wave vectors (n, p), 1/d,
         on ever finer meshes.
         """
-        offsets = np.stack(
-            np.meshgrid(*[np.linspace(-1.0, 1.0, 7)] * self._periods), axis=-1
-        ).reshape(-1, self._periods)
-        q, size, best = wavevectors, np.full(len(wavevectors), reach), -np.inf
+        p = self._periods
+        offsets = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 7)] * p), axis=-1).reshape(-1, p)
+        q = wavevectors
+        size = np.full(len(wavevectors), reach)
+        best = -np.inf
         while size.size:
             near = q[:, None] + size[:, None, None] * offsets
-            values = sign * self.lattice.frequencies(near.reshape(-1, self._periods))[
-                :, branch
-            ].reshape(len(q), -1)
-            place = np.argmax(values, axis=1)
+            frequencies = self.lattice.frequencies(near.reshape(-1, p))[:, branch]
+            values = sign * frequencies.reshape(len(q), -1)
+            highest = np.argmax(values, axis=1)
             best = max(best, float(values.max()))
-            q = near[np.arange(len(q)), place]
-            size = size * np.where(np.max(np.abs(offsets[place]), axis=1) < 1.0, 0.7, 0.95)
+            q = near[np.arange(len(q)), highest]
+            is_inside = np.max(np.abs(offsets[highest]), axis=1) < 1.0
+            size = size * np.where(is_inside, 0.7, 0.95)
             q = q[size > _LEVEL]
             size = size[size > _LEVEL]
         return best
@@ -839,9 +837,24 @@ class Phonons:
         top = self.lattice.top_frequency * self.scales.frequency
         from granphon.phonons.phonopy_bridge import write_phonopy  # by now it can be imported
 
-        write_phonopy(
-            bridge, path, self.scales, top, self.lattice.motions, self._periods, self.state.kinds
-        )
+        lattice = self.lattice
+        kinds = self.state.kinds
+        write_phonopy(bridge, path, self.scales, top, lattice.motions, self._periods, kinds)
+
+
+def _smear(omega: Array, values: Array, weights: Array, width: float) -> Array:
+    """Return the sums (m, n) of Gaussians of standard deviation ``width`` about frequencies
+    ``values`` (n_q, n_branches), with ``weights`` (m, n_q, n_branches) as their heights, at
+    ``omega`` (n,).
+
+    The part of a Gaussian below zero frequency is reflected, so that no mode is lost.
+    """
+    sums = np.empty((len(weights), len(omega)))
+    for n, frequency in enumerate(omega):
+        bell = np.exp(-0.5 * ((frequency - values) / width) ** 2)
+        reflected = np.exp(-0.5 * ((frequency + values) / width) ** 2)
+        sums[:, n] = np.sum(weights * (bell + reflected), axis=(1, 2))
+    return sums
 
 
 def _pad(numbers: tuple[int, ...]) -> list[int]:

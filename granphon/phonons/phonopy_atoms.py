@@ -49,10 +49,9 @@ def number_kinds(masses: Array) -> list[int]:
     kinds: list[float] = []
     numbers = []
     for mass in masses.tolist():
-        kind = next(
-            (one for one, known in enumerate(kinds) if abs(mass - known) <= _ONE_MASS * known),
-            len(kinds),
-        )
+        kind = 0
+        while kind < len(kinds) and abs(mass - kinds[kind]) > _ONE_MASS * kinds[kind]:
+            kind += 1
         if kind == len(kinds):
             kinds.append(mass)
         if len(kinds) > len(KINDS):
@@ -66,27 +65,32 @@ def free_symbol(symbol: str, taken: Iterable[str]) -> str:
     from ase.data import chemical_symbols  # imported here, as figures of bands do not need it
 
     used = set(taken)
-    return next(str(one) for one in (symbol, *KINDS, *chemical_symbols[1:]) if one not in used)
+    candidates = (symbol, *KINDS, *chemical_symbols[1:])
+    return next(str(candidate) for candidate in candidates if candidate not in used)
 
 
 def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
     """Return a chemical symbol for each kind of balls, by its name, all different.
 
-    It is the name if that is one; else that with which the name begins, as Al6061 does, if it is
-    free; else another. Where there are more kinds than symbols, all are balls of one symbol.
+    The symbol is the name if the name is a symbol; else the symbol with which the name begins, as
+    Al6061 does, if no other kind has it; else any free symbol. Where there are more kinds than
+    symbols, all balls have one symbol.
     """
     from ase.data import chemical_symbols
 
     names = list(dict.fromkeys(kinds))
     if len(names) > len(chemical_symbols) - 1 - len(_NO_KIND):
         return dict.fromkeys(names, BALL)
-    found = {name: name for name in names if name in chemical_symbols[1:] and name != _FALSE}
-    begun = {name: one[0] for name in names if (one := re.match(r"[A-Z][a-z]?(?![A-Za-z])", name))}
-    begun = {name: symbol for name, symbol in begun.items() if symbol in chemical_symbols[1:]}
+    symbols = {name: name for name in names if name in chemical_symbols[1:] and name != _FALSE}
+    begun = dict[str, str]()
+    for name in names:
+        beginning = re.match(r"[A-Z][a-z]?(?![A-Za-z])", name)
+        if beginning is not None and beginning[0] in chemical_symbols[1:]:
+            begun[name] = beginning[0]
     for name in (*begun, *names):
-        if name not in found:
-            found[name] = free_symbol(begun.get(name, BALL), (*found.values(), *_NO_KIND))
-    return {name: found[name] for name in names}
+        if name not in symbols:
+            symbols[name] = free_symbol(begun.get(name, BALL), (*symbols.values(), *_NO_KIND))
+    return {name: symbols[name] for name in names}
 
 
 def name_balls(masses: Array, kinds: Sequence[str] = ()) -> list[str]:
@@ -197,20 +201,22 @@ def read_numbers(name: str, values: Any, shape: tuple[int, ...] | None = None) -
     Raises :class:`~granphon.base.errors.InputError`, which names the key, for anything else.
     """
     try:
-        found = np.array(values)
+        numbers = np.array(values)
     except (TypeError, ValueError):  # lists of different lengths
         raise InputError(f"Its values of {name} are not equally many everywhere") from None
-    if found.dtype.kind not in "if":
+    if numbers.dtype.kind not in "if":
         leaves = np.array(values, object).ravel().tolist()
         wrong = next(
-            one for one in leaves if isinstance(one, bool) or not isinstance(one, int | float)
+            leaf for leaf in leaves if isinstance(leaf, bool) or not isinstance(leaf, int | float)
         )
         raise InputError(f"It has {show(wrong)} under {name}, where a number is needed")
-    if not np.all(np.isfinite(found)):
+    if not np.all(np.isfinite(numbers)):
         raise InputError(f"It has something else than finite numbers under {name}")
-    fits = shape is None or [
-        n if -1 in (w, n) else w for w, n in zip(shape, found.shape, strict=False)
-    ] == [*found.shape]
-    if shape is not None and (found.ndim != len(shape) or not fits):
-        raise InputError(f"Its values of {name} have the shape {found.shape} instead of {shape}")
-    return found.astype(float)
+    if shape is not None:
+        pairs = zip(shape, numbers.shape, strict=False)
+        fits = all(length in (-1, number) for length, number in pairs)
+        if numbers.ndim != len(shape) or not fits:
+            raise InputError(
+                f"Its values of {name} have the shape {numbers.shape} instead of {shape}"
+            )
+    return numbers.astype(float)

@@ -117,7 +117,7 @@ _EXPORT_SCALE = 2.0**30
 #: symbol, position (fractions of the cell) and mass (in masses of a ball) of an export's auxiliary
 #: atom, see Phonons.save
 _AUXILIARY = "He"
-_AUXILIARY_PLACE = (0.137, 0.291, 0.373)
+_AUXILIARY_POSITION = (0.137, 0.291, 0.373)
 _AUXILIARY_MASS = 1e32
 
 
@@ -174,17 +174,17 @@ def write_phonopy(
     unit = HertzPrefix.for_top(top)
     per_frequency = scales.frequency / unit.hertz / get_physical_units().DefaultToTHz
     mass = _EXPORT_SCALE / per_frequency**2
-    own = bridge.unitcell
-    n = len(own)
-    symbol = free_symbol(_AUXILIARY, own.symbols)
-    # the auxiliary atom's, and one for each coordinate that holds no motion: what a reader sees at
-    # zero besides the branches
+    unit_cell = bridge.unitcell
+    n = len(unit_cell)
+    symbol = free_symbol(_AUXILIARY, unit_cell.symbols)
+    # besides the branches a reader sees bands at zero: those of the auxiliary atom, and one for
+    # each coordinate that holds no motion
     zero_bands = 3 + n // motions.atoms_per_ball * len(motions.still_slots)
     cell = PhonopyAtoms(
-        symbols=[*own.symbols, symbol],
-        cell=own.cell,
-        masses=np.append(own.masses, _AUXILIARY_MASS) * mass,
-        scaled_positions=np.vstack([own.scaled_positions, _AUXILIARY_PLACE]),
+        symbols=[*unit_cell.symbols, symbol],
+        cell=unit_cell.cell,
+        masses=np.append(unit_cell.masses, _AUXILIARY_MASS) * mass,
+        scaled_positions=np.vstack([unit_cell.scaled_positions, _AUXILIARY_POSITION]),
     )
     export = Phonopy(
         cell, bridge.supercell_matrix, primitive_matrix="P", is_symmetry=False, log_level=0
@@ -212,7 +212,7 @@ def write_phonopy(
         f"  zero_bands: {zero_bands}",
         *write_kinds(kinds),
         "  masses:",
-        *(f"  - {write_float(m)}" for m in own.masses.tolist()),
+        *(f"  - {write_float(m)}" for m in unit_cell.masses.tolist()),
         "",
     ]
     body = str(export.to_phonopy_yaml(settings={"force_constants": True}))
@@ -237,31 +237,25 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
     text, verified = read_sealed(path)
     with require_own_file(path, "phonopy_params.yaml"):
         data = plain_yaml(text, path)
-        own = data["granphon"]
-        _, scales = read_header(path, own)
-        masses = read_numbers("masses", own["masses"], (-1,))
-        scale = own["force_constants_scale"]
-        scale = float(read_numbers("force_constants_scale", scale, ()))
+        header = data["granphon"]
+        _, scales = read_header(path, header)
+        masses = read_numbers("masses", header["masses"], (-1,))
+        scale = float(read_numbers("force_constants_scale", header["force_constants_scale"], ()))
         n = len(masses)
         points = data["unit_cell"]["points"]
         symbols = [point["symbol"] for point in points]
-        (motions, periods) = read_motions(own)
+        motions, periods = read_motions(header)
         per_ball = motions.atoms_per_ball
-        wanted = name_atoms(masses[::per_ball], motions, read_kinds(own, symbols[:-1:per_ball]))
-        if len(points) != n + 1 or symbols != [*wanted, free_symbol(_AUXILIARY, wanted)]:
+        kinds = read_kinds(header, symbols[:-1:per_ball])
+        expected = name_atoms(masses[::per_ball], motions, kinds)
+        if len(points) != n + 1 or symbols != [*expected, free_symbol(_AUXILIARY, expected)]:
             raise InputError("Its cell does not consist of balls and the auxiliary atom")
         # granphon writes no other supercell, and phonopy may never return from one
         matrix = np.array(data["supercell_matrix"])
-        numbers = (
-            [int(m) for m in np.diag(matrix)]
-            if matrix.shape == (3, 3) and matrix.dtype.kind == "i"
-            else [0]
-        )
-        if (
-            min(numbers) < 1
-            or set(numbers[periods:]) - {1}
-            or not np.array_equal(matrix, np.diag(numbers))
-        ):
+        is_matrix = matrix.shape == (3, 3) and matrix.dtype.kind == "i"
+        numbers = [int(m) for m in np.diag(matrix)] if is_matrix else [0]
+        is_diagonal = np.array_equal(matrix, np.diag(numbers))
+        if not is_diagonal or min(numbers) < 1 or set(numbers[periods:]) - {1}:
             shown = " x ".join(["n1", "n2", "n3"][:periods] + ["1"] * (3 - periods))
             raise InputError(f"Its supercell_matrix is not that of {shown} cells")
         if masses.min() <= 0.0 or scale <= 0.0:
@@ -274,15 +268,16 @@ def load_phonopy(path: str | os.PathLike[str]) -> tuple[ContactPhonopy, Units]:
                 f"Its force constants of shape {block['shape']} do not fit {cells} cells of"
                 f" {n + 1} atoms"
             )
-        constants = read_numbers("elements", block["elements"], (rows * columns, 3, 3)).reshape(
-            rows, columns, 3, 3
-        )
+        constants = read_numbers("elements", block["elements"], (rows * columns, 3, 3))
+        constants = constants.reshape(rows, columns, 3, 3)
         if rows != n + 1:  # the rows of all cells; phonopy orders a supercell by atom, then by cell
             constants = constants[::cells]
-        places = read_numbers("coordinates", [point["coordinates"] for point in points[:n]], (n, 3))
+        positions = read_numbers(
+            "coordinates", [point["coordinates"] for point in points[:n]], (n, 3)
+        )
         vectors = read_numbers("lattice", data["unit_cell"]["lattice"], (3, 3))
         cell = PhonopyAtoms(
-            symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=places
+            symbols=symbols[:n], cell=vectors, masses=masses, scaled_positions=positions
         )
         bridge = ContactPhonopy(cell, matrix, primitive_matrix="P", is_symmetry=False, log_level=0)
         bridge.unit_conversion_factor = 1.0

@@ -120,11 +120,10 @@ class SurfaceSpectrum(Result, array="values"):
         distances = self.distances if len(self.distances) else np.full(len(self.qpoints), np.nan)
         headings = [("distance", "1/d"), *((f"q{axis}", "") for axis in (1, 2, 3))]
         headings += [("frequency", "Hz"), ("width", "Hz"), ("weight", "")]
-        own = (waves.frequencies, waves.widths, waves.weight)
-        columns = (distances[waves.place], *self.qpoints[waves.place].T, *own)
-        write_text(
-            path, table_text([Heading(*one) for one in headings], np.transpose(columns).tolist())
-        )
+        points = (distances[waves.place], *self.qpoints[waves.place].T)
+        columns = (*points, waves.frequencies, waves.widths, waves.weight)
+        rows = np.transpose(columns).tolist()
+        write_text(path, table_text([Heading(*heading) for heading in headings], rows))
 
 
 class Surface:
@@ -175,27 +174,24 @@ class Surface:
     def _read(self, q: ArrayLike | None) -> tuple[Array, Array]:
         """Return wave vectors as (n_q, p - 1) and (n_q, 3)."""
         p = len(self.cell)
-        given = np.zeros((1, 0)) if q is None and p == 0 else real_array("q", q)
-        if (
-            given.ndim != 2
-            or not len(given)
-            or given.shape[1] not in (p, 3)
-            or not np.all(np.isfinite(given))
-        ):
-            what = f"the wave vectors have the shape {given.shape}"
+        fractions = np.zeros((1, 0)) if q is None and p == 0 else real_array("q", q)
+        are_vectors = fractions.ndim == 2 and len(fractions) and fractions.shape[1] in (p, 3)
+        if not are_vectors or not np.all(np.isfinite(fractions)):
             raise InputError(
-                what, f"There are {p} periods along this edge", f"Give (n, {p}) finite fractions"
+                f"the wave vectors have the shape {fractions.shape}",
+                f"There are {p} periods along this edge",
+                f"Give (n, {p}) finite fractions",
             )
-        if np.any(given[:, p:]):
+        if np.any(fractions[:, p:]):
             raise InputError("a wave vector leaves the edge", mend=f"Give (n, {p}) fractions")
-        return given[:, :p], np.pad(given[:, :p], ((0, 0), (0, 3 - p)))
+        return fractions[:, :p], np.pad(fractions[:, :p], ((0, 0), (0, 3 - p)))
 
     def path(self, npoints: int = 31) -> tuple[Array, Array, Array, tuple[str, ...]]:
         """Return the path from corner to corner of the zone of a layer, ``npoints`` in each
         segment.
 
-        It is the path of the bands of a cut. These are wave vectors (n_q, 3) in fractions of the
-        reciprocal cell, each corner once; distances (n_q,) along the path over 2 pi, 1/d; the
+        The path is that of the bands of a cut. Returned are wave vectors (n_q, 3) in fractions of
+        the reciprocal cell, each corner once; distances (n_q,) along the path over 2 pi, 1/d; the
         distances (c,) and the names of the corners. At the end of a chain there is one wave vector,
         and no corner.
         """
@@ -206,12 +202,10 @@ class Surface:
         vectors = cell[:, :p] / self.half_space.units.length
         repeats = [True] * p
         letters = special_points(vectors, repeats)
-        segments, labels = interpolate_path(
-            default_letters(vectors, repeats), npoints, letters, None, p
-        )
-        steps = np.linalg.norm(
-            np.diff(segments[..., :p] @ np.linalg.inv(vectors).T, axis=1), axis=2
-        )
+        corners = default_letters(vectors, repeats)
+        segments, labels = interpolate_path(corners, npoints, letters, None, p)
+        points = segments[..., :p] @ np.linalg.inv(vectors).T
+        steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
         along = np.cumsum(steps).reshape(steps.shape)
         jumps = np.array(["|" in label for label in labels[1:-1]], bool)
         first = np.concatenate([[0.0], along[:-1, -1]])
@@ -224,12 +218,11 @@ class Surface:
         """Return the lowest and the highest frequency (n_q, b, 2) of each branch of the crystal,
         Hz, at each q.
 
-        They are those over all wave vectors across the edge; branches are ordered by frequency, and
-        of a cell that spans as many layers as contacts reach across.
+        They are those over all wave vectors across the edge. Branches are ordered by frequency, and
+        are those of a cell that spans as many layers as contacts reach across.
         """
-        return np.asarray(
-            np.sqrt(np.maximum(self.half_space.bands(self._read(q)[0]), 0.0)) * self._frequency
-        )
+        squares = self.half_space.bands(self._read(q)[0])
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)) * self._frequency)
 
     def spectrum(
         self, q: ArrayLike | None, frequencies: ArrayLike, damping: float | None = None
@@ -245,31 +238,30 @@ class Surface:
             the damping. The spectrum is (2 omega/pi) times the imaginary part of -G(omega^2 + i
             gamma omega); each line has the integral 1 over positive frequencies.
         """
-        (fractions, points), half, unit = self._read(q), self.half_space, self._frequency
-        at = finite_array("frequencies", frequencies, low="zero or above")
-        if at.ndim != 1 or not at.size:
-            raise InputError(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz")
-        if damping is None and at.size < 2:
+        fractions, points = self._read(q)
+        half = self.half_space
+        unit = self._frequency
+        hertz = finite_array("frequencies", frequencies, low="zero or above")
+        if hertz.ndim != 1 or not hertz.size:
+            raise InputError(f"frequencies have the shape {hertz.shape}", mend="Give (n,) in Hz")
+        if damping is None and hertz.size < 2:
             raise InputError("one frequency has no step", mend="Give damping in Hz")
-        width = positive(
-            "damping", np.max(np.abs(np.diff(at))) if damping is None else damping, "Hz"
-        )
-        self._require_memory(len(points), at.size)
-        omega = np.maximum(at / unit, _ZERO * np.sqrt(half.highest))
+        width = np.max(np.abs(np.diff(hertz))) if damping is None else damping
+        width = positive("damping", width, "Hz")
+        self._require_memory(len(points), hertz.size)
+        omega = np.maximum(hertz / unit, _ZERO * np.sqrt(half.highest))
         w = omega * (omega + 1j * width / unit)
         n = len(points)
-        f = len(at)
-        green = np.linalg.inv(
-            half.inverse_green(fractions, np.repeat(np.arange(n), f), np.tile(w, n))
-        )
-        count = half.motions.count
-        balls = half.per_layer
-        own = np.diagonal(green, axis1=1, axis2=2).imag.reshape(n, f, -1, count)[:, :, :balls]
-        each = -2.0 / np.pi * omega[:, None] * own.mean(axis=2) / unit
+        f = len(hertz)
+        numbers = np.repeat(np.arange(n), f)
+        green = np.linalg.inv(half.inverse_green(fractions, numbers, np.tile(w, n)))
+        diagonal = np.diagonal(green, axis1=1, axis2=2).imag.reshape(n, f, -1, half.motions.count)
+        outer_layer = diagonal[:, :, : half.per_layer].mean(axis=2)
+        by_motion = -2.0 / np.pi * omega[:, None] * outer_layer / unit
         edges = np.sqrt(np.maximum(half.bands(fractions), 0.0)) * unit
-        return SurfaceSpectrum(
-            points, at, each.mean(axis=2), each, tuple(half.motions.letters), width, edges
-        )
+        letters = tuple(half.motions.letters)
+        total = by_motion.mean(axis=2)
+        return SurfaceSpectrum(points, hertz, total, by_motion, letters, width, edges)
 
     def map(
         self,
@@ -289,16 +281,12 @@ class Surface:
         """
         q, distances, corners, labels = self.path(npoints)
         self._require_memory(len(q), _ROWS if frequencies is None else np.size(frequencies))
-        top = (
-            _ABOVE
-            * float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0]))))
-            * self._frequency
-        )
-        found = self.spectrum(
-            q, np.linspace(0.0, top, _ROWS) if frequencies is None else frequencies, damping
-        )
+        if frequencies is None:
+            highest = float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0]))))
+            frequencies = np.linspace(0.0, _ABOVE * highest * self._frequency, _ROWS)
+        spectrum = self.spectrum(q, frequencies, damping)
         waves = self.along_path(npoints) if leaky is False else self.branches(q, leaky)
-        return replace(found, waves=waves, distances=distances, corners=corners, labels=labels)
+        return replace(spectrum, waves=waves, distances=distances, corners=corners, labels=labels)
 
     def branches(
         self, q: ArrayLike | None = None, leaky: bool = False, free: bool = False
@@ -307,34 +295,36 @@ class Surface:
         of them, to 1e-10.
 
         ``leaky`` adds resonances within the bands, if their width is below a tenth of their
-        frequency and a fiftieth of their energy is in the top layer, and if a pole lies straight
-        below the real axis: it has their frequency and width. Motions at zero frequency deform no
-        contact and are no waves. ``free`` lists them too, if a thousandth of their energy is in the
-        outer layers, also in a crystal whose bulk has such motions. Wave vectors nearer to Gamma
-        than 1e-4 of the zone lose digits.
+        frequency and a fiftieth of their energy is in the top layer, and if a pole, which has their
+        frequency and width, lies straight below the real axis. Motions at zero frequency deform no
+        contact and are no waves. ``free`` lists these motions too, if a thousandth of their energy
+        is in the outer layers, also in a crystal whose bulk has such motions. Wave vectors nearer
+        to Gamma than 1e-4 of the zone lose digits.
         """
-        (fractions, points), unit = self._read(q), self._frequency
+        fractions, points = self._read(q)
         self._require_memory(len(points), _POLES)
-        found = [self.half_space.find_waves(fractions)]
+        waves = [self.half_space.find_waves(fractions)]
         if require("leaky", truth, leaky):
-            found.append(self.half_space.find_leaky_waves(fractions))
+            waves.append(self.half_space.find_leaky_waves(fractions))
         if require("free", truth, free):
-            found.append(self.half_space.find_free_motions(fractions))
-        place, squares, weight = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        roots = np.sqrt(squares.astype(complex)) * unit
-        order = np.lexsort((roots.real, place))
+            waves.append(self.half_space.find_free_motions(fractions))
+        number, squares, weight = (np.concatenate(arrays) for arrays in zip(*waves, strict=True))
+        roots = np.sqrt(squares.astype(complex)) * self._frequency
+        order = np.lexsort((roots.real, number))
         widths = np.maximum(-2.0 * roots.imag, 0.0)
         return SurfaceBranches(
-            points, place[order], roots.real[order], widths[order], weight[order]
+            points, number[order], roots.real[order], widths[order], weight[order]
         )
 
     def _require_memory(self, points: int, frequencies: int) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if spectra at so many q and frequencies
         do not fit into memory.
         """
-        what = f"spectra at {points:,} wave vectors and {frequencies:,} frequencies"
-        needed = _SPECTRUM_BYTES * self.half_space.size**2 * points * float(frequencies)
-        require_memory(what, needed, "Take fewer wave vectors (npoints), or frequencies")
+        require_memory(
+            f"spectra at {points:,} wave vectors and {frequencies:,} frequencies",
+            _SPECTRUM_BYTES * self.half_space.size**2 * points * float(frequencies),
+            "Take fewer wave vectors (npoints), or frequencies",
+        )
 
     def along_path(self, npoints: int) -> SurfaceBranches:
         """Return :meth:`branches` along :meth:`path`, which are kept: a figure and a data set need
@@ -358,28 +348,32 @@ class Surface:
         near = positive("frequency", frequency, "Hz")
         points = self._read(q)[1]
         continuum = self.continuum(q)
-        found = self.branches(q)
-        out = list[float]()
-        for at in range(len(points)):
-            expected = (near, *out)[at] if at < 2 else 2.0 * out[-1] - out[-2]
-            where = f"q = {points[at].tolist()}"
-            if at == 0 and np.any((continuum[0, :, 0] <= near) & (near <= continuum[0, :, 1])):
-                what = f"{near:.6g} Hz lies inside of the crystal's bands at {where}"
-                raise InputError(
-                    what, "A wave there leaks into the crystal", "Use branches(q, leaky=True)"
-                )
-            gap_low = np.max(continuum[at, :, 1], where=continuum[at, :, 1] < expected, initial=0.0)
-            gap_high = np.min(
-                continuum[at, :, 0], where=continuum[at, :, 0] > expected, initial=np.inf
+        branches = self.branches(q)
+        if np.any((continuum[0, :, 0] <= near) & (near <= continuum[0, :, 1])):
+            raise InputError(
+                f"{near:.6g} Hz lies inside of the crystal's bands at q = {points[0].tolist()}",
+                "A wave there leaks into the crystal",
+                "Use branches(q, leaky=True)",
             )
-            here = found[at][(found[at] > gap_low) & (found[at] < gap_high)]
-            if not here.size:
-                mend = "Give fewer wave vectors, or another frequency"
+        followed = list[float]()
+        expected = near
+        for n, point in enumerate(points):
+            if n > 1:
+                expected = 2.0 * followed[-1] - followed[-2]
+            elif n == 1:
+                expected = followed[0]
+            bottoms, tops = continuum[n].T
+            gap_low = np.max(tops, where=tops < expected, initial=0.0)
+            gap_high = np.min(bottoms, where=bottoms > expected, initial=np.inf)
+            waves = branches[n]
+            in_gap = waves[(waves > gap_low) & (waves < gap_high)]
+            if not in_gap.size:
                 raise InputError(
-                    f"no wave of the edge is near {expected:.6g} Hz at {where}", mend=mend
+                    f"no wave of the edge is near {expected:.6g} Hz at q = {point.tolist()}",
+                    mend="Give fewer wave vectors, or another frequency",
                 )
-            out.append(float(here[np.argmin(np.abs(here - expected))]))
-        return np.array(out)
+            followed.append(float(in_gap[np.argmin(np.abs(in_gap - expected))]))
+        return np.array(followed)
 
     def zak_phase(self, q: ArrayLike | None = None, below: int = 1) -> Array:
         """Return the Zak phase (n_q,), rad, 0 to 2 pi, at q (n_q, p - 1), of the branches above the
@@ -394,7 +388,7 @@ class Surface:
         """
         half = self.half_space
         low = whole_number("below", below, 1, half.size - 1)
-        return np.array([half.zak_phase(one, low) for one in self._read(q)[0]])
+        return np.array([half.zak_phase(fractions, low) for fractions in self._read(q)[0]])
 
     def winding(self, q: ArrayLike | None = None) -> NDArray[np.intp]:
         """Return the winding (n_q,) of det C at q (n_q, p - 1): the number of motions at a free
@@ -403,7 +397,8 @@ class Surface:
         Raises :class:`~granphon.base.errors.InputError` unless contacts resist as many deformations
         as balls have motions (an isostatic lattice), and where det C vanishes.
         """
-        return np.array([self.half_space.winding(one) for one in self._read(q)[0]], np.intp)
+        points = self._read(q)[0]
+        return np.array([self.half_space.winding(fractions) for fractions in points], np.intp)
 
     def velocity(self, direction: ArrayLike | None = None) -> float:
         """Return the velocity of the long wave along a free edge, m/s: Rayleigh's, of the crystal's
@@ -431,26 +426,26 @@ class Surface:
 def observe_surface(
     states: Sequence[State], different: Sequence[State], axis: Any, edge: str, points: int
 ) -> dict[str, Array]:
-    """Return what a run keeps of the waves at an edge, at each of n loads, by the names of the
-    catalogue.
+    """Return the waves at an edge at each of n loads, by the names of the catalogue: what a run
+    keeps.
 
-    These are frequencies (n, n_q, n_w), Hz, along :meth:`Surface.path`, nan beyond those that there
-    are, and where there is a long wave its velocity (n,) along the first leg, m/s. ``different``
-    are the states, or the first of them if all have one lattice in reduced units.
+    These are frequencies (n, n_q, n_w), Hz, along :meth:`Surface.path`, nan where a wave vector has
+    fewer waves, and where there is a long wave its velocity (n,) along the first leg, m/s.
+    ``different`` are the states, or the first state if all have one lattice in reduced units.
     """
-    edges = [one.cached(Surface, axis, edge) for one in different]
-    q = edges[0].path(points)[0]
-    p = len(edges[0].cell)
-    branches = [one.along_path(points) for one in edges]
-    most = max(1, *(int(np.bincount(one.place, minlength=1).max()) for one in branches))
-    table = np.full((len(edges), len(q), most), np.nan)
-    for row, one in zip(table, branches, strict=True):
-        rank = np.arange(len(one.place)) - np.searchsorted(one.place, one.place)
-        row[one.place, rank] = one.frequencies
-    ratio = np.array([[one.scales.frequency, one.scales.velocity] for one in states])
-    ratio = ratio / [[one.scales.frequency, one.scales.velocity] for one in different]
-    found = {"surface_frequency": ratio[:, 0, None, None] * table}
+    surfaces = [state.cached(Surface, axis, edge) for state in different]
+    q = surfaces[0].path(points)[0]
+    p = len(surfaces[0].cell)
+    branches = [surface.along_path(points) for surface in surfaces]
+    counts = [int(np.bincount(waves.place, minlength=1).max()) for waves in branches]
+    table = np.full((len(surfaces), len(q), max(1, *counts)), np.nan)
+    for row, waves in zip(table, branches, strict=True):
+        rank = np.arange(len(waves.place)) - np.searchsorted(waves.place, waves.place)
+        row[waves.place, rank] = waves.frequencies
+    ratio = np.array([[state.scales.frequency, state.scales.velocity] for state in states])
+    ratio = ratio / [[state.scales.frequency, state.scales.velocity] for state in different]
+    observed = {"surface_frequency": ratio[:, 0, None, None] * table}
     with suppress(GranphonError):
-        leg = q[1, :p] @ np.linalg.inv(edges[0].cell[:, :p]).T if len(q) > 1 else None
-        found["surface_velocity"] = ratio[:, 1] * [one.velocity(leg) for one in edges]
-    return found
+        leg = q[1, :p] @ np.linalg.inv(surfaces[0].cell[:, :p]).T if len(q) > 1 else None
+        observed["surface_velocity"] = ratio[:, 1] * [surface.velocity(leg) for surface in surfaces]
+    return observed

@@ -214,7 +214,7 @@ def test_factors_solve_and_leave_motions_that_cost_nothing(rank):
     rows /= np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     matrix = rows.T @ rows
     fronts = Fronts(csr_array(matrix), dissect(places, i, j), count)
-    assert sorted(fronts.left.tolist()) == loose.tolist()
+    assert sorted(fronts.aside.tolist()) == loose.tolist()
     wanted = rng.normal(size=(n * count, 2))
     wanted[loose] = 0.0
     assert_allclose(fronts.solve(matrix @ wanted), wanted, atol=1e-11)
