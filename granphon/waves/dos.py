@@ -72,23 +72,23 @@ def find_local_density(
     hertz = np.atleast_1d(finite_array("frequencies", frequencies, "Hz", "zero or above"))
     if hertz.ndim != 1:
         raise InputError(f"the frequencies have the shape {hertz.shape}", mend="Give a list")
-    needed = _LOCAL_BYTES * hertz.size * (1.0 + operator.motions.count)
+    memory = _LOCAL_BYTES * hertz.size * (1.0 + operator.motions.count)
     require_memory(
-        f"local densities of states at {hertz.size:,} frequencies", needed, "Take fewer frequencies"
+        f"local densities of states at {hertz.size:,} frequencies", memory, "Take fewer frequencies"
     )
     ball = whole_number("ball", ball, 0, network.n_balls - 1)
     if not network.moving[ball]:
         raise InputError(f"ball {ball} does not move", "Its mass is infinite", "Give another ball")
     starts = np.zeros((operator.motions.count, operator.balls.size, operator.motions.count))
     starts[:, np.searchsorted(operator.balls, ball)] = np.eye(operator.motions.count)
-    found = [
-        Moments(operator, partial(operator.vector, one), keep=False).first(kernel.moments)
-        for one in starts
+    expansions = [
+        Moments(operator, partial(operator.vector, start), keep=False).first(kernel.moments)
+        for start in starts
     ]
     inside = hertz < kernel.top
     angle = np.arccos(hertz[inside] / kernel.top)
-    series = kernel.weights * np.array(found) * np.where(np.arange(kernel.moments), 2.0, 1.0)
-    values = np.zeros((hertz.size, len(found)))
+    series = kernel.weights * np.array(expansions) * np.where(np.arange(kernel.moments), 2.0, 1.0)
+    values = np.zeros((hertz.size, len(expansions)))
     values[inside] = np.polynomial.chebyshev.chebval(np.cos(2.0 * angle), series.T).T
     values[inside] *= (2.0 / (math.pi * kernel.top * np.sin(angle)))[:, None]
     return LocalDensity(
@@ -169,28 +169,28 @@ class AllModes:
         self._warnings = network_warnings(operator.network)
         self._weights = np.stack(
             [
-                np.sum(modes[part] ** 2, axis=0)
-                for part in (~operator.is_rotation, operator.is_rotation)
+                np.sum(modes[motions] ** 2, axis=0)
+                for motions in (~operator.is_rotation, operator.is_rotation)
             ]
         )
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by a number of moments; ``vectors`` are none."""
         kernel = Kernel(self._top, moments)
-        found = np.zeros((2, moments))
-        for few in np.array_split(
+        traces = np.zeros((2, moments))
+        for modes in np.array_split(
             np.arange(self._frequencies.size), 1 + self._frequencies.size * moments // _BLOCK
         ):
-            found += self._weights[:, few] @ kernel.moments_of(self._frequencies[few])
-        translational, rotational = kernel.densities(found / self._balls)
-        nothing = np.zeros(kernel.count)
+            traces += self._weights[:, modes] @ kernel.moments_of(self._frequencies[modes])
+        translational, rotational = kernel.densities(traces / self._balls)
+        no_error = np.zeros(kernel.count)
         return SpectralDensity(
             kernel.frequencies,
             translational,
             rotational,
-            nothing,
-            nothing,
-            nothing,
+            no_error,
+            no_error,
+            no_error,
             kernel.top,
             moments,
             0,
@@ -219,8 +219,8 @@ class RandomVectors:
         """
         operator = self._operator
         # each vector has a seed of its own, and numbers that are the same on every machine
-        own = int(uniform_numbers(number + 1, self._seed)[number] * 2.0**52)
-        signs = np.sign(uniform_numbers((operator.balls.size, operator.motions.count), own) - 0.5)
+        seed = int(uniform_numbers(number + 1, self._seed)[number] * 2.0**52)
+        signs = np.sign(uniform_numbers((operator.balls.size, operator.motions.count), seed) - 0.5)
         signs[:, operator.motions.is_rotation != rotations] = 0.0
         return np.asarray(operator.vector(signs))
 

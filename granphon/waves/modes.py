@@ -228,12 +228,14 @@ def find_fall(operator: WaveOperator) -> float:
     rounding = (ZERO * operator.top) ** 2
     if not network.prestress:
         return rounding
-    force, torque = (np.linalg.norm(one[operator.balls], axis=1) for one in network.unbalanced)
-    masses, radii, inertias = (
-        one[operator.balls] for one in (network.masses, network.radii, network.inertias)
+    force, torque = (
+        np.linalg.norm(values[operator.balls], axis=1) for values in network.unbalanced
     )
-    left = float(np.max(force / (masses * radii) + torque / inertias))
-    return rounding + min(left, (_BALANCED * operator.top) ** 2)
+    masses, radii, inertias = (
+        values[operator.balls] for values in (network.masses, network.radii, network.inertias)
+    )
+    imbalance = float(np.max(force / (masses * radii) + torque / inertias))
+    return rounding + min(imbalance, (_BALANCED * operator.top) ** 2)
 
 
 def find_roots(operator: WaveOperator, squares: Array) -> Array:
@@ -249,11 +251,11 @@ def find_roots(operator: WaveOperator, squares: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
-def make_too_few(there: int, count: int) -> InputError:
+def make_too_few(available: int, count: int) -> InputError:
     """Return the error of ``count`` modes that are asked for where fewer are ``there``."""
-    asked = counted(count, "mode is", "modes are")
-    among = f"only {there}" if there else "none"
-    return InputError(f"{asked} asked for, and {among} cost energy", mend="Ask for fewer")
+    request = counted(count, "mode is", "modes are")
+    among = f"only {available}" if available else "none"
+    return InputError(f"{request} asked for, and {among} cost energy", mend="Ask for fewer")
 
 
 @dataclass(frozen=True)
@@ -294,12 +296,12 @@ class _Window:
 
     def weights(self, phi: Array) -> Array:
         """Return (filters, n) the sums of the squares of the first filters, at ``phi`` (n,)."""
-        found = np.empty((self.filters, phi.size))
-        for place, one in enumerate(phi.tolist()):
-            found[:, place] = self.coefficients @ np.cos(one * np.arange(self.order + 1))
-        return np.asarray(np.cumsum(found**2, axis=0))
+        amplitudes = np.empty((self.filters, phi.size))
+        for column, angle in enumerate(phi.tolist()):
+            amplitudes[:, column] = self.coefficients @ np.cos(angle * np.arange(self.order + 1))
+        return np.asarray(np.cumsum(amplitudes**2, axis=0))
 
-    def part(self, share: float) -> tuple[float, float]:
+    def middle(self, share: float) -> tuple[float, float]:
         """Return the ends in phi of the middle part of the window, a ``share`` of it."""
         return max(self.centre - share * self.half, 0.0), min(
             self.centre + share * self.half, math.pi
@@ -308,19 +310,19 @@ class _Window:
     def apply(self, operator: WaveOperator, starts: Array) -> Array:
         """Return (size, filters x m) all filters of the vectors ``starts`` (size, m)."""
         size, m = starts.shape
-        found = np.zeros((size, self.filters, m))
+        filtered = np.zeros((size, self.filters, m))
         vectors = polynomials(operator, starts)
         kept = np.empty((_KEPT, size, m))
         for first in range(0, self.order + 1, _KEPT):
             factors = self.coefficients[:, first : first + _KEPT]
             count = factors.shape[1]
-            for place in range(count):
-                kept[place] = next(vectors)
+            for offset in range(count):
+                kept[offset] = next(vectors)
             for row in range(0, size, _ROWS):
-                some = kept[:count, row : row + _ROWS]
-                summed = factors @ some.reshape(count, -1)
-                found[row : row + _ROWS] += summed.reshape(self.filters, -1, m).swapaxes(0, 1)
-        return found.reshape(size, -1)
+                chunk = kept[:count, row : row + _ROWS]
+                summed = factors @ chunk.reshape(count, -1)
+                filtered[row : row + _ROWS] += summed.reshape(self.filters, -1, m).swapaxes(0, 1)
+        return filtered.reshape(size, -1)
 
 
 class _Density:
@@ -332,8 +334,8 @@ class _Density:
         operator = problem.operator
         signs = np.zeros((_VECTORS, operator.size))
         signs[:, problem.live] = random.choice([-1.0, 1.0], (_VECTORS, problem.live.size))
-        found = [Moments(operator, one.copy, keep=False).first(_MOMENTS) for one in signs]
-        self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(found, axis=0)
+        moments = [Moments(operator, start.copy, keep=False).first(_MOMENTS) for start in signs]
+        self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(moments, axis=0)
 
     @property
     def zeros(self) -> float:
@@ -344,10 +346,10 @@ class _Density:
         """Return the density without the modes that cost no energy: those at phi = pi, as far as
         the moments tell.
         """
-        found = copy(self)
+        density = copy(self)
         sign = (-1.0) ** np.arange(_MOMENTS)
-        found._moments = self._moments - self.zeros * sign * Kernel(1.0, _MOMENTS).weights
-        return found
+        density._moments = self._moments - self.zeros * sign * Kernel(1.0, _MOMENTS).weights
+        return density
 
     def within(self, centre: float, half: float) -> float:
         """Return the number of modes at |phi - centre| < half; both those at phi and at -phi, or 2
@@ -369,7 +371,9 @@ class _Density:
             brentq(lambda half: self.within(centre, half) - count, 0.0, math.pi, xtol=1e-9)
         )
 
-    def choose(self, target: float, wanted: int, starts: int, least: float) -> tuple[_Window, int]:
+    def choose(
+        self, target: float, requested: int, starts: int, least: float
+    ) -> tuple[_Window, int]:
         """Return the window for the ``wanted`` modes nearest to phi = ``target``, and how many
         random vectors it takes.
 
@@ -377,28 +381,30 @@ class _Density:
         width ``least``. Of such windows it is the one that takes the fewest filtered vectors, with
         ``starts`` random vectors or so.
         """
-        near = max(self.reach(target, _SPARE_MODES * wanted), least)
-        found = []
+        middle = max(self.reach(target, _SPARE_MODES * requested), least)
+        candidates = []
         for filters in _FILTERS:
             vectors = max(_STARTS[-1], starts * _FILTERS[0] // filters)
-            wide = near / (1.0 - _EDGE / filters)
-            centre, half = target, max(self.reach(target, vectors * filters / _MORE), wide)
+            margin = middle / (1.0 - _EDGE / filters)
+            centre, half = target, max(self.reach(target, vectors * filters / _MORE), margin)
             count = self.within(centre, half)
             for end in (math.pi, 0.0):
                 across = abs(end - target)
                 if across < half:
                     # from the end of the spectrum on, through the target: both images count
                     count = 0.5 * self.within(end, across) + max(
-                        _SPARE_MODES * wanted, vectors * filters / _MORE
+                        _SPARE_MODES * requested, vectors * filters / _MORE
                     )
-                    centre, half = end, max(self.reach(end, 2.0 * count), across + wide)
+                    centre, half = end, max(self.reach(end, 2.0 * count), across + margin)
                     count = 0.5 * self.within(end, half)
             vectors = max(vectors, math.ceil(_MORE * count / filters))
-            found.append((filters * vectors, _Window(centre, min(half, math.pi), filters), vectors))
-        return min(found, key=lambda one: one[0])[1:]
+            candidates.append(
+                (filters * vectors, _Window(centre, min(half, math.pi), filters), vectors)
+            )
+        return min(candidates, key=lambda candidate: candidate[0])[1:]
 
 
-class _Found(NamedTuple):
+class _FoundModes(NamedTuple):
     """Modes that are found: ``omega`` (m,) ascending, rad/s, ``vectors`` (size, m), ``residuals``
     (m,) over top^2.
     """
@@ -435,41 +441,45 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
         return 8 * _COPIES * size * window.filters * (starts + _fresh(starts))
 
     while True:
-        for most in _STARTS:  # fewer random vectors where memory is short
-            window, starts = density.choose(_phi(top, target), count, most, least)
+        for most_starts in _STARTS:  # fewer random vectors where memory is short
+            window, starts = density.choose(_phi(top, target), count, most_starts, least)
             if count_bytes(window, starts) <= _BYTES:
                 break
         basis = np.zeros((size, 0))
-        found = None
+        modes = None
         vectors = starts
         while True:
             if window.filters * (starts + _fresh(starts)) > problem.live.size:
                 return None
             products = window.order * (starts + _fresh(starts))
-            needed = count_bytes(window, starts)
-            if needed > _BYTES or products > _PRODUCTS:
-                what = (
-                    f"{count} modes of {problem.live.size} motions take {needed / 1e9:.2g} GB,"
+            memory = count_bytes(window, starts)
+            if memory > _BYTES or products > _PRODUCTS:
+                fault = (
+                    f"{count} modes of {problem.live.size} motions take {memory / 1e9:.2g} GB,"
                     f" and {products:.2g} products"
                 )
                 why = "In a large network modes of one frequency range lie close together"
                 mend = "Ask for fewer modes, or take a smaller network, or its density of states"
-                raise error(message(f"{what} products of D with a vector", why, mend))
+                raise error(message(f"{fault} products of D with a vector", why, mend))
             error = ConvergenceError
             fresh = window.apply(problem.operator, _draw(problem, random, vectors, power))
-            if found is not None:
+            if modes is not None:
                 # fresh vectors, freed of the modes that are known, show whether one is missing
-                chosen = problem.choose(found.omega, count, target)
-                reach = np.max(np.abs(found.omega[chosen] - target), initial=0.0)
+                chosen = problem.choose(modes.omega, count, target)
+                reach = np.max(np.abs(modes.omega[chosen] - target), initial=0.0)
                 ends = (
                     _phi(top, target + reach),
                     _phi(top, max(target - reach, _SOFT * reach if power else 0.0)),
                 )
-                inner = window.part(1.0 - _EDGE / window.filters)
+                inner = window.middle(1.0 - _EDGE / window.filters)
                 enough = chosen.size == count and inner[0] <= ends[0] and ends[1] <= inner[1]
                 if (
                     _missing(
-                        window, fresh, found.vectors, ends if enough else window.part(_CORE), power
+                        window,
+                        fresh,
+                        modes.vectors,
+                        ends if enough else window.middle(_CORE),
+                        power,
                     )
                     < _LEFT
                 ):
@@ -477,17 +487,17 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
                 starts += vectors
             # filters that reach out of the window a little add what is missing at 1e-8: no
             # direction is left out
-            both = np.empty((size, basis.shape[1] + fresh.shape[1]), order="F")
+            joined = np.empty((size, basis.shape[1] + fresh.shape[1]), order="F")
             first = basis.shape[1]
-            both[:, :first], both[:, first:] = basis, fresh
-            basis = np.asarray(qr(both, overwrite_a=True, mode="economic", check_finite=False)[0])
-            found = _solve(problem, window, basis)
+            joined[:, :first], joined[:, first:] = basis, fresh
+            basis = np.asarray(qr(joined, overwrite_a=True, mode="economic", check_finite=False)[0])
+            modes = _solve(problem, window, basis)
             vectors = _fresh(starts)
-        zeros = int(np.sum(found.omega <= ZERO * top))
+        zeros = int(np.sum(modes.omega <= ZERO * top))
         if enough:
-            found = _Found(*problem.refine(found.vectors[problem.live][:, chosen]))
+            modes = _FoundModes(*problem.refine(modes.vectors[problem.live][:, chosen]))
             counted = None if power or target > ZERO * top else problem.loose + zeros
-            return Eigenpairs(found.omega, found.vectors, float(found.residuals.max()), counted)
+            return Eigenpairs(modes.omega, modes.vectors, float(modes.residuals.max()), counted)
         least = _WIDER * window.half
 
 
@@ -511,35 +521,45 @@ def _draw(problem: Problem, random: np.random.Generator, count: int, power: int)
     if power == 2:
         rows = random.normal(size=(operator.root.shape[0], count))
         return np.asarray(operator.root.T @ rows) / problem.top
-    found = np.zeros((operator.size, count))
-    found[problem.live] = random.normal(size=(problem.live.size, count))
-    return np.asarray(operator.matrix @ found) / problem.top**2 if power else found
+    vectors = np.zeros((operator.size, count))
+    vectors[problem.live] = random.normal(size=(problem.live.size, count))
+    return np.asarray(operator.matrix @ vectors) / problem.top**2 if power else vectors
 
 
-def _solve(problem: Problem, window: _Window, basis: Array) -> _Found:
+def _solve(problem: Problem, window: _Window, basis: Array) -> _FoundModes:
     """Return the modes of the window in the space of ``basis``: Ritz vectors whose residuals are
     small.
     """
     matrix = problem.operator.matrix
     top = problem.top
-    parts = range(0, basis.shape[1], _COLUMNS)
-    pressed = np.hstack([basis.T @ (matrix @ basis[:, at : at + _COLUMNS]) for at in parts])
+    columns = range(0, basis.shape[1], _COLUMNS)
+    pressed = np.hstack(
+        [basis.T @ (matrix @ basis[:, column : column + _COLUMNS]) for column in columns]
+    )
     squares, turned = np.linalg.eigh(0.5 * (pressed + pressed.T))
-    (low, high), omega = window.part(1.0), find_roots(problem.operator, squares)
+    (low, high), omega = window.middle(1.0), find_roots(problem.operator, squares)
     inside = (omega <= top * math.cos(low / 2.0)) & (omega >= top * (math.cos(high / 2.0) - ZERO))
     omega = omega[inside]
     turned = turned[:, inside]
     vectors = [basis[:, :0]]
     residuals = [omega[:0]]
-    for at in range(0, omega.size, _COLUMNS):
-        some = basis @ turned[:, at : at + _COLUMNS]
-        left = (
-            np.linalg.norm(matrix @ some - omega[at : at + _COLUMNS] ** 2 * some, axis=0) / top**2
+    for column in range(0, omega.size, _COLUMNS):
+        ritz_vectors = basis @ turned[:, column : column + _COLUMNS]
+        residual = (
+            np.linalg.norm(
+                matrix @ ritz_vectors - omega[column : column + _COLUMNS] ** 2 * ritz_vectors,
+                axis=0,
+            )
+            / top**2
         )
-        vectors.append(some[:, left <= RESIDUAL])
-        residuals.append(left)
-    every = np.concatenate(residuals)
-    return _Found(omega[every <= RESIDUAL], np.hstack(vectors), every[every <= RESIDUAL])
+        vectors.append(ritz_vectors[:, residual <= RESIDUAL])
+        residuals.append(residual)
+    all_residuals = np.concatenate(residuals)
+    return _FoundModes(
+        omega[all_residuals <= RESIDUAL],
+        np.hstack(vectors),
+        all_residuals[all_residuals <= RESIDUAL],
+    )
 
 
 def _missing(
@@ -555,10 +575,12 @@ def _missing(
     phi = np.linspace(*ends, 33)
     weights = np.min(window.weights(phi) * np.cos(0.5 * phi) ** power, axis=1)
     first = int(np.argmax(weights >= 0.5 * weights[-1])) + 1
-    some = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
-    vectors = some.shape[2]
-    some = some.reshape(len(fresh), -1)
-    return float(np.sum((some - known @ (known.T @ some)) ** 2) / (vectors * weights[first - 1]))
+    filtered = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
+    vectors = filtered.shape[2]
+    filtered = filtered.reshape(len(fresh), -1)
+    return float(
+        np.sum((filtered - known @ (known.T @ filtered)) ** 2) / (vectors * weights[first - 1])
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -695,41 +717,41 @@ def find_damped(
     if 2 * live.size <= DENSE or (many and live.size <= DENSE):
         # twice: the size of the matrix of first order
         squares, shapes = _diagonalise(problem, count)
-        others = shapes[:, find_roots(operator, squares) > ZERO * top]
-        if others.shape[1] < count:
-            raise make_too_few(others.shape[1], count)
+        elastic = shapes[:, find_roots(operator, squares) > ZERO * top]
+        if elastic.shape[1] < count:
+            raise make_too_few(elastic.shape[1], count)
         omega, vectors = damp_unevenly(
-            *(others.T @ np.asarray(one @ others) for one in (lossy, viscous))
+            *(elastic.T @ np.asarray(matrix @ elastic) for matrix in (lossy, viscous))
         )
         chosen = _choose_damped(omega, count, target / top)
-        vectors = others @ vectors[:, chosen]
+        vectors = elastic @ vectors[:, chosen]
     else:
         still = _find_still(problem, count)
         if live.size - still.shape[1] < count:
             raise make_too_few(live.size - still.shape[1], count)
-        wanted = 2 * count + _SPARE  # modes that swing have two rates
+        rate_count = 2 * count + _SPARE  # modes that swing have two rates
         while True:
-            if wanted > live.size - still.shape[1]:
-                what = (
+            if rate_count > live.size - still.shape[1]:
+                fault = (
                     f"{count} modes of {live.size} motions that are damped unevenly are too many"
                     f" to be found"
                 )
-                raise InputError(what, mend="Ask for fewer")
-            omega, vectors = _follow_damped(lossy, viscous, still, wanted, target / top)
+                raise InputError(fault, mend="Ask for fewer")
+            omega, vectors = _follow_damped(lossy, viscous, still, rate_count, target / top)
             chosen = _choose_damped(omega, count, target / top)
             if chosen.size == count:
                 break
-            wanted *= 2
+            rate_count *= 2
         vectors = vectors[:, chosen]
     every = np.zeros((operator.size, count), complex)
     every[live] = vectors
-    whole = np.zeros((count, network.n_balls, motions.count), complex)
-    whole[:, operator.balls] = np.moveaxis(operator.values(every), -1, 0)
+    values = np.zeros((count, network.n_balls, motions.count), complex)
+    values[:, operator.balls] = np.moveaxis(operator.values(every), -1, 0)
     # without losses, a motion of this shape has the frequency of Rayleigh's quotient
     squares = np.sum(every.conj() * (operator.matrix @ every), axis=0).real
     highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
     return DampedModes(
-        omega[chosen] * top / (2.0 * math.pi), whole, None, damped.find_warnings(highest)
+        omega[chosen] * top / (2.0 * math.pi), values, None, damped.find_warnings(highest)
     )
 
 
@@ -749,22 +771,22 @@ def _find_still(problem: Problem, count: int) -> Array:
     if not zeros:
         return np.zeros((problem.live.size, 0))
     shift = -_SHIFT * problem.top**2
-    wanted = zeros + _SPARE
+    searched = zeros + _SPARE
     solve = problem.factors(shift).solve
-    while wanted * _SHARE <= problem.live.size:
-        _, vectors = find_nearest(problem.shifted(0.0), wanted, shift, solve)
+    while searched * _SHARE <= problem.live.size:
+        _, vectors = find_nearest(problem.shifted(0.0), searched, shift, solve)
         omega, vectors, _ = problem.refine(vectors)
         still = omega <= ZERO * problem.top
         if np.count_nonzero(still) == zeros:
             return vectors[problem.live][:, still]
-        wanted *= 2
+        searched *= 2
     squares, vectors = _diagonalise(problem, count)
     return np.asarray(vectors[:, find_roots(problem.operator, squares) <= ZERO * problem.top])
 
 
 @single_products()
 def _follow_damped(
-    stiffness: Any, viscous: Any, still: Array, wanted: int, target: float
+    stiffness: Any, viscous: Any, still: Array, rate_count: int, target: float
 ) -> tuple[Complex, Complex]:
     """Return modes of x'' + G x' + D x = 0, omega (m,) with ``wanted`` rates nearest to ``target``,
     and vectors (n, m).
@@ -796,11 +818,11 @@ def _follow_damped(
         return free(np.concatenate([x, z[:n] + shift * x]))
 
     whole, inverse = (
-        LinearOperator((2 * n, 2 * n), matvec=one, dtype=complex) for one in (apply, solve)
+        LinearOperator((2 * n, 2 * n), matvec=product, dtype=complex) for product in (apply, solve)
     )
     start = free(np.random.default_rng(0).normal(size=2 * n).astype(complex))
     with lanczos_converges():
-        rates, vectors = eigs(whole, k=wanted, sigma=shift, OPinv=inverse, v0=start)
+        rates, vectors = eigs(whole, k=rate_count, sigma=shift, OPinv=inverse, v0=start)
     omega = -1j * rates
     vectors = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
     creeps = np.abs(omega.real) <= ZERO
@@ -854,13 +876,13 @@ def find_falls(operator: WaveOperator, fall: float) -> Array:
     problem = Problem(operator, np.arange(operator.size))
     # static forces make no square lower than twice that of a ball which they alone move, while all
     # others are held
-    pressed = np.maximum(network.normal_force, 0.0) / network.distance
+    tension_rates = np.maximum(network.normal_force, 0.0) / network.distance
     ends = (network.i, network.j)
-    alone = (
-        np.sum([np.bincount(ball, pressed, network.n_balls) for ball in ends], axis=0)
+    highest_falls = (
+        np.sum([np.bincount(ball, tension_rates, network.n_balls) for ball in ends], axis=0)
         / network.masses
     )
-    shift, count = -2.0 * float(np.max(alone)), problem.count_below(-fall)
+    shift, count = -2.0 * float(np.max(highest_falls)), problem.count_below(-fall)
     return np.asarray(
         find_nearest(problem.shifted(0.0), count, shift, problem.factors(shift).solve)[1]
     )
@@ -894,20 +916,20 @@ def _search_lowest(operator: WaveOperator) -> float:
 
     x = np.random.default_rng(0).normal(size=operator.size)
     x /= np.linalg.norm(x)
-    before = np.zeros(operator.size)
-    across = 0.0
+    previous = np.zeros(operator.size)
+    coupling = 0.0
     diagonal = []
-    beside = []
+    couplings = []
     for _ in range(_KRYLOV):
-        y = operator @ x - across * before
+        y = operator @ x - coupling * previous
         diagonal.append(float(x @ y))
         y -= diagonal[-1] * x
-        across = float(np.linalg.norm(y))
-        beside.append(across)
-        before = x
-        x = y / across
+        coupling = float(np.linalg.norm(y))
+        couplings.append(coupling)
+        previous = x
+        x = y / coupling
     values = eigvalsh_tridiagonal(
-        np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0)
+        np.array(diagonal), np.array(couplings[:-1]), select="i", select_range=(0, 0)
     )
     return float(values[0])
 
@@ -919,11 +941,11 @@ def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
     from scipy.linalg import eigh
 
     if problem.live.size > _LARGEST:
-        what = (
+        fault = (
             f"{count} modes of {problem.live.size} motions, with those without energy, are too"
             f" many to be found"
         )
-        raise InputError(what, mend="Ask for fewer")
+        raise InputError(fault, mend="Ask for fewer")
     squares, vectors = eigh(problem.shifted(0.0).toarray())
     return squares, vectors
 
@@ -949,9 +971,9 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     lowest = target <= zero
     shift = -_SHIFT * top**2 if lowest else target**2
     solve = problem.factors(shift).solve
-    wanted = count + _SPARE + (zeros if lowest else 0)
-    while wanted * _SHARE <= size:
-        _, vectors = find_nearest(problem.shifted(0.0), wanted, shift, solve)
+    searched = count + _SPARE + (zeros if lowest else 0)
+    while searched * _SHARE <= size:
+        _, vectors = find_nearest(problem.shifted(0.0), searched, shift, solve)
         omega, vectors, residual = problem.refine(vectors)
         chosen = problem.choose(omega, count, target)
         if chosen.size == count and np.max(residual[chosen]) <= RESIDUAL:
@@ -968,5 +990,5 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
                     float(residual[chosen].max()),
                     problem.loose + zeros,
                 )
-        wanted *= 2
+        searched *= 2
     return _find_dense(problem, count, target)

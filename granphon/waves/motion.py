@@ -114,30 +114,33 @@ class Motion(Result):
             raise InputError(
                 f"the file of a motion is {brief(path)}", mend="Give a path, or an open binary file"
             )
-        given: Any = frames
-        if not isinstance(given, slice) or (isinstance(given.step, int) and given.step < 0):
+        requested: Any = frames
+        if not isinstance(requested, slice) or (
+            isinstance(requested.step, int) and requested.step < 0
+        ):
             raise InputError(
                 f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)"
             )
-        found, about = read_records(path, _ABOUT, frames)
-        if not len(found.get("times", [0])):
+        values, about = read_records(path, _ABOUT, frames)
+        if not len(values.get("times", [0])):
             raise InputError(
                 f"frames is {brief(frames)}, and the file has none of them", mend="Give others"
             )
         try:
-            own = {
-                name.removeprefix("network_"): found.pop(name)
-                for name in list(found)
+            network_values = {
+                name.removeprefix("network_"): values.pop(name)
+                for name in list(values)
                 if name.startswith("network_")
             }
             for name in ("i", "j", "shift", "labels"):
-                if name in own:
-                    own[name] = own[name].astype(np.intp)
+                if name in network_values:
+                    network_values[name] = network_values[name].astype(np.intp)
             network = restore(
-                {"class": "ContactNetwork", **json.loads(about["network"]), **own}, ContactNetwork
+                {"class": "ContactNetwork", **json.loads(about["network"]), **network_values},
+                ContactNetwork,
             )
-            met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
-            motion = cls(**found, network=network, met=met, step=float(about["step"]))
+            met: Any = values.pop("met", np.zeros((0, 2))).astype(np.intp)
+            motion = cls(**values, network=network, met=met, step=float(about["step"]))
             motion._check()
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
@@ -154,13 +157,14 @@ class Motion(Result):
         cannot be written.
         """
         if not hasattr(path, "write"):
-            _require_place(path)
+            _require_writable(path)
             with put_beside(Path(path)) as beside, open(beside, "wb") as stream:
                 self.write(stream)
             return
         names = [name for name, layout in self._shapes.items() if layout[0] == "f"]
         frames = (
-            {name: getattr(self, name)[at] for name in names} for at in range(len(self.times))
+            {name: getattr(self, name)[number] for name in names}
+            for number in range(len(self.times))
         )
         first = next(frames)
         file = _begin_file(path, self.network, self.step, self.met, first)
@@ -184,16 +188,20 @@ class Motion(Result):
         (i, j) = self.met.T
         start = network.positions[i]
         periods = network.cell[list(network.pbc)]
-        apart = network.positions[j] - start
+        separations = network.positions[j] - start
         # of the nearest image
-        met = start + 0.5 * (apart - np.rint(apart @ np.linalg.pinv(periods)) @ periods)
+        met_places = start + 0.5 * (
+            separations - np.rint(separations @ np.linalg.pinv(periods)) @ periods
+        )
         for wall, (
-            place,
-            toward,
+            point,
+            inward,
         ) in network.walls.items():  # where the ball stands over a flat wall
-            own = j == wall
-            met[own] = start[own] + np.outer((place - start[own]) @ toward, toward)
-        return np.concatenate([network.contact_places, met])
+            touching = j == wall
+            met_places[touching] = start[touching] + np.outer(
+                (point - start[touching]) @ inward, inward
+            )
+        return np.concatenate([network.contact_places, met_places])
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact,
@@ -210,14 +218,18 @@ class Motion(Result):
         """
         last = len(self.times) - 1
         contacts = np.arange(self.forces.shape[1])
-        before = np.maximum(frames - 1, 0)
-        after = np.minimum(frames + 1, last)
-        low, most, high = (self.forces[at, contacts] for at in (before, frames, after))
+        previous = np.maximum(frames - 1, 0)
+        following = np.minimum(frames + 1, last)
+        low, most, high = (
+            self.forces[neighbours, contacts] for neighbours in (previous, frames, following)
+        )
         bend = (low - most) + (high - most)
         tilt = low - high  # so of a change by rounding it is not zero either
-        shift = np.divide(0.5 * tilt, bend, out=np.zeros_like(bend), where=after == before + 2)
+        shift = np.divide(
+            0.5 * tilt, bend, out=np.zeros_like(bend), where=following == previous + 2
+        )
         return self.times[frames] + 0.5 * shift * (
-            self.times[after] - self.times[before]
+            self.times[following] - self.times[previous]
         ), most - 0.25 * tilt * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
@@ -235,12 +247,13 @@ class Motion(Result):
         level = (
             require("share", lambda value: number(value, 1e-9, 1.0), share) * change[top, contacts]
         )
-        after = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
-        low, high = (change[at, contacts] for at in (after - 1, after))
-        part = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
+        following = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
+        low, high = (change[frame, contacts] for frame in (following - 1, following))
+        fraction = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
         return np.where(
             level > 0.0,
-            self.times[after - 1] + part * (self.times[after] - self.times[after - 1]),
+            self.times[following - 1]
+            + fraction * (self.times[following] - self.times[following - 1]),
             np.inf,
         )
 
@@ -275,10 +288,10 @@ class Motion(Result):
         is_known = (change.max(axis=0, initial=0.0) > max(least)) & (first > 0)
         times = self._find_tops(first)[0] if of == "peak" else self.arrivals(share)
         # of contacts without a maximum, which are not known, frames are those of the start
-        before = np.maximum(first - 1, 0)
-        after = np.minimum(first + 1, len(height) - 1)
+        previous = np.maximum(first - 1, 0)
+        following = np.minimum(first + 1, len(height) - 1)
         contacts = np.arange(first.size)
-        flank = np.minimum(height[before, contacts], height[after, contacts])
+        flank = np.minimum(height[previous, contacts], height[following, contacts])
         return np.where(is_known, times, np.nan), flank >= _FLANK * height[first, contacts]
 
     def pulse_velocity(
@@ -299,14 +312,14 @@ class Motion(Result):
         pulse at half of its height, for contacts that it does not reach one after another along a
         straight line, and for a ``share`` of a peak.
         """
-        at = index_array("contacts", contacts, self.forces.shape[1], "contacts")
-        if at.size < 2:
+        chosen = index_array("contacts", contacts, self.forces.shape[1], "contacts")
+        if chosen.size < 2:
             raise InputError(f"contacts are {brief(contacts)}", mend="Give two or more")
         if one_of("of", of, _PASSAGES) == "peak" and share is not None:
             raise InputError(
                 f"share is {brief(share)}, and a peak has none", mend='Give of="front" too'
             )
-        places = self.middles[at] - self.middles[at[0]]
+        places = self.middles[chosen] - self.middles[chosen[0]]
         if direction is None and not np.any(places[-1]):
             raise InputError(
                 f"contacts {brief(contacts)} begin and end at one place",
@@ -314,24 +327,24 @@ class Motion(Result):
             )
         along = one_direction(places[-1] if direction is None else direction, 3)
         times, is_resolved = (
-            found[at] for found in self._find_passages(of, 0.5 if share is None else share)
+            values[chosen] for values in self._find_passages(of, 0.5 if share is None else share)
         )
         if np.any(np.isnan(times)):
-            missed = at[np.isnan(times)]
-            what = f"the pulse does not pass contact {missed[0]}"
-            more = f", nor {missed.size - 1} others" if missed.size > 1 else ""
+            missed = chosen[np.isnan(times)]
+            fault = f"the pulse does not pass contact {missed[0]}"
+            further = f", nor {missed.size - 1} others" if missed.size > 1 else ""
             mend = "Run for longer, keep more frames, or give contacts that it has passed"
             raise InputError(
-                what + more, "Its force does not change much, or still rises at the end", mend
+                fault + further, "Its force does not change much, or still rises at the end", mend
             )
         if not np.all(is_resolved):
             step = float(self.times[1] - self.times[0])
-            what = (
-                f"the pulse at contact {at[~is_resolved][0]} is too short for frames {step:.3g} s"
-                f" apart"
+            fault = (
+                f"the pulse at contact {chosen[~is_resolved][0]} is too short for frames {step:.3g}"
+                f" s apart"
             )
             raise InputError(
-                what,
+                fault,
                 "Fewer than three are within its width at half of its height",
                 "Keep more frames",
             )
@@ -385,12 +398,12 @@ class Motion(Result):
         whole = float(self.times[-1] - self.times[0]) * f
         per = (frames - 1) / (whole * most) if whole > 0.0 else 0.0
         if fitted_to > whole * (1.0 + 1e-9) or per < _PER_PERIOD:
-            what = (
+            fault = (
                 f"{per:.3g} frames are in a period of multiple {most}, and {whole:.3g} periods in"
                 f" the run"
             )
             raise InputError(
-                what, mend="Run for longer, keep more frames, or ask for fewer multiples"
+                fault, mend="Run for longer, keep more frames, or ask for fewer multiples"
             )
         last = self.times > self.times[-1] - fitted_to / f * (1.0 + 1e-9)
         angle = 2.0 * np.pi * f * self.times[last, None] * np.arange(1, most + 1)
@@ -448,7 +461,7 @@ class Frames:
 
     def __init__(self, network: ContactNetwork, step: float, path: Any) -> None:
         if path is not None:
-            _require_place(path)
+            _require_writable(path)
         self._network = network
         self._step = step
         self._path = None if path is None else Path(path)
@@ -497,21 +510,21 @@ class Frames:
         else:
             # columns are of a fixed number in a file: it is written anew, and then takes the place
             # of the one before
-            before = dict[str, Any]()
+            earlier = dict[str, Any]()
             if self._file is not None:
                 self._file.close()
-                before = read_records(self._path, _ABOUT)[0]
+                earlier = read_records(self._path, _ABOUT)[0]
             with put_beside(self._path) as beside:
                 self._file = _begin_file(beside, self._network, self._step, self._met, whole)
-                for at in range(self._count):
+                for row in range(self._count):
                     self._file.append(
                         {
-                            name: _pad(before[name][at], np.shape(last))
+                            name: _pad(earlier[name][row], np.shape(last))
                             for name, last in whole.items()
                         }
                     )
                 self._file.append(whole)
-                del before  # some systems do not replace a file that is in use
+                del earlier  # some systems do not replace a file that is in use
         self._count = self._count + 1
         self.last_time = float(frame["times"])  # once it is kept, as Ctrl-C may come before
 
@@ -525,13 +538,13 @@ class Frames:
             return Motion.read(self._path)
         last = self._frames[-1]
         stacked: dict[str, Any] = {
-            name: np.array([_pad(one[name], np.shape(last[name])) for one in self._frames])
+            name: np.array([_pad(frame[name], np.shape(last[name])) for frame in self._frames])
             for name in last
         }
         return Motion(**stacked, network=self._network, met=self._met, step=self._step)
 
 
-def _require_place(path: Any) -> None:
+def _require_writable(path: Any) -> None:
     """Raise unless a motion may be written to a path: there is nothing, or a motion that nobody is
     writing.
     """
@@ -553,9 +566,9 @@ def _begin_file(
 ) -> RecordFile:
     """Return a file of a motion, without frames, that takes such as ``frame``."""
     network = network.storable()
-    values = {one.name: getattr(network, one.name) for one in fields(network)}
+    values = {entry.name: getattr(network, entry.name) for entry in fields(network)}
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-    rest = {name: plain(value) for name, value in values.items() if name not in arrays}
+    plain_values = {name: plain(value) for name, value in values.items() if name not in arrays}
     fixed = {
         f"network_{name}": (value, _name_axes(name, ContactNetwork))
         for name, value in arrays.items()
@@ -567,7 +580,11 @@ def _begin_file(
     }
     units = Motion.units | {f"network_{name}": unit for name, unit in ContactNetwork.units.items()}
     return RecordFile(
-        path, fixed, growing, units, _ABOUT | {"network": json.dumps(rest), "step": repr(step)}
+        path,
+        fixed,
+        growing,
+        units,
+        _ABOUT | {"network": json.dumps(plain_values), "step": repr(step)},
     )
 
 
@@ -575,7 +592,7 @@ def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:
     """Return names of the axes of a field in a file."""
     names = {"f": "time", "n": "ball", "c": "contact", "3": "axis", "m": "met", "2": "end"}
     of_network = {"c": "network_contact"} if owner is ContactNetwork else {}
-    return tuple((names | of_network)[one] for one in owner._shapes[name].rstrip("?").split())
+    return tuple((names | of_network)[letter] for letter in owner._shapes[name].rstrip("?").split())
 
 
 def _pad(values: Any, shape: tuple[int, ...]) -> Array:

@@ -60,11 +60,11 @@ _LEAST_BALLS = 2500
 def explain_instability(network: ContactNetwork) -> InstabilityError:
     """Return the error of a network that static forces make unstable."""
     why = "Its static forces exceed what its springs hold, so that it would buckle"
-    what = message("the network is not stable: a squared frequency is below zero", why)
+    fault = message("the network is not stable: a squared frequency is below zero", why)
     mend = "Bring it to rest first, give its tangential_force if it has friction"
-    left = network.describe_imbalance() if network.prestress else ""
+    imbalance = network.describe_imbalance() if network.prestress else ""
     return InstabilityError(
-        message(what, left, f"{mend}, or leave the static forces out (prestress=False)")
+        message(fault, imbalance, f"{mend}, or leave the static forces out (prestress=False)")
     )
 
 
@@ -124,11 +124,11 @@ class WaveOperator(LinearOperator):
         return vector.reshape(self.balls.size, self.motions.count, *vector.shape[1:])
 
     @cached_property
-    def places(self) -> NDArray[np.intp]:
+    def indices(self) -> NDArray[np.intp]:
         """(n, motions) the place of each motion in a vector; -1 of balls that do not move."""
-        places = np.full((self.network.n_balls, self.motions.count), -1)
-        places[self.balls] = self.values(np.arange(self.size))
-        return places
+        indices = np.full((self.network.n_balls, self.motions.count), -1)
+        indices[self.balls] = self.values(np.arange(self.size))
+        return indices
 
     @cached_property
     def is_rotation(self) -> NDArray[np.bool_]:
@@ -159,10 +159,10 @@ class WaveOperator(LinearOperator):
         """Return mass-weighted motions (size,) as displacements, m, and rotations, rad, (n, 6) of
         all balls.
         """
-        found = np.zeros((self.network.n_balls, 6))
-        (places, scale) = self.in_balls
-        found.reshape(-1)[places] = scale * vector
-        return found
+        motions = np.zeros((self.network.n_balls, 6))
+        (indices, scale) = self.in_balls
+        motions.reshape(-1)[indices] = scale * vector
+        return motions
 
     def push(self, balls: Index, along: Array, weights: Array) -> Array:
         """Return the vector (size,) of translations ``along`` (3,) of some balls, times their
@@ -170,7 +170,7 @@ class WaveOperator(LinearOperator):
         """
         vector = np.zeros(self.size)
         axes = list(self.motions.translations)
-        vector[self.places[balls, : len(axes)]] = along[axes] * weights[:, None]
+        vector[self.indices[balls, : len(axes)]] = along[axes] * weights[:, None]
         return vector
 
     # -- matrices ----------------------------------------------------------------------------------
@@ -188,7 +188,7 @@ class WaveOperator(LinearOperator):
         network = self.network
         m = self.motions.count
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
-        columns = np.hstack([self.places[network.i], self.places[network.j]]).astype(np.int32)
+        columns = np.hstack([self.indices[network.i], self.indices[network.j]]).astype(np.int32)
         columns[columns < 0] = 0  # of balls that are held: their entries are zero
         entries = np.empty((len(rows), *columns.shape), np.result_type(phase, *root))
         for out, row, weight in zip(entries, rows, root, strict=True):
@@ -282,19 +282,19 @@ class WaveOperator(LinearOperator):
         With a ``phase`` (n_c,) it is that of waves, in which balls j of contacts move with it.
         """
         root = self.full_root if phase is None else self._make_matrix(*self._weighed_rows, phase)
-        found: csr_array[Any] = (
+        product: csr_array[Any] = (
             root.conj().T.tocsr() @ root.multiply(self.of_rows(weights)[:, None]).tocsr()
         ).tocsr()
-        return found
+        return product
 
     @cached_property
     def matrix(self) -> csr_array[Any]:
         """D, (size, size), (rad/s)^2."""
-        found = self.weigh()
+        symmetric = self.weigh()
         return (
-            found
+            symmetric
             if self._carried is None
-            else (found + 0.5 * (self._carried + self._carried.T)).tocsr()
+            else (symmetric + 0.5 * (self._carried + self._carried.T)).tocsr()
         )
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
@@ -319,7 +319,9 @@ class WaveOperator(LinearOperator):
         takes no digits from it.
         """
         pull, move = (
-            (self._make_matrix(*one) @ x for one in self._pairs) if self._pairs else (x[:0], x[:0])
+            (self._make_matrix(*rows) @ x for rows in self._pairs)
+            if self._pairs
+            else (x[:0], x[:0])
         )
         return 0.5 * float(self.parts.weigh() @ self.parts.deform(x) ** 2 + pull @ move)
 
@@ -330,11 +332,11 @@ class WaveOperator(LinearOperator):
         i = moved[self.network.i]
         j = moved[self.network.j]
         (rows, roots) = weighed or self._weighed_rows
-        parts = [
+        deformations = [
             root * np.sum(row.head * j - row.tail * i, axis=1)
             for row, root in zip(rows, roots, strict=True)
         ]
-        return np.concatenate(parts)
+        return np.concatenate(deformations)
 
     def pull(self, moved: Array, weights: Array | None = None) -> Array:
         """Return the mass-weighted forces (size,), N/kg^1/2, on balls that move when bodies that do
@@ -344,12 +346,12 @@ class WaveOperator(LinearOperator):
         forces; with ``weights``, as for :meth:`of_rows`, those of springs alone, each times its
         weight.
         """
-        found = -(self.full_root.T @ (self.of_rows(weights) * self.stretch(moved)))
+        forces = -(self.full_root.T @ (self.of_rows(weights) * self.stretch(moved)))
         for one, other in (
             (self._pairs, self._pairs[::-1]) if self._pairs and weights is None else ()
         ):
-            found -= 0.5 * (self._make_matrix(*one).T @ self.stretch(moved, other))
-        return np.asarray(found)
+            forces -= 0.5 * (self._make_matrix(*one).T @ self.stretch(moved, other))
+        return np.asarray(forces)
 
     def compose(self, rows: list[Row], phase: Any = 1.0) -> csr_array[Any]:
         """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for
@@ -387,9 +389,9 @@ class WaveOperator(LinearOperator):
         """G, (size, size), (rad/s)^2, of static tangential forces; None if none act."""
         if not self._pairs:
             return None
-        pull, move = (self._make_matrix(*one) for one in self._pairs)
-        found: csr_array[Any] = (pull.T.tocsr() @ move).tocsr()
-        return found
+        pull, move = (self._make_matrix(*rows) for rows in self._pairs)
+        carried: csr_array[Any] = (pull.T.tocsr() @ move).tocsr()
+        return carried
 
     @cached_property
     def whole(self) -> csr_array[Any] | None:
@@ -409,17 +411,17 @@ class WaveOperator(LinearOperator):
         """
         network = self.network
         m = self.motions.count
-        own = np.zeros((m, m, network.n_balls))
+        blocks = np.zeros((m, m, network.n_balls))
         tension = np.maximum(-network.static_forces[0], 0.0) / network.distance
         for row, stiffness in [(row, row.stiffness) for row in self.rows] + [
             (row, tension) for row in self._static_rows
         ]:
-            for ball, part in ((network.j, row.head), (network.i, row.tail)):
+            for ball, coefficients in ((network.j, row.head), (network.i, row.tail)):
                 for a, b in np.ndindex(m, m):
-                    if np.any(weights := stiffness * part[:, a] * part[:, b]):
-                        own[a, b] += np.bincount(ball, weights, network.n_balls)
+                    if np.any(weights := stiffness * coefficients[:, a] * coefficients[:, b]):
+                        blocks[a, b] += np.bincount(ball, weights, network.n_balls)
         return np.asarray(
-            own[:, :, self.balls].transpose(2, 0, 1) / network.masses[self.balls, None, None]
+            blocks[:, :, self.balls].transpose(2, 0, 1) / network.masses[self.balls, None, None]
         )
 
     @cached_property
@@ -507,10 +509,10 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
         return None
     normal = np.zeros((len(table), 3))
     normal[:, : table.normal.shape[1]] = table.normal
-    fine = np.max(np.abs(network.normal - normal[kinds]), initial=0.0) <= _ALIKE
-    for own, arm in ((network.arm_i, table.arm_i), (network.arm_j, table.arm_j)):
-        fine = fine and _is_one(own / arm[kinds])
-    return kinds if fine else None
+    alike = np.max(np.abs(network.normal - normal[kinds]), initial=0.0) <= _ALIKE
+    for arms, arm in ((network.arm_i, table.arm_i), (network.arm_j, table.arm_j)):
+        alike = alike and _is_one(arms / arm[kinds])
+    return kinds if alike else None
 
 
 def _is_one(values: Array) -> bool:
@@ -560,7 +562,7 @@ class ArrayOperator(WaveOperator):
         return ContactHessian(self._contacts, list(springs), precision=weights.dtype)
 
     @cached_property
-    def _own(self) -> list[NDArray[np.intp]]:
+    def _contacts_of_kind(self) -> list[NDArray[np.intp]]:
         """Contacts of each kind."""
         return [np.flatnonzero(self._kinds == kind) for kind in range(len(self.lattice.contacts))]
 
@@ -572,16 +574,16 @@ class ArrayOperator(WaveOperator):
         ends = []
         for row in self.rows:
             heads, tails = np.zeros((2, len(table), self._fields))
-            for kind, (i, j, own) in enumerate(
-                zip(table.i.tolist(), table.j.tolist(), self._own, strict=True)
+            for kind, (i, j, contacts) in enumerate(
+                zip(table.i.tolist(), table.j.tolist(), self._contacts_of_kind, strict=True)
             ):
-                if own.size:
+                if contacts.size:
                     heads[kind, m * j : m * (j + 1)], tails[kind, m * i : m * (i + 1)] = (
-                        row.head[own[0]],
-                        row.tail[own[0]],
+                        row.head[contacts[0]],
+                        row.tail[contacts[0]],
                     )
             ends.append((heads, tails))
-        head, tail = (np.concatenate(one) for one in zip(*ends, strict=True))
+        head, tail = (np.concatenate(rows) for rows in zip(*ends, strict=True))
         return ContactOperator(
             self.cells, [tuple(steps) for steps in table.shift.tolist()], head, tail
         )
@@ -592,13 +594,15 @@ class ArrayOperator(WaveOperator):
 
         They are zero where there is no contact.
         """
-        springs = np.zeros((len(self.rows), len(self._own), *self.cells), weights.dtype)
+        springs = np.zeros(
+            (len(self.rows), len(self._contacts_of_kind), *self.cells), weights.dtype
+        )
         cells = self.network.i // self.lattice.n_balls
         mass = float(self.network.masses[0])
-        for place, row in enumerate(self.rows):
-            stiffness = row.stiffness * weights[place] / mass
-            for kind, own in enumerate(self._own):
-                springs[place, kind].reshape(-1)[cells[own]] = stiffness[own]
+        for number, row in enumerate(self.rows):
+            stiffness = row.stiffness * weights[number] / mass
+            for kind, contacts in enumerate(self._contacts_of_kind):
+                springs[number, kind].reshape(-1)[cells[contacts]] = stiffness[contacts]
         return springs
 
     @cached_property

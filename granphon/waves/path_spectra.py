@@ -98,19 +98,20 @@ class PathSpectra(Result):
         ]
         columns = [
             [
-                *[[one.polarisation] * len(self.distances)],
+                *[[block.polarisation] * len(self.distances)],
                 self.distances.tolist(),
-                *one.q.T.tolist(),
-                one.peak.tolist(),
-                one.width.tolist(),
-                one.resolved.astype(int).tolist(),
-                one.mean_free_path.tolist(),
-                one.attenuation.tolist(),
+                *block.q.T.tolist(),
+                block.peak.tolist(),
+                block.width.tolist(),
+                block.resolved.astype(int).tolist(),
+                block.mean_free_path.tolist(),
+                block.attenuation.tolist(),
             ]
-            for one in self.spectra
+            for block in self.spectra
         ]
         write_text(
-            path, table_text(headings, (row for one in columns for row in zip(*one, strict=True)))
+            path,
+            table_text(headings, (row for block in columns for row in zip(*block, strict=True))),
         )
 
 
@@ -144,9 +145,9 @@ def find_path_spectra(
     InputError : fewer than two points, or an array so small that it has no wave vector on the path
         but Gamma.
     """
-    way = find_path_points(waves.network, lattice, scales.length, path, points)
-    spectra = [waves.spectral_function(way.q, name, resolution) for name in polarisations]
-    return PathSpectra.of(spectra, way.corners, way.distances, lattice, scales, path, labels)
+    route = find_path_points(waves.network, lattice, scales.length, path, points)
+    spectra = [waves.spectral_function(route.q, name, resolution) for name in polarisations]
+    return PathSpectra.of(spectra, route.corners, route.distances, lattice, scales, path, labels)
 
 
 class PathPoints(NamedTuple):
@@ -180,7 +181,7 @@ def find_path_points(
     legs = [(start, end) for piece in ends for start, end in pairwise(piece)]
     lengths = np.array([np.linalg.norm(end - start) for start, end in legs])
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
-    found: dict[
+    wavevectors: dict[
         tuple[int, ...], tuple[float, Array]
     ] = {}  # by the whole numbers of waves along the periods
     d = network.dimension
@@ -188,21 +189,23 @@ def find_path_points(
     reciprocal = np.linalg.inv(lattice.wavevectors(np.eye(len(ends[0][0]))) / spacing)
     for (start, end), length, begin in zip(legs, lengths, starts[:-1], strict=True):
         along = (end - start) / length
-        wanted = np.zeros((count, d))
-        wanted[:, : len(along)] = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
-        for q in nearest_wavevectors(network, wanted):
-            place = begin + float(np.clip((q[: len(along)] - start) @ along, 0.0, length))
-            off = np.linalg.norm(q[: len(along)] - start - (place - begin) * along)
+        targets = np.zeros((count, d))
+        targets[:, : len(along)] = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+        for q in nearest_wavevectors(network, targets):
+            distance = begin + float(np.clip((q[: len(along)] - start) @ along, 0.0, length))
+            deviation = np.linalg.norm(q[: len(along)] - start - (distance - begin) * along)
             number = tuple(np.rint(periods[:, :d] @ q / (2.0 * np.pi)).astype(int).tolist())
             reduced = q[: len(along)] @ reciprocal
-            if np.any(np.abs(reduced - np.rint(reduced)) > _SAME) and off <= 0.5 * length / (
+            if np.any(np.abs(reduced - np.rint(reduced)) > _SAME) and deviation <= 0.5 * length / (
                 count - 1
             ):
-                found.setdefault(number, (place, q))
-    if not found:
-        what = "the array has no wave vector on the path but Gamma"
-        raise InputError(what, mend="Take a larger array, or a path through the middle of the zone")
-    distances, q = (np.array(one) for one in zip(*found.values(), strict=True))
+                wavevectors.setdefault(number, (distance, q))
+    if not wavevectors:
+        fault = "the array has no wave vector on the path but Gamma"
+        raise InputError(
+            fault, mend="Take a larger array, or a path through the middle of the zone"
+        )
+    distances, q = (np.array(values) for values in zip(*wavevectors.values(), strict=True))
     return PathPoints(starts, distances, q)
 
 
@@ -211,7 +214,7 @@ def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:
     names = iter(labels)
     out = list[str]()
     for piece in path:
-        first, *rest = (next(names) for _ in piece)
+        first, *others = (next(names) for _ in piece)
         out[-1:] = [f"{out[-1]}|{first}"] if out else [first]
-        out += rest
+        out += others
     return tuple(out)

@@ -113,18 +113,19 @@ class ToneBurst:
         # each wave adds (exp(rate t) - exp(wave t))/(rate - wave); where these are near, their
         # difference is taken with care
         near = np.min(np.abs(apart), axis=1) * self.duration < _NEAR
-        part = weights / apart[~near]
+        quotients = weights / apart[~near]
         turned = np.exp(np.multiply.outer(times, waves))
-        found = np.empty((times.size, rates.size), complex)
-        found[:, ~near] = (
-            np.exp(np.multiply.outer(times, rates[~near])) * np.sum(part, axis=1) - turned @ part.T
+        integrals = np.empty((times.size, rates.size), complex)
+        integrals[:, ~near] = (
+            np.exp(np.multiply.outer(times, rates[~near])) * np.sum(quotients, axis=1)
+            - turned @ quotients.T
         )
         for column in np.flatnonzero(near):
             gap = apart[column]
-            still = gap == 0.0
-            grown = np.expm1(np.multiply.outer(times, gap)) / np.where(still, 1.0, gap)
-            found[:, column] = (turned * np.where(still, times[:, None], grown)) @ weights
-        return found
+            is_equal = gap == 0.0
+            grown = np.expm1(np.multiply.outer(times, gap)) / np.where(is_equal, 1.0, gap)
+            integrals[:, column] = (turned * np.where(is_equal, times[:, None], grown)) @ weights
+        return integrals
 
 
 @dataclass(frozen=True)
@@ -214,8 +215,8 @@ class Propagation:
             size = np.abs(dct(late, type=2)) / count
             # rounding of the phases is spread over all coefficients
             size[size < _ROUNDING * (1.0 + reach) / math.sqrt(count)] = 0.0
-            left = np.cumsum(size[::-1])[::-1]
-            short = np.flatnonzero(left <= TOLERANCE)
+            remainders = np.cumsum(size[::-1])[::-1]
+            short = np.flatnonzero(remainders <= TOLERANCE)
             if short.size and short[0] < count - 0.25 * margin:
                 return max(int(short[0]), 2)  # all is still at the end where damping is large
             count *= 2
@@ -248,11 +249,11 @@ class Propagation:
         values = np.zeros((order, 2 * frames.size))
         end = self.burst.duration
         # what the burst leaves in each exponential at its end
-        after = self.burst.drive(waves.rate, np.array([end]))[0]
+        after_burst = self.burst.drive(waves.rate, np.array([end]))[0]
         early = frames < end
         grown = np.empty((frames.size, waves.rate.size), complex)
         grown[early] = self.burst.drive(waves.rate, frames[early])
-        grown[~early] = np.exp(np.multiply.outer(frames[~early] - end, waves.rate)) * after
+        grown[~early] = np.exp(np.multiply.outer(frames[~early] - end, waves.rate)) * after_burst
         responses = [np.real(grown * weights).T for weights in (waves.displacement, waves.velocity)]
         np.add.at(values, waves.node, np.hstack(responses))
         forms = dct(values.T, type=2, axis=1) / order
@@ -279,16 +280,18 @@ class Propagation:
         during = int(np.count_nonzero(times < end))
         rows = max(1, _BLOCK // waves.rate.size)
         for first in range(0, during, rows):
-            here = slice(first, min(first + rows, during))
-            signals[here] = np.real(self.burst.drive(waves.rate, times[here]) @ weight)
+            chunk = slice(first, min(first + rows, during))
+            signals[chunk] = np.real(self.burst.drive(waves.rate, times[chunk]) @ weight)
         if during < times.size:
-            weight *= after[:, None]
+            weight *= after_burst[:, None]
             apart = times[during : during + rows] - times[during]
             later = np.exp(np.multiply.outer(apart, waves.rate))
             for first in range(during, times.size, rows):
-                here = slice(first, min(first + rows, times.size))
+                chunk = slice(first, min(first + rows, times.size))
                 begin = np.exp(waves.rate * (times[first] - end))
-                signals[here] = np.real(later[: signals[here].shape[0]] @ (begin[:, None] * weight))
+                signals[chunk] = np.real(
+                    later[: signals[chunk].shape[0]] @ (begin[:, None] * weight)
+                )
         return signals.T, states[: frames.size], states[frames.size :]
 
 
@@ -323,19 +326,19 @@ class ViscousPropagation:
         """Return X z."""
         size = self._push.size
         top = self.operator.top
-        found = np.empty_like(z)
+        product = np.empty_like(z)
         x = z[:size]
         v = z[size : 2 * size]
         source = z[2 * size :]
-        found[:size] = top * v
-        found[size : 2 * size] = (
+        product[:size] = top * v
+        product[size : 2 * size] = (
             (self._parts @ source) * self._push - self._viscous @ v - (self.operator @ x) / top
         )
         cosine, sine = np.split(source, 2)
-        found[2 * size :] = np.concatenate([-self._omegas * sine, self._omegas * cosine])
-        found += self._shift * z
-        found /= self._radius
-        return found
+        product[2 * size :] = np.concatenate([-self._omegas * sine, self._omegas * cosine])
+        product += self._shift * z
+        product /= self._radius
+        return product
 
     def follow(
         self, listen: Callable[[Array], Array], times: Array, frames: Array
@@ -358,26 +361,28 @@ class ViscousPropagation:
             if not switched and last >= self.burst.duration:
                 last = self.burst.duration
                 switched = True
-            heard = (times > first) & (times <= last) | ((times == 0.0) & (first == 0.0))
-            seen = np.flatnonzero((frames > first) & (frames <= last))
+            times_within = (times > first) & (times <= last) | ((times == 0.0) & (first == 0.0))
+            frames_within = np.flatnonzero((frames > first) & (frames <= last))
             span = last - first
             # the number of polynomials beyond which all terms are below _LEAST
             phase = self._radius * span
-            part = self._shift / self._radius
+            decay_share = self._shift / self._radius
             n = np.arange(math.ceil(2.0 * phase + 3.0 * self._shift * span) + 80)
-            sizes = np.abs(jv(n, phase)) * np.exp(np.minimum(n * math.asinh(part), 700.0))
+            sizes = np.abs(jv(n, phase)) * np.exp(np.minimum(n * math.asinh(decay_share), 700.0))
             count = int(np.flatnonzero(sizes > _LEAST)[-1]) + 2
             # coefficients at the end of the span, at the frames, and at the times of signals within
             # it
             n = np.arange(count)
-            when = np.concatenate([[span], frames[seen] - first, times[heard] - first])
+            moments = np.concatenate(
+                [[span], frames[frames_within] - first, times[times_within] - first]
+            )
             forms = (
                 np.where(n, 2.0, 1.0)
-                * jv(n, self._radius * when[:, None])
-                * np.exp(-self._shift * when)[:, None]
+                * jv(n, self._radius * moments[:, None])
+                * np.exp(-self._shift * moments)[:, None]
             )
-            whole = forms[: 1 + seen.size]
-            parts = forms[1 + seen.size :]
+            whole = forms[: 1 + frames_within.size]
+            parts = forms[1 + frames_within.size :]
             states = np.zeros((len(whole), z.size))
             sound = np.zeros((len(parts), signals.shape[1]))
             previous = z
@@ -393,8 +398,8 @@ class ViscousPropagation:
                 previous = current
                 current = following
             z = states[0]
-            signals[heard] = sound
-            displaced[seen], moving[seen] = (
+            signals[times_within] = sound
+            displaced[frames_within], moving[frames_within] = (
                 states[1:, :size] / self.operator.top,
                 states[1:, size : 2 * size],
             )

@@ -169,9 +169,12 @@ class Course:
                     continue
                 # the greatest length that measures both, by Euclid's algorithm; lengths below
                 # ``least`` are rounding
-                rest = float(height)
-                while rest > least:
-                    period, rest = rest, abs(period - rest * round(period / rest))
+                remainder = float(height)
+                while remainder > least:
+                    period, remainder = (
+                        remainder,
+                        abs(period - remainder * round(period / remainder)),
+                    )
         # places begin halfway between two planes of balls, where a cut meets no ball
         course = cls(network, direction, period)
         if math.isinf(period):
@@ -180,10 +183,10 @@ class Course:
             )
         # planes lie within a diameter; the widest gap among the balls there is the one between two
         # of them
-        every = course._wrap(course.heights)
-        near = np.sort(every)
+        wrapped = course._wrap(course.heights)
+        near = np.sort(wrapped)
         near = near[: max(2, int(np.searchsorted(near, course.spacing)) + 1)]
-        gaps = np.diff(near, prepend=np.max(every) - period)
+        gaps = np.diff(near, prepend=np.max(wrapped) - period)
         last = int(np.argmax(gaps > (1.0 - _THICK) * np.max(gaps)))
         return replace(course, origin=float(near[last] - 0.5 * gaps[last]))
 
@@ -219,19 +222,19 @@ class Course:
         # the two directions nearest to this one whose planes have a period of ``least``, with the
         # period, m
         periods = self.network.cell[list(self.network.pbc)]
-        found = []
+        candidates = []
         dual = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
-        most = np.floor(np.linalg.norm(periods, axis=1) / least).astype(int)
-        most = np.minimum(most, int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0)))
-        for whole in itertools.product(*(range(-n, n + 1) for n in most)):
+        highest = np.floor(np.linalg.norm(periods, axis=1) / least).astype(int)
+        highest = np.minimum(highest, int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0)))
+        for whole in itertools.product(*(range(-n, n + 1) for n in highest)):
             if math.gcd(*whole) == 1:
                 vector = np.array(whole) @ dual
                 size = 1.0 / float(np.linalg.norm(vector))
                 if size >= least:
-                    found.append(
+                    candidates.append(
                         (float(vector @ self.direction) * size, (size * vector).tolist(), size)
                     )
-        best = sorted(found, key=lambda one: -round(one[0], 9))[:2]
+        best = sorted(candidates, key=lambda one: -round(one[0], 9))[:2]
         better = [
             ([round(x, 12) + 0.0 for x in one[: self.network.dimension]], size)
             for _, one, size in best
@@ -255,10 +258,10 @@ class Course:
             if not cell
             else "an array whose numbers of cells make these lengths equal"
         )
-        what = f"planes across ({shown}) {closes} in this periodic network"
+        fault = f"planes across ({shown}) {closes} in this periodic network"
         why = f"{why}: {least:.6g} m are needed{cell}"
         mend = f"{longer}, or the direction {offer}" if better else f"or {longer}"
-        raise InputError(what, why, f"Take a shorter distance, {mend}")
+        raise InputError(fault, why, f"Take a shorter distance, {mend}")
 
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
@@ -279,9 +282,9 @@ class Course:
         if ends == "periodic" or (ends == "free" and math.isinf(self.period)):
             return self
         if math.isinf(self.period):
-            what = "there is no place for walls: the network has no period along this direction"
+            fault = "there is no place for walls: the network has no period along this direction"
             mend = "Leave ends out: the network then has the ends that it has"
-            raise InputError(what, "Walls are made where a period is cut", mend)
+            raise InputError(fault, "Walls are made where a period is cut", mend)
         network = self.network
         cut = self.crossings != 0
         if ends == "free":
@@ -305,7 +308,7 @@ class Course:
         face = float(np.max(self.places[held])) - self.period
         return replace(self, network=replace(network, masses=masses), face=face)
 
-    def find_plane(self, place: float, what: str) -> Index:
+    def find_plane(self, place: float, role: str) -> Index:
         """Return the balls that move within a quarter of a diameter of the ball nearest to
         ``place``, along the direction.
 
@@ -314,18 +317,18 @@ class Course:
         Raises :class:`~granphon.base.errors.InputError` if none is within a diameter.
         """
         moving = np.flatnonzero(self.network.moving)
-        away = self._find_offset(self.places[moving] - place)
-        nearest = int(np.argmin(np.round(np.abs(away) / self.spacing, 6)))
-        if abs(away[nearest]) > self.spacing:
+        offsets = self._find_offset(self.places[moving] - place)
+        nearest = int(np.argmin(np.round(np.abs(offsets) / self.spacing, 6)))
+        if abs(offsets[nearest]) > self.spacing:
             low = float(np.min(self.places[moving]))
             high = float(np.max(self.places[moving]))
             why = f"Balls lie from {low:.6g} to {high:.6g} m along the direction"
             mend = "Take a shorter distance, or a longer array"
             raise InputError(
-                f"there is no plane of balls for the {what} at {place:.6g} m", why, mend
+                f"there is no plane of balls for the {role} at {place:.6g} m", why, mend
             )
         thick = (_THICKER if self.network.lattice is None else _THICK) * self.spacing
-        return moving[np.abs(self._find_offset(away - away[nearest])) <= thick]
+        return moving[np.abs(self._find_offset(offsets - offsets[nearest])) <= thick]
 
     @property
     def _is_closed(self) -> bool:
@@ -365,8 +368,11 @@ class Course:
             if math.isfinite(self.period)
             else (float(np.min(moving)), float(np.max(moving)))
         )
-        ways = (2.0 * (start - first), 2.0 * (last - self.find_place(balls)))
-        return min((one for one in ways if one > 2.0 * self.spacing), default=2.0 * (last - first))
+        detours = (2.0 * (start - first), 2.0 * (last - self.find_place(balls)))
+        return min(
+            (detour for detour in detours if detour > 2.0 * self.spacing),
+            default=2.0 * (last - first),
+        )
 
 
 def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
@@ -385,18 +391,18 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     """
     if not cut.prestress:
         return cut
-    joined = make_operator(whole)
-    fall = find_fall(joined)  # the loads of the contacts that are cut are no imbalance
+    uncut = make_operator(whole)
+    fall = find_fall(uncut)  # the loads of the contacts that are cut are no imbalance
     if is_stable(make_operator(cut), fall):
         return cut
-    require_stable(joined)
-    rest = _detach(cut, np.setdiff1d(_find_hanging(cut), _find_hanging(whole)))
-    while rest.n_contacts:
-        operator = make_operator(rest)
+    require_stable(uncut)
+    remaining = _detach(cut, np.setdiff1d(_find_hanging(cut), _find_hanging(whole)))
+    while remaining.n_contacts:
+        operator = make_operator(remaining)
         if is_stable(operator, fall):
-            return rest
+            return remaining
         moved = np.linalg.norm(operator.values(find_falls(operator, fall)), axis=1)
-        rest = _detach(rest, operator.balls[np.unique(np.argmax(moved, axis=0))])
+        remaining = _detach(remaining, operator.balls[np.unique(np.argmax(moved, axis=0))])
     raise InstabilityError(_NOTHING_HELD)
 
 
@@ -410,9 +416,9 @@ def _find_hanging(network: ContactNetwork) -> Index:
     # a contact that pulls holds a ball alone, as a rope does
     holds = np.where(network.normal_force < 0.0, network.dimension, 1)
     hanging = np.zeros(n, bool)
-    before = -1
-    while np.count_nonzero(hanging) > before:
-        before = int(np.count_nonzero(hanging))
+    count = -1
+    while np.count_nonzero(hanging) > count:
+        count = int(np.count_nonzero(hanging))
         live = np.where(hanging[i] | hanging[j], 0, holds)
         hanging = network.moving & (
             np.bincount(i, live, n) + np.bincount(j, live, n) < network.dimension
@@ -682,16 +688,16 @@ class Pulse(Result):
         Raises :class:`~granphon.base.errors.InputError` for an unknown method, and a threshold that
         is not between 0 and 1.
         """
-        found = float(self._find_arrivals(self.coherent[None], method, threshold)[0][0])
-        return math.nan if self.why_unknown else found
+        flight = float(self._find_arrivals(self.coherent[None], method, threshold)[0][0])
+        return math.nan if self.why_unknown else flight
 
     def arrivals(self, method: str = "envelope", threshold: float = _BEGINS) -> Array:
         """Return the time of flight (n_r,) of the signal of each ball, s; nan where there is none.
 
         ``method`` and ``threshold`` are those of :meth:`arrival`.
         """
-        found = self._find_arrivals(self.signals, method, threshold)[0]
-        return np.full(found.shape, math.nan) if self._find_echo() else found
+        flights = self._find_arrivals(self.signals, method, threshold)[0]
+        return np.full(flights.shape, math.nan) if self._find_echo() else flights
 
     def _find_arrivals(
         self, signals: Array, method: str, threshold: float
@@ -727,24 +733,26 @@ class Pulse(Result):
             duration = self.cycles / self.frequency
             middle = time + 0.5 * duration
             clear = min(time + self.echo / float(self.fastest[0]), float(self.times[-1])) - middle
-            after = self.times - middle
+            since_middle = self.times - middle
             # what comes within each reach counts, fading out over its last third: the pulse alone,
             # and all that it trails, as waves near the top of a band are late. Either may agree
             # with the envelope by chance
             reaches = (min(_REACH * duration, clear), clear)
-            gates = [np.clip(3.0 * (1.0 - np.abs(after) / one), 0.0, 1.0) for one in reaches]
-            error = max(_find_delay(self.coherent * gate, after, hertz) for gate in gates)
-            scatter = _find_delay_error(self.signals * gates[0], after, hertz)
+            gates = [
+                np.clip(3.0 * (1.0 - np.abs(since_middle) / reach), 0.0, 1.0) for reach in reaches
+            ]
+            error = max(_find_delay(self.coherent * gate, since_middle, hertz) for gate in gates)
+            scatter = _find_delay_error(self.signals * gates[0], since_middle, hertz)
             gated = self.coherent * gates[0]
             # how much of that frequency is left, over the most of any other: as in the burst if all
             # travel alike
             wave = np.exp(-2j * np.pi * hertz * self.times)
-            left, given = (
+            share_received, share_sent = (
                 abs(complex(trace @ wave))
                 / float(np.max(np.abs(np.fft.rfft(trace, 2 * trace.size))))
                 for trace in (gated, self.sent)
             )
-            if left / given < _LEAST_SHARE or not error < _UNKNOWN * time:
+            if share_received / share_sent < _LEAST_SHARE or not error < _UNKNOWN * time:
                 why = (
                     f"what arrives are other waves of the burst than those of its frequency,"
                     f" {hertz:.6g} Hz, which are "
@@ -758,15 +766,15 @@ class Pulse(Result):
         its height.
         """
         # of the height itself a sample comes before
-        needed = (
+        least_detour = (
             0.5 * self.cycles / self.frequency + float(self.times[1] - self.times[0])
         ) * float(self.fastest[0])
-        if self.echo >= needed:
+        if self.echo >= least_detour:
             return ""
         return (
             "an echo from an end, or what runs round a periodic network the other way, may"
             " come before the pulse is at "
-            f"its height: its way is {self.echo:.4g} m longer, and {needed:.4g} m are needed."
+            f"its height: its way is {self.echo:.4g} m longer, and {least_detour:.4g} m are needed."
             f" Use a longer array, a "
             "shorter distance, a higher frequency or fewer cycles"
         )
@@ -776,22 +784,22 @@ class Pulse(Result):
         above 3 percent.
         """
         damping = max(self.damping, self.tangential_damping)
-        said = [_DAMPED] if math.pi * self.frequency * damping > _MOST_DAMPING else []
+        remarks = [_DAMPED] if math.pi * self.frequency * damping > _MOST_DAMPING else []
         if self.why_unknown:
-            said.append(f"the arrival of the pulse is not known: {self.why_unknown}")
+            remarks.append(f"the arrival of the pulse is not known: {self.why_unknown}")
         elif (unsure := self.velocity_error / self.velocity) > _UNSURE:
             _, shape, scatter, _ = self._flight
-            known = f"its velocity is known to {100.0 * unsure:.0f} % only: use"
+            accuracy = f"its velocity is known to {100.0 * unsure:.0f} % only: use"
             changes = (
-                f"the pulse changes its shape on the way, and {known} more cycles, a longer"
+                f"the pulse changes its shape on the way, and {accuracy} more cycles, a longer"
                 f" distance or a lower frequency"
             )
             differs = (
-                f"the pulse differs from ball to ball, and {known} a wider array, or the mean of"
+                f"the pulse differs from ball to ball, and {accuracy} a wider array, or the mean of"
                 f" several samples"
             )
-            said.append(changes if shape >= scatter else differs)
-        return tuple(said)
+            remarks.append(changes if shape >= scatter else differs)
+        return tuple(remarks)
 
     @property
     def time_of_flight(self) -> float:
@@ -843,9 +851,18 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     first = pulses[0]
     count = min(one.times.size for one in pulses)
     for one in pulses[1:]:
-        same = ("frequency", "cycles", "direction", "polarisation", "damping", "tangential_damping")
+        settings = (
+            "frequency",
+            "cycles",
+            "direction",
+            "polarisation",
+            "damping",
+            "tangential_damping",
+        )
         unlike = [
-            name for name in same if not np.array_equal(getattr(one, name), getattr(first, name))
+            name
+            for name in settings
+            if not np.array_equal(getattr(one, name), getattr(first, name))
         ]
         if len(one.planes) != len(first.planes):
             unlike.append("plane_distances")
@@ -856,8 +873,8 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         ):
             unlike.append("sent")
         if unlike:
-            what = f"the pulses differ in {', '.join(unlike)}"
-            raise InputError(what, mend="Average pulses that were sent alike")
+            fault = f"the pulses differ in {', '.join(unlike)}"
+            raise InputError(fault, mend="Average pulses that were sent alike")
     samples = []
     last = 0
     for one in pulses:
@@ -979,23 +996,23 @@ class Route:
     frames: Array
 
     @classmethod
-    def of(cls, network: ContactNetwork, wanted: PulseSource, margin: float = 1.0) -> Self:
+    def of(cls, network: ContactNetwork, request: PulseSource, margin: float = 1.0) -> Self:
         """Find the route; raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for
         the frequency.
 
         Waves may be faster than in this network by the factor ``margin``.
         """
-        hertz = positive("frequency", wanted.frequency, "Hz")
-        length = positive("distance", wanted.distance, "m")
-        burst = ToneBurst(hertz, positive("cycles", wanted.cycles))
+        hertz = positive("frequency", request.frequency, "Hz")
+        length = positive("distance", request.distance, "m")
+        burst = ToneBurst(hertz, positive("cycles", request.cycles))
         if burst.cycles < 1.0:
             raise InputError(f"cycles is {burst.cycles:g}", mend="Give 1 or more")
-        ends = one_of("ends", wanted.ends, ENDS)
-        along = read_vector("direction", wanted.direction, network.dimension)
-        push = read_push(network, along, wanted.polarisation)
-        apart = _read_list("planes", wanted.planes, "m", "above zero")
-        frames = _read_list("frames", wanted.frames, "s", "zero or above")
-        farthest = max([length, *apart.tolist()])
+        ends = one_of("ends", request.ends, ENDS)
+        along = read_vector("direction", request.direction, network.dimension)
+        push = read_push(network, along, request.polarisation)
+        plane_distances = _read_list("planes", request.planes, "m", "above zero")
+        frames = _read_list("frames", request.frames, "s", "zero or above")
+        farthest = max([length, *plane_distances.tolist()])
         course = Course.along(network, along)
         if ends == "periodic":
             course.require_period(
@@ -1004,7 +1021,7 @@ class Route:
         course.require_period(farthest, "The pulse would meet itself")
         course = course.with_ends(ends)
         # the balls that are pushed, and the place from which distances count
-        source = wanted.source
+        source = request.source
         moving = course.network.moving
         if isinstance(source, str):
             if source not in ("plane", "ball"):
@@ -1024,54 +1041,57 @@ class Route:
                 )
         at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
         start = course.face if at_face else course.find_place(sources)
-        groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
+        groups = [course.find_plane(start + one, "receivers") for one in (length, *plane_distances)]
         if np.isin(groups[0], sources).any():
-            what = f"the distance of {length:.6g} m leads to the plane of the source itself"
+            fault = f"the distance of {length:.6g} m leads to the plane of the source itself"
             why = "The receiving plane is that of the balls nearest to it"
             raise InputError(
-                what, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide"
+                fault, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide"
             )
         net = course.network
         axes = list(network.ball_motions.translations)
-        part = number_pieces(net.i, net.j, net.moving)
-        ways = np.intersect1d(part[groups[0]], part[sources])
-        if not ways.size and np.any(network.moving & ~moving) and ends == "free":
+        piece_of = number_pieces(net.i, net.j, net.moving)
+        shared_pieces = np.intersect1d(piece_of[groups[0]], piece_of[sources])
+        if not shared_pieces.size and np.any(network.moving & ~moving) and ends == "free":
             raise InstabilityError(_NOTHING_HELD)
-        if not ways.size:
-            what = (
+        if not shared_pieces.size:
+            fault = (
                 f"no contacts join the source and the {counted(len(groups[0]), 'ball')} of the"
                 f" receiving plane"
             )
-            why = f"The balls fall into {np.max(part) + 1} parts"
+            why = f"The balls fall into {np.max(piece_of) + 1} parts"
             mend = "Use a higher load, or one of network.pieces()"
-            raise InputError(what, why, mend)
+            raise InputError(fault, why, mend)
         # the velocities of long waves if all balls of a part moved in proportion: than the fastest
         # none is faster
-        own = part[np.where(net.moving[net.i], net.i, net.j)]
-        mass = np.bincount(part[net.moving], net.masses[net.moving])
-        way = (net.vector @ along) ** 2
+        pieces = piece_of[np.where(net.moving[net.i], net.i, net.j)]
+        mass = np.bincount(piece_of[net.moving], net.masses[net.moving])
+        squares = (net.vector @ along) ** 2
         shear = net.shear_stiffness
         n = net.normal.T
-        more = (net.normal_stiffness - shear) * way
+        differences = (net.normal_stiffness - shear) * squares
         tensor = np.array(
             [
-                [np.bincount(own, more * n[a] * n[b] + (a == b) * shear * way) for b in axes]
+                [
+                    np.bincount(pieces, differences * n[a] * n[b] + (a == b) * shear * squares)
+                    for b in axes
+                ]
                 for a in axes
             ]
         )
-        tensors = np.moveaxis(tensor, -1, 0)[ways] / mass[ways, None, None]
+        tensors = np.moveaxis(tensor, -1, 0)[shared_pieces] / mass[shared_pieces, None, None]
         fastest = np.sqrt(
             np.maximum(
                 [(push[axes] @ tensors @ push[axes]).max(), np.linalg.eigvalsh(tensors).max()], 0.0
             )
         )
         if not fastest[0] > 0.0:
-            what = "no contact resists this polarisation in this direction"
+            fault = "no contact resists this polarisation in this direction"
             raise InputError(
-                what, "Waves of it cost no energy", "Use friction, or another polarisation"
+                fault, "Waves of it cost no energy", "Use friction, or another polarisation"
             )
-        if wanted.duration is not None:
-            duration = positive("duration", wanted.duration, "s")
+        if request.duration is not None:
+            duration = positive("duration", request.duration, "s")
         else:
             duration = burst.duration + _LATE * farthest / float(fastest[0])
             if ends == "periodic":
@@ -1080,13 +1100,13 @@ class Route:
                 period = course.period
                 away = course.find_distance(start, groups[0])
                 velocity = fastest[0] / margin
-                needed = 2.0 * away + velocity * burst.duration
+                least_length = 2.0 * away + velocity * burst.duration
                 room = period - velocity * burst.duration
-                if needed > period:
+                if least_length > period:
                     nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
                     moments = ((period - away) / velocity, burst.duration, away / velocity)
                     end, pushed, flight = (write_quantity(one, "s", 3) for one in moments)
-                    what = (
+                    fault = (
                         f"the record ends at {end}, before the burst of {pushed} and the flight"
                         f" of {flight} are over"
                     )
@@ -1095,18 +1115,20 @@ class Route:
                         f" comes, which is {period:.4g} m"
                     )
                     other = "fewer cycles, a higher frequency, or ends: free"
-                    mend = f"Use {nearer}an array of {needed:.4g} m along the direction, {other}"
-                    raise InputError(what, f"{why} long", mend)
+                    mend = (
+                        f"Use {nearer}an array of {least_length:.4g} m along the direction, {other}"
+                    )
+                    raise InputError(fault, f"{why} long", mend)
                 duration = min(duration, (period - away) / float(fastest[0]))
         step = 1.0 / (READINGS * hertz)
         readings = duration / step if step else math.inf
         if not readings < _MOST_READINGS:
-            what = (
+            fault = (
                 f"a pulse of {hertz:g} Hz and {burst.cycles:g} cycles is read more than"
                 f" {_MOST_READINGS:,} times"
             )
             raise InputError(
-                what, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"
+                fault, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"
             )
         times: Array = step * np.arange(max(3, math.floor(readings) + 1), dtype=np.float64)
         return cls(course, burst, push, start, sources, groups, fastest, times, frames)
@@ -1122,14 +1144,14 @@ class Route:
         return max(float(self.times[-1]), self.burst.duration)
 
 
-def require_sendable(network: ContactNetwork, wanted: PulseSource) -> None:
+def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if it is known that a pulse cannot be sent,
     or not be read.
 
     ``network`` is the array of equal balls in the place of one of differing balls that has not been
     simulated. What depends on the forces of contacts is refused only where it is beyond doubt.
     """
-    route = Route.of(network, wanted, MARGIN)
+    route = Route.of(network, request, MARGIN)
     burst = route.burst
     operator = make_operator(route.course.network)
     limit = MARGIN * operator.top / (2.0 * math.pi)
@@ -1139,7 +1161,7 @@ def require_sendable(network: ContactNetwork, wanted: PulseSource) -> None:
 
 
 def transmit(
-    network: ContactNetwork, wanted: PulseSource, operator: WaveOperator | None = None
+    network: ContactNetwork, request: PulseSource, operator: WaveOperator | None = None
 ) -> Pulse:
     """Send a pulse through a network; see :meth:`granphon.waves.waves.Waves.transmit`.
 
@@ -1147,13 +1169,13 @@ def transmit(
     """
     from scipy.sparse.linalg import eigsh
 
-    tau = not_negative("damping", wanted.damping, "s")
-    across = (
+    tau = not_negative("damping", request.damping, "s")
+    tangential = (
         tau
-        if wanted.tangential_damping is None
-        else not_negative("tangential_damping", wanted.tangential_damping, "s")
+        if request.tangential_damping is None
+        else not_negative("tangential_damping", request.tangential_damping, "s")
     )
-    route = Route.of(network, wanted)
+    route = Route.of(network, request)
     course = route.course
     burst = route.burst
     push = route.push
@@ -1177,7 +1199,7 @@ def transmit(
             raise _explain_unreachable(
                 burst.frequency, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz"
             )
-    damped = ContactDamping.of(course.network, (tau, across))
+    damped = ContactDamping.of(course.network, (tau, tangential))
     even = damped.find_even(course.network) is not None
     _require_short(operator, route.last, float(np.max(damped.times)), not even)
     axes, root, receivers = (
@@ -1186,21 +1208,21 @@ def transmit(
         np.concatenate(groups),
     )
     e, forces = push[axes], operator.push(sources, push, root[sources])
-    heard = operator.places[receivers, : e.size]
-    what = f"{len(route.frames):,} frames of {network.n_balls:,} balls"
-    needed = 8.0 * len(route.frames) * (3.0 * network.n_balls + 2.0 * operator.size)
-    require_memory(what, needed, "Give fewer frames")
+    indices = operator.indices[receivers, : e.size]
+    fault = f"{len(route.frames):,} frames of {network.n_balls:,} balls"
+    memory = 8.0 * len(route.frames) * (3.0 * network.n_balls + 2.0 * operator.size)
+    require_memory(fault, memory, "Give fewer frames")
     propagation = (
         Propagation(operator, forces, burst, route.last, tau)
         if even
         else ViscousPropagation(operator, forces, burst, damped)
     )
     signals, displaced, moving = propagation.follow(
-        lambda vector: root[receivers] * (vector[heard] @ e),
+        lambda vector: root[receivers] * (vector[indices] @ e),
         route.times,
         np.concatenate([[burst.duration, route.end], route.frames]),
     )
-    parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
+    signals_of_planes = np.split(signals, np.cumsum([len(balls) for balls in groups[:-1]]))
     energies = [
         0.5 * (v @ v) + operator.store(x) for x, v in zip(displaced[:2], moving[:2], strict=True)
     ]
@@ -1209,25 +1231,25 @@ def transmit(
         frame[operator.balls[:, None], axes] = (
             root[operator.balls, None] * operator.values(vector)[:, : e.size]
         )
-    far = [course.find_distance(route.start, one) for one in groups]
-    fallen = np.flatnonzero(network.moving & ~course.network.moving & (wanted.ends == "free"))
+    distances = [course.find_distance(route.start, balls) for balls in groups]
+    fallen = np.flatnonzero(network.moving & ~course.network.moving & (request.ends == "free"))
     pulse = Pulse(
         burst.frequency,
         burst.cycles,
         course.direction,
         push,
         tau,
-        across,
-        far[0],
+        tangential,
+        distances[0],
         route.times,
         burst(route.times),
         sources,
         groups[0],
         np.zeros(len(groups[0]), int),
-        parts[0],
+        signals_of_planes[0],
         np.array(energies),
-        np.array(far[1:]),
-        np.array([np.mean(one, axis=0) for one in parts[1:]]),
+        np.array(distances[1:]),
+        np.array([np.mean(balls, axis=0) for balls in signals_of_planes[1:]]),
         route.frames,
         velocities,
         echo=course.find_echo(route.start, groups[0]),
@@ -1235,33 +1257,33 @@ def transmit(
         left_out=fallen.size,
     )
     depth = np.minimum(course.places, course.period - course.places)
-    said = list[str]()
+    remarks = list[str]()
     if fallen.size and np.max(depth[fallen]) >= np.min(depth[groups[0]]):
-        said.append(
+        remarks.append(
             f"static forces push {counted(fallen.size, 'ball')} over behind the ends that are"
             f" cut, as far inside as the "
             "receiving plane, so that the array is no longer what it was: use ends: walls,"
             " friction, or a higher load"
         )
-    return replace(pulse, warnings=(*said, *pulse.judge()))
+    return replace(pulse, warnings=(*remarks, *pulse.judge()))
 
 
-def _read_list(name: str, given: ArrayLike, unit: str, span: str) -> Array:
+def _read_list(name: str, value: ArrayLike, unit: str, span: str) -> Array:
     """Return numbers (n,), which may be none."""
     return (
-        finite_array(name, given, unit, span).ravel()
-        if real_array(name, given).size
+        finite_array(name, value, unit, span).ravel()
+        if real_array(name, value).size
         else np.zeros(0)
     )
 
 
-def read_vector(name: str, given: Any, dimension: int) -> Array:
+def read_vector(name: str, value: Any, dimension: int) -> Array:
     """Return a unit vector (3,) of one of 1 to 3 numbers; those that are left out are zero."""
-    vector = finite_array(name, given)
+    vector = finite_array(name, value)
     vector = np.atleast_1d(vector)
     if vector.ndim != 1 or vector.size > 3 or not np.any(vector):
         raise InputError(
-            f"{name} is {brief(given)}", f"It is a vector of {dimension} numbers, not all zero"
+            f"{name} is {brief(value)}", f"It is a vector of {dimension} numbers, not all zero"
         )
     vector = np.pad(vector, (0, 3 - vector.size)) / np.max(np.abs(vector))
     return np.asarray(vector / np.linalg.norm(vector))
@@ -1279,7 +1301,7 @@ def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool 
         ball = int(np.argmax(stray))
         (verb, how) = ("turn", "about") if turns else ("move", "along")
         shown = ", ".join(f"{x:.6g}" for x in rows[ball])
-        what = (
+        fault = (
             f"the {name} is {how} ({shown})"
             if along.ndim == 1
             else f"{name} of ball {ball} are ({shown})"
@@ -1289,42 +1311,44 @@ def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool 
             if axes
             else f"do not {verb}"
         )
-        raise InputError(what, f"Balls {allowed}")
+        raise InputError(fault, f"Balls {allowed}")
 
 
-def read_push(network: ContactNetwork, along: Array, given: Any) -> Array:
+def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array:
     """Return the unit vector (3,) along which a source pushes whose waves travel ``along``, from
     its polarisation.
     """
     axes = list(network.ball_motions.translations)
-    if not isinstance(given, str):
-        push = read_vector("polarisation", given, network.dimension)
-    elif given == "longitudinal":
+    if not isinstance(polarisation, str):
+        push = read_vector("polarisation", polarisation, network.dimension)
+    elif polarisation == "longitudinal":
         push = along
-    elif given == "out_of_plane":
+    elif polarisation == "out_of_plane":
         push = np.array([0.0, 0.0, 1.0])
-    elif given == "transverse":
+    elif polarisation == "transverse":
         # within the plane of the balls; in space the axis farthest from the direction, made
         # perpendicular to it
-        among = [axis for axis in ((0, 1) if network.dimension < 3 else (0, 1, 2)) if axis in axes]
-        if len(among) < 2:
-            what = f"the motions {network.motions!r} have no transverse waves in this direction"
-            raise InputError(what, mend="Name another polarisation, or give a vector")
-        axis = among[int(np.argmin(np.round(np.abs(along[among]), 9)))]
+        candidates = [
+            axis for axis in ((0, 1) if network.dimension < 3 else (0, 1, 2)) if axis in axes
+        ]
+        if len(candidates) < 2:
+            fault = f"the motions {network.motions!r} have no transverse waves in this direction"
+            raise InputError(fault, mend="Name another polarisation, or give a vector")
+        axis = candidates[int(np.argmin(np.round(np.abs(along[candidates]), 9)))]
         push = np.eye(3)[axis] - along[axis] * along
         push = push / np.linalg.norm(push)
     else:
-        known = "longitudinal, transverse, out_of_plane, or a vector"
-        raise InputError(f"polarisation is {brief(given)}", mend=f"Use {known}")
+        options = "longitudinal, transverse, out_of_plane, or a vector"
+        raise InputError(f"polarisation is {brief(polarisation)}", mend=f"Use {options}")
     require_moves("push", push, network)
     return push
 
 
 def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
     """Return the error of a frequency above the ``limit`` of the network's modes, in words."""
-    what = f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit}"
+    fault = f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit}"
     return UnreachableFrequencyError(
-        what, "Nothing of the pulse would travel", "Lower the frequency"
+        fault, "Nothing of the pulse would travel", "Lower the frequency"
     )
 
 

@@ -302,7 +302,7 @@ def find_peaks(
             & (pole.imag > 0.0)
             & (np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * step))
         )
-        found = np.where(is_mode, pole.real, x[1])
+        peak_squares = np.where(is_mode, pole.real, x[1])
         heights = np.where(
             is_mode, np.maximum(top, magnitude[rows]), np.where(is_broad, magnitude[rows], np.nan)
         )
@@ -313,18 +313,25 @@ def find_peaks(
         pole_of_line, square, between = _approach_lines(
             squares[:, lines], heard[:, lines], narrow[lines], solve
         )
-        own = _fit_pole(square[..., None], between)
-        is_same = np.abs(own - pole_of_line[:, None]) <= _SAME_LINE * pole_of_line.imag[:, None]
+        receiver_poles = _fit_pole(square[..., None], between)
+        is_same = (
+            np.abs(receiver_poles - pole_of_line[:, None])
+            <= _SAME_LINE * pole_of_line.imag[:, None]
+        )
         height = np.abs(between[1])
         is_line = narrow[lines] & is_same & (height >= magnitude[rows[lines]])
-        found[lines] = np.where(is_line, square[1][:, None], found[lines])
+        peak_squares[lines] = np.where(is_line, square[1][:, None], peak_squares[lines])
         heights[lines] = np.where(is_line, height, heights[lines])
         quality[lines] = np.where(
             is_line, (pole_of_line.real / pole_of_line.imag)[:, None], quality[lines]
         )
     return tuple(
-        Peaks(np.sqrt(found[mine, receiver]), heights[mine, receiver], quality[mine, receiver])
-        for receiver, mine in enumerate(is_top.T)
+        Peaks(
+            np.sqrt(peak_squares[is_peak, receiver]),
+            heights[is_peak, receiver],
+            quality[is_peak, receiver],
+        )
+        for receiver, is_peak in enumerate(is_top.T)
     )
 
 
@@ -360,36 +367,36 @@ def _approach_lines(
     pole = np.full(len(low), np.nan + 0j)
     with np.errstate(divide="ignore", invalid="ignore"):
         estimate = _fit_pole(x, values, heard)
-    left = np.arange(len(low))
+    active = np.arange(len(low))
     for _ in range(_ROUNDS):
-        left = left[np.isfinite(estimate[left])]
-        if not left.size:
+        active = active[np.isfinite(estimate[active])]
+        if not active.size:
             break
-        centre = np.clip(estimate[left].real, low[left], high[left])
+        centre = np.clip(estimate[active].real, low[active], high[active])
         half_width = np.clip(
-            np.abs(estimate[left].imag), _NARROWEST * centre, 0.25 * (high - low)[left]
+            np.abs(estimate[active].imag), _NARROWEST * centre, 0.25 * (high - low)[active]
         )
-        x[:, left] = centre + half_width * np.array([[-1.0], [0.0], [1.0]])
-        frequencies, place = np.unique(np.sqrt(x[:, left]), return_inverse=True)
-        values[:, left] = solve(frequencies)[place.reshape(3, left.size)]
+        x[:, active] = centre + half_width * np.array([[-1.0], [0.0], [1.0]])
+        frequencies, index = np.unique(np.sqrt(x[:, active]), return_inverse=True)
+        values[:, active] = solve(frequencies)[index.reshape(3, active.size)]
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = _fit_pole(x[:, left], values[:, left], heard[left])
-        stands = (np.abs(found - estimate[left]) <= _STANDS * found.imag) & (
-            found.imag > _NARROWEST * centre
+            renewed = _fit_pole(x[:, active], values[:, active], heard[active])
+        stands = (np.abs(renewed - estimate[active]) <= _STANDS * renewed.imag) & (
+            renewed.imag > _NARROWEST * centre
         )
-        pole[left[stands]] = found[stands]
-        estimate[left] = found
-        left = left[~stands]
+        pole[active[stands]] = renewed[stands]
+        estimate[active] = renewed
+        active = active[~stands]
     return pole, x, values
 
 
 def require_places(
-    network: ContactNetwork, name: str, given: Any, moved: bool, **options: Any
+    network: ContactNetwork, name: str, value: Any, moved: bool, **options: Any
 ) -> None:
     """Raise InputError unless a network has the places of a source or receiver, as arguments of
     ``Waves.response``.
     """
-    _Places(network, **options).find(name, given, held=moved)
+    _Places(network, **options).find(name, value, held=moved)
 
 
 def find_response(
@@ -429,14 +436,14 @@ def find_response(
     if moved:
         drives = [
             operator.pull(amplitude),
-            *(operator.pull(amplitude, one) for one in (damped.losses, damped.times)),
+            *(operator.pull(amplitude, weights) for weights in (damped.losses, damped.times)),
         ]
     else:
         pushed = operator.vector(
             amplitude[operator.balls] / np.sqrt(network.masses[operator.balls])[:, None]
         )
         drives = [pushed, np.zeros(operator.size), np.zeros(operator.size)]
-    heard = operator.places[receivers, : len(axes)]
+    heard = operator.indices[receivers, : len(axes)]
     ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
     problem = _Problem(
         operator,
@@ -454,9 +461,9 @@ def find_response(
             values = values * (2j * math.pi * at)[:, None]
         return values, error, factored, steps
 
-    what = f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies"
+    fault = f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies"
     require_memory(
-        what, _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)), "Take fewer frequencies"
+        fault, _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)), "Take fewer frequencies"
     )
     values, error, factored, steps = solve(hertz)
     warnings = damped.find_warnings(float(np.max(hertz)))
@@ -511,27 +518,27 @@ class _Places:
         self.polarisation = polarisation
         self.distance = None if distance is None else positive("distance", distance, "m")
 
-    def find(self, name: str, given: Any, held: bool = False) -> tuple[Index, Array]:
+    def find(self, name: str, value: Any, held: bool = False) -> tuple[Index, Array]:
         """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of
         these.
         """
         network = self.network
-        several = given if isinstance(given, list) else [given]
+        several = value if isinstance(value, list) else [value]
         balls = [np.zeros(0, int)]
         vectors = [np.zeros((0, 3))]
-        for one in several:
-            if isinstance(one, str) and one == "plane":
-                found = self._find_plane(name, held)
+        for item in several:
+            if isinstance(item, str) and item == "plane":
+                chosen = self._find_plane(name, held)
                 vector = read_push(network, self.along, self.polarisation)
-            elif isinstance(one, tuple) and len(one) == 2:
-                found = index_array(name, one[0], network.n_balls)
-                vector = self._read_direction(one[1])
+            elif isinstance(item, tuple) and len(item) == 2:
+                chosen = index_array(name, item[0], network.n_balls)
+                vector = self._read_direction(item[1])
             else:
                 mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
-                raise InputError(f"the {name} is {brief(one)}", mend=mend)
+                raise InputError(f"the {name} is {brief(item)}", mend=mend)
             require_moves(name, vector, network)
-            balls.append(found)
-            vectors.append(np.tile(vector, (len(found), 1)))
+            balls.append(chosen)
+            vectors.append(np.tile(vector, (len(chosen), 1)))
         every = np.concatenate(balls)
         if not every.size:
             raise InputError(
@@ -539,7 +546,7 @@ class _Places:
             )
         wrong = every[network.moving[every] == held]
         if wrong.size:
-            what = f"ball {wrong[0]} of the {name} {'moves' if held else 'does not move'}"
+            fault = f"ball {wrong[0]} of the {name} {'moves' if held else 'does not move'}"
             why = (
                 "A transmissibility is that of a wall or floor"
                 if held
@@ -550,20 +557,20 @@ class _Places:
                 if held
                 else "Ask for the transmissibility, to move it" * (name == "source")
             )
-            raise InputError(what, why, mend)
+            raise InputError(fault, why, mend)
         ends = np.stack([network.i, network.j])
         if held and not np.any(np.isin(ends, every) & network.moving[ends[::-1]]):
-            what = f"the {name} touches no ball that moves"
+            fault = f"the {name} touches no ball that moves"
             mend = "Give those balls of the wall that touch others"
-            raise InputError(what, "Nothing moves when it does", mend)
+            raise InputError(fault, "Nothing moves when it does", mend)
         return every, np.concatenate(vectors)
 
-    def _read_direction(self, given: Any) -> Array:
-        if isinstance(given, str):
-            if given not in ("x", "y", "z"):
-                raise InputError(f"a direction is {brief(given)}", mend="Use x, y, z, or a vector")
-            return np.asarray(np.eye(3)["xyz".index(given)])
-        return read_vector("direction", given, self.network.dimension)
+    def _read_direction(self, value: Any) -> Array:
+        if isinstance(value, str):
+            if value not in ("x", "y", "z"):
+                raise InputError(f"a direction is {brief(value)}", mend="Use x, y, z, or a vector")
+            return np.asarray(np.eye(3)["xyz".index(value)])
+        return read_vector("direction", value, self.network.dimension)
 
     def _find_plane(self, name: str, held: bool) -> Index:
         """Return the first plane of balls along the direction, or that of receivers."""
@@ -586,10 +593,10 @@ class _Places:
                 course.find_place(course.find_plane(first, name)) + self.distance, name
             )
         if math.isfinite(course.period):
-            what = (
+            fault = (
                 "the receiving plane has no distance, and the network repeats along the direction"
             )
-            raise InputError(what, mend="Give the distance, m, from the first plane")
+            raise InputError(fault, mend="Give the distance, m, from the first plane")
         return course.find_plane(float(np.max(places)), name)
 
 
@@ -638,7 +645,9 @@ class ResponseWork:
         """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness; tension is one
         that loses no energy.
         """
-        rows = [self.operator.of_rows(one) for one in (self.damping.losses, self.damping.times)]
+        rows = [
+            self.operator.of_rows(weights) for weights in (self.damping.losses, self.damping.times)
+        ]
         return np.stack(rows)[:, self.operator.of_rows() > 0.0]
 
     @cached_property
@@ -705,14 +714,15 @@ class ResponseWork:
         n = self.operator.size
         d = self.operator.network.dimension
         pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * self.least)).imag)
-        found = np.full(w.shape, np.inf)
-        known = (self.distance > 0.0) & (pace > 0.0)
+        counts = np.full(w.shape, np.inf)
+        is_bounded = (self.distance > 0.0) & (pace > 0.0)
         if not self.is_strong:
             pace += 2.0 * _MODE_PACE / np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
-        found[known] = (
-            np.log(np.maximum(1.0 / self.distance[known], 1.0) / self.tolerance) / pace[known]
+        counts[is_bounded] = (
+            np.log(np.maximum(1.0 / self.distance[is_bounded], 1.0) / self.tolerance)
+            / pace[is_bounded]
         )
-        return found * (
+        return counts * (
             _INCOMPLETE if self.is_strong else _SYMMETRIC if self.has_order_one else 1.0
         )
 
@@ -754,26 +764,26 @@ class ResponseWork:
 
         count = self.omega.size
         lowest = write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
-        what = f"the response of {self.operator.size:,} motions from {lowest} on {fails}"
-        ways = [f"a Krylov space takes about {write_duration(most * self.step)}"] * math.isfinite(
-            most
-        )
+        fault = f"the response of {self.operator.size:,} motions from {lowest} on {fails}"
+        alternatives = [
+            f"a Krylov space takes about {write_duration(most * self.step)}"
+        ] * math.isfinite(most)
         if math.isfinite(self.price):
             takes = write_duration(self.price * count)
-            ways.append(
+            alternatives.append(
                 f"factors at {counted(count, 'frequency', 'frequencies')} take about {takes}"
             )
-        what += f": {', and '.join(ways)}" * bool(ways)
+        fault += f": {', and '.join(alternatives)}" * bool(alternatives)
         why = (
             "Modes of a large network lie close together, and with little damping the response is"
             " that of each by itself"
         )
         network = self.operator.network
         for eta in (0.01, 0.02, 0.05, 0.1):
-            other = replace(self, damping=ContactDamping.of(network, 0.0, eta))
-            least = float(np.max(other.steps))
-            if other.even is not None and least <= _MOST and least * other.step <= _LONGEST:
-                takes = write_duration(least * other.step)
+            damped = replace(self, damping=ContactDamping.of(network, 0.0, eta))
+            least = float(np.max(damped.steps))
+            if damped.even is not None and least <= _MOST and least * damped.step <= _LONGEST:
+                takes = write_duration(least * damped.step)
                 mend = (
                     f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about"
                     f" {takes}"
@@ -782,7 +792,7 @@ class ResponseWork:
         else:
             mend = "Leave out the lowest frequencies, or take a smaller network"
         mend += "; or name the method, to wait for it" * ("longer" in fails)
-        return ConvergenceError(what, self.unfit or why, mend)
+        return ConvergenceError(fault, self.unfit or why, mend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -819,25 +829,27 @@ class _Problem:
             np.zeros((omega.size, len(self.heard)), complex),
             np.full(omega.size, np.inf),
         )
-        some, steps, free = (
+        by_krylov, steps, free = (
             np.flatnonzero(~by_factors),
             0,
             method is None and math.isfinite(work.price),
         )
-        if some.size:
-            most = float(np.max(work.steps[some])) if free else math.inf
-            values[some], error[some], steps = self._follow(replace(work, omega=omega[some]), most)
+        if by_krylov.size:
+            most = float(np.max(work.steps[by_krylov])) if free else math.inf
+            values[by_krylov], error[by_krylov], steps = self._follow(
+                replace(work, omega=omega[by_krylov]), most
+            )
         # what arrives deep in a gap is less than the rounding of a Krylov space; factors have all
         # of its digits
         deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
         if free and deep.size * work.price <= max(steps * work.step, _AGAIN):
             error[deep] = np.inf
-        left = np.flatnonzero(np.isinf(error))
-        if left.size and (method == "krylov" or not math.isfinite(work.price)):
-            raise replace(work, omega=omega[left]).explain("is not found by a Krylov space")
-        if left.size:
-            values[left], error[left] = self._factorise(omega[left])
-        return values, error, int(left.size), steps if left.size < omega.size else 0
+        unsolved = np.flatnonzero(np.isinf(error))
+        if unsolved.size and (method == "krylov" or not math.isfinite(work.price)):
+            raise replace(work, omega=omega[unsolved]).explain("is not found by a Krylov space")
+        if unsolved.size:
+            values[unsolved], error[unsolved] = self._factorise(omega[unsolved])
+        return values, error, int(unsolved.size), steps if unsolved.size < omega.size else 0
 
     def _make_space(self, work: ResponseWork) -> _Space:
         omega = work.omega
@@ -879,12 +891,12 @@ class _Problem:
         w = omega / top
         viscous = parts.weigh(self.damping.times)
         spring = np.sqrt(-parts.weigh() - 1j * parts.weigh(self.damping.losses)) / top
-        lost = viscous / top
+        dashpots = viscous / top
 
         def apply(x: Complex) -> Complex:
             strain, out = parts.deform(x[:n]), np.empty_like(x)
             stress = x[n:] * spring
-            stress -= lost * strain
+            stress -= dashpots * strain
             out[:n] = parts.pull(stress)
             np.multiply(strain, spring, out=out[n:])
             return out
@@ -901,9 +913,9 @@ class _Problem:
         reach = np.where(w > 0.0, (w + largest) * _invert(work.distance), np.inf)
         if work.is_strong:
             return _Space(apply, np.vdot, start, 1j * w, scale, reach)
-        told = 1j * (scale / (1.0 + w))[:, None] * self._listen(start)
+        direct = 1j * (scale / (1.0 + w))[:, None] * self._listen(start)
         return _Space(
-            apply, np.dot, start - 1j * apply(start), 1j * w, scale / (1.0 + w), reach, told
+            apply, np.dot, start - 1j * apply(start), 1j * w, scale / (1.0 + w), reach, direct
         )
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
@@ -919,35 +931,35 @@ class _Problem:
         place = factorise(operator.matrix / squared + eye_array(operator.size)).perm_c
         unit = eye_array(operator.size)
         order = np.argsort(place)
-        lost = [
+        lossy_parts = [
             (power, one)
             for power, one in enumerate((self.damping.losses, self.damping.times))
             if np.any(one)
         ]
-        given: list[Any] = [operator.matrix, *(operator.weigh(one) for _, one in lost)]
+        matrices: list[Any] = [operator.matrix, *(operator.weigh(one) for _, one in lossy_parts)]
         matrix, ones, elastic, *lossy = share_places(
-            [unit, *((one / squared)[order][:, order] for one in given)]
+            [unit, *((one / squared)[order][:, order] for one in matrices)]
         )
         drives = [one[order] / squared for one in self.drives]
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
         for row, w in enumerate(omega.tolist()):
             entries = elastic - w**2 / squared * ones
             drive = drives[0]
-            for part, (power, _) in zip(lossy, lost, strict=True):
+            for part, (power, _) in zip(lossy, lossy_parts, strict=True):
                 if factor := 1j * w**power:
                     entries = entries + factor * part
                     drive = drive + factor * drives[1 + power]
             matrix.data = entries
             drive = drive.astype(matrix.dtype)
             x = np.zeros(operator.size, matrix.dtype)
-            found = values[row]
+            heard = values[row]
             try:
                 factors = factorise(matrix, pivot=PIVOT, order="NATURAL")
                 for solution in range(_SOLUTIONS):
                     x += (change := factors.solve(drive - matrix @ x))
-                    before = found
-                    found = self._listen(x[place])
-                    error[row] = np.max(np.abs(found - before)) / (np.max(np.abs(found)) or 1.0)
+                    previous = heard
+                    heard = self._listen(x[place])
+                    error[row] = np.max(np.abs(heard - previous)) / (np.max(np.abs(heard)) or 1.0)
                     if solution and error[row] <= TOLERANCE:
                         break
                 # the entries of Z, and omega, have the rounding of a float
@@ -955,13 +967,13 @@ class _Problem:
                     np.finfo(float).eps * (np.abs(matrix.diagonal()) + 2.0 * w**2 / squared) * x
                 )
                 error[row] += np.max(np.abs(self._listen(rounded[place]))) / (
-                    np.max(np.abs(found)) or 1.0
+                    np.max(np.abs(heard)) or 1.0
                 )
             except RuntimeError:  # exactly singular
                 raise _explain_resonance(w) from None
             if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x):
                 raise _explain_resonance(w)
-            values[row] = found
+            values[row] = heard
         return values, error
 
     def _follow(self, work: ResponseWork, most: float) -> tuple[Complex, Array, int]:
@@ -972,7 +984,7 @@ class _Problem:
         from scipy.linalg.blas import daxpy, zaxpy
 
         omega, tolerance, space = work.omega, work.tolerance, self._make_space(work)
-        told = np.broadcast_to(space.told, (omega.size, len(self.heard)))
+        direct = np.broadcast_to(space.told, (omega.size, len(self.heard)))
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
         if not np.any(space.start):
             return values, error, 0
@@ -980,15 +992,15 @@ class _Problem:
         add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy
         size = np.sqrt(space.product(space.start, space.start))
         loud = float(np.max(np.linalg.norm(self.ears, axis=1)))
-        before = np.zeros_like(space.start)
+        previous = np.zeros_like(space.start)
         current = space.start / size
         # the matrix by its columns, above, on and below the diagonal; the signals; the last pivot
         # and part of the solutions
         bands = np.zeros((3, _FIRST), complex)
         signals = np.zeros((_FIRST, len(self.heard)), current.dtype)
         pivot = np.ones(omega.size, complex)
-        part = np.ones(omega.size)
-        left = np.isfinite(space.bound)
+        residual_share = np.ones(omega.size)
+        active = np.isfinite(space.bound)
         look = np.full(omega.size, _LOOK)
         below = 1.0
         largest = 0.0
@@ -999,25 +1011,27 @@ class _Problem:
                 signals = np.pad(signals, ((0, step - 1), (0, 0)))
             signals[step - 1] = self._listen(current)
             following = space.apply(current)
-            above = space.product(before, following)
-            following = add(before, following, a=-above)
-            own = space.product(current, following)
-            following = add(current, following, a=-own)
-            pivot = own - space.shifts - above * below / pivot
-            part = np.minimum(
-                part * np.abs(below / np.where(pivot == 0.0, np.finfo(float).tiny, pivot)), _LOST
+            above = space.product(previous, following)
+            following = add(previous, following, a=-above)
+            diagonal = space.product(current, following)
+            following = add(current, following, a=-diagonal)
+            pivot = diagonal - space.shifts - above * below / pivot
+            residual_share = np.minimum(
+                residual_share
+                * np.abs(below / np.where(pivot == 0.0, np.finfo(float).tiny, pivot)),
+                _LOST,
             )
             below = np.sqrt(space.product(following, following))
             length = math.sqrt(np.vdot(following, following).real)
-            bands[:, step - 1] = above, own, below
-            largest = max(largest, length, abs(own))
+            bands[:, step - 1] = above, diagonal, below
+            largest = max(largest, length, abs(diagonal))
             complete = length <= _COMPLETE * largest
             if not complete and abs(below) <= _DEGENERATE * length:
                 break
             growth = growth if complete else max(growth, (length / abs(below)) ** 2)
-            for place in np.flatnonzero(left & ((length * part <= look) | complete)):
+            for number in np.flatnonzero(active & ((length * residual_share <= look) | complete)):
                 matrix = bands[:, :step].copy()
-                matrix[1] -= space.shifts[place]
+                matrix[1] -= space.shifts[number]
                 y = solve_banded(
                     (1, 1), matrix, np.eye(1, step, dtype=complex)[0], check_finite=False
                 )
@@ -1025,29 +1039,31 @@ class _Problem:
                 z = solve_banded(
                     (1, 1), matrix, np.finfo(float).eps * largest * y, check_finite=False
                 )
-                found, rounded = size * space.scale[place] * (np.stack([y, z]) @ signals[:step])
-                values[place] = found = found + told[place]
-                rest = 0.0 if complete else abs(size) * length * float(part[place])
-                least = abs(space.scale[place]) * loud * rest * space.bound[place]
-                heard = float(np.max(np.abs(found))) or least or 1.0
+                solution, rounded = size * space.scale[number] * (np.stack([y, z]) @ signals[:step])
+                values[number] = solution = solution + direct[number]
+                residual = 0.0 if complete else abs(size) * length * float(residual_share[number])
+                least = abs(space.scale[number]) * loud * residual * space.bound[number]
+                heard = float(np.max(np.abs(solution))) or least or 1.0
                 cut = least / heard
-                error[place] = (
+                error[number] = (
                     np.finfo(float).eps * math.sqrt(step) * growth
                     + np.max(np.abs(rounded)) / heard
                     + cut
                 )
                 # before anything is heard nothing is known
-                enough = _ROUNDING * abs(size) * growth if np.any(found) else 0.0
-                left[place] = not complete and cut > tolerance and rest > enough
-                look[place] = (
-                    rest / abs(size) * max(0.5 * tolerance / cut, _NEXT) if left[place] else 0.0
+                enough = _ROUNDING * abs(size) * growth if np.any(solution) else 0.0
+                active[number] = not complete and cut > tolerance and residual > enough
+                look[number] = (
+                    residual / abs(size) * max(0.5 * tolerance / cut, _NEXT)
+                    if active[number]
+                    else 0.0
                 )
-            if complete or not np.any(left & (part < _LOST)):
+            if complete or not np.any(active & (residual_share < _LOST)):
                 break
-            before = current
+            previous = current
             current = following
             current /= below
-        error[left] = np.inf
+        error[active] = np.inf
         return values, error, step
 
 
@@ -1059,6 +1075,6 @@ def _invert(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _explain_resonance(omega: float) -> InputError:
-    what = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
+    fault = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
     why = "The network has a mode of this frequency that loses no energy"
-    return InputError(what, why, "Give a damping or a loss_factor, or another frequency")
+    return InputError(fault, why, "Give a damping or a loss_factor, or another frequency")

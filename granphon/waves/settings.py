@@ -267,12 +267,12 @@ class Signal:
         for name, unit in (("times", "s"), ("values", "")):
             object.__setattr__(self, name, finite_list(name, getattr(self, name), unit))
         if len(self.times) != len(self.values) or len(self.times) < 2:
-            what = f"{len(self.times)} times and {len(self.values)} values"
-            raise Refused(what, "two or more times, each with a value")
+            fault = f"{len(self.times)} times and {len(self.values)} values"
+            raise Refused(fault, "two or more times, each with a value")
         if self.times[0] < 0.0 or np.any(np.diff(self.times) <= 0.0):
-            place = 0 if self.times[0] < 0.0 else int(np.argmax(np.diff(self.times) <= 0.0)) + 1
+            row = 0 if self.times[0] < 0.0 else int(np.argmax(np.diff(self.times) <= 0.0)) + 1
             raise Refused(
-                f"the time {self.times[place]:g} s in row {place + 1}",
+                f"the time {self.times[row]:g} s in row {row + 1}",
                 "times from 0 s on, each after the one before",
             )
 
@@ -285,11 +285,13 @@ class Signal:
         ``step``, s, do not show.
         """
         steps = np.floor(np.divide(self.times, step))
-        seen = step * np.union1d(steps, steps + 1.0)
-        times = np.union1d([*self.times, end], seen)
+        sampled = step * np.union1d(steps, steps + 1.0)
+        times = np.union1d([*self.times, end], sampled)
         values = np.interp(times, self.times, self.values)
-        off = values - np.interp(times, seen, np.interp(seen, self.times, self.values))
-        apart, area = (float(np.diff(times) @ np.abs(one[1:] + one[:-1])) for one in (off, values))
+        off = values - np.interp(times, sampled, np.interp(sampled, self.times, self.values))
+        apart, area = (
+            float(np.diff(times) @ np.abs(heights[1:] + heights[:-1])) for heights in (off, values)
+        )
         return apart / area if area else 0.0
 
 
@@ -350,9 +352,9 @@ class DriveSettings:
             return np.array(self.balls, np.intp)
         axis = int(np.sum(network.pbc))
         if axis >= network.dimension:
-            what = f"the array has no {self.balls} face"
+            fault = f"the array has no {self.balls} face"
             raise InputError(
-                what,
+                fault,
                 "It repeats along all its axes",
                 "Cut it (motion.cut), or give numbers of balls",
             )
@@ -518,12 +520,12 @@ def _read_time(value: Any) -> float:
 def _read_polarisations(value: Any) -> tuple[str, ...]:
     """Read one polarisation, or a list of them, each once."""
     rule = partial(choice, options=POLARISATIONS)
-    found: tuple[str, ...] = (
+    names: tuple[str, ...] = (
         each(value, rule, "polarisations") if isinstance(value, list | tuple) else (rule(value),)
     )
-    if len(set(found)) < len(found):
+    if len(set(names)) < len(names):
         raise Refused(show(value), f"{', '.join(POLARISATIONS)}, each once")
-    return found
+    return names
 
 
 def _read_places(value: Any) -> tuple[str, ...]:
@@ -564,12 +566,13 @@ def find_place(text: str) -> Any:
 def _is_vector(words: list[Any]) -> bool:
     """Whether words are one to three numbers, not all zero."""
     numbers = [
-        float(one) if isinstance(one, str) and re.fullmatch(NUMBER, one) else one for one in words
+        float(word) if isinstance(word, str) and re.fullmatch(NUMBER, word) else word
+        for word in words
     ]
     return (
         1 <= len(numbers) <= 3
         and any(numbers)
-        and all(math.isfinite(real_number(one)) for one in numbers)
+        and all(math.isfinite(real_number(word)) for word in numbers)
     )
 
 
@@ -585,7 +588,7 @@ def _one_or_two(value: Any, rule: Rule) -> Any:
 def write_setting(name: str, value: Any) -> Any:
     """Return a value of one of the blocks as a scene file holds it, in SI units."""
     if isinstance(value, tuple):
-        return [write_setting(name, one) for one in value]
+        return [write_setting(name, entry) for entry in value]
     return _QUANTITIES[name].write(value) if name in _QUANTITIES and value else value
 
 
@@ -621,13 +624,13 @@ def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
             _read_signal, name="displacement", kind=WAY, read=read, folder=folder
         ),
     }
-    given = [name for name in DRIVES if isinstance(value, dict) and name in value]
-    if len(given) > 1:
-        raise Refused(" and ".join(given), f"exactly one of {', '.join(DRIVES)}")
-    found = block(value, rules, ("balls",))
-    if not given:
+    kinds = [name for name in DRIVES if isinstance(value, dict) and name in value]
+    if len(kinds) > 1:
+        raise Refused(" and ".join(kinds), f"exactly one of {', '.join(DRIVES)}")
+    fields = block(value, rules, ("balls",))
+    if not kinds:
         raise Refused("balls alone", f"exactly one of {', '.join(DRIVES)}")
-    return DriveSettings(**found)
+    return DriveSettings(**fields)
 
 
 def read_direction(value: Any) -> tuple[float, ...]:
@@ -639,10 +642,10 @@ def read_direction(value: Any) -> tuple[float, ...]:
         if isinstance(value, list | tuple)
         else [value]
     )
-    found = each(words, partial(fraction, largest=1e3), "numbers")
-    if len(found) > 3 or not any(found):
+    numbers = each(words, partial(fraction, largest=1e3), "numbers")
+    if len(numbers) > 3 or not any(numbers):
         raise Refused(show(value), "one to three numbers, not all zero, such as 0 1")
-    return found
+    return numbers
 
 
 def _read_balls(value: Any) -> tuple[int, ...] | str:
@@ -655,10 +658,10 @@ def _read_balls(value: Any) -> tuple[int, ...] | str:
         else value
     )
     listed = words if isinstance(words, list | tuple) else [words]
-    found = each(listed, partial(whole, low=0, high=100_000_000), "numbers of balls")
-    if len(set(found)) < len(found):
+    balls = each(listed, partial(whole, low=0, high=100_000_000), "numbers of balls")
+    if len(set(balls)) < len(balls):
         raise Refused(show(value), "each ball once")
-    return found
+    return balls
 
 
 def _read_shaker(value: Any, read: bool) -> Shaker:
@@ -689,33 +692,33 @@ def _read_signal(value: Any, name: str, kind: Quantity, read: bool, folder: Path
             raise Refused(
                 show(value), f"a table with the columns time and {name}", str(error)
             ) from None
-    given = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
+    lists = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
     kinds = {"time": SINCE, name: kind}
     rules: dict[str, Rule] = {
         one: partial(each, rule=_quantity(of, read), what="values") for one, of in kinds.items()
     }
-    found = block(given, rules, ("time", name))
-    return Signal(found["time"], found[name])
+    columns = block(lists, rules, ("time", name))
+    return Signal(columns["time"], columns[name])
 
 
 def write_drives(drives: Sequence[DriveSettings]) -> Any:
     """Return drives as a scene file holds them, in SI units."""
     out = []
-    for one in drives:
+    for drive in drives:
         row: dict[str, Any] = {
-            "balls": one.balls if isinstance(one.balls, str) else list(one.balls)
+            "balls": drive.balls if isinstance(drive.balls, str) else list(drive.balls)
         }
-        row |= {} if one.direction is None else {"direction": list(one.direction)}
-        if one.impact is not None:
-            row["impact"] = VELOCITY.write(one.impact)
-        if (s := one.shaker) is not None:
+        row |= {} if drive.direction is None else {"direction": list(drive.direction)}
+        if drive.impact is not None:
+            row["impact"] = VELOCITY.write(drive.impact)
+        if (s := drive.shaker) is not None:
             row["shaker"] = {
                 "amplitude": LENGTH.write(s.amplitude),
                 "frequency": FREQUENCY.write(s.frequency),
                 "ramp": s.ramp,
             }
         for name, kind in (("force", PUSH), ("displacement", WAY)):
-            if (signal := getattr(one, name)) is not None:
+            if (signal := getattr(drive, name)) is not None:
                 times = map(SINCE.write, signal.times)
                 values = map(kind.write, signal.values)
                 row[name] = {"time": list(times), name: list(values)}

@@ -72,27 +72,27 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
     Raises :class:`~granphon.base.errors.InputError` for another shape, and for a q that the cell
     does not have.
     """
-    given = _as_wavevectors(network, q)
-    nearest = _round(network, given)
+    requested = _as_wavevectors(network, q)
+    nearest = _round(network, requested)
     periods = network.cell[list(network.pbc), : network.dimension]
-    wrong = np.abs((given - nearest) @ periods.T) > 2.0 * np.pi * _WHOLE * np.maximum(
+    wrong = np.abs((requested - nearest) @ periods.T) > 2.0 * np.pi * _WHOLE * np.maximum(
         1.0, np.abs(nearest @ periods.T)
     )
     if np.any(wrong):
-        bad = int(np.argmax(np.any(wrong, axis=1)))
-        wanted, there = (
-            "(" + ", ".join(f"{one:.9g}" for one in vector) + ")"
-            for vector in (given[bad], nearest[bad])
+        number = int(np.argmax(np.any(wrong, axis=1)))
+        requested_text, nearest_text = (
+            "(" + ", ".join(f"{component:.9g}" for component in vector) + ")"
+            for vector in (requested[number], nearest[number])
         )
-        what = f"q = {wanted} is no wave vector of the periodic cell"
+        fault = f"q = {requested_text} is no wave vector of the periodic cell"
         why = "Along each of its vectors L, q . L must be"
-        mend = f"The nearest is {there} 1/m; waves.nearest_wavevectors(q) finds it for any q"
-        if not np.any(nearest[bad]):
+        mend = f"The nearest is {nearest_text} 1/m; waves.nearest_wavevectors(q) finds it for any q"
+        if not np.any(nearest[number]):
             mend = (
                 f"It is shorter than those of this cell, of which the shortest is"
                 f" {_find_shortest(network):.6g} 1/m"
             )
-        raise InputError(what, f"{why} a multiple of 2 pi", mend)
+        raise InputError(fault, f"{why} a multiple of 2 pi", mend)
     return nearest
 
 
@@ -100,8 +100,8 @@ def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) ->
     """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in
     the same shape.
     """
-    given = _as_wavevectors(network, q)
-    return np.asarray(_round(network, given).reshape(np.shape(q)))
+    requested = _as_wavevectors(network, q)
+    return np.asarray(_round(network, requested).reshape(np.shape(q)))
 
 
 def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
@@ -135,30 +135,30 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
     numbers = numbers[np.all((numbers @ np.round(m * steps).astype(int).T) % m == 0, axis=1)]
     repeats = np.zeros((periods, periods), np.intp)
     for n in range(periods):
-        among = numbers[~np.any(numbers[:, :n], axis=1) & (numbers[:, n] > 0)]
-        repeats[n] = among[np.argmin(among[:, n])]
+        candidates = numbers[~np.any(numbers[:, :n], axis=1) & (numbers[:, n] > 0)]
+        repeats[n] = candidates[np.argmin(candidates[:, n])]
     primitive = network.cell[:periods, : q.shape[1]] / np.array(network.shape)[:, None]
     return q - _find_nearest(np.linalg.inv(repeats).T @ primitive, q)
 
 
 def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
-    given = finite_array("q", q, "1/m")
+    vectors = finite_array("q", q, "1/m")
     d = network.dimension
-    if d == 1 and given.ndim == 0:
-        given = given.reshape(1)
-    if given.ndim not in (1, 2) or given.shape[-1] != d:
+    if d == 1 and vectors.ndim == 0:
+        vectors = vectors.reshape(1)
+    if vectors.ndim not in (1, 2) or vectors.shape[-1] != d:
         why = f"A wave vector of this network has the shape ({d},)"
         mend = f"Give ({d},) or (n, {d}), Cartesian, in 1/m"
-        raise InputError(f"q has the shape {given.shape}", why, mend)
+        raise InputError(f"q has the shape {vectors.shape}", why, mend)
     size = float(
         np.max(np.abs(network.cell), initial=0.0) + np.ptp(getattr(network, "positions", 0.0))
     )
-    if (phase := float(np.max(np.abs(given), initial=0.0)) * size) > _MOST_PHASE:
-        what = f"the phase of such a wave differs by {phase:.1e} across the network"
+    if (phase := float(np.max(np.abs(vectors), initial=0.0)) * size) > _MOST_PHASE:
+        fault = f"the phase of such a wave differs by {phase:.1e} across the network"
         raise PrecisionError(
-            what, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q"
+            fault, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q"
         )
-    return np.atleast_2d(given)
+    return np.atleast_2d(vectors)
 
 
 def _find_shortest(network: ContactNetwork | PeriodicCell) -> float:
@@ -172,10 +172,10 @@ def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
     periods = network.cell[list(network.pbc), : network.dimension]
     if not len(periods):
         return q
-    found = _find_nearest(periods, q)
+    nearest = _find_nearest(periods, q)
     if len(periods) < network.dimension:
-        found += q - q @ np.linalg.pinv(periods) @ periods  # across the periods nothing moves
-    return found
+        nearest += q - q @ np.linalg.pinv(periods) @ periods  # across the periods nothing moves
+    return nearest
 
 
 def _find_nearest(periods: Array, q: Array) -> Array:
@@ -232,7 +232,7 @@ def find_polarisations(
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
-    wanted = (
+    requested = (
         None
         if direction is None
         else read_vector("direction", direction, operator.network.dimension)
@@ -240,47 +240,49 @@ def find_polarisations(
     along = np.zeros(3)
     along[: q.size] = q
     if turns:
-        found = free if wanted is None else (wanted @ free.T) @ free
+        directions = free if requested is None else (requested @ free.T) @ free
     elif not np.any(q):
-        if wanted is None:
+        if requested is None:
             mend = "Give direction=, the one in which balls move"
             if any(operator.network.pbc):
                 shortest = _find_shortest(operator.network)
                 mend += f", or a longer q: the shortest that this cell has is {shortest:.6g} 1/m"
             raise InputError(f"a {name} wave with q = 0 has no direction", mend=mend)
-        found = wanted
+        directions = requested
     else:
         along /= np.linalg.norm(along)
         if name == "longitudinal":
-            found = along
-        elif wanted is not None:
-            found = wanted - (wanted @ along) * along
-            if np.linalg.norm(found) < _ACROSS:
+            directions = along
+        elif requested is not None:
+            directions = requested - (requested @ along) * along
+            if np.linalg.norm(directions) < _ACROSS:
                 raise InputError(
                     f"the direction {brief(direction)} of a transverse wave is along q"
                 )
         else:  # orthonormal directions across q: within the plane of the balls, if they move there
-            for among in (free[np.argmax(free, axis=1) < operator.network.dimension], free):
-                left = among - (among @ along)[:, None] * along
-                _, across, basis = np.linalg.svd(left) if len(left) else (None, np.zeros(0), free)
-                found = basis[: across.size][across > 0.5]
-                if len(found):
+            for allowed in (free[np.argmax(free, axis=1) < operator.network.dimension], free):
+                transverse = allowed - (allowed @ along)[:, None] * along
+                _, across, basis = (
+                    np.linalg.svd(transverse) if len(transverse) else (None, np.zeros(0), free)
+                )
+                directions = basis[: across.size][across > 0.5]
+                if len(directions):
                     break
     # directions (b, 3) as rows (b, motions) of unit length
-    found = np.atleast_2d(found)
+    directions = np.atleast_2d(directions)
     if (
-        not len(found)
+        not len(directions)
         or not axes
-        or np.max(np.abs(np.delete(found, axes, axis=1)), initial=0.0) > _ACROSS
+        or np.max(np.abs(np.delete(directions, axes, axis=1)), initial=0.0) > _ACROSS
     ):
         raise InputError(
             f"no {name} wave of this direction runs here", f"Balls move in {letters} alone"
         )
-    size = np.linalg.norm(found, axis=1, keepdims=True)
+    size = np.linalg.norm(directions, axis=1, keepdims=True)
     if np.any(size < _ACROSS):
         raise InputError(f"the direction of a {name} wave is across all motions {letters}")
-    rows = np.zeros((len(found), motions.count))
-    rows[:, motions.turning if turns else motions.translating] = (found / size)[:, list(axes)]
+    rows = np.zeros((len(directions), motions.count))
+    rows[:, motions.turning if turns else motions.translating] = (directions / size)[:, list(axes)]
     return rows
 
 
@@ -311,18 +313,18 @@ def find_mean_free_path(velocity: Array, width: Array) -> Array:
     """Return the mean free path of the energy of a wave, m: phase velocity over 2 pi width;
     infinite where that is zero.
     """
-    found = np.full(np.shape(width), math.inf)
-    np.divide(velocity, 2.0 * math.pi * width, out=found, where=width > 0.0)
-    return found
+    paths = np.full(np.shape(width), math.inf)
+    np.divide(velocity, 2.0 * math.pi * width, out=paths, where=width > 0.0)
+    return paths
 
 
 def find_attenuation(velocity: Array, width: Array) -> Array:
     """Return the attenuation of the amplitude, 1/m: half the inverse mean free path; infinite where
     the velocity is zero.
     """
-    found = np.full(np.shape(width), math.inf)
-    np.divide(math.pi * width, velocity, out=found, where=velocity > 0.0)
-    return found
+    rates = np.full(np.shape(width), math.inf)
+    np.divide(math.pi * width, velocity, out=rates, where=velocity > 0.0)
+    return rates
 
 
 def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
@@ -340,16 +342,16 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
     for number, row in enumerate(values):
         n = int(np.argmax(row))
         log = np.log(np.maximum(row, np.finfo(float).tiny))
-        place = float(n)
+        point = float(n)
         height = float(log[n])
         if n < kernel.count - 1:
-            left = float(log[abs(n - 1)])
-            right = float(log[n + 1])
-            curved = left - 2.0 * height + right
-            shift = 0.0 if curved >= 0.0 else 0.5 * (left - right) / curved
-            place += shift
-            height -= 0.25 * (left - right) * shift
-        peaks[number] = peak = kernel.top * math.sin(step * place)
+            previous = float(log[abs(n - 1)])
+            following = float(log[n + 1])
+            curved = previous - 2.0 * height + following
+            shift = 0.0 if curved >= 0.0 else 0.5 * (previous - following) / curved
+            point += shift
+            height -= 0.25 * (previous - following) * shift
+        peaks[number] = peak = kernel.top * math.sin(step * point)
         low = height - math.log(2.0)
         sides = list[float]()
         for way, flank in (
@@ -366,15 +368,15 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
     return peaks, widths
 
 
-def true_width(seen: Array, kernel: Array) -> Array:
+def true_width(broadened: Array, kernel: Array) -> Array:
     """Return the widths of Lorentz curves which a kernel of the width ``kernel`` has broadened to
     the widths ``seen``.
     """
-    seen = np.maximum(seen, kernel)
+    broadened = np.maximum(broadened, kernel)
     square = (1.0 - _LINEAR) ** 2
     a = square - _LINEAR**2
-    found = (np.sqrt(square * seen**2 - a * kernel**2) - _LINEAR * seen) / a
-    return np.asarray(np.maximum(found, 0.0))
+    widths = (np.sqrt(square * broadened**2 - a * kernel**2) - _LINEAR * broadened) / a
+    return np.asarray(np.maximum(widths, 0.0))
 
 
 def find_ioffe_regel(
@@ -392,11 +394,11 @@ def find_ioffe_regel(
     with np.errstate(divide="ignore"):
         above = np.log(peak) - np.log(width) - level
     if above[0] < 0.0:
-        what = (
+        fault = (
             f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel"
             f" frequency"
         )
-        raise InputError(what, mend="Give lesser wave vectors, which a larger network has")
+        raise InputError(fault, mend="Give lesser wave vectors, which a larger network has")
     below = np.flatnonzero(above < 0.0)
     if not below.size:
         return None
@@ -554,32 +556,32 @@ class SpectralFunction(Refinable):
 
         if not found:
             raise InputError("there are no spectral functions to average", mend="Give one or more")
-        first = max(found, key=lambda one: one.top)
-        for one in found:
-            same = one.q.shape == first.q.shape and np.allclose(
-                one.q, first.q, rtol=_SAME, atol=_SAME * np.max(np.abs(first.q))
+        first = max(found, key=lambda spectrum: spectrum.top)
+        for spectrum in found:
+            same = spectrum.q.shape == first.q.shape and np.allclose(
+                spectrum.q, first.q, rtol=_SAME, atol=_SAME * np.max(np.abs(first.q))
             )
-            if not same or (one.polarisation, one.direction) != (
+            if not same or (spectrum.polarisation, spectrum.direction) != (
                 first.polarisation,
                 first.direction,
             ):
                 raise InputError(
                     "spectral functions of other wave vectors or polarisations have no mean"
                 )
-            if abs(one.resolution - first.resolution) > _ALIKE * first.resolution:
-                what = (
-                    f"the spectral functions have resolutions of {one.resolution:.6g} and"
+            if abs(spectrum.resolution - first.resolution) > _ALIKE * first.resolution:
+                fault = (
+                    f"the spectral functions have resolutions of {spectrum.resolution:.6g} and"
                     f" {first.resolution:.6g} Hz"
                 )
-                raise InputError(what, mend="Give all of them the same resolution")
+                raise InputError(fault, mend="Give all of them the same resolution")
         points = first.frequencies
         every = list[Array]()
-        for one in found:  # zero from its ``top`` on
-            if np.array_equal(points, one.frequencies):
-                every.append(one.values)
+        for spectrum in found:  # zero from its ``top`` on
+            if np.array_equal(points, spectrum.frequencies):
+                every.append(spectrum.values)
             else:
-                spline = CubicSpline(one.frequencies, one.values, axis=1)
-                every.append(np.where(points <= one.frequencies[-1], spline(points), 0.0))
+                spline = CubicSpline(spectrum.frequencies, spectrum.values, axis=1)
+                every.append(np.where(points <= spectrum.frequencies[-1], spline(points), 0.0))
         values = np.mean(every, axis=0)
         return replace(first, values=values / first._kernel.integral(values)[:, None])
 
@@ -626,16 +628,16 @@ class PlaneWaves:
     def find(self, moments: int) -> SpectralFunction:
         """Return the spectral function of this number of moments."""
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
-        what = f"spectra of {moments:,} moments at {len(self._q):,} wave vectors"
+        fault = f"spectra of {moments:,} moments at {len(self._q):,} wave vectors"
         require_memory(
-            what,
+            fault,
             40.0 * len(self._q) * float(moments),
             "Take fewer wave vectors, or a coarser resolution",
         )
-        found = np.zeros((len(self._q), moments))
+        sums = np.zeros((len(self._q), moments))
         for n, wave in self._waves:
-            found[n] += wave.first(moments)
-        if not np.all(found[:, 0] > 0.0):
+            sums[n] += wave.first(moments)
+        if not np.all(sums[:, 0] > 0.0):
             why = "The wave vector or the polarisation is wrong"
             raise InputError("no ball that touches others moves in this wave", why)
         return SpectralFunction(
@@ -643,7 +645,7 @@ class PlaneWaves:
             self._polarisation,
             self._direction,
             kernel.frequencies,
-            kernel.densities(found / found[:, :1]),
+            kernel.densities(sums / sums[:, :1]),
             kernel.top,
             moments,
             fold_wavevectors(self._operator.network, self._q),

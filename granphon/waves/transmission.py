@@ -130,10 +130,10 @@ def transmission(
     PrecisionError : a frequency at the very edge of a band, or where without losses the two parts
         do not add up, to 1e-6, to what comes.
     """
-    at = frequency_array("frequencies", frequencies, "above zero")
+    hertz = frequency_array("frequencies", frequencies, "above zero")
     leads = [_Lead.of(one, axis, q) for one in (left, right)]
     first, last = leads
-    require_bloch_memory(at.size, max(lead.space.size for lead in leads))
+    require_bloch_memory(hertz.size, max(lead.space.size for lead in leads))
     strip = given_network(
         last.space.network.cut(axis, last.space.reach + 1) if middle is None else middle
     )
@@ -148,16 +148,16 @@ def transmission(
         )
         > 1
     ):
-        what = "the motions of the balls differ between the leads and the strip"
+        fault = "the motions of the balls differ between the leads and the strip"
         raise InputError(
-            what, "A wave would have no motion to go on with", "Use the same motions, and friction"
+            fault, "A wave would have no motion to go on with", "Use the same motions, and friction"
         )
     if strip.prestress and strip.tangential_force is not None and np.any(strip.tangential_force):
         raise InputError(
             "the strip has static tangential forces", "With prestress, they have no potential"
         )
     ends = [lead.fit(operator, lower=lead is first) for lead in leads]
-    omega = 2.0 * np.pi * at
+    omega = 2.0 * np.pi * hertz
     waves = [
         find_bloch_waves(lead.blocks, omega**2, lead.space.size // lead.space.reach)
         for lead in leads
@@ -173,8 +173,8 @@ def transmission(
         found.append(_scatter(w**2, matrix, leads, ends, [one[place] for one in waves]))
     modes = np.array([one.shape for _, one in found])[:, ::-1]
     most = int(modes.max(initial=0))
-    back, through = (np.zeros((len(at), most, most), complex) for _ in range(2))
-    numbers = np.zeros((len(at), most))
+    back, through = (np.zeros((len(hertz), most, most), complex) for _ in range(2))
+    numbers = np.zeros((len(hertz), most))
     for place, (sent, passed) in enumerate(found):
         back[place, : len(sent), : len(sent)] = sent
         through[place, : len(passed), : passed.shape[1]] = passed
@@ -185,12 +185,12 @@ def transmission(
     reflected, transmitted = (np.sum(np.abs(one) ** 2, axis=1) for one in (back, through))
     count = np.maximum(modes[:, 0], 1)
     if damped.is_none:
-        come = np.arange(most) < modes[:, :1]
-        lost = np.max(np.abs(transmitted + reflected - come), axis=1, initial=0.0)
-        if np.any(lost > _BALANCED):
-            worst = int(np.argmax(lost))
-            what = (
-                f"at {write_quantity(float(at[worst]), 'Hz', 12)} what passes and what is sent"
+        running = np.arange(most) < modes[:, :1]
+        imbalance = np.max(np.abs(transmitted + reflected - running), axis=1, initial=0.0)
+        if np.any(imbalance > _BALANCED):
+            worst = int(np.argmax(imbalance))
+            fault = (
+                f"at {write_quantity(float(hertz[worst]), 'Hz', 12)} what passes and what is sent"
                 f" back differ from what comes"
             )
             why = (
@@ -198,11 +198,13 @@ def transmission(
                 " sharp resonance"
             )
             raise PrecisionError(
-                f"{what} by {lost[worst]:.1e} of it", why, "Shift the frequency by a millionth"
+                f"{fault} by {imbalance[worst]:.1e} of it",
+                why,
+                "Shift the frequency by a millionth",
             )
     layers = operator.balls.size / first.space.per_layer
     return Transmission(
-        at,
+        hertz,
         modes,
         transmitted.sum(axis=1) / count,
         reflected.sum(axis=1) / count,
@@ -211,7 +213,7 @@ def transmission(
         through,
         numbers,
         layers * first.space.height,
-        damped.find_warnings(float(at[-1])),
+        damped.find_warnings(float(hertz[-1])),
     )
 
 
@@ -253,33 +255,33 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     length; for other frequencies or numbers of waves; and where nothing is transmitted.
     """
     given: Any = runs
-    known = isinstance(given, Sequence) and all(isinstance(one, Transmission) for one in given)
-    if not known or len({one.amplitudes.shape for one in runs}) != 1:
+    is_valid = isinstance(given, Sequence) and all(isinstance(run, Transmission) for run in given)
+    if not is_valid or len({run.amplitudes.shape for run in runs}) != 1:
         raise InputError(
             "runs are not transmissions with the same leads", mend="Give results of gp.transmission"
         )
     first = runs[0]
     if any(
-        np.any(one.frequencies != first.frequencies) or np.any(one.modes != first.modes)
-        for one in runs
+        np.any(run.frequencies != first.frequencies) or np.any(run.modes != first.modes)
+        for run in runs
     ):
         raise InputError(
             "runs have other frequencies or waves", mend="Give results of the same leads"
         )
-    lengths, of_run = np.unique([one.length for one in runs], return_inverse=True)
+    lengths, of_run = np.unique([run.length for run in runs], return_inverse=True)
     samples = np.bincount(of_run)
     if len(lengths) < 2 or samples.min() < 2:
-        what = f"there are {len(lengths)} lengths, with {samples.min()} samples or more"
-        raise InputError(what, "A fall and its error need two of each", "Give more runs")
+        fault = f"there are {len(lengths)} lengths, with {samples.min()} samples or more"
+        raise InputError(fault, "A fall and its error need two of each", "Give more runs")
     # (runs, n_f, m)
-    through = np.array([np.diagonal(one.amplitudes, axis1=1, axis2=2) for one in runs])
-    total = np.array([one.total for one in runs])
+    through = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
+    total = np.array([run.total for run in runs])
     open_ways = np.arange(through.shape[2]) < first.modes.min(axis=1)[:, None]
     if np.any(total[:, np.any(open_ways, axis=1)] <= 0.0) or not np.all(np.any(open_ways, axis=1)):
         raise InputError(
             "nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"
         )
-    groups = [of_run == place for place in range(len(lengths))]
+    groups = [of_run == number for number in range(len(lengths))]
     falls = [
         _fit_energy(lengths, [through[group][:, f, m] for group in groups])
         for f, m in np.argwhere(open_ways)
@@ -289,15 +291,15 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     logs = [np.log(total[group]) for group in groups]
     # the variance of ln(total) grows as the length, too
     share = _fit_slope(lengths, samples / lengths)
-    fall = -np.tensordot(share, [one.mean(axis=0) for one in logs], 1)
-    scatter = [np.var(one, axis=0, ddof=1) / len(one) for one in logs]
+    fall = -np.tensordot(share, [run.mean(axis=0) for run in logs], 1)
+    scatter = [np.var(run, axis=0, ddof=1) / len(run) for run in logs]
     error = np.sqrt(np.tensordot(share**2, scatter, 1))
 
     def invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
         seen = rate > 0.0
         inverse, share = (
-            np.divide(one, rate, out=np.full(rate.shape, np.inf), where=seen)
-            for one in (factor, error)
+            np.divide(run, rate, out=np.full(rate.shape, np.inf), where=seen)
+            for run in (factor, error)
         )
         return inverse, inverse * share
 
@@ -325,33 +327,37 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     repeated until it does not change (quasi-likelihood). The error is infinite where it goes on to
     change: then nothing is seen but at the least length.
     """
-    count = np.array([len(one) for one in amplitudes], float)
-    mean = np.array([one.mean() for one in amplitudes])
+    count = np.array([len(values) for values in amplitudes], float)
+    mean = np.array([values.mean() for values in amplitudes])
     turned = [
-        one * np.conj(middle) / (abs(middle) or 1.0)
-        for one, middle in zip(amplitudes, mean, strict=True)
+        values * np.conj(middle) / (abs(middle) or 1.0)
+        for values, middle in zip(amplitudes, mean, strict=True)
     ]
-    spread = np.array([np.cov(one.real, one.imag) for one in turned])  # (lengths, 2, 2)
+    spread = np.array([np.cov(values.real, values.imag) for values in turned])  # (lengths, 2, 2)
     noise = np.trace(spread, axis1=1, axis2=2)
     common = 0.5 * float(np.average(noise, weights=count - 1.0))
     square = np.abs(mean) ** 2
     energy = square - noise / count
     pairs = count * (count - 1.0)
     # the line through the logarithms of what was seen is where the fit begins
-    away = lengths - np.average(lengths, weights=count)
+    offsets = lengths - np.average(lengths, weights=count)
     rate = 0.0
-    seen = square > 0.0
-    if np.count_nonzero(seen) > 1:
-        rate = -float(_fit_slope(lengths[seen], (count * square)[seen]) @ np.log(square[seen]))
+    is_above = square > 0.0
+    if np.count_nonzero(is_above) > 1:
+        rate = -float(
+            _fit_slope(lengths[is_above], (count * square)[is_above]) @ np.log(square[is_above])
+        )
     level = (
-        math.log(np.average(square, weights=count * np.exp(-np.clip(rate * away, -_FAR, _FAR))))
-        if seen.any()
+        math.log(np.average(square, weights=count * np.exp(-np.clip(rate * offsets, -_FAR, _FAR))))
+        if is_above.any()
         else -_FAR
     )
     size = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
-        fitted = np.exp(np.clip(level - rate * away, -_FAR, _FAR))
-        slopes = np.stack([fitted, -fitted * away / size])  # of what is fitted, over level and rate
+        fitted = np.exp(np.clip(level - rate * offsets, -_FAR, _FAR))
+        slopes = np.stack(
+            [fitted, -fitted * offsets / size]
+        )  # of what is fitted, over level and rate
         weight = 1.0 / (fitted / count + common / pairs)
         matrix = slopes * weight @ slopes.T
         if np.linalg.det(matrix) <= _SINGULAR * matrix[0, 0] * matrix[1, 1]:
@@ -382,7 +388,9 @@ class _Lead(NamedTuple):
         space = HalfSpace(given_network(source), axis)
         along = space.read_wavevector(q)
         square = (2.0 * np.pi * space.units.frequency) ** 2
-        return cls(space, along, Couplings(*(square * one for one in space.couplings(along))))
+        return cls(
+            space, along, Couplings(*(square * couplings for couplings in space.couplings(along)))
+        )
 
     def fit(self, operator: WaveOperator, lower: bool) -> Any:
         """Return S (size, size of the strip), sparse: the motions that a block of the lead has at
@@ -399,16 +407,18 @@ class _Lead(NamedTuple):
         count = operator.motions.count
         size = space.size // count
         cut = space.cut
-        theirs = np.flatnonzero(cut.moving)[:size]
-        what = f"the strip does not fit to the {'first' if lower else 'other'} lead"
+        block = np.flatnonzero(cut.moving)[:size]
+        fault = f"the strip does not fit to the {'first' if lower else 'other'} lead"
         periods = strip.cell[np.flatnonzero(strip.pbc)][:, : strip.dimension]
-        d = float(2.0 * np.mean(cut.radii[theirs]))
+        d = float(2.0 * np.mean(cut.radii[block]))
         same = _SAME_PERIOD * np.max(np.abs(space.layers.cell), initial=0.0)
         if periods.shape != space.layers.cell.shape or np.any(
             np.abs(periods - space.layers.cell) > same
         ):
             why = "It must repeat along the layers as the lead does, and not across them"
-            raise InputError(what, why, "Give lead.cut(axis, layers), or a strip of the same width")
+            raise InputError(
+                fault, why, "Give lead.cut(axis, layers), or a strip of the same width"
+            )
         if len(operator.balls) >= size:
             height = strip.positions[operator.balls, p]
             beyond = (
@@ -419,31 +429,35 @@ class _Lead(NamedTuple):
             between = ~strip.moving & (beyond > np.where(np.isinf(strip.radii), 0.0, 0.6 * d))
             if np.all(space.network.moving) and np.any(between):
                 raise InputError(
-                    what, "A floor or clamped balls stand between them", "Cut it with free edges"
+                    fault, "A floor or clamped balls stand between them", "Cut it with free edges"
                 )
             near = operator.balls[np.argsort(height if lower else -height, kind="stable")[:size]]
-            places = strip.positions[near]
-            wanted = cut.positions[theirs]
+            found_sites = strip.positions[near]
+            sites = cut.positions[block]
             # one of the balls stands for the first of the block
             # (first, block, strip)
-            apart = places[None, None] - (wanted - wanted[0])[None, :, None] - places[:, None, None]
-            cells = np.rint(apart[..., :p] @ np.linalg.inv(periods[:, :p]))
-            apart[..., :p] -= cells @ periods[:, :p]
-            far = np.linalg.norm(apart, axis=-1)
-            best = np.argmin(far, axis=2)  # (first, block)
-            worst = np.take_along_axis(far, best[..., None], axis=2)[..., 0].max(axis=1)
+            separations = (
+                found_sites[None, None]
+                - (sites - sites[0])[None, :, None]
+                - found_sites[:, None, None]
+            )
+            cells = np.rint(separations[..., :p] @ np.linalg.inv(periods[:, :p]))
+            separations[..., :p] -= cells @ periods[:, :p]
+            distances = np.linalg.norm(separations, axis=-1)
+            best = np.argmin(distances, axis=2)  # (first, block)
+            worst = np.take_along_axis(distances, best[..., None], axis=2)[..., 0].max(axis=1)
             worst[[np.unique(one).size < size for one in best]] = np.inf
             # of several ways to fit, as where two kinds stand in turn, the one that leaves the
             # frame of the lead as it is
             vectors = np.concatenate([periods, space.layers.stack[None]])[:, : p + 1]
-            steps = (places - wanted[0])[:, : p + 1] @ np.linalg.inv(vectors)
+            steps = (found_sites - sites[0])[:, : p + 1] @ np.linalg.inv(vectors)
             moved = np.linalg.norm((steps - np.rint(steps)) @ vectors, axis=1)
             chosen = int(np.argmin(np.where(worst <= _THERE * d, moved, np.inf)))
             if worst[chosen] <= _THERE * d:
                 of_strip = near[best[chosen]]
                 cell = cells[chosen, np.arange(size), best[chosen]]
-                ratio = np.sqrt(cut.masses[theirs] / strip.masses[of_strip])
-                turn = np.sqrt(cut.inertias[theirs] / strip.inertias[of_strip])
+                ratio = np.sqrt(cut.masses[block] / strip.masses[of_strip])
+                turn = np.sqrt(cut.inertias[block] / strip.inertias[of_strip])
                 scale = np.where(operator.motions.is_rotation, turn[:, None], ratio[:, None])
                 entries = scale * np.exp(-2.0j * np.pi * (cell @ self.q))[:, None]
                 columns = np.searchsorted(operator.balls, of_strip)[:, None] * count + np.arange(
@@ -454,7 +468,7 @@ class _Lead(NamedTuple):
                     (entries.ravel(), (rows, columns.ravel())), shape=(space.size, operator.size)
                 )
         why = f"Its outer balls do not stand where {size} balls of the lead's layers would"
-        raise InputError(what, why, "Begin and end it with layers like the lead's")
+        raise InputError(fault, why, "Begin and end it with layers like the lead's")
 
 
 def _scatter(
@@ -471,26 +485,31 @@ def _scatter(
 
     (first, last), (lower, upper) = leads, ends
     (come, leave), (go, _) = waves
-    one = first.blocks
-    other = last.blocks
+    first_blocks = first.blocks
+    last_blocks = last.blocks
     reach = first.space.reach
     further = last.space.reach
     # Green's functions of the outer blocks of the leads, whose contacts to the strip are there
     back = np.linalg.inv(
-        w * np.eye(first.space.size) - one.inner - one.down @ leave.continue_by(-reach)
+        w * np.eye(first.space.size)
+        - first_blocks.inner
+        - first_blocks.down @ leave.continue_by(-reach)
     )
     ahead = np.linalg.inv(
-        w * np.eye(last.space.size) - other.inner - other.up @ go.continue_by(further)
+        w * np.eye(last.space.size) - last_blocks.inner - last_blocks.up @ go.continue_by(further)
     )
-    held = [one.head + one.down @ back @ one.up, other.tail + other.up @ ahead @ other.down]
+    held = [
+        first_blocks.head + first_blocks.down @ back @ first_blocks.up,
+        last_blocks.tail + last_blocks.up @ ahead @ last_blocks.down,
+    ]
     for end, block in zip(ends, held, strict=True):
         matrix = matrix + end.conj().T @ csc_array(block) @ end
     shape = come.vectors[:, : come.running]
     factor = come.factors[: come.running] ** reach
-    pushed = one.up @ shape * factor
-    drive = lower.conj().T @ (one.down @ (shape - back @ pushed))
+    pushed = first_blocks.up @ shape * factor
+    drive = lower.conj().T @ (first_blocks.down @ (shape - back @ pushed))
     moved = factorise(w * eye_array(matrix.shape[0]) - matrix, pivot=PIVOT).solve(
         np.asarray(drive, complex)
     )
-    sent = leave.find_parts(back @ (one.up @ (lower @ moved) - pushed))
-    return sent, go.find_parts(ahead @ (other.down @ (upper @ moved)))
+    sent = leave.find_parts(back @ (first_blocks.up @ (lower @ moved) - pushed))
+    return sent, go.find_parts(ahead @ (last_blocks.down @ (upper @ moved)))
