@@ -1,5 +1,5 @@
-"""Balls in motion at a list of times: where they are, what forces act, where the energy is, and
-what waves they make.
+"""Balls in motion at a list of times: positions, forces, energies, and the waves that the balls
+make.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ from granphon.base.staging import explaining, put_beside
 from granphon.base.validation import index_array, number, one_of, positive, require, whole_number
 from granphon.networks.network import ContactNetwork
 
-#: what a file of a motion says about itself
+#: format and schema in a file of a motion
 _ABOUT = {"format": "granphon motion", "schema": "1"}
-#: what passes a contact
+#: readings of a pulse that passes a contact
 _PASSAGES = ("peak", "front")
-#: part of the greatest change of a force below which nothing has come to a contact
+#: change of a force, over the greatest change, below which nothing has come to a contact
 _STILL = 1e-3
-#: part of the greatest force at rest below which a change may be rounding; a change, N, that is
-#: none
+#: change of a force, over the greatest force at rest, below which the change may be rounding
 _ROUNDING = 1e-10
-_NOTHING = 1e-300
+#: change of a force, N, that counts as none
+_NO_CHANGE = 1e-300
 #: least correlation of a line
 _STRAIGHT = 0.9
-#: greatest change of its slope over it, over the slope: what diffuses, t ~ x^2, has a half between
-#: quarters of the way
+#: greatest change of the slope of a line along it, over the slope: a signal that diffuses, t ~ x^2,
+#: has a half between quarters of the distance
 _BENT = 0.25
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
-#: least part of the height of a maximum that frames beside it have: three frames within the width
-#: of a pulse at half of its height are those of a peak. Of a shorter one they are of any motions
-#: that follow it, and say nothing about when it passes
+#: least height of the frames beside a maximum, over the maximum: then three frames lie within the
+#: width of the pulse at half of its height. Frames about a shorter pulse show any motions that
+#: follow, and not when the pulse passes
 _FLANK = 0.5
 #: most multiples and periods: no run has as many frames
 _MOST_MULTIPLES = 10**9
-#: what a file holds to which no more can be written
+#: content of a file to which no more can be written
 _KEPT = "It holds the frames that came before"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(Result):
-    """Balls in motion, at a list of times. Vectors have three components; what does not move is
-    zero.
+    """Balls in motion, at a list of times. Vectors have three components; components along which
+    balls do not move are zero.
 
     Attributes
     ----------
@@ -102,9 +102,9 @@ class Motion(Result):
         """Return the motion in a file of a run or of :meth:`write`, or some of its ``frames``; the
         run may still go on.
 
-        Arrays over frames stay in the file, as :class:`numpy.memmap`: what is used of them is read
-        then, so that a motion may be larger than the memory. An open binary file is read whole, and
-        of a file that was cut the frames that are whole, with a
+        Arrays over frames stay in the file, as :class:`numpy.memmap`: frames are read when they are
+        used, so that a motion may be larger than the memory. An open binary file is read at once.
+        Of a file that was cut the whole frames are read, with a
         :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of
@@ -115,9 +115,8 @@ class Motion(Result):
                 f"the file of a motion is {brief(path)}", mend="Give a path, or an open binary file"
             )
         requested: Any = frames
-        if not isinstance(requested, slice) or (
-            isinstance(requested.step, int) and requested.step < 0
-        ):
+        is_slice = isinstance(requested, slice)
+        if not is_slice or (isinstance(requested.step, int) and requested.step < 0):
             raise InputError(
                 f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)"
             )
@@ -163,8 +162,7 @@ class Motion(Result):
             return
         names = [name for name, layout in self._shapes.items() if layout[0] == "f"]
         frames = (
-            {name: getattr(self, name)[number] for name in names}
-            for number in range(len(self.times))
+            {name: getattr(self, name)[frame] for name in names} for frame in range(len(self.times))
         )
         first = next(frames)
         file = _begin_file(path, self.network, self.step, self.met, first)
@@ -185,30 +183,25 @@ class Motion(Result):
     def middles(self) -> Array:
         """(n_c, 3) places of the contacts at rest, m."""
         network = self.network
-        (i, j) = self.met.T
+        i, j = self.met.T
         start = network.positions[i]
         periods = network.cell[list(network.pbc)]
-        separations = network.positions[j] - start
+        apart = network.positions[j] - start
         # of the nearest image
-        met_places = start + 0.5 * (
-            separations - np.rint(separations @ np.linalg.pinv(periods)) @ periods
-        )
-        for wall, (
-            point,
-            inward,
-        ) in network.walls.items():  # where the ball stands over a flat wall
-            touching = j == wall
-            met_places[touching] = start[touching] + np.outer(
-                (point - start[touching]) @ inward, inward
-            )
-        return np.concatenate([network.contact_places, met_places])
+        middles = start + 0.5 * (apart - np.rint(apart @ np.linalg.pinv(periods)) @ periods)
+        for wall, (point, inward) in network.walls.items():
+            # a ball touches a flat wall at the foot of the perpendicular from its centre
+            touches = j == wall
+            heights = (point - start[touches]) @ inward
+            middles[touches] = start[touches] + np.outer(heights, inward)
+        return np.concatenate([network.contact_places, middles])
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact,
         each (n_c,).
 
-        Both are those of a parabola through the greatest frame and its neighbours; of the first
-        frame, or the last, itself.
+        Both are those of a parabola through the greatest frame and its neighbours; where the first
+        or the last frame is the greatest, those of that frame.
         """
         return self._find_tops(np.argmax(self.forces, axis=0))
 
@@ -220,17 +213,14 @@ class Motion(Result):
         contacts = np.arange(self.forces.shape[1])
         previous = np.maximum(frames - 1, 0)
         following = np.minimum(frames + 1, last)
-        low, most, high = (
-            self.forces[neighbours, contacts] for neighbours in (previous, frames, following)
-        )
+        low, most, high = (self.forces[frame, contacts] for frame in (previous, frames, following))
+        # differences first: a change by rounding then makes neither of the two zero
         bend = (low - most) + (high - most)
-        tilt = low - high  # so of a change by rounding it is not zero either
-        shift = np.divide(
-            0.5 * tilt, bend, out=np.zeros_like(bend), where=following == previous + 2
-        )
-        return self.times[frames] + 0.5 * shift * (
-            self.times[following] - self.times[previous]
-        ), most - 0.25 * tilt * shift
+        tilt = low - high
+        is_inside = following == previous + 2
+        shift = np.divide(0.5 * tilt, bend, out=np.zeros_like(bend), where=is_inside)
+        steps = self.times[following] - self.times[previous]
+        return self.times[frames] + 0.5 * shift * steps, most - 0.25 * tilt * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
         """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its
@@ -240,22 +230,18 @@ class Motion(Result):
         echo does not count; or the greatest change, if it has no such maximum. Times between frames
         are interpolated linearly; the time is infinite where a force does not change.
         """
+        share = require("share", lambda value: number(value, 1e-9, 1.0), share)
         change = np.abs(self.forces - self.forces[0])
         first = _find_first_maxima(change)
         top = np.where(first > 0, first, np.argmax(change, axis=0))
         contacts = np.arange(change.shape[1])
-        level = (
-            require("share", lambda value: number(value, 1e-9, 1.0), share) * change[top, contacts]
-        )
+        level = share * change[top, contacts]
         following = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
         low, high = (change[frame, contacts] for frame in (following - 1, following))
         fraction = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
-        return np.where(
-            level > 0.0,
-            self.times[following - 1]
-            + fraction * (self.times[following] - self.times[following - 1]),
-            np.inf,
-        )
+        start = self.times[following - 1]
+        times = start + fraction * (self.times[following] - start)
+        return np.where(level > 0.0, times, np.inf)
 
     def passages(self, of: Literal["peak", "front"] = "peak", share: float = 0.5) -> Array:
         """Return the times, (n_c,), s, at which a pulse passes each contact: by its peak, or its
@@ -278,16 +264,16 @@ class Motion(Result):
         """
         rise = self.forces - self.forces[0]
         change = np.abs(rise)
-        least = (
+        least = max(
             _STILL * float(change.max(initial=0.0)),
             _ROUNDING * float(self.forces[0].max(initial=0.0)),
-            _NOTHING,
+            _NO_CHANGE,
         )
         height = rise if one_of("of", of, _PASSAGES) == "peak" else change
         first = _find_first_maxima(height)
-        is_known = (change.max(axis=0, initial=0.0) > max(least)) & (first > 0)
+        is_known = (change.max(axis=0, initial=0.0) > least) & (first > 0)
         times = self._find_tops(first)[0] if of == "peak" else self.arrivals(share)
-        # of contacts without a maximum, which are not known, frames are those of the start
+        # contacts without a maximum have the frames of the start, and their times are not known
         previous = np.maximum(first - 1, 0)
         following = np.minimum(first + 1, len(height) - 1)
         contacts = np.arange(first.size)
@@ -309,8 +295,8 @@ class Motion(Result):
         are along the ``direction`` (3,), by default from the first contact to the last. Raises
         :class:`~granphon.base.errors.InputError` for fewer than two contacts, for a contact that
         the pulse does not pass within the run, for fewer than three frames within the width of the
-        pulse at half of its height, for contacts that it does not reach one after another along a
-        straight line, and for a ``share`` of a peak.
+        pulse at half of its height, for contacts that the pulse does not reach one after another
+        along a straight line, and for a ``share`` of a peak.
         """
         chosen = index_array("contacts", contacts, self.forces.shape[1], "contacts")
         if chosen.size < 2:
@@ -326,9 +312,9 @@ class Motion(Result):
                 mend="Give contacts along a way",
             )
         along = one_direction(places[-1] if direction is None else direction, 3)
-        times, is_resolved = (
-            values[chosen] for values in self._find_passages(of, 0.5 if share is None else share)
-        )
+        times, is_resolved = self._find_passages(of, 0.5 if share is None else share)
+        times = times[chosen]
+        is_resolved = is_resolved[chosen]
         if np.any(np.isnan(times)):
             missed = chosen[np.isnan(times)]
             fault = f"the pulse does not pass contact {missed[0]}"
@@ -366,18 +352,15 @@ class Motion(Result):
         from the end. Raises
         :class:`~granphon.base.errors.InputError` for fewer than four frames.
         """
-        values = self.displacements[
-            :,
-            whole_number("ball", ball, 0, self.network.n_balls - 1),
-            whole_number("axis", axis, 0, 2),
-        ]
+        ball = whole_number("ball", ball, 0, self.network.n_balls - 1)
+        axis = whole_number("axis", axis, 0, 2)
+        values = self.displacements[:, ball, axis]
         if len(values) < 4:
             raise InputError(f"{len(values)} frames have no spectrum", mend="Keep more frames")
         window = np.hanning(len(values))
         weighed = window * (values - np.average(values, weights=window))
-        frequencies: Array = np.asarray(
-            np.fft.rfftfreq(len(values), float(self.times[1] - self.times[0])), float
-        )
+        interval = float(self.times[1] - self.times[0])
+        frequencies = np.asarray(np.fft.rfftfreq(len(values), interval), float)
         return frequencies, 2.0 / np.sum(window) * np.abs(np.fft.rfft(weighed))
 
     def harmonics(
@@ -386,9 +369,9 @@ class Motion(Result):
         """Return the amplitudes of a steady motion at multiples of its ``frequency``, Hz: (count,
         n) complex, m.
 
-        They are those of displacements along an ``axis``, Re sum_m a_m exp(-2 pi i m f t), with a
-        mean, fitted to the last ``periods``. Raises :class:`~granphon.base.errors.InputError` if
-        these are not in the run, or if a period of the highest multiple has fewer than 2.5 frames.
+        Re sum_m a_m exp(-2 pi i m f t) and a mean are fitted to displacements along an ``axis`` in
+        the last ``periods``. Raises :class:`~granphon.base.errors.InputError` if the run has fewer
+        periods, or if a period of the highest multiple has fewer than 2.5 frames.
         """
         f = positive("frequency", frequency, "Hz")
         frames = len(self.times)
@@ -421,20 +404,16 @@ def _find_first_maxima(values: Array) -> Index:
     inner = values[1:-1]
     is_top = (inner > values[:-2]) & (inner >= values[2:])
     is_top &= (inner >= 0.5 * values.max(axis=0, initial=0.0)) & (inner > 0.0)
-    return (
-        np.where(np.any(is_top, axis=0), 1 + np.argmax(is_top, axis=0), 0)
-        if len(inner)
-        else np.zeros(values.shape[1], int)
-    )
+    return np.where(np.any(is_top, axis=0), 1 + np.argmax(is_top, axis=0), 0)
 
 
 def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
     """Return the slope of the line of least squares of distances, m, over times, s, and an empty
     text.
 
-    Without a straight line that rises it is nan, and the text says why: times that do not grow with
-    the distance, that scatter about the line (correlation of :data:`_STRAIGHT` or less), or whose
-    line bends, as that of what diffuses.
+    Without a straight line that rises the slope is nan, and the text says why: times do not grow
+    with the distance, scatter about the line (correlation of :data:`_STRAIGHT` or less), or lie on
+    a line that bends, as those of a signal that diffuses.
     """
     (a, b), (_, c) = np.cov(times, distances)
     if not b > 0.0:
@@ -508,25 +487,22 @@ class Frames:
             with explaining(self._path, _KEPT):
                 self._file.append(whole)
         else:
-            # columns are of a fixed number in a file: it is written anew, and then takes the place
-            # of the one before
+            # the number of columns of a file is fixed: a new file is written beside the earlier
+            # one, and then replaces it
             earlier = dict[str, Any]()
+            shapes = {name: np.shape(last) for name, last in whole.items()}
             if self._file is not None:
                 self._file.close()
                 earlier = read_records(self._path, _ABOUT)[0]
             with put_beside(self._path) as beside:
                 self._file = _begin_file(beside, self._network, self._step, self._met, whole)
                 for row in range(self._count):
-                    self._file.append(
-                        {
-                            name: _pad(earlier[name][row], np.shape(last))
-                            for name, last in whole.items()
-                        }
-                    )
+                    padded = {name: _pad(earlier[name][row], shapes[name]) for name in whole}
+                    self._file.append(padded)
                 self._file.append(whole)
                 del earlier  # some systems do not replace a file that is in use
         self._count = self._count + 1
-        self.last_time = float(frame["times"])  # once it is kept, as Ctrl-C may come before
+        self.last_time = float(frame["times"])  # last, as Ctrl-C may come before a frame is kept
 
     @property
     def _met(self) -> Index:
@@ -537,15 +513,15 @@ class Frames:
         if self._path is not None:
             return Motion.read(self._path)
         last = self._frames[-1]
-        stacked: dict[str, Any] = {
-            name: np.array([_pad(frame[name], np.shape(last[name])) for frame in self._frames])
-            for name in last
-        }
+        stacked: dict[str, Any] = {}
+        for name in last:
+            shape = np.shape(last[name])
+            stacked[name] = np.array([_pad(frame[name], shape) for frame in self._frames])
         return Motion(**stacked, network=self._network, met=self._met, step=self._step)
 
 
 def _require_writable(path: Any) -> None:
-    """Raise unless a motion may be written to a path: there is nothing, or a motion that nobody is
+    """Raise unless a motion may be written to a path: no file exists, or a motion that nobody is
     writing.
     """
     if not isinstance(path, str | os.PathLike) or not os.fspath(path) or "\0" in str(path):
@@ -564,7 +540,7 @@ def _require_writable(path: Any) -> None:
 def _begin_file(
     path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]
 ) -> RecordFile:
-    """Return a file of a motion, without frames, that takes such as ``frame``."""
+    """Return a file of a motion, without frames, for frames like ``frame``."""
     network = network.storable()
     values = {entry.name: getattr(network, entry.name) for entry in fields(network)}
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
@@ -596,7 +572,7 @@ def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:
 
 
 def _pad(values: Any, shape: tuple[int, ...]) -> Array:
-    """Return an array with zeros for what is missing at its end."""
+    """Return an array of a ``shape``, with zeros behind the ``values``."""
     if np.shape(values) == shape:
         return np.asarray(values, float)
     out = np.zeros(shape)
