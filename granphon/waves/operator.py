@@ -285,7 +285,8 @@ class WaveOperator(LinearOperator):
         springs = self.weigh()
         if self._carried is None:
             return springs
-        return (springs + 0.5 * (self._carried + self._carried.T)).tocsr()
+        whole: csr_array[Any] = (springs + 0.5 * (self._carried + self._carried.T)).tocsr()
+        return whole
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
         """Return the product of D + i A^T eta A with a vector (size,), eta being ``losses`` as for
@@ -389,7 +390,8 @@ class WaveOperator(LinearOperator):
         """
         if self._carried is None:
             return None
-        return (self.matrix + 0.5 * (self._carried - self._carried.T)).tocsr()
+        whole: csr_array[Any] = (self.matrix + 0.5 * (self._carried - self._carried.T)).tocsr()
+        return whole
 
     @cached_property
     def _blocks(self) -> Array:

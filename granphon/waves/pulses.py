@@ -375,15 +375,16 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     """Return a network ``cut`` from a ``whole`` one without the balls that its static forces push
     over.
 
-    The balls of a cut feel the forces of the contacts that they have lost as dead loads: these keep
-    the balance, and do not change with small motions. A ball that hangs on one contact rolls off it
-    under such a load, and then carries nothing. It no longer moves in the network, and has no
-    contacts. Such are the balls that fewer pressed contacts hold than there are dimensions, and
-    those that are left so without them. If static forces still push something over, which hangs as
-    a whole, the ball that moves most in each of these motions goes, until the rest is stable.
+    The balls of a cut feel the forces of the contacts that they have lost as dead loads, which keep
+    the balance and do not change with small motions. A ball that hangs on one contact rolls off
+    that contact under such a load, and then carries nothing: in the returned network the ball does
+    not move and has no contacts. A ball hangs if fewer pressed contacts hold it than there are
+    dimensions, or do so once other such balls are gone. If static forces still push over several
+    balls that hang together, the ball that moves most in each of these motions is left out, until
+    the network is stable.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable
-    itself, if nothing of it is held, or if it is too large for its motions to be found.
+    Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable, if
+    nothing of the cut network is held, or if the network is too large for its motions to be found.
     """
     if not cut.prestress:
         return cut
@@ -416,9 +417,8 @@ def _find_hanging(network: ContactNetwork) -> Index:
     while np.count_nonzero(hanging) > count:
         count = int(np.count_nonzero(hanging))
         live = np.where(hanging[i] | hanging[j], 0, holds)
-        hanging = network.moving & (
-            np.bincount(i, live, n) + np.bincount(j, live, n) < network.dimension
-        )
+        contacts = np.bincount(i, live, n) + np.bincount(j, live, n)
+        hanging = network.moving & (contacts < network.dimension)
     return np.flatnonzero(hanging)
 
 
