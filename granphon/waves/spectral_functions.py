@@ -29,23 +29,24 @@ from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_vector
 from granphon.waves.settings import POLARISATIONS
 
-#: largest deviation of q . L / 2 pi from a whole number that is put down to rounding
+#: largest deviation of q . L / 2 pi from a whole number that counts as rounding
 _WHOLE = 1e-6
 #: largest phase of a wave across a network, rad: of a larger one no digit within a turn is left
 _MOST_PHASE = 1e15
-#: length of the part of a direction across q, over that of the direction, below which there is none
+#: length of the component of a direction across q, over that of the direction, below which the
+#: component is zero
 _ACROSS = 1e-9
-#: greatest common denominator of the sites of a lattice, in fractions of its vectors, that is
-#: looked for
+#: greatest common denominator of the sites of a lattice, in fractions of its vectors, that is tried
 _MOST_PARTS = 24
-#: a Lorentz curve of the full width L is broadened by a kernel of the width G to l L + ((1 - l)^2
-#: L^2 + G^2)^1/2. With
-#: l = 0.5346 that is Voigt's curve, of a Gaussian (Olivero and Longbothum, J. Quant. Spectrosc.
-#: Radiat. Transf. 17, 233
-#: (1977)); for the Jackson kernel, which is not quite one, it holds to 3e-3 with
+#: l of the full width l L + ((1 - l)^2 L^2 + G^2)^1/2 to which a kernel of the width G broadens a
+#: Lorentz curve of the full width L. A Gaussian kernel has l = 0.5346, Voigt's curve (Olivero and
+#: Longbothum, J. Quant. Spectrosc. Radiat. Transf. 17, 233 (1977)). The Jackson kernel is nearly a
+#: Gaussian, and the formula holds to 3e-3 with this l
 _LINEAR = 0.465
 #: width of a line over that of the kernel, from which it counts as resolved
 _RESOLVED = 0.2
+#: memory of a spectrum for each moment, bytes
+_MOMENT_BYTES = 40.0
 #: greatest relative difference of the wave vectors of spectral functions that are averaged
 _SAME = 1e-9
 #: greatest relative difference of their resolutions
@@ -75,25 +76,27 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
     requested = _as_wavevectors(network, q)
     nearest = _round(network, requested)
     periods = network.cell[list(network.pbc), : network.dimension]
-    wrong = np.abs((requested - nearest) @ periods.T) > 2.0 * np.pi * _WHOLE * np.maximum(
-        1.0, np.abs(nearest @ periods.T)
-    )
-    if np.any(wrong):
-        number = int(np.argmax(np.any(wrong, axis=1)))
-        requested_text, nearest_text = (
-            "(" + ", ".join(f"{component:.9g}" for component in vector) + ")"
-            for vector in (requested[number], nearest[number])
+    deviation = np.abs((requested - nearest) @ periods.T)
+    is_wrong = deviation > 2.0 * np.pi * _WHOLE * np.maximum(1.0, np.abs(nearest @ periods.T))
+    if np.any(is_wrong):
+        row = int(np.argmax(np.any(is_wrong, axis=1)))
+        fault = f"q = {_write_vector(requested[row])} is no wave vector of the periodic cell"
+        mend = (
+            f"The nearest is {_write_vector(nearest[row])} 1/m;"
+            f" waves.nearest_wavevectors(q) finds it for any q"
         )
-        fault = f"q = {requested_text} is no wave vector of the periodic cell"
-        why = "Along each of its vectors L, q . L must be"
-        mend = f"The nearest is {nearest_text} 1/m; waves.nearest_wavevectors(q) finds it for any q"
-        if not np.any(nearest[number]):
+        if not np.any(nearest[row]):
             mend = (
                 f"It is shorter than those of this cell, of which the shortest is"
                 f" {_find_shortest(network):.6g} 1/m"
             )
-        raise InputError(fault, f"{why} a multiple of 2 pi", mend)
+        why = "Along each of its vectors L, q . L must be a multiple of 2 pi"
+        raise InputError(fault, why, mend)
     return nearest
+
+
+def _write_vector(vector: Array) -> str:
+    return "(" + ", ".join(f"{component:.9g}" for component in vector) + ")"
 
 
 def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
@@ -106,12 +109,13 @@ def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) ->
 
 def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
     """Return for wave vectors ``q`` (n, d) of a lattice the shortest, 1/m, in whose waves all balls
-    move as in those of q.
+    move as in the wave of q.
 
-    They differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t between all
-    balls of a cell. With one ball in a cell these are all G, and the shortest lies in the first
-    zone; along the axis of hcp every second one is such. None for a network of no lattice, and for
-    a lattice whose sites are no multiples of a 24th, or of a larger part, of the lattice vectors.
+    The two differ by a reciprocal vector G with exp(i G . t) = 1 for the steps t between all balls
+    of a cell. With one ball in a cell every G is such a vector, and the shortest wave vector lies
+    in the first zone; along the axis of hcp every second G is one. None for a network of no
+    lattice, and for a lattice whose sites are no multiples of a 24th, or of a larger part, of the
+    lattice vectors.
     """
     if network.lattice is None or network.shape is None:
         return None
@@ -125,13 +129,13 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
         for m in range(1, _MOST_PARTS + 1)
         if np.all(np.abs(m * steps - np.round(m * steps)) <= _WHOLE)
     )
-    if (m := next(denominators, None)) is None:
+    m = next(denominators, None)
+    if m is None:
         return None
     # reciprocal vectors, as whole numbers, that span all G with exp(i G . t) = 1: m times any
-    # reciprocal vector is one of them, so that those from 0 to m have a triangular basis among them
-    numbers = np.stack(np.meshgrid(*[np.arange(m + 1)] * periods, indexing="ij"), axis=-1).reshape(
-        -1, periods
-    )
+    # reciprocal vector is such a G, so that the G from 0 to m contain a triangular basis
+    grid = np.meshgrid(*[np.arange(m + 1)] * periods, indexing="ij")
+    numbers = np.stack(grid, axis=-1).reshape(-1, periods)
     numbers = numbers[np.all((numbers @ np.round(m * steps).astype(int).T) % m == 0, axis=1)]
     repeats = np.zeros((periods, periods), np.intp)
     for n in range(periods):
@@ -150,10 +154,10 @@ def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Arr
         why = f"A wave vector of this network has the shape ({d},)"
         mend = f"Give ({d},) or (n, {d}), Cartesian, in 1/m"
         raise InputError(f"q has the shape {vectors.shape}", why, mend)
-    size = float(
-        np.max(np.abs(network.cell), initial=0.0) + np.ptp(getattr(network, "positions", 0.0))
-    )
-    if (phase := float(np.max(np.abs(vectors), initial=0.0)) * size) > _MOST_PHASE:
+    extent = np.ptp(getattr(network, "positions", 0.0))
+    size = float(np.max(np.abs(network.cell), initial=0.0) + extent)
+    phase = float(np.max(np.abs(vectors), initial=0.0)) * size
+    if phase > _MOST_PHASE:
         fault = f"the phase of such a wave differs by {phase:.1e} across the network"
         raise PrecisionError(
             fault, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q"
@@ -183,19 +187,18 @@ def _find_nearest(periods: Array, q: Array) -> Array:
     ``periods`` (p, d).
     """
     back = np.asarray(np.linalg.pinv(periods).T, float)  # (p, d) rows b with b_i . L_j = delta_ij
-    # whole numbers (p, p) that make a basis that of the shortest vectors: only in this one are the
+    # whole numbers (p, p) that make the basis of the shortest vectors: only in this basis are the
     # lattice points nearest to a point among the corners of its cell and of the cells next to it
     shorter = np.rint(shortest_vectors(back) @ periods.T)
     waves = q @ periods.T @ np.linalg.inv(shorter) / (2.0 * np.pi)
-    around = np.floor(waves)[:, None] + np.array(
-        list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods)))
-    )
+    corners = np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
+    around = np.floor(waves)[:, None] + corners
     squares = np.sum(((around - waves[:, None]) @ (shorter @ back)) ** 2, axis=-1)
-    # of those that are equally near the first, whatever rounding says: at all loads the same
-    least = np.argmin(np.round(squares / np.sum(back**2), 9), axis=1)
-    # from whole numbers, not as a step from q: then the same wave vector has the same digits, and
-    # Gamma is zero
-    return np.asarray(2.0 * np.pi * (around[np.arange(len(q)), least] @ shorter) @ back + 0.0)
+    # the first of those that are equally near but for rounding: the same one at all loads
+    nearest = np.argmin(np.round(squares / np.sum(back**2), 9), axis=1)
+    # from whole numbers, not as a step from q: the same wave vector has the same digits, and Gamma
+    # is zero
+    return np.asarray(2.0 * np.pi * (around[np.arange(len(q)), nearest] @ shorter) @ back + 0.0)
 
 
 # -- polarisations ---------------------------------------------------------------------------------
@@ -207,38 +210,25 @@ def find_polarisations(
     """Return the polarisations of a wave, (b, motions): orthonormal rows, over which a spectral
     function is averaged.
 
-    Raises :class:`~granphon.base.errors.InputError` if the balls do not move that way, or if it is
-    not said which way.
+    Raises :class:`~granphon.base.errors.InputError` if the balls do not move in that polarisation,
+    or if a direction that it needs is missing.
     """
     motions = operator.motions
     letters = ", ".join(motions.letters)
     if not isinstance(polarisation, str):
-        # numbers, one for each displacement or one for each motion
-        numbers = finite_array("polarisation", polarisation)
-        sizes = (len(motions.translations), motions.count)
         if direction is not None:
+            finite_array("polarisation", polarisation)
             raise InputError(
                 "a direction is given besides the polarisation by numbers", "They say the same"
             )
-        if numbers.ndim != 1 or numbers.size not in sizes or not np.any(numbers):
-            why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {letters}"
-            mend = f"Give these, not all zero, or one of {', '.join(POLARISATIONS)}"
-            raise InputError(f"the polarisation is {brief(polarisation)}", why, mend)
-        rows = np.zeros((1, motions.count))
-        numbers = numbers / np.max(np.abs(numbers))
-        rows[0, : numbers.size] = numbers / np.linalg.norm(numbers)
-        return rows
+        return _read_polarisation(operator, polarisation)
     name = one_of("polarisation", polarisation, POLARISATIONS)
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
-    requested = (
-        None
-        if direction is None
-        else read_vector("direction", direction, operator.network.dimension)
-    )
-    along = np.zeros(3)
-    along[: q.size] = q
+    requested = None
+    if direction is not None:
+        requested = read_vector("direction", direction, operator.network.dimension)
     if turns:
         directions = free if requested is None else (requested @ free.T) @ free
     elif not np.any(q):
@@ -250,6 +240,8 @@ def find_polarisations(
             raise InputError(f"a {name} wave with q = 0 has no direction", mend=mend)
         directions = requested
     else:
+        along = np.zeros(3)
+        along[: q.size] = q
         along /= np.linalg.norm(along)
         if name == "longitudinal":
             directions = along
@@ -259,22 +251,16 @@ def find_polarisations(
                 raise InputError(
                     f"the direction {brief(direction)} of a transverse wave is along q"
                 )
-        else:  # orthonormal directions across q: within the plane of the balls, if they move there
-            for allowed in (free[np.argmax(free, axis=1) < operator.network.dimension], free):
-                transverse = allowed - (allowed @ along)[:, None] * along
-                _, across, basis = (
-                    np.linalg.svd(transverse) if len(transverse) else (None, np.zeros(0), free)
-                )
-                directions = basis[: across.size][across > 0.5]
-                if len(directions):
-                    break
+        else:
+            # within the plane of the balls, if they move across q there
+            in_plane = free[np.argmax(free, axis=1) < operator.network.dimension]
+            directions = _find_transverse(in_plane, along)
+            if not len(directions):
+                directions = _find_transverse(free, along)
     # directions (b, 3) as rows (b, motions) of unit length
     directions = np.atleast_2d(directions)
-    if (
-        not len(directions)
-        or not axes
-        or np.max(np.abs(np.delete(directions, axes, axis=1)), initial=0.0) > _ACROSS
-    ):
+    held = np.delete(directions, axes, axis=1)
+    if not len(directions) or not axes or np.max(np.abs(held), initial=0.0) > _ACROSS:
         raise InputError(
             f"no {name} wave of this direction runs here", f"Balls move in {letters} alone"
         )
@@ -284,6 +270,34 @@ def find_polarisations(
     rows = np.zeros((len(directions), motions.count))
     rows[:, motions.turning if turns else motions.translating] = (directions / size)[:, list(axes)]
     return rows
+
+
+def _read_polarisation(operator: WaveOperator, polarisation: ArrayLike) -> Array:
+    """Return the row (1, motions) of a polarisation by numbers: of all displacements, or of all
+    motions.
+    """
+    motions = operator.motions
+    letters = ", ".join(motions.letters)
+    numbers = finite_array("polarisation", polarisation)
+    sizes = (len(motions.translations), motions.count)
+    if numbers.ndim != 1 or numbers.size not in sizes or not np.any(numbers):
+        why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {letters}"
+        mend = f"Give these, not all zero, or one of {', '.join(POLARISATIONS)}"
+        raise InputError(f"the polarisation is {brief(polarisation)}", why, mend)
+    row = np.zeros((1, motions.count))
+    numbers = numbers / np.max(np.abs(numbers))
+    row[0, : numbers.size] = numbers / np.linalg.norm(numbers)
+    return row
+
+
+def _find_transverse(free: Array, along: Array) -> Array:
+    """Return orthonormal directions (b, 3) across ``along`` that the directions ``free`` (a, 3)
+    span.
+    """
+    if not len(free):
+        return free
+    _, sizes, basis = np.linalg.svd(free - (free @ along)[:, None] * along)
+    return np.asarray(basis[: sizes.size][sizes > 0.5])
 
 
 # -- vectors ---------------------------------------------------------------------------------------
@@ -339,32 +353,30 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
     step = math.pi / (2 * kernel.count - 1)
     peaks = np.zeros(len(values))
     widths = np.zeros(len(values))
-    for number, row in enumerate(values):
-        n = int(np.argmax(row))
-        log = np.log(np.maximum(row, np.finfo(float).tiny))
+    for number, spectrum in enumerate(values):
+        n = int(np.argmax(spectrum))
+        log = np.log(np.maximum(spectrum, np.finfo(float).tiny))
         point = float(n)
         height = float(log[n])
         if n < kernel.count - 1:
             previous = float(log[abs(n - 1)])
             following = float(log[n + 1])
-            curved = previous - 2.0 * height + following
-            shift = 0.0 if curved >= 0.0 else 0.5 * (previous - following) / curved
+            curvature = previous - 2.0 * height + following
+            shift = 0.0 if curvature >= 0.0 else 0.5 * (previous - following) / curvature
             point += shift
             height -= 0.25 * (previous - following) * shift
-        peaks[number] = peak = kernel.top * math.sin(step * point)
-        low = height - math.log(2.0)
-        sides = list[float]()
-        for way, flank in (
-            (-1, log[n::-1]),
-            (1, log[n:]),
-        ):
-            # where each flank falls to half the height, if it does
-            under = np.flatnonzero(flank < low)
-            if under.size:
-                k = int(under[0])
-                fall = n + way * float(k - 1 + (flank[k - 1] - low) / (flank[k - 1] - flank[k]))
-                sides.append(abs(kernel.top * math.sin(step * fall) - peak))
-        widths[number] = sum(sides) if len(sides) == 2 else 2.0 * sides[0]
+        peaks[number] = kernel.top * math.sin(step * point)
+        level = height - math.log(2.0)
+        half_widths = list[float]()
+        for sign, flank in ((-1, log[n::-1]), (1, log[n:])):
+            # the point at which the flank falls to half the height, if it does
+            below = np.flatnonzero(flank < level)
+            if below.size:
+                k = int(below[0])
+                fall = (flank[k - 1] - level) / (flank[k - 1] - flank[k])
+                crossing = n + sign * float(k - 1 + fall)
+                half_widths.append(abs(kernel.top * math.sin(step * crossing) - peaks[number]))
+        widths[number] = sum(half_widths) if len(half_widths) == 2 else 2.0 * half_widths[0]
     return peaks, widths
 
 
@@ -403,10 +415,10 @@ def find_ioffe_regel(
     if not below.size:
         return None
     n = int(below[0])
-    share = 0.0 if math.isinf(above[n - 1]) else above[n - 1] / (above[n - 1] - above[n])
-    return float(
-        peak[n] if math.isinf(above[n - 1]) else peak[n - 1] + share * (peak[n] - peak[n - 1])
-    )
+    if math.isinf(above[n - 1]):
+        return float(peak[n])
+    share = above[n - 1] / (above[n - 1] - above[n])
+    return float(peak[n - 1] + share * (peak[n] - peak[n - 1]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -481,8 +493,8 @@ class SpectralFunction(Refinable):
 
     @property
     def resolved(self) -> NDArray[np.bool_]:
-        """(n,) whether each line has a width of its own of a fifth of the kernel's or more; less is
-        not to be relied on.
+        """(n,) whether the width of each line is a fifth of the kernel's or more; a smaller width
+        is not to be relied on.
         """
         return np.asarray(self.width >= _RESOLVED * self._kernel_width)
 
@@ -532,10 +544,11 @@ class SpectralFunction(Refinable):
         ``product``; None if never.
 
         With 1 the mean free path is the wavelength over 2 pi, and the width the frequency; with pi
-        it is half the wavelength. It lies between two wave vectors, in the order of their lengths:
-        the first that is above and the next below; the logarithm of peak/width is interpolated. If
-        already the shortest wave vector is below, there is no such frequency, and that is an
-        :class:`~granphon.base.errors.InputError`.
+        it is half the wavelength. The frequency lies between two wave vectors, in the order of
+        their lengths, of which the first has a larger product and the next a smaller one; the
+        logarithm of peak/width is interpolated. Raises
+        :class:`~granphon.base.errors.InputError` if already the shortest wave vector has a smaller
+        product.
         """
         return find_ioffe_regel(self.wavenumber, self.peak, self.width, product)
 
@@ -557,14 +570,13 @@ class SpectralFunction(Refinable):
         if not found:
             raise InputError("there are no spectral functions to average", mend="Give one or more")
         first = max(found, key=lambda spectrum: spectrum.top)
+        rounding = _SAME * np.max(np.abs(first.q))
         for spectrum in found:
-            same = spectrum.q.shape == first.q.shape and np.allclose(
-                spectrum.q, first.q, rtol=_SAME, atol=_SAME * np.max(np.abs(first.q))
+            same_q = spectrum.q.shape == first.q.shape and np.allclose(
+                spectrum.q, first.q, rtol=_SAME, atol=rounding
             )
-            if not same or (spectrum.polarisation, spectrum.direction) != (
-                first.polarisation,
-                first.direction,
-            ):
+            same_polarisation = spectrum.polarisation == first.polarisation
+            if not same_q or not same_polarisation or spectrum.direction != first.direction:
                 raise InputError(
                     "spectral functions of other wave vectors or polarisations have no mean"
                 )
@@ -599,39 +611,32 @@ class PlaneWaves:
         polarisation: str | ArrayLike,
         direction: ArrayLike | None,
     ) -> None:
-        self._operator, self._q = operator, (q := read_wavevectors(operator.network, q))
-        word = isinstance(polarisation, str)
-        if (
-            word
-            and polarisation == "longitudinal"
-            and direction is not None
-            and np.all(np.any(q, axis=1))
-        ):
-            what = "a direction is given for a longitudinal wave, which moves along q"
-            raise InputError(what, mend="Leave it out")
-        self._polarisation = str(polarisation) if word else "given"
-        numbers = direction if word else polarisation
+        wavevectors = read_wavevectors(operator.network, q)
+        is_word = isinstance(polarisation, str)
+        is_longitudinal = is_word and polarisation == "longitudinal"
+        if is_longitudinal and direction is not None and np.all(np.any(wavevectors, axis=1)):
+            fault = "a direction is given for a longitudinal wave, which moves along q"
+            raise InputError(fault, mend="Leave it out")
+        self._operator = operator
+        self._q = wavevectors
+        self._polarisation = str(polarisation) if is_word else "given"
+        numbers = direction if is_word else polarisation
         self._direction = () if numbers is None else finite_list("direction", numbers)
-        rows = [find_polarisations(operator, one, polarisation, direction) for one in q]
-        waves = [
-            (n, row, sine)
-            for n, one in enumerate(rows)
-            for row in one
-            for sine in ((False, True) if any(q[n]) else (False,))
-        ]
-        keep = keeps_vectors(operator, len(waves))
-        self._waves = [
-            (n, Moments(operator, partial(make_plane_wave, operator, q[n], row, sine), keep=keep))
-            for n, row, sine in waves
-        ]
+        starts = []
+        for n, wavevector in enumerate(wavevectors):
+            for row in find_polarisations(operator, wavevector, polarisation, direction):
+                # the sine of a wave of q = 0 is zero
+                for sine in (False, True) if any(wavevector) else (False,):
+                    starts.append((n, partial(make_plane_wave, operator, wavevector, row, sine)))
+        keep = keeps_vectors(operator, len(starts))
+        self._waves = [(n, Moments(operator, start, keep=keep)) for n, start in starts]
 
     def find(self, moments: int) -> SpectralFunction:
         """Return the spectral function of this number of moments."""
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
-        fault = f"spectra of {moments:,} moments at {len(self._q):,} wave vectors"
         require_memory(
-            fault,
-            40.0 * len(self._q) * float(moments),
+            f"spectra of {moments:,} moments at {len(self._q):,} wave vectors",
+            _MOMENT_BYTES * len(self._q) * float(moments),
             "Take fewer wave vectors, or a coarser resolution",
         )
         sums = np.zeros((len(self._q), moments))
