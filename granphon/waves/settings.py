@@ -631,10 +631,9 @@ def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
 
 def read_direction(value: Any) -> tuple[float, ...]:
     """Read a Cartesian vector, a list of numbers or a text of them."""
-    if isinstance(value, str):
-        components = value.split()
-    else:
-        components = value if isinstance(value, list | tuple) else [value]
+    components: Any = value.split() if isinstance(value, str) else value
+    if not isinstance(components, list | tuple):
+        components = [components]
     numbers = each(components, partial(fraction, largest=1e3), "numbers")
     if len(numbers) > 3 or not any(numbers):
         raise Refused(show(value), "one to three numbers, not all zero, such as 0 1")
