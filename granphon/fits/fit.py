@@ -96,8 +96,8 @@ def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
     be said of it.
     """
     if dof == 0:
-        what = f"as many data as fitted parameters ({parameters}) leave 0 degrees of freedom"
-        return [f"{what}: nothing can be said of how well the model fits"]
+        fault = f"as many data as fitted parameters ({parameters}) leave 0 degrees of freedom"
+        return [f"{fault}: nothing can be said of how well the model fits"]
     p = compute_probability(chi2, dof)
     if _LEAST_CHANCE <= p <= 1.0 - _LEAST_CHANCE:
         return []
@@ -114,8 +114,8 @@ def compute_leverages(matrix: Array) -> Array:
     """Return how far the fit follows each datum, (n,), sum p: the diagonal of A (A^T A)^-1 A^T, A
     (n, p) the derivatives.
     """
-    left, _ = np.linalg.qr(matrix / np.linalg.norm(matrix, axis=0))
-    return np.asarray(np.sum(left**2, axis=1))
+    directions, _ = np.linalg.qr(matrix / np.linalg.norm(matrix, axis=0))
+    return np.asarray(np.sum(directions**2, axis=1))
 
 
 def find_rounding(values: Array) -> float:
@@ -159,8 +159,8 @@ def find_warnings(
     leverages = compute_leverages(matrix)
     chi2 = float(residuals @ residuals) if given else float(dof)
 
-    def describe(place: int) -> str:
-        return f"datum {place + 1}, {velocity[place]:.4g} m/s at {force[place]:.4g} N,"
+    def describe(number: int) -> str:
+        return f"datum {number + 1}, {velocity[number]:.4g} m/s at {force[number]:.4g} N,"
 
     # residuals
     if given or not dof:
@@ -181,10 +181,12 @@ def find_warnings(
         x = np.log(force[order])
         y = np.log(velocity[order])
         reach = x[2:] - x[:-2]
-        part = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
-        off = y[1:-1] - (1.0 - part) * y[:-2] - part * y[2:]
+        weight = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
+        offsets = y[1:-1] - (1.0 - weight) * y[:-2] - weight * y[2:]
         square = (
-            float(np.mean(off**2 / (1.0 + part**2 + (1.0 - part) ** 2))) if off.size else math.inf
+            float(np.mean(offsets**2 / (1.0 + weight**2 + (1.0 - weight) ** 2)))
+            if offsets.size
+            else math.inf
         )
         noise = max(math.sqrt(square), np.finfo(float).eps)
         chances = (
@@ -211,8 +213,8 @@ def find_warnings(
         if balls[longest] > _LONGEST_WAVE:
             hertz = np.broadcast_to(frequency, velocity.shape)[longest]
             size = f"{wavelength[longest]:.3g} m long, {balls[longest]:.3g} diameters"
-            what = f"the wave of a pulse at {hertz:.4g} Hz is {size}"
-            out.append(f"{what}: its velocity is that of long waves. Is the frequency in Hz?")
+            fault = f"the wave of a pulse at {hertz:.4g} Hz is {size}"
+            out.append(f"{fault}: its velocity is that of long waves. Is the frequency in Hz?")
     # a datum that alone decides the fit
     most = int(np.argmax(leverages))
     if dof and leverages[most] > _DECIDING_LEVERAGE:
@@ -227,13 +229,13 @@ def find_warnings(
         farthest = int(np.argmax(r))
         distance = float(r[farthest])
         # chi-squared of the others about a fit of their own
-        others = max(chi2 - distance**2, 1e-12)
-        if given and compute_probability(others, dof - 1) >= _CHANCE_OF_AGREEMENT:
-            one = float(ndtr(-distance))
+        chi2_of_others = max(chi2 - distance**2, 1e-12)
+        if given and compute_probability(chi2_of_others, dof - 1) >= _CHANCE_OF_AGREEMENT:
+            tail = float(ndtr(-distance))
         else:  # judged by the scatter of the others: Student's distribution
-            distance *= math.sqrt((dof - 1) / others)
-            one = float(stdtr(dof - 1, -distance))
-        chance = min(2.0 * len(r) * one, 1.0)  # any of the len(r) data may be the farthest
+            distance *= math.sqrt((dof - 1) / chi2_of_others)
+            tail = float(stdtr(dof - 1, -distance))
+        chance = min(2.0 * len(r) * tail, 1.0)  # any of the len(r) data may be the farthest
         if chance < _LEAST_CHANCE:
             out.append(
                 f"{describe(farthest)} lies {distance:.3g} standard errors off the fit of the"
@@ -273,26 +275,26 @@ class FitProblem:
             )
         least = _LEAST_RATIO_OF_MODULUS if "young_modulus" in model.names else _LEAST_RATIO
         if not least < math.exp(float(np.mean(np.log(ratio)))) < 1.0 / least:
-            what = (
+            fault = (
                 f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of"
                 f" equal balls"
             )
             mend = "Check the units of force and velocity, and that their columns are not swapped"
-            raise InputError(what, mend=mend)
-        part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
-        if np.any(part <= _MODEL_ERROR):
-            what = f"sigma is as small as {np.min(part):.3g} times the velocity"
+            raise InputError(fault, mend=mend)
+        relative_error = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
+        if np.any(relative_error <= _MODEL_ERROR):
+            fault = f"sigma is as small as {np.min(relative_error):.3g} times the velocity"
             why = f"Those of a model have relative errors of {_MODEL_ERROR:g}"
             raise InputError(
-                what, why, "Check the units of sigma, or give the errors that the data have"
+                fault, why, "Check the units of sigma, or give the errors that the data have"
             )
-        if np.any(part >= 1.0 / _MODEL_ERROR):
-            what = f"sigma is as large as {np.max(part):.3g} times the velocity"
-            raise InputError(what, "No measurement has such an error", "Check its units")
+        if np.any(relative_error >= 1.0 / _MODEL_ERROR):
+            fault = f"sigma is as large as {np.max(relative_error):.3g} times the velocity"
+            raise InputError(fault, "No measurement has such an error", "Check its units")
         if len(data.force) < len(model.names) + (data.sigma is None):
-            several = "s" if len(data.force) > 1 else ""
-            what = (
-                f"found {len(data.force)} measurement{several}, to which"
+            plural = "s" if len(data.force) > 1 else ""
+            fault = (
+                f"found {len(data.force)} measurement{plural}, to which"
                 f" {' and '.join(model.names)} cannot be fitted"
             )
             why = (
@@ -300,7 +302,7 @@ class FitProblem:
                 if data.sigma is None
                 else ""
             )
-            raise InputError(what, why, "Measure more")
+            raise InputError(fault, why, "Measure more")
         return cls(
             model,
             data.velocity,
@@ -359,22 +361,22 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
     model = problem.model
     where = problem.model.width_index
     if model.is_sampled:
-        found = find_best(replace(problem, model=replace(model, choice=MediumChoice("ema"))))[1]
-        problem = replace(problem, model=model.settle_geometry(found)).simulate_at(found)
+        best = find_best(replace(problem, model=replace(model, choice=MediumChoice("ema"))))[1]
+        problem = replace(problem, model=model.settle_geometry(best)).simulate_at(best)
         # the samples are simulated again until they belong to the minimum
         for _ in range(_MOST_SIMULATED):
-            found = _descend(problem, found)
-            again = problem.simulate_at(found)
-            if again is problem:
-                return problem, found
-            problem = again
+            best = _descend(problem, best)
+            renewed = problem.simulate_at(best)
+            if renewed is problem:
+                return problem, best
+            problem = renewed
         names = " and ".join(model.names)
-        what = f"{names} still changed after {_MOST_SIMULATED} simulations"
+        fault = f"{names} still changed after {_MOST_SIMULATED} simulations"
         mend = "Take more balls or samples, and with a history a lower step_tolerance"
-        raise InputError(what, "Forces of few balls jump when the width changes", mend)
+        raise InputError(fault, "Forces of few balls jump when the width changes", mend)
     if where is None:
         return problem, _descend(problem, model.find_start(model.packing.width))
-    others = np.arange(len(model.names)) != where
+    is_other = np.arange(len(model.names)) != where
     starts: list[Array] = []
     squares = [math.inf]
     effect = 0.0
@@ -386,9 +388,9 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
             if not starts:  # even the narrowest width fails: the width is not the cause
                 raise
             break
-        step = np.linalg.lstsq(matrix[:, others], residuals, rcond=SAME_EFFECT)[0]
+        step = np.linalg.lstsq(matrix[:, is_other], residuals, rcond=SAME_EFFECT)[0]
         starts.append(logs)
-        squares.append(float(np.sum((residuals - matrix[:, others] @ step) ** 2)))
+        squares.append(float(np.sum((residuals - matrix[:, is_other] @ step) ** 2)))
         effect = max(
             effect,
             float(
@@ -396,18 +398,18 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
             ),
         )
     if effect < _NO_EFFECT:
-        what = (
+        fault = (
             f"in the medium {model.choice.label!r} sound does not depend on the width of this"
             f" spread"
         )
         if model.packing.structure.periods == 1:
             raise InputError(
-                what,
+                fault,
                 "On a line all contacts carry the same force",
                 "Fit young_modulus without the width",
             )
         raise InputError(
-            what, mend="Use another medium, such as ema, and a spread that has a shape"
+            fault, mend="Use another medium, such as ema, and a spread that has a shape"
         )
     squares.append(math.inf)
     low = [
@@ -440,10 +442,10 @@ def _descend(problem: FitProblem, start: Array) -> Array:
     def jacobian(move: Array) -> Array:
         return -system(tuple(move.tolist()))[1]
 
-    found = least_squares(
+    minimum = least_squares(
         residuals, np.zeros(start.shape), jacobian, ftol=1e-12, xtol=1e-11, gtol=1e-14, max_nfev=100
     )
-    return np.asarray(start + found.x)
+    return np.asarray(start + minimum.x)
 
 
 def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> InputError:
@@ -455,9 +457,9 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     worst = int(np.argmax(errors))
     where = model.width_index
     if where is None:
-        what = f"the data do not determine {' and '.join(model.names)}"
+        fault = f"the data do not determine {' and '.join(model.names)}"
         why = f"The standard error of {model.names[worst]} is {errors[worst]:.3g} times its value"
-        return InputError(what, why, _MEASURE)
+        return InputError(fault, why, _MEASURE)
     width = float(np.exp(logs[where]))
     error = float(errors[where])
     ideal = model.equal_balls(logs)[0]
@@ -469,7 +471,7 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
                 np.average(problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2)
                 <= _NO_EFFECT
             ):
-                what = (
+                fault = (
                     f"the velocities are on average {100.0 * excess:.2g} % above those of pulses"
                     f" of equal balls"
                 )
@@ -477,39 +479,39 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
                     f"They are not above those of long waves."
                     f" {model.equal_balls.describe_nearest_to_top(logs)}"
                 )
-                return InputError(what, why, "Check the frequency; leave it out for long waves")
-        what = f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls"
+                return InputError(fault, why, "Check the frequency; leave it out for long waves")
+        fault = f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls"
         mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
-        return InputError(what, "A spread of diameters slows sound, so that no width fits", mend)
+        return InputError(fault, "A spread of diameters slows sound, so that no width fits", mend)
     if model.names[worst] != "width" and errors[worst] > 1.0:
-        what = (
+        fault = (
             f"the data do not determine {model.names[worst]}: its standard error is"
             f" {errors[worst]:.3g} times its value"
         )
-        return InputError(what, mend=_MEASURE)
+        return InputError(fault, mend=_MEASURE)
     if error > 1.0 or width < problem.widths[0]:
         best = (
             f": the best is {write_quantity(width, 'm', 3)}, its standard error"
             f" {write_quantity(error * width, 'm', 3)}"
         )
-        what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
+        fault = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
         least = float(np.min(model.force))
         why = (
             f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds"
             f" their errors"
         )
-        return InputError(what, why, "Measure at lower forces, or more precisely")
+        return InputError(fault, why, "Measure at lower forces, or more precisely")
     falling = f"no width fits: the sum of squares still falls at {write_quantity(width, 'm', 3)}"
     tops = None if model.waves.frequency is None else model.find_tops(logs)
     if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
-        what = f"{falling}, beyond which the balls do not carry the frequency"
+        fault = f"{falling}, beyond which the balls do not carry the frequency"
         return InputError(
-            what, model.describe_nearest_to_top(logs), "Check the frequency and the velocities"
+            fault, model.describe_nearest_to_top(logs), "Check the frequency and the velocities"
         )
-    what = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
+    fault = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
     why = "The velocities are too low, or do not rise with the force as in an array of balls"
     return InputError(
-        what, why, "Check the units of the data, the Young modulus, diameter and density"
+        fault, why, "Check the units of the data, the Young modulus, diameter and density"
     )
 
 
@@ -693,8 +695,8 @@ class WidthFit(Fitted):
         choice = MediumChoice.parse(medium or self.choice)
         # samples in their exact geometry have finite overlap of themselves: nobody has asked for it
         # of other media
-        asked = self.waves.finite_overlap and not self.choice.is_exact
-        waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(asked))
+        requested = self.waves.finite_overlap and not self.choice.is_exact
+        waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(requested))
         if choice.stand_in != choice:
             forces = real_array("force", force, "N")
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), waves)
@@ -791,9 +793,9 @@ def fit_width(
     choice = MediumChoice.parse(medium, given_packing(packing).structure)
     if "width" not in names and not packing.width:
         choice = MediumChoice("ala")
-    asked = require("finite_overlap", truth, finite_overlap)
+    requested = require("finite_overlap", truth, finite_overlap)
     waves = Waves(
-        branch, _along(packing, direction), data.frequency, choice.has_finite_overlap(asked)
+        branch, _along(packing, direction), data.frequency, choice.has_finite_overlap(requested)
     )
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
@@ -802,15 +804,21 @@ def fit_width(
     waves = problem.model.waves
     if data.sigma is None:
         # numbers in double precision scatter by their rounding at least
-        off = problem(logs)[0]
+        residuals_of_fit = problem(logs)[0]
         least = np.finfo(float).eps * float(np.max(data.velocity))
         problem = replace(
-            problem, sigma=np.full(off.shape, max(math.sqrt(float(off @ off) / problem.dof), least))
+            problem,
+            sigma=np.full(
+                residuals_of_fit.shape,
+                max(math.sqrt(float(residuals_of_fit @ residuals_of_fit) / problem.dof), least),
+            ),
         )
     residuals, matrix = problem(logs)
     # the covariance of the logarithms, and the step to the minimum of the linear problem
     norms = np.linalg.norm(matrix, axis=0)
-    left, singular, right = np.linalg.svd(matrix / np.maximum(norms, 1e-300), full_matrices=False)
+    directions, singular, right = np.linalg.svd(
+        matrix / np.maximum(norms, 1e-300), full_matrices=False
+    )
     same = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
     every = len(names) == len(VARIABLE)  # no data can tell all three apart
     # if the others were known, the standard error of a parameter would be 1/norm
@@ -826,20 +834,22 @@ def fit_width(
         raise InputError(f"the data cannot tell {' and '.join(names)} apart", why, mend)
     root = (right / singular[:, None]).T / norms[:, None]
     covariance = root @ root.T
-    step = root @ (left.T @ residuals)
+    step = root @ (directions.T @ residuals)
     errors = np.sqrt(np.diag(covariance))
     # where the given sigma is smaller than the scatter, the step is compared with errors that the
     # scatter would give
     chi2 = float(residuals @ residuals)
-    given = data.sigma is not None
+    sigma_given = data.sigma is not None
     scatter = max(1.0, math.sqrt(chi2 / max(problem.dof, 1)))
     if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * scatter * errors + 1e-9):
         raise explain_undetermined(problem, logs, errors)
     fitted = problem.model.fit_packing(logs)
     values = np.exp(logs)
-    known = given or float(problem.sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
-    warnings = find_warnings(problem, logs, errors, given, known)
-    covariance = covariance if known else np.full(covariance.shape, np.nan)
+    errors_known = sigma_given or float(problem.sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(
+        data.velocity
+    )
+    warnings = find_warnings(problem, logs, errors, sigma_given, errors_known)
+    covariance = covariance if errors_known else np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force
     loads = (
         data.force[[np.argmin(data.force), np.argmax(data.force)]]
@@ -857,9 +867,9 @@ def fit_width(
         data.force,
         data.velocity,
         problem.sigma,
-        given,
+        sigma_given,
         data.velocity - residuals * problem.sigma,
-        chi2 if given else float(problem.dof),
+        chi2 if sigma_given else float(problem.dof),
         problem.dof,
         (*warnings, *validity(state).warnings),
     )
@@ -919,8 +929,8 @@ def convert_cutoff(
         )
     waves = Waves(branch, _along(packing, direction), None, finite_overlap)
     equal = VelocityModel(packing, ("young_modulus",), MediumChoice("ala"), force, waves)
-    own = equal.find_start(packing.width)
-    return np.asarray(cutoff * equal(own)[0] / equal.find_tops(own))
+    start = equal.find_start(packing.width)
+    return np.asarray(cutoff * equal(start)[0] / equal.find_tops(start))
 
 
 def _along(packing: Packing, direction: ArrayLike | None) -> Array:

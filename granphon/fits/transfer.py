@@ -88,21 +88,21 @@ class TransferFunction(Result):
 
     def __post_init__(self) -> None:
         for name in self._shapes:
-            given: Any = getattr(self, name)
-            if given is None:
+            values: Any = getattr(self, name)
+            if values is None:
                 continue
-            found = np.array(
+            numbers = np.array(
                 finite_list(
-                    name, given, self.units.get(name, ""), "" if name == "phase" else "above zero"
+                    name, values, self.units.get(name, ""), "" if name == "phase" else "above zero"
                 )
             )
-            if found.shape != np.shape(self.frequencies):
-                what = (
-                    f"there are {found.size} numbers of {name}, and {np.size(self.frequencies)}"
+            if numbers.shape != np.shape(self.frequencies):
+                fault = (
+                    f"there are {numbers.size} numbers of {name}, and {np.size(self.frequencies)}"
                     f" frequencies"
                 )
-                raise InputError(what, mend="Give the same number of each")
-            object.__setattr__(self, name, found)
+                raise InputError(fault, mend="Give the same number of each")
+            object.__setattr__(self, name, numbers)
         if self.phase_sigma is not None and (self.phase is None or self.sigma is None):
             lacks = "phase" if self.phase is None else "sigma of the magnitude"
             raise InputError(
@@ -135,12 +135,12 @@ class TransferFunction(Result):
         """
         table, named = Table.read(path), dict(columns or {})
         if unknown := [name for name in named if name not in _COLUMNS]:
-            what = f"{unknown[0]!r} is not a kind of column of a transfer function"
-            raise InputError(what, mend=suggest(unknown[0], _COLUMNS))
+            fault = f"{unknown[0]!r} is not a kind of column of a transfer function"
+            raise InputError(fault, mend=suggest(unknown[0], _COLUMNS))
         heads = {kind: named.get(kind, kind) for kind in _COLUMNS}
         for kind in _COLUMNS[:2]:
             if heads[kind] not in table:
-                what = f"{table.name} has no column named {heads[kind]!r}"
+                fault = f"{table.name} has no column named {heads[kind]!r}"
                 why = (
                     f"Its columns are"
                     f" {list_names(repr(str(heading)) for heading in table.headings)}"
@@ -149,57 +149,57 @@ class TransferFunction(Result):
                     f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}':"
                     f" 'NAME'}}"
                 )
-                raise InputError(what, why, mend)
+                raise InputError(fault, why, mend)
 
-        def read(kind: str, plain: Mapping[str, float]) -> Array | None:
+        def read(kind: str, factors: Mapping[str, float]) -> Array | None:
             """Return the numbers of a column in one of these units; None if it is not there, or has
             another unit.
             """
             unit = table.unit(heads[kind])
-            if heads[kind] not in table or unit not in plain:
+            if heads[kind] not in table or unit not in factors:
                 return None
             try:
-                return plain[unit] * table.numbers(heads[kind])
+                return factors[unit] * table.numbers(heads[kind])
             except InputError as error:
                 raise InputError(f"{table.name}, {error}") from None
 
         def measure(kind: str) -> Array:
-            own = _MAGNITUDES.get(quantity)
-            found = read(kind, {} if own else _NUMBERS)
-            if own and table.unit(heads[kind]) in _NUMBERS:
-                what = f"{table.name}: the column {heads[kind]!r} has no unit of {own.name}"
+            unit = _MAGNITUDES.get(quantity)
+            values = read(kind, {} if unit else _NUMBERS)
+            if unit and table.unit(heads[kind]) in _NUMBERS:
+                fault = f"{table.name}: the column {heads[kind]!r} has no unit of {unit.name}"
                 mend = (
-                    f"Head it '{kind} ({own.unit})'; or if it is a transmissibility, give"
+                    f"Head it '{kind} ({unit.unit})'; or if it is a transmissibility, give"
                     f" quantity='transmissibility'"
                 )
-                raise InputError(what, mend=f"{mend} (in a scene, response.quantity)")
-            if found is None and own:
-                return table.column(heads[kind], own)
-            if found is None:
-                what = (
+                raise InputError(fault, mend=f"{mend} (in a scene, response.quantity)")
+            if values is None and unit:
+                return table.column(heads[kind], unit)
+            if values is None:
+                fault = (
                     f"{table.name}: the column {heads[kind]!r} has the unit"
                     f" {table.unit(heads[kind])!r}"
                 )
                 raise InputError(
-                    what, "A transmissibility is a number", "Leave the unit out, or use % or dB"
+                    fault, "A transmissibility is a number", "Leave the unit out, or use % or dB"
                 )
-            return found
+            return values
 
         decibels = read("magnitude", {"dB": 1.0})
         magnitude = measure("magnitude") if decibels is None else 10.0 ** (decibels / 20.0)
         sigma: Array | None = None
         if heads["sigma"] in table:
-            part = read("sigma", {"%": 0.01})
-            loud = read("sigma", {"dB": math.log(10.0) / 20.0})
-            relative = loud if part is None else part
+            percents = read("sigma", {"%": 0.01})
+            decibel_error = read("sigma", {"dB": math.log(10.0) / 20.0})
+            relative = decibel_error if percents is None else percents
             sigma = measure("sigma") if relative is None else relative * magnitude
         angles = []
         for kind in ("phase", "phase_sigma"):
-            found = read(kind, _ANGLES)
-            if found is None and heads[kind] in table:
-                what = f"{table.name}: the column {heads[kind]!r} is not in rad or deg"
-                raise InputError(what, mend=f"Head it '{kind} (rad)'")
-            angles.append(found)
+            angle = read(kind, _ANGLES)
+            if angle is None and heads[kind] in table:
+                fault = f"{table.name}: the column {heads[kind]!r} is not in rad or deg"
+                raise InputError(fault, mend=f"Head it '{kind} (rad)'")
+            angles.append(angle)
         frequencies = table.column(heads["frequency"], FREQUENCY)
         try:
             return cls(frequencies, magnitude, angles[0], sigma, angles[1])
@@ -224,16 +224,16 @@ class _Model:
         """Return (normal, tangential) damping and loss factor; the tangential one is the normal one
         unless it is fitted.
         """
-        found = []
-        for name, given in (("damping", self.damping), ("loss_factor", self.loss_factor)):
-            normal = values.get(name, given[0])
-            found.append(
-                (normal, values.get(f"tangential_{name}", normal if name in values else given[1]))
+        pairs = []
+        for name, fixed in (("damping", self.damping), ("loss_factor", self.loss_factor)):
+            normal = values.get(name, fixed[0])
+            pairs.append(
+                (normal, values.get(f"tangential_{name}", normal if name in values else fixed[1]))
             )
-        return found[0], found[1]
+        return pairs[0], pairs[1]
 
-    def __call__(self, given: Array) -> NDArray[np.complex128]:
-        values = dict(zip(self.names, given.tolist(), strict=True))
+    def __call__(self, parameters: Array) -> NDArray[np.complex128]:
+        values = dict(zip(self.names, parameters.tolist(), strict=True))
         network = self.network
         load = values.get("load", 1.0)
         stiffer = (
@@ -251,14 +251,14 @@ class _Model:
         held = {name: getattr(network, name) for name in ("normal_force", "tangential_force")}
         scaled |= {name: load * force for name, force in held.items() if force is not None}
         network = replace(network, **scaled)
-        at, inverse = np.unique(self.frequencies, return_inverse=True)
+        frequencies, inverse = np.unique(self.frequencies, return_inverse=True)
         damping, losses = self.losses(values)
-        found = (
+        response = (
             Waves(network)
-            .response(at, damping=damping, loss_factor=losses, **self.places)
+            .response(frequencies, damping=damping, loss_factor=losses, **self.places)
             .coherent[inverse]
         )
-        return np.asarray(values.get("gain", 1.0) * found)
+        return np.asarray(values.get("gain", 1.0) * response)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -382,7 +382,10 @@ def fit_damping(
         raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
     # refuses wrong ones before the fit
     given_damping = ContactDamping.of(network, damping, loss_factor)
-    pairs = [one if isinstance(one, tuple) else (one, one) for one in (damping, loss_factor)]
+    pairs = [
+        candidate if isinstance(candidate, tuple) else (candidate, candidate)
+        for candidate in (damping, loss_factor)
+    ]
     places = {
         "source": source,
         "receiver": receiver,
@@ -401,15 +404,15 @@ def fit_damping(
     )
     m = measured.magnitude
     phase = measured.phase
-    given = measured.sigma is not None
+    sigma_given = measured.sigma is not None
     dof = m.size * (1 if phase is None else 2) - len(names)
-    if dof < (not given):
-        why = "" if given else "Without sigma one more is needed, to find the scatter"
-        what = (
+    if dof < (not sigma_given):
+        why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
+        fault = (
             f"there are {dof + len(names)} numbers, to which {len(names)} parameters cannot be"
             f" fitted"
         )
-        raise InputError(what, why, "Measure more")
+        raise InputError(fault, why, "Measure more")
     sigma = m if measured.sigma is None else measured.sigma
     angle = sigma / m if measured.phase_sigma is None else measured.phase_sigma
     turned = np.ones(m.size) if phase is None else np.exp(1j * phase)
@@ -447,21 +450,21 @@ def fit_damping(
         return float(off @ off), at
 
     ratios = [1.0]
-    several = bool({"stiffness", "load"} & set(names))
-    if several:
+    is_searched = bool({"stiffness", "load"} & set(names))
+    if is_searched:
         ratios = [
             stiff
-            for _, stiff in sorted((start(_BROAD, one)[0], one) for one in _STIFFER.tolist())[
-                :_FOLLOWED
-            ]
+            for _, stiff in sorted(
+                (start(_BROAD, candidate)[0], candidate) for candidate in _STIFFER.tolist()
+            )[:_FOLLOWED]
         ]
     tried = sorted(
         (
-            start(loss, one)
-            for one in ratios
+            start(loss, candidate)
+            for candidate in ratios
             for loss in (_LOSSES.tolist() if np.any(is_loss) else [0.0])
         ),
-        key=lambda one: one[0],
+        key=lambda candidate: candidate[0],
     )
     low = np.where(is_loss, 0.0, 1e-3)
     limits = (low, np.full(low.shape, np.inf))
@@ -476,22 +479,22 @@ def fit_damping(
             xtol=1e-13,
             gtol=1e-13,
         )
-        for _, at in tried[: _FOLLOWED if several else 1]
+        for _, at in tried[: _FOLLOWED if is_searched else 1]
     ]
-    best = min(fits, key=lambda one: float(one.cost))
+    best = min(fits, key=lambda candidate: float(candidate.cost))
     h, chi2 = respond(tuple((best.x * scale).tolist())), 2.0 * float(best.cost)
     jacobian = np.asarray(best.jac)
     norms = np.linalg.norm(jacobian, axis=0)
     _, singular, right = np.linalg.svd(jacobian / np.maximum(norms, 1e-300), full_matrices=False)
     if np.any(norms == 0.0) or singular[-1] < SAME_EFFECT * singular[0]:
-        what = f"the data cannot tell {' and '.join(names)} apart"
-        raise InputError(what, mend="Measure a wider range, or fit fewer parameters")
-    scatter = 1.0 if given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
+        fault = f"the data cannot tell {' and '.join(names)} apart"
+        raise InputError(fault, mend="Measure a wider range, or fit fewer parameters")
+    scatter = 1.0 if sigma_given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
     root = (right / singular[:, None]).T / norms[:, None] * scale[:, None] * scatter
     covariance = root @ root.T
     values = best.x * scale
     warnings = list(given_damping.find_warnings(float(np.max(measured.frequencies))))
-    warnings += judge_residuals(chi2, dof, len(names)) if given or not dof else []
+    warnings += judge_residuals(chi2, dof, len(names)) if sigma_given or not dof else []
     warnings += [
         f"the standard error of {name} is {error:.2g}, and its value {value:.2g}: it can"
         f" hardly be told from zero"
@@ -501,8 +504,8 @@ def fit_damping(
         if error > LARGE_ERROR * value
     ]
     losses = model.losses(dict(zip(names, values.tolist(), strict=True)))
-    found = [np.array([float(np.mean(each)) for each in one]) for one in losses]
-    known = replace(
+    mean_losses = [np.array([float(np.mean(each)) for each in candidate]) for candidate in losses]
+    with_errors = replace(
         measured, sigma=sigma * scatter, phase_sigma=None if phase is None else angle * scatter
     )
     phases = np.angle(h) if phase is None else phase - np.angle(turned / h)
@@ -510,14 +513,14 @@ def fit_damping(
         names,
         values,
         covariance,
-        found[0],
-        found[1],
-        known,
+        mean_losses[0],
+        mean_losses[1],
+        with_errors,
         quantity,
-        given,
+        sigma_given,
         np.abs(h),
         phases,
-        chi2 if given else float(dof),
+        chi2 if sigma_given else float(dof),
         dof,
         tuple(warnings),
     )

@@ -93,9 +93,6 @@ class Balls:
         """Return the greatest and the standard error that rounding leaves in the overlaps of balls
         i and j, (n_c,), m.
         """
-        """Return the greatest and the standard error that rounding leaves in the overlaps of balls
-        i and j, (n_c,), m.
-        """
         width = self.positions.shape[1]
         places = np.zeros_like(self.positions) if self.rounding is None else self.rounding
         radii = np.zeros_like(self.radii) if self.radius_rounding is None else self.radius_rounding

@@ -466,13 +466,6 @@ class ContactNetwork(Result):
         """Length, stiffness and mass of the reduced units of this network.
 
         They are the mean diameter and the mean mass of the balls that move, and the mean normal
-        stiffness of the contacts that carry load, or of all if none does. Raises
-        :class:`~granphon.base.errors.InputError` for a network without a ball that moves, or
-        without a contact.
-        """
-        """Length, stiffness and mass of the reduced units of this network.
-
-        They are the mean diameter and the mean mass of the balls that move, and the mean normal
         stiffness of the contacts that carry load, or of all contacts if none does. Raises
         :class:`~granphon.base.errors.InputError` for a network without a ball that moves, or
         without a contact.
@@ -635,11 +628,6 @@ class ContactNetwork(Result):
         return replace(self, **fields)
 
     def pieces(self) -> tuple[Self, ...]:
-        """Return the networks into which this one falls, the largest first; (self,) if contacts
-        join all balls.
-
-        A wall does not move and joins no pieces; it is part of each piece that it touches.
-        """
         """Return the networks into which this one falls, the largest first; (self,) if contacts
         join all balls.
 

@@ -219,7 +219,6 @@ class _Columns:
 
     def require(self, *names: str) -> None:
         """Raise :class:`InputError` unless there are columns of all these names."""
-        """Raise :class:`InputError` unless there are columns of all these names."""
         lacking = [name for name in names if name not in self]
         if lacking:
             fault = f"{self.name} has no column {', '.join(map(repr, lacking))}"
@@ -244,9 +243,6 @@ class _Columns:
             raise InputError(f"{self.name}: {error}") from None
 
     def vectors(self, *names: str, wide: bool = False) -> Array | None:
-        """The columns of some names side by side, as many of the first as there are (zeros behind
-        if ``wide``), or None.
-        """
         """The columns of some names side by side, or None without any of them.
 
         Only the last of the names may be lacking; ``wide`` puts zeros in their place.
@@ -268,9 +264,6 @@ class _Columns:
         return np.pad(values, ((0, 0), (0, len(names) - len(present))))
 
     def rounding(self, *names: str) -> Array:
-        """Half a unit of the last digit of each number of some columns, of one unit, that there
-        are: (rows, m), SI.
-        """
         """Half a unit of the last digit of each number of those of some columns that are present,
         of one unit: (rows, m), SI.
         """

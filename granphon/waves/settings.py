@@ -282,9 +282,6 @@ class Signal:
         return float(np.interp(time, self.times, self.values))
 
     def lost(self, step: float, end: float) -> float:
-        """Return the part of the area under the signal up to ``end``, s, that values at each
-        ``step``, s, do not show.
-        """
         """Return the share of the area under the signal up to ``end``, s, that values at each
         ``step``, s, do not show.
         """
