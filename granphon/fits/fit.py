@@ -37,8 +37,8 @@ from granphon.observables.validity import validity
 #: a result whose probability is below this, or for chi-squared also above 1 minus this, is not
 #: explained by chance
 _LEAST_CHANCE = 1e-3
-#: one datum is judged by the given sigma, not by the scatter, if the chi-squared of the others has
-#: at least this probability
+#: least probability of the chi-squared of all data but one with which that datum is judged by the
+#: given sigma, not by the scatter
 _CHANCE_OF_AGREEMENT = 0.05
 #: a datum of more than this leverage decides the fit almost alone
 _DECIDING_LEVERAGE = 0.9
@@ -78,7 +78,7 @@ _MOST_SIMULATED = 12
 #: effect of the width on a velocity, d log v / d log W, or relative excess of a velocity, that
 #: counts as none
 _NO_EFFECT = 1e-9
-#: what to do where the data do not determine the parameters
+#: advice where the data do not determine the parameters
 _MEASURE = "Measure more precisely, over a wider range of force, or fit fewer parameters"
 
 
@@ -92,8 +92,8 @@ def compute_probability(chi2: float, dof: int) -> float:
 
 
 def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
-    """Return a warning where errors of the given sigma hardly make ``chi2``, or where nothing can
-    be said of it.
+    """Return a warning where errors of the given sigma hardly make ``chi2``, or where no degrees of
+    freedom are left to judge the fit.
     """
     if dof == 0:
         fault = f"as many data as fitted parameters ({parameters}) leave 0 degrees of freedom"
@@ -123,9 +123,9 @@ def find_rounding(values: Array) -> float:
     multiples.
     """
     largest = float(np.max(values))
-    for power in range(
-        math.floor(math.log10(largest)), math.floor(math.log10(_FINEST_ROUNDING * largest)), -1
-    ):
+    highest = math.floor(math.log10(largest))
+    lowest = math.floor(math.log10(_FINEST_ROUNDING * largest))
+    for power in range(highest, lowest, -1):
         steps = values / 10.0**power
         if np.all(np.abs(steps - np.rint(steps)) <= 4.0 * np.finfo(float).eps * steps):
             return 10.0**power
@@ -133,7 +133,7 @@ def find_rounding(values: Array) -> float:
 
 
 def find_warnings(
-    problem: FitProblem, logs: Array, errors: Array, given: bool, known: bool
+    problem: FitProblem, logs: Array, errors: Array, sigma_given: bool, errors_known: bool
 ) -> list[str]:
     """Return the reasons not to trust a fit.
 
@@ -141,72 +141,28 @@ def find_warnings(
     ----------
     problem, logs : the problem, and the logarithms (p,) of the fitted parameters.
     errors : relative standard errors of the parameters, (p,).
-    given : whether sigma was given, rather than found from the scatter.
-    known : whether standard errors rest on more than the rounding of the data.
+    sigma_given : whether sigma was given, rather than found from the scatter.
+    errors_known : whether standard errors rest on more than the rounding of the data.
     """
-    from scipy.special import ndtr, stdtr
-
     names = problem.model.names
-    force = problem.model.force
     velocity = problem.velocity
-    sigma = problem.sigma
     dof = problem.dof
-    (residuals, matrix), equal_balls, out = (
-        problem(logs),
-        problem.model.equal_balls(logs)[0],
-        list[str](),
-    )
+    residuals, matrix = problem(logs)
     leverages = compute_leverages(matrix)
-    chi2 = float(residuals @ residuals) if given else float(dof)
-
-    def describe(number: int) -> str:
-        return f"datum {number + 1}, {velocity[number]:.4g} m/s at {force[number]:.4g} N,"
-
-    # residuals
-    if given or not dof:
-        out += judge_residuals(chi2, dof, len(names))
-    elif not known:
-        out.append(
-            f"the scatter about the fit, {float(sigma[0]):.2g} m/s, is below the rounding of"
-            f" the data,"
-            f" {find_rounding(velocity):.2g} m/s: standard errors are not known; give sigma"
+    chi2 = float(residuals @ residuals) if sigma_given else float(dof)
+    warnings = list[str]()
+    if sigma_given or not dof:
+        warnings += judge_residuals(chi2, dof, len(names))
+    elif not errors_known:
+        warnings.append(
+            f"the scatter about the fit, {float(problem.sigma[0]):.2g} m/s, is below the rounding"
+            f" of the data, {find_rounding(velocity):.2g} m/s: standard errors are not known;"
+            f" give sigma"
         )
-    # data above the velocity of equal balls by more than their noise, which no width explains
-    excess = velocity / equal_balls - 1.0
     if "width" in names and dof:
-        # the scatter about a fit that such data bend is no measure of their noise, and a given
-        # sigma may be too small: the noise is the rms distance of velocities from lines through
-        # their neighbours in force
-        order = np.lexsort((velocity, force))
-        x = np.log(force[order])
-        y = np.log(velocity[order])
-        reach = x[2:] - x[:-2]
-        weight = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
-        offsets = y[1:-1] - (1.0 - weight) * y[:-2] - weight * y[2:]
-        square = (
-            float(np.mean(offsets**2 / (1.0 + weight**2 + (1.0 - weight) ** 2)))
-            if offsets.size
-            else math.inf
-        )
-        noise = max(math.sqrt(square), np.finfo(float).eps)
-        chances = (
-            ndtr(-excess / np.maximum(sigma / equal_balls, noise))
-            if given
-            else stdtr(dof, -excess / noise)
-        )
-        count = np.count_nonzero((excess > _NO_EFFECT) & (chances < _LEAST_CHANCE / len(excess)))
-        if count:
-            most = int(np.argmax(excess))
-            verb = "is" if count == 1 else "are"
-            where = (
-                f"{count} of {len(excess)} data {verb} above the velocity of equal balls at that"
-                f" load"
-            )
-            by = f"by up to {100.0 * excess[most]:.2g} % ({describe(most).rstrip(',')})"
-            why = "a spread only slows sound, so that what is fitted is not a width"
-            mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
-            out.append(f"{where}, {by}: {why}. {mend}")
-    if (frequency := problem.model.waves.frequency) is not None:
+        warnings += _judge_excess(problem, logs, sigma_given)
+    frequency = problem.model.waves.frequency
+    if frequency is not None:
         wavelength = velocity / frequency
         balls = wavelength / problem.model.packing.diameter
         longest = int(np.argmax(balls))
@@ -214,39 +170,90 @@ def find_warnings(
             hertz = np.broadcast_to(frequency, velocity.shape)[longest]
             size = f"{wavelength[longest]:.3g} m long, {balls[longest]:.3g} diameters"
             fault = f"the wave of a pulse at {hertz:.4g} Hz is {size}"
-            out.append(f"{fault}: its velocity is that of long waves. Is the frequency in Hz?")
+            warnings.append(f"{fault}: its velocity is that of long waves. Is the frequency in Hz?")
     # a datum that alone decides the fit
     most = int(np.argmax(leverages))
     if dof and leverages[most] > _DECIDING_LEVERAGE:
-        out.append(
-            f"{describe(most)} decides the fit almost alone: its leverage is"
+        warnings.append(
+            f"{problem.describe(most)}, decides the fit almost alone: its leverage is"
             f" {leverages[most]:.4g}, and cannot be above 1"
         )
-    # a datum off the fit of the others: r is its distance from that fit over the standard error of
-    # that distance
-    if known and dof > 1:
-        r = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
-        farthest = int(np.argmax(r))
-        distance = float(r[farthest])
-        # chi-squared of the others about a fit of their own
-        chi2_of_others = max(chi2 - distance**2, 1e-12)
-        if given and compute_probability(chi2_of_others, dof - 1) >= _CHANCE_OF_AGREEMENT:
-            tail = float(ndtr(-distance))
-        else:  # judged by the scatter of the others: Student's distribution
-            distance *= math.sqrt((dof - 1) / chi2_of_others)
-            tail = float(stdtr(dof - 1, -distance))
-        chance = min(2.0 * len(r) * tail, 1.0)  # any of the len(r) data may be the farthest
-        if chance < _LEAST_CHANCE:
-            out.append(
-                f"{describe(farthest)} lies {distance:.3g} standard errors off the fit of the"
-                f" others (p = {chance:.2g})"
-            )
-    out += [
-        f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from zero"
-        for name, error in zip(names, errors.tolist(), strict=True)
-        if known and error > LARGE_ERROR
+    if errors_known and dof > 1:
+        warnings += _judge_farthest(problem, residuals, leverages, chi2, sigma_given)
+    if errors_known:
+        warnings += [
+            f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from"
+            f" zero"
+            for name, error in zip(names, errors.tolist(), strict=True)
+            if error > LARGE_ERROR
+        ]
+    return warnings
+
+
+def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[str]:
+    """Return a warning if data are above the velocity of equal balls by more than their noise,
+    which no width explains.
+    """
+    from scipy.special import ndtr, stdtr
+
+    velocity = problem.velocity
+    equal_balls = problem.model.equal_balls(logs)[0]
+    excess = velocity / equal_balls - 1.0
+    # the scatter about a fit that such data bend is no measure of their noise, and a given sigma
+    # may be too small: the noise is the rms distance of velocities from lines through their
+    # neighbours in force
+    order = np.lexsort((velocity, problem.model.force))
+    x = np.log(problem.model.force[order])
+    y = np.log(velocity[order])
+    reach = x[2:] - x[:-2]
+    weight = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
+    distances = y[1:-1] - (1.0 - weight) * y[:-2] - weight * y[2:]
+    square = math.inf
+    if distances.size:
+        square = float(np.mean(distances**2 / (1.0 + weight**2 + (1.0 - weight) ** 2)))
+    noise = max(math.sqrt(square), np.finfo(float).eps)
+    if sigma_given:
+        chances = ndtr(-excess / np.maximum(problem.sigma / equal_balls, noise))
+    else:
+        chances = stdtr(problem.dof, -excess / noise)
+    count = np.count_nonzero((excess > _NO_EFFECT) & (chances < _LEAST_CHANCE / len(excess)))
+    if not count:
+        return []
+    most = int(np.argmax(excess))
+    verb = "is" if count == 1 else "are"
+    where = f"{count} of {len(excess)} data {verb} above the velocity of equal balls at that load"
+    by = f"by up to {100.0 * excess[most]:.2g} % ({problem.describe(most)})"
+    why = "a spread only slows sound, so that what is fitted is not a width"
+    mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
+    return [f"{where}, {by}: {why}. {mend}"]
+
+
+def _judge_farthest(
+    problem: FitProblem, residuals: Array, leverages: Array, chi2: float, sigma_given: bool
+) -> list[str]:
+    """Return a warning if one datum is off the fit of the others."""
+    from scipy.special import ndtr, stdtr
+
+    dof = problem.dof
+    # the distance of each datum from the fit of the others, over the standard error of the distance
+    r = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
+    farthest = int(np.argmax(r))
+    distance = float(r[farthest])
+    # chi-squared of the others about their own fit
+    chi2_of_others = max(chi2 - distance**2, 1e-12)
+    agree = compute_probability(chi2_of_others, dof - 1) >= _CHANCE_OF_AGREEMENT
+    if sigma_given and agree:
+        tail = float(ndtr(-distance))
+    else:  # judged by the scatter of the others: Student's distribution
+        distance *= math.sqrt((dof - 1) / chi2_of_others)
+        tail = float(stdtr(dof - 1, -distance))
+    chance = min(2.0 * len(r) * tail, 1.0)  # any of the len(r) data may be the farthest
+    if chance >= _LEAST_CHANCE:
+        return []
+    return [
+        f"{problem.describe(farthest)}, lies {distance:.3g} standard errors off the fit of the"
+        f" others (p = {chance:.2g})"
     ]
-    return out
 
 
 @dataclass(frozen=True)
@@ -268,11 +275,9 @@ class FitProblem:
         right, or are too few.
         """
         model.require_carried()
+        start = model.find_start(1e-9 * model.packing.diameter)
         with np.errstate(all="ignore"):
-            ratio = (
-                data.velocity
-                / model.equal_balls(model.find_start(1e-9 * model.packing.diameter))[0]
-            )
+            ratio = data.velocity / model.equal_balls(start)[0]
         least = _LEAST_RATIO_OF_MODULUS if "young_modulus" in model.names else _LEAST_RATIO
         if not least < math.exp(float(np.mean(np.log(ratio)))) < 1.0 / least:
             fault = (
@@ -297,17 +302,18 @@ class FitProblem:
                 f"found {len(data.force)} measurement{plural}, to which"
                 f" {' and '.join(model.names)} cannot be fitted"
             )
-            why = (
-                "Without sigma one more is needed, to find the scatter"
-                if data.sigma is None
-                else ""
-            )
+            why = ""
+            if data.sigma is None:
+                why = "Without sigma one more is needed, to find the scatter"
             raise InputError(fault, why, "Measure more")
-        return cls(
-            model,
-            data.velocity,
-            np.ones(data.force.shape) * (1.0 if data.sigma is None else data.sigma),
-        )
+        sigma = 1.0 if data.sigma is None else data.sigma
+        return cls(model, data.velocity, np.ones(data.force.shape) * sigma)
+
+    def describe(self, number: int) -> str:
+        """Return in words which datum this is."""
+        velocity = self.velocity[number]
+        force = self.model.force[number]
+        return f"datum {number + 1}, {velocity:.4g} m/s at {force:.4g} N"
 
     @property
     def dof(self) -> int:
@@ -329,9 +335,8 @@ class FitProblem:
         if there are none.
         """
         velocities, slopes = self.model(logs)
-        return (self.velocity - velocities) / self.sigma, slopes * (velocities / self.sigma)[
-            :, None
-        ]
+        relative = velocities / self.sigma
+        return (self.velocity - velocities) / self.sigma, slopes * relative[:, None]
 
     def simulate_at(self, logs: Array) -> FitProblem:
         """Return the problem whose samples are those at ``logs``: itself if they serve there.
@@ -340,13 +345,12 @@ class FitProblem:
         determine it.
         """
         model = self.model.simulate_at(logs)
-        where = self.model.width_index
         if model is self.model:
             return self
-        if where is not None and logs[where] < math.log(self.widths[0]):
-            raise explain_undetermined(
-                self, logs, np.where(np.arange(len(logs)) == where, np.inf, 0.0)
-            )
+        index = self.model.width_index
+        if index is not None and logs[index] < math.log(self.widths[0]):
+            errors = np.where(np.arange(len(logs)) == index, np.inf, 0.0)
+            raise explain_undetermined(self, logs, errors)
         return replace(self, model=model)
 
 
@@ -391,12 +395,8 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
         step = np.linalg.lstsq(matrix[:, is_other], residuals, rcond=SAME_EFFECT)[0]
         starts.append(logs)
         squares.append(float(np.sum((residuals - matrix[:, is_other] @ step) ** 2)))
-        effect = max(
-            effect,
-            float(
-                np.max(np.abs(matrix[:, where] / (problem.velocity / problem.sigma - residuals)))
-            ),
-        )
+        fitted = problem.velocity / problem.sigma - residuals
+        effect = max(effect, float(np.max(np.abs(matrix[:, where] / fitted))))
     if effect < _NO_EFFECT:
         fault = (
             f"in the medium {model.choice.label!r} sound does not depend on the width of this"
@@ -412,15 +412,12 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
             fault, mend="Use another medium, such as ema, and a spread that has a shape"
         )
     squares.append(math.inf)
-    low = [
-        start
+    minima = [
+        _descend(problem, start)
         for i, start in enumerate(starts, 1)
         if squares[i] <= min(squares[i - 1], squares[i + 1])
     ]
-    return problem, min(
-        (_descend(problem, start) for start in low),
-        key=lambda logs: float(np.sum(problem(logs)[0] ** 2)),
-    )
+    return problem, min(minima, key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
 
 
 def _descend(problem: FitProblem, start: Array) -> Array:
@@ -467,10 +464,10 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     if model.names == ("width",) and excess > _NO_EFFECT:
         if model.waves.frequency is not None:
             long = replace(model.equal_balls, waves=replace(model.waves, frequency=None))(logs)[0]
-            if (
-                np.average(problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2)
-                <= _NO_EFFECT
-            ):
+            excess_over_long = np.average(
+                problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2
+            )
+            if excess_over_long <= _NO_EFFECT:
                 fault = (
                     f"the velocities are on average {100.0 * excess:.2g} % above those of pulses"
                     f" of equal balls"
@@ -522,8 +519,8 @@ class Fitted(Result):
 
     #: the SI unit of each parameter that may be fitted; None of a number
     _units_of_parameters: ClassVar[Mapping[str, str | None]]
-    #: what stands in fit.yaml before the fields of the fit, besides versions; it is ignored when a
-    #: fit is read
+    #: names of the quantities in fit.yaml before the fields of the fit, besides versions; they are
+    #: ignored when a fit is read
     _head: ClassVar[tuple[str, ...]] = ("p",)
 
     parameters: tuple[str, ...]
@@ -633,20 +630,16 @@ class WidthFit(Fitted):
     @property
     def width(self) -> float:
         """Width W of the distribution of diameters, m; the packing's own if it was not fitted."""
-        return (
-            float(self.values[self.parameters.index("width")])
-            if "width" in self.parameters
-            else self.packing.width
-        )
+        if "width" not in self.parameters:
+            return self.packing.width
+        return float(self.values[self.parameters.index("width")])
 
     @property
     def stderr(self) -> float:
         """Standard error of the width, m; 0 if it was not fitted."""
-        return (
-            float(self.stderrs[self.parameters.index("width")])
-            if "width" in self.parameters
-            else 0.0
-        )
+        if "width" not in self.parameters:
+            return 0.0
+        return float(self.stderrs[self.parameters.index("width")])
 
     @property
     def errors_are_known(self) -> bool:
@@ -693,8 +686,8 @@ class WidthFit(Fitted):
             mend = "Use .velocities, the velocities of the fit at the data"
             raise InputError("the measured pulses have many frequencies", mend=mend)
         choice = MediumChoice.parse(medium or self.choice)
-        # samples in their exact geometry have finite overlap of themselves: nobody has asked for it
-        # of other media
+        # samples in their exact geometry always have finite overlap, which is no request for other
+        # media
         requested = self.waves.finite_overlap and not self.choice.is_exact
         waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(requested))
         if choice.stand_in != choice:
@@ -804,32 +797,27 @@ def fit_width(
     waves = problem.model.waves
     if data.sigma is None:
         # numbers in double precision scatter by their rounding at least
-        residuals_of_fit = problem(logs)[0]
+        residuals = problem(logs)[0]
         least = np.finfo(float).eps * float(np.max(data.velocity))
-        problem = replace(
-            problem,
-            sigma=np.full(
-                residuals_of_fit.shape,
-                max(math.sqrt(float(residuals_of_fit @ residuals_of_fit) / problem.dof), least),
-            ),
-        )
+        scatter = max(math.sqrt(float(residuals @ residuals) / problem.dof), least)
+        problem = replace(problem, sigma=np.full(residuals.shape, scatter))
     residuals, matrix = problem(logs)
     # the covariance of the logarithms, and the step to the minimum of the linear problem
     norms = np.linalg.norm(matrix, axis=0)
     directions, singular, right = np.linalg.svd(
         matrix / np.maximum(norms, 1e-300), full_matrices=False
     )
-    same = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
-    every = len(names) == len(VARIABLE)  # no data can tell all three apart
-    # if the others were known, the standard error of a parameter would be 1/norm
-    where = problem.model.width_index
-    vanishing = where is not None and logs[where] < math.log(problem.widths[0])
-    if not (same and every) and (np.any(norms < 1.0) or vanishing):
+    is_same = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
+    are_all = len(names) == len(VARIABLE)  # no data can tell all three apart
+    # if the other parameters were known, the standard error of a parameter would be 1/norm
+    index = problem.model.width_index
+    vanishes = index is not None and logs[index] < math.log(problem.widths[0])
+    if not (is_same and are_all) and (np.any(norms < 1.0) or vanishes):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
-    if same:
-        why = (
-            "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only" if every else ""
-        )
+    if is_same:
+        why = ""
+        if are_all:
+            why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only"
         mend = "Measure over a wider range of force, or fit fewer parameters"
         raise InputError(f"the data cannot tell {' and '.join(names)} apart", why, mend)
     root = (right / singular[:, None]).T / norms[:, None]
@@ -845,17 +833,14 @@ def fit_width(
         raise explain_undetermined(problem, logs, errors)
     fitted = problem.model.fit_packing(logs)
     values = np.exp(logs)
-    errors_known = sigma_given or float(problem.sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(
-        data.velocity
-    )
+    least = _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
+    errors_known = sigma_given or float(problem.sigma[0]) >= least
     warnings = find_warnings(problem, logs, errors, sigma_given, errors_known)
     covariance = covariance if errors_known else np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force
-    loads = (
-        data.force[[np.argmin(data.force), np.argmax(data.force)]]
-        if problem.model.is_sampled
-        else data.force
-    )
+    loads = data.force
+    if problem.model.is_sampled:
+        loads = loads[[np.argmin(loads), np.argmax(loads)]]
     state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=waves.finite_overlap)
     return WidthFit(
         fitted,

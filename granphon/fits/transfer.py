@@ -46,13 +46,15 @@ PARAMETERS = {
     "load": "1",
     "gain": "1",
 }
-#: loss factors from which the search starts, and that with which stiffnesses are searched
+#: loss factors from which the search starts
 _LOSSES = np.geomspace(1e-3, 1.0, 10)
+#: loss factor with which stiffnesses are searched
 _BROAD = 0.1
-#: ratios of the stiffness that are tried, and how many of them are followed
+#: ratios of the stiffness that are tried
 _STIFFER = np.geomspace(0.5, 2.0, 57)
+#: number of these ratios that are followed to a minimum
 _FOLLOWED = 3
-#: factors that turn what a table holds into 1 or radians
+#: factors that convert the numbers of a table into 1 or radians
 _NUMBERS = {"": 1.0, "1": 1.0, "%": 0.01}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 #: columns of a table
@@ -133,8 +135,10 @@ class TransferFunction(Result):
         Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
         read, a column that is missing or has another unit, and what the constructor refuses.
         """
-        table, named = Table.read(path), dict(columns or {})
-        if unknown := [name for name in named if name not in _COLUMNS]:
+        table = Table.read(path)
+        named = dict(columns or {})
+        unknown = [name for name in named if name not in _COLUMNS]
+        if unknown:
             fault = f"{unknown[0]!r} is not a kind of column of a transfer function"
             raise InputError(fault, mend=suggest(unknown[0], _COLUMNS))
         heads = {kind: named.get(kind, kind) for kind in _COLUMNS}
@@ -221,44 +225,38 @@ class _Model:
     places: dict[str, Any]
 
     def losses(self, values: Mapping[str, float]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """Return (normal, tangential) damping and loss factor; the tangential one is the normal one
-        unless it is fitted.
+        """Return (normal, tangential) damping and loss factor; the tangential value is the normal
+        one unless it is fitted.
         """
-        pairs = []
-        for name, fixed in (("damping", self.damping), ("loss_factor", self.loss_factor)):
+
+        def find_pair(name: str, fixed: tuple[Any, Any]) -> tuple[Any, Any]:
             normal = values.get(name, fixed[0])
-            pairs.append(
-                (normal, values.get(f"tangential_{name}", normal if name in values else fixed[1]))
-            )
-        return pairs[0], pairs[1]
+            default = normal if name in values else fixed[1]
+            return normal, values.get(f"tangential_{name}", default)
+
+        return find_pair("damping", self.damping), find_pair("loss_factor", self.loss_factor)
 
     def __call__(self, parameters: Array) -> NDArray[np.complex128]:
         values = dict(zip(self.names, parameters.tolist(), strict=True))
         network = self.network
         load = values.get("load", 1.0)
-        stiffer = (
-            values.get("stiffness", 1.0) * hertz.stiffness_under(load) / hertz.stiffness_under(1.0)
-        )
+        under_load = hertz.stiffness_under(load)
+        stiffer = values.get("stiffness", 1.0) * under_load / hertz.stiffness_under(1.0)
         scaled = {
-            name: stiffer * getattr(network, name)
-            for name in (
-                "normal_stiffness",
-                "shear_stiffness",
-                "torsion_stiffness",
-                "bending_stiffness",
-            )
+            "normal_stiffness": stiffer * network.normal_stiffness,
+            "shear_stiffness": stiffer * network.shear_stiffness,
+            "torsion_stiffness": stiffer * network.torsion_stiffness,
+            "bending_stiffness": stiffer * network.bending_stiffness,
+            "normal_force": load * network.normal_force,
         }
-        held = {name: getattr(network, name) for name in ("normal_force", "tangential_force")}
-        scaled |= {name: load * force for name, force in held.items() if force is not None}
-        network = replace(network, **scaled)
+        if network.tangential_force is not None:
+            scaled["tangential_force"] = load * network.tangential_force
         frequencies, inverse = np.unique(self.frequencies, return_inverse=True)
         damping, losses = self.losses(values)
-        response = (
-            Waves(network)
-            .response(frequencies, damping=damping, loss_factor=losses, **self.places)
-            .coherent[inverse]
+        response = Waves(replace(network, **scaled)).response(
+            frequencies, damping=damping, loss_factor=losses, **self.places
         )
-        return np.asarray(values.get("gain", 1.0) * response)
+        return np.asarray(values.get("gain", 1.0) * response.coherent[inverse])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -380,12 +378,10 @@ def fit_damping(
     if {"stiffness", "load"} <= set(names) and not network.prestress:
         why = "Without prestress a load does no more than scale stiffnesses"
         raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
-    # refuses wrong ones before the fit
+    # wrong values are refused before the fit
     given_damping = ContactDamping.of(network, damping, loss_factor)
-    pairs = [
-        candidate if isinstance(candidate, tuple) else (candidate, candidate)
-        for candidate in (damping, loss_factor)
-    ]
+    fixed_damping = damping if isinstance(damping, tuple) else (damping, damping)
+    fixed_loss = loss_factor if isinstance(loss_factor, tuple) else (loss_factor, loss_factor)
     places = {
         "source": source,
         "receiver": receiver,
@@ -397,8 +393,8 @@ def fit_damping(
     model = _Model(
         network,
         names,
-        (pairs[0][0], pairs[0][1]),
-        (pairs[1][0], pairs[1][1]),
+        (fixed_damping[0], fixed_damping[1]),
+        (fixed_loss[0], fixed_loss[1]),
         measured.frequencies,
         places,
     )
@@ -423,66 +419,66 @@ def fit_damping(
     is_loss = np.array([name not in ("stiffness", "load", "gain") for name in names])
 
     @lru_cache(maxsize=16)
-    def respond(at: tuple[float, ...]) -> NDArray[np.complex128]:
-        return model(np.array(at))
+    def respond(values: tuple[float, ...]) -> NDArray[np.complex128]:
+        return model(np.array(values))
 
-    def compare(at: Array, logarithmic: bool = False) -> Array:
+    def compare(scaled: Array) -> Array:
         """Return the residuals of magnitudes, and of phases if they are known, over sigma."""
-        h = respond(tuple((at * scale).tolist()))
+        h = respond(tuple((scaled * scale).tolist()))
+        residuals = (m - np.abs(h)) / sigma
+        if phase is None:
+            return np.asarray(residuals)
+        return np.concatenate([residuals, np.angle(turned / h) / angle])
+
+    def compare_logarithms(scaled: Array) -> Array:
+        """Return the differences of logarithms of magnitudes, and of phases if they are known."""
+        h = respond(tuple((scaled * scale).tolist()))
         with np.errstate(divide="ignore"):
-            off = np.log(m / np.abs(h)) if logarithmic else (m - np.abs(h)) / sigma
-        return (
-            off
-            if phase is None
-            else np.concatenate([off, np.angle(turned / h) / (1.0 if logarithmic else angle)])
-        )
+            differences = np.log(m / np.abs(h))
+        if phase is None:
+            return np.asarray(differences)
+        return np.concatenate([differences, np.angle(turned / h)])
 
     def start(loss: float, stiffer: float = 1.0) -> tuple[float, Array]:
         """Return the misfit of logarithms, and parameters, with the gain that fits best."""
-        at = np.where(is_loss, loss / max(int(np.sum(is_loss)), 1), 1.0)
+        scaled = np.where(is_loss, loss / max(int(np.sum(is_loss)), 1), 1.0)
         for name, value in (("stiffness", stiffer), ("load", stiffer**3)):
             if name in names:
-                at[names.index(name)] = value
-        off = compare(at, True)
+                scaled[names.index(name)] = value
+        differences = compare_logarithms(scaled)
         if "gain" in names:
-            at[names.index("gain")] = math.exp(float(np.mean(off[: m.size])))
-            off = compare(at, True)
-        return float(off @ off), at
+            scaled[names.index("gain")] = math.exp(float(np.mean(differences[: m.size])))
+            differences = compare_logarithms(scaled)
+        return float(differences @ differences), scaled
 
     ratios = [1.0]
     is_searched = bool({"stiffness", "load"} & set(names))
     if is_searched:
-        ratios = [
-            stiff
-            for _, stiff in sorted(
-                (start(_BROAD, candidate)[0], candidate) for candidate in _STIFFER.tolist()
-            )[:_FOLLOWED]
-        ]
-    tried = sorted(
-        (
-            start(loss, candidate)
-            for candidate in ratios
-            for loss in (_LOSSES.tolist() if np.any(is_loss) else [0.0])
-        ),
-        key=lambda candidate: candidate[0],
+        misfits = sorted((start(_BROAD, ratio)[0], ratio) for ratio in _STIFFER.tolist())
+        ratios = [ratio for _, ratio in misfits[:_FOLLOWED]]
+    losses = _LOSSES.tolist() if np.any(is_loss) else [0.0]
+    starts = sorted(
+        (start(loss, ratio) for ratio in ratios for loss in losses),
+        key=lambda misfit_and_parameters: misfit_and_parameters[0],
     )
     low = np.where(is_loss, 0.0, 1e-3)
     limits = (low, np.full(low.shape, np.inf))
     fits = [
         least_squares(
             compare,
-            at,
+            first,
             "3-point",
             limits,
-            x_scale=np.maximum(at, 1e-3),
+            x_scale=np.maximum(first, 1e-3),
             ftol=1e-13,
             xtol=1e-13,
             gtol=1e-13,
         )
-        for _, at in tried[: _FOLLOWED if is_searched else 1]
+        for _, first in starts[: _FOLLOWED if is_searched else 1]
     ]
-    best = min(fits, key=lambda candidate: float(candidate.cost))
-    h, chi2 = respond(tuple((best.x * scale).tolist())), 2.0 * float(best.cost)
+    best = min(fits, key=lambda fit: float(fit.cost))
+    h = respond(tuple((best.x * scale).tolist()))
+    chi2 = 2.0 * float(best.cost)
     jacobian = np.asarray(best.jac)
     norms = np.linalg.norm(jacobian, axis=0)
     _, singular, right = np.linalg.svd(jacobian / np.maximum(norms, 1e-300), full_matrices=False)
@@ -503,8 +499,10 @@ def fit_damping(
         )
         if error > LARGE_ERROR * value
     ]
-    losses = model.losses(dict(zip(names, values.tolist(), strict=True)))
-    mean_losses = [np.array([float(np.mean(each)) for each in candidate]) for candidate in losses]
+    pairs = model.losses(dict(zip(names, values.tolist(), strict=True)))
+    mean_damping, mean_loss_factor = (
+        np.array([float(np.mean(of_contacts)) for of_contacts in pair]) for pair in pairs
+    )
     with_errors = replace(
         measured, sigma=sigma * scatter, phase_sigma=None if phase is None else angle * scatter
     )
@@ -513,8 +511,8 @@ def fit_damping(
         names,
         values,
         covariance,
-        mean_losses[0],
-        mean_losses[1],
+        mean_damping,
+        mean_loss_factor,
         with_errors,
         quantity,
         sigma_given,
