@@ -101,19 +101,18 @@ def observe(state: ContactState) -> Array:
         tensor = state.elastic_tensor
         density = np.asarray(state.effective_density)
         moduli = longitudinal_modulus(tensor), bulk_and_shear(tensor)[..., 1]
-        return np.stack([*(np.sqrt(one / density) for one in moduli), scale], axis=-1)
+        return np.stack([*(np.sqrt(modulus / density) for modulus in moduli), scale], axis=-1)
     velocities = sound_velocities(state, (1.0, 0.0))
     return np.stack([velocities.longitudinal, velocities.transverse, scale], axis=-1)
 
 
 class Ensemble:
-    """Samples, and what they say of the infinite array: :meth:`add` some, a few at a time, then ask
-    for the :meth:`means`.
+    """Samples, and estimates of the infinite array from them: :meth:`add` samples, a few at a time,
+    then ask for the :meth:`means`.
 
     All samples have the same ``packing``, in the plane or in space, applied ``load`` (n_loads,) and
-    ``shape`` (L1, ..., Lp); their seeds count from ``seed``. They are samples of ``truth``. Raises
-    what
-    :class:`~granphon.media.simulation.DirectSimulation` raises.
+    ``shape`` (L1, ..., Lp); their seeds count from ``seed``, and their options are those of
+    ``truth``. Raises what :class:`~granphon.media.simulation.DirectSimulation` raises.
     """
 
     def __init__(
@@ -334,12 +333,11 @@ class MediaStudy:
     def _exact(self) -> list[int]:
         """Indices of the loads at which the arrays of the truth have their exact geometry."""
         simulation = DirectSimulation(self.packing, **self.truth.options)
-        return [
-            place
-            for one, places in simulation.by_geometry(self.load)
-            if one.is_exact
-            for place in places
-        ]
+        indices = list[int]()
+        for simulated, loads in simulation.by_geometry(self.load):
+            if simulated.is_exact:
+                indices.extend(loads)
+        return indices
 
     @property
     def _columns(self) -> list[int]:
