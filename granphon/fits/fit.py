@@ -37,8 +37,8 @@ from granphon.observables.validity import validity
 #: a result whose probability is below this, or for chi-squared also above 1 minus this, is not
 #: explained by chance
 _LEAST_CHANCE = 1e-3
-#: one datum is judged by the given sigma, not by the scatter, if the chi-squared of the others has
-#: at least this probability
+#: least probability of the chi-squared of all data but one with which that datum is judged by the
+#: given sigma, not by the scatter
 _CHANCE_OF_AGREEMENT = 0.05
 #: a datum of more than this leverage decides the fit almost alone
 _DECIDING_LEVERAGE = 0.9
@@ -78,7 +78,7 @@ _MOST_SIMULATED = 12
 #: effect of the width on a velocity, d log v / d log W, or relative excess of a velocity, that
 #: counts as none
 _NO_EFFECT = 1e-9
-#: what to do where the data do not determine the parameters
+#: advice where the data do not determine the parameters
 _MEASURE = "Measure more precisely, over a wider range of force, or fit fewer parameters"
 
 
@@ -92,12 +92,12 @@ def compute_probability(chi2: float, dof: int) -> float:
 
 
 def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
-    """Return a warning where errors of the given sigma hardly make ``chi2``, or where nothing can
-    be said of it.
+    """Return a warning where errors of the given sigma hardly make ``chi2``, or where no degrees of
+    freedom are left to judge the fit.
     """
     if dof == 0:
-        what = f"as many data as fitted parameters ({parameters}) leave 0 degrees of freedom"
-        return [f"{what}: nothing can be said of how well the model fits"]
+        fault = f"as many data as fitted parameters ({parameters}) leave 0 degrees of freedom"
+        return [f"{fault}: nothing can be said of how well the model fits"]
     p = compute_probability(chi2, dof)
     if _LEAST_CHANCE <= p <= 1.0 - _LEAST_CHANCE:
         return []
@@ -114,8 +114,8 @@ def compute_leverages(matrix: Array) -> Array:
     """Return how far the fit follows each datum, (n,), sum p: the diagonal of A (A^T A)^-1 A^T, A
     (n, p) the derivatives.
     """
-    left, _ = np.linalg.qr(matrix / np.linalg.norm(matrix, axis=0))
-    return np.asarray(np.sum(left**2, axis=1))
+    directions, _ = np.linalg.qr(matrix / np.linalg.norm(matrix, axis=0))
+    return np.asarray(np.sum(directions**2, axis=1))
 
 
 def find_rounding(values: Array) -> float:
@@ -123,9 +123,9 @@ def find_rounding(values: Array) -> float:
     multiples.
     """
     largest = float(np.max(values))
-    for power in range(
-        math.floor(math.log10(largest)), math.floor(math.log10(_FINEST_ROUNDING * largest)), -1
-    ):
+    highest = math.floor(math.log10(largest))
+    lowest = math.floor(math.log10(_FINEST_ROUNDING * largest))
+    for power in range(highest, lowest, -1):
         steps = values / 10.0**power
         if np.all(np.abs(steps - np.rint(steps)) <= 4.0 * np.finfo(float).eps * steps):
             return 10.0**power
@@ -133,7 +133,7 @@ def find_rounding(values: Array) -> float:
 
 
 def find_warnings(
-    problem: FitProblem, logs: Array, errors: Array, given: bool, known: bool
+    problem: FitProblem, logs: Array, errors: Array, sigma_given: bool, errors_known: bool
 ) -> list[str]:
     """Return the reasons not to trust a fit.
 
@@ -141,110 +141,119 @@ def find_warnings(
     ----------
     problem, logs : the problem, and the logarithms (p,) of the fitted parameters.
     errors : relative standard errors of the parameters, (p,).
-    given : whether sigma was given, rather than found from the scatter.
-    known : whether standard errors rest on more than the rounding of the data.
+    sigma_given : whether sigma was given, rather than found from the scatter.
+    errors_known : whether standard errors rest on more than the rounding of the data.
     """
-    from scipy.special import ndtr, stdtr
-
     names = problem.model.names
-    force = problem.model.force
     velocity = problem.velocity
-    sigma = problem.sigma
     dof = problem.dof
-    (residuals, matrix), equal_balls, out = (
-        problem(logs),
-        problem.model.equal_balls(logs)[0],
-        list[str](),
-    )
+    residuals, matrix = problem(logs)
     leverages = compute_leverages(matrix)
-    chi2 = float(residuals @ residuals) if given else float(dof)
-
-    def describe(place: int) -> str:
-        return f"datum {place + 1}, {velocity[place]:.4g} m/s at {force[place]:.4g} N,"
-
-    # residuals
-    if given or not dof:
-        out += judge_residuals(chi2, dof, len(names))
-    elif not known:
-        out.append(
-            f"the scatter about the fit, {float(sigma[0]):.2g} m/s, is below the rounding of"
-            f" the data,"
-            f" {find_rounding(velocity):.2g} m/s: standard errors are not known; give sigma"
+    chi2 = float(residuals @ residuals) if sigma_given else float(dof)
+    warnings = list[str]()
+    if sigma_given or not dof:
+        warnings += judge_residuals(chi2, dof, len(names))
+    elif not errors_known:
+        warnings.append(
+            f"the scatter about the fit, {float(problem.sigma[0]):.2g} m/s, is below the rounding"
+            f" of the data, {find_rounding(velocity):.2g} m/s: standard errors are not known;"
+            f" give sigma"
         )
-    # data above the velocity of equal balls by more than their noise, which no width explains
-    excess = velocity / equal_balls - 1.0
     if "width" in names and dof:
-        # the scatter about a fit that such data bend is no measure of their noise, and a given
-        # sigma may be too small: the noise is the rms distance of velocities from lines through
-        # their neighbours in force
-        order = np.lexsort((velocity, force))
-        x = np.log(force[order])
-        y = np.log(velocity[order])
-        reach = x[2:] - x[:-2]
-        part = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
-        off = y[1:-1] - (1.0 - part) * y[:-2] - part * y[2:]
-        square = (
-            float(np.mean(off**2 / (1.0 + part**2 + (1.0 - part) ** 2))) if off.size else math.inf
-        )
-        noise = max(math.sqrt(square), np.finfo(float).eps)
-        chances = (
-            ndtr(-excess / np.maximum(sigma / equal_balls, noise))
-            if given
-            else stdtr(dof, -excess / noise)
-        )
-        count = np.count_nonzero((excess > _NO_EFFECT) & (chances < _LEAST_CHANCE / len(excess)))
-        if count:
-            most = int(np.argmax(excess))
-            verb = "is" if count == 1 else "are"
-            where = (
-                f"{count} of {len(excess)} data {verb} above the velocity of equal balls at that"
-                f" load"
-            )
-            by = f"by up to {100.0 * excess[most]:.2g} % ({describe(most).rstrip(',')})"
-            why = "a spread only slows sound, so that what is fitted is not a width"
-            mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
-            out.append(f"{where}, {by}: {why}. {mend}")
-    if (frequency := problem.model.waves.frequency) is not None:
+        warnings += _judge_excess(problem, logs, sigma_given)
+    frequency = problem.model.waves.frequency
+    if frequency is not None:
         wavelength = velocity / frequency
         balls = wavelength / problem.model.packing.diameter
         longest = int(np.argmax(balls))
         if balls[longest] > _LONGEST_WAVE:
             hertz = np.broadcast_to(frequency, velocity.shape)[longest]
             size = f"{wavelength[longest]:.3g} m long, {balls[longest]:.3g} diameters"
-            what = f"the wave of a pulse at {hertz:.4g} Hz is {size}"
-            out.append(f"{what}: its velocity is that of long waves. Is the frequency in Hz?")
+            fault = f"the wave of a pulse at {hertz:.4g} Hz is {size}"
+            warnings.append(f"{fault}: its velocity is that of long waves. Is the frequency in Hz?")
     # a datum that alone decides the fit
     most = int(np.argmax(leverages))
     if dof and leverages[most] > _DECIDING_LEVERAGE:
-        out.append(
-            f"{describe(most)} decides the fit almost alone: its leverage is"
+        warnings.append(
+            f"{problem.describe(most)}, decides the fit almost alone: its leverage is"
             f" {leverages[most]:.4g}, and cannot be above 1"
         )
-    # a datum off the fit of the others: r is its distance from that fit over the standard error of
-    # that distance
-    if known and dof > 1:
-        r = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
-        farthest = int(np.argmax(r))
-        distance = float(r[farthest])
-        # chi-squared of the others about a fit of their own
-        others = max(chi2 - distance**2, 1e-12)
-        if given and compute_probability(others, dof - 1) >= _CHANCE_OF_AGREEMENT:
-            one = float(ndtr(-distance))
-        else:  # judged by the scatter of the others: Student's distribution
-            distance *= math.sqrt((dof - 1) / others)
-            one = float(stdtr(dof - 1, -distance))
-        chance = min(2.0 * len(r) * one, 1.0)  # any of the len(r) data may be the farthest
-        if chance < _LEAST_CHANCE:
-            out.append(
-                f"{describe(farthest)} lies {distance:.3g} standard errors off the fit of the"
-                f" others (p = {chance:.2g})"
-            )
-    out += [
-        f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from zero"
-        for name, error in zip(names, errors.tolist(), strict=True)
-        if known and error > LARGE_ERROR
+    if errors_known and dof > 1:
+        warnings += _judge_farthest(problem, residuals, leverages, chi2, sigma_given)
+    if errors_known:
+        warnings += [
+            f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from"
+            f" zero"
+            for name, error in zip(names, errors.tolist(), strict=True)
+            if error > LARGE_ERROR
+        ]
+    return warnings
+
+
+def _judge_excess(problem: FitProblem, logs: Array, sigma_given: bool) -> list[str]:
+    """Return a warning if data are above the velocity of equal balls by more than their noise,
+    which no width explains.
+    """
+    from scipy.special import ndtr, stdtr
+
+    velocity = problem.velocity
+    equal_balls = problem.model.equal_balls(logs)[0]
+    excess = velocity / equal_balls - 1.0
+    # the scatter about a fit that such data bend is no measure of their noise, and a given sigma
+    # may be too small: the noise is the rms distance of velocities from lines through their
+    # neighbours in force
+    order = np.lexsort((velocity, problem.model.force))
+    x = np.log(problem.model.force[order])
+    y = np.log(velocity[order])
+    reach = x[2:] - x[:-2]
+    weight = np.where(reach > 0.0, (x[1:-1] - x[:-2]) / np.where(reach > 0.0, reach, 1.0), 0.5)
+    distances = y[1:-1] - (1.0 - weight) * y[:-2] - weight * y[2:]
+    square = math.inf
+    if distances.size:
+        square = float(np.mean(distances**2 / (1.0 + weight**2 + (1.0 - weight) ** 2)))
+    noise = max(math.sqrt(square), np.finfo(float).eps)
+    if sigma_given:
+        chances = ndtr(-excess / np.maximum(problem.sigma / equal_balls, noise))
+    else:
+        chances = stdtr(problem.dof, -excess / noise)
+    count = np.count_nonzero((excess > _NO_EFFECT) & (chances < _LEAST_CHANCE / len(excess)))
+    if not count:
+        return []
+    most = int(np.argmax(excess))
+    verb = "is" if count == 1 else "are"
+    where = f"{count} of {len(excess)} data {verb} above the velocity of equal balls at that load"
+    by = f"by up to {100.0 * excess[most]:.2g} % ({problem.describe(most)})"
+    why = "a spread only slows sound, so that what is fitted is not a width"
+    mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
+    return [f"{where}, {by}: {why}. {mend}"]
+
+
+def _judge_farthest(
+    problem: FitProblem, residuals: Array, leverages: Array, chi2: float, sigma_given: bool
+) -> list[str]:
+    """Return a warning if one datum is off the fit of the others."""
+    from scipy.special import ndtr, stdtr
+
+    dof = problem.dof
+    # the distance of each datum from the fit of the others, over the standard error of the distance
+    r = np.abs(residuals) / np.sqrt(np.maximum(1.0 - leverages, 1e-12))
+    farthest = int(np.argmax(r))
+    distance = float(r[farthest])
+    # chi-squared of the others about their own fit
+    chi2_of_others = max(chi2 - distance**2, 1e-12)
+    agree = compute_probability(chi2_of_others, dof - 1) >= _CHANCE_OF_AGREEMENT
+    if sigma_given and agree:
+        tail = float(ndtr(-distance))
+    else:  # judged by the scatter of the others: Student's distribution
+        distance *= math.sqrt((dof - 1) / chi2_of_others)
+        tail = float(stdtr(dof - 1, -distance))
+    chance = min(2.0 * len(r) * tail, 1.0)  # any of the len(r) data may be the farthest
+    if chance >= _LEAST_CHANCE:
+        return []
+    return [
+        f"{problem.describe(farthest)}, lies {distance:.3g} standard errors off the fit of the"
+        f" others (p = {chance:.2g})"
     ]
-    return out
 
 
 @dataclass(frozen=True)
@@ -266,46 +275,45 @@ class FitProblem:
         right, or are too few.
         """
         model.require_carried()
+        start = model.find_start(1e-9 * model.packing.diameter)
         with np.errstate(all="ignore"):
-            ratio = (
-                data.velocity
-                / model.equal_balls(model.find_start(1e-9 * model.packing.diameter))[0]
-            )
+            ratio = data.velocity / model.equal_balls(start)[0]
         least = _LEAST_RATIO_OF_MODULUS if "young_modulus" in model.names else _LEAST_RATIO
         if not least < math.exp(float(np.mean(np.log(ratio)))) < 1.0 / least:
-            what = (
+            fault = (
                 f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of"
                 f" equal balls"
             )
             mend = "Check the units of force and velocity, and that their columns are not swapped"
-            raise InputError(what, mend=mend)
-        part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
-        if np.any(part <= _MODEL_ERROR):
-            what = f"sigma is as small as {np.min(part):.3g} times the velocity"
+            raise InputError(fault, mend=mend)
+        relative_error = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
+        if np.any(relative_error <= _MODEL_ERROR):
+            fault = f"sigma is as small as {np.min(relative_error):.3g} times the velocity"
             why = f"Those of a model have relative errors of {_MODEL_ERROR:g}"
             raise InputError(
-                what, why, "Check the units of sigma, or give the errors that the data have"
+                fault, why, "Check the units of sigma, or give the errors that the data have"
             )
-        if np.any(part >= 1.0 / _MODEL_ERROR):
-            what = f"sigma is as large as {np.max(part):.3g} times the velocity"
-            raise InputError(what, "No measurement has such an error", "Check its units")
+        if np.any(relative_error >= 1.0 / _MODEL_ERROR):
+            fault = f"sigma is as large as {np.max(relative_error):.3g} times the velocity"
+            raise InputError(fault, "No measurement has such an error", "Check its units")
         if len(data.force) < len(model.names) + (data.sigma is None):
-            several = "s" if len(data.force) > 1 else ""
-            what = (
-                f"found {len(data.force)} measurement{several}, to which"
+            plural = "s" if len(data.force) > 1 else ""
+            fault = (
+                f"found {len(data.force)} measurement{plural}, to which"
                 f" {' and '.join(model.names)} cannot be fitted"
             )
-            why = (
-                "Without sigma one more is needed, to find the scatter"
-                if data.sigma is None
-                else ""
-            )
-            raise InputError(what, why, "Measure more")
-        return cls(
-            model,
-            data.velocity,
-            np.ones(data.force.shape) * (1.0 if data.sigma is None else data.sigma),
-        )
+            why = ""
+            if data.sigma is None:
+                why = "Without sigma one more is needed, to find the scatter"
+            raise InputError(fault, why, "Measure more")
+        sigma = 1.0 if data.sigma is None else data.sigma
+        return cls(model, data.velocity, np.ones(data.force.shape) * sigma)
+
+    def describe(self, number: int) -> str:
+        """Return in words which datum this is."""
+        velocity = self.velocity[number]
+        force = self.model.force[number]
+        return f"datum {number + 1}, {velocity:.4g} m/s at {force:.4g} N"
 
     @property
     def dof(self) -> int:
@@ -327,9 +335,8 @@ class FitProblem:
         if there are none.
         """
         velocities, slopes = self.model(logs)
-        return (self.velocity - velocities) / self.sigma, slopes * (velocities / self.sigma)[
-            :, None
-        ]
+        relative = velocities / self.sigma
+        return (self.velocity - velocities) / self.sigma, slopes * relative[:, None]
 
     def simulate_at(self, logs: Array) -> FitProblem:
         """Return the problem whose samples are those at ``logs``: itself if they serve there.
@@ -338,13 +345,12 @@ class FitProblem:
         determine it.
         """
         model = self.model.simulate_at(logs)
-        where = self.model.width_index
         if model is self.model:
             return self
-        if where is not None and logs[where] < math.log(self.widths[0]):
-            raise explain_undetermined(
-                self, logs, np.where(np.arange(len(logs)) == where, np.inf, 0.0)
-            )
+        index = self.model.width_index
+        if index is not None and logs[index] < math.log(self.widths[0]):
+            errors = np.where(np.arange(len(logs)) == index, np.inf, 0.0)
+            raise explain_undetermined(self, logs, errors)
         return replace(self, model=model)
 
 
@@ -359,22 +365,22 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
     model = problem.model
     where = problem.model.width_index
     if model.is_sampled:
-        found = find_best(replace(problem, model=replace(model, choice=MediumChoice("ema"))))[1]
-        problem = replace(problem, model=model.settle_geometry(found)).simulate_at(found)
+        best = find_best(replace(problem, model=replace(model, choice=MediumChoice("ema"))))[1]
+        problem = replace(problem, model=model.settle_geometry(best)).simulate_at(best)
         # the samples are simulated again until they belong to the minimum
         for _ in range(_MOST_SIMULATED):
-            found = _descend(problem, found)
-            again = problem.simulate_at(found)
-            if again is problem:
-                return problem, found
-            problem = again
+            best = _descend(problem, best)
+            renewed = problem.simulate_at(best)
+            if renewed is problem:
+                return problem, best
+            problem = renewed
         names = " and ".join(model.names)
-        what = f"{names} still changed after {_MOST_SIMULATED} simulations"
+        fault = f"{names} still changed after {_MOST_SIMULATED} simulations"
         mend = "Take more balls or samples, and with a history a lower step_tolerance"
-        raise InputError(what, "Forces of few balls jump when the width changes", mend)
+        raise InputError(fault, "Forces of few balls jump when the width changes", mend)
     if where is None:
         return problem, _descend(problem, model.find_start(model.packing.width))
-    others = np.arange(len(model.names)) != where
+    is_other = np.arange(len(model.names)) != where
     starts: list[Array] = []
     squares = [math.inf]
     effect = 0.0
@@ -386,39 +392,32 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
             if not starts:  # even the narrowest width fails: the width is not the cause
                 raise
             break
-        step = np.linalg.lstsq(matrix[:, others], residuals, rcond=SAME_EFFECT)[0]
+        step = np.linalg.lstsq(matrix[:, is_other], residuals, rcond=SAME_EFFECT)[0]
         starts.append(logs)
-        squares.append(float(np.sum((residuals - matrix[:, others] @ step) ** 2)))
-        effect = max(
-            effect,
-            float(
-                np.max(np.abs(matrix[:, where] / (problem.velocity / problem.sigma - residuals)))
-            ),
-        )
+        squares.append(float(np.sum((residuals - matrix[:, is_other] @ step) ** 2)))
+        fitted = problem.velocity / problem.sigma - residuals
+        effect = max(effect, float(np.max(np.abs(matrix[:, where] / fitted))))
     if effect < _NO_EFFECT:
-        what = (
+        fault = (
             f"in the medium {model.choice.label!r} sound does not depend on the width of this"
             f" spread"
         )
         if model.packing.structure.periods == 1:
             raise InputError(
-                what,
+                fault,
                 "On a line all contacts carry the same force",
                 "Fit young_modulus without the width",
             )
         raise InputError(
-            what, mend="Use another medium, such as ema, and a spread that has a shape"
+            fault, mend="Use another medium, such as ema, and a spread that has a shape"
         )
     squares.append(math.inf)
-    low = [
-        start
+    minima = [
+        _descend(problem, start)
         for i, start in enumerate(starts, 1)
         if squares[i] <= min(squares[i - 1], squares[i + 1])
     ]
-    return problem, min(
-        (_descend(problem, start) for start in low),
-        key=lambda logs: float(np.sum(problem(logs)[0] ** 2)),
-    )
+    return problem, min(minima, key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
 
 
 def _descend(problem: FitProblem, start: Array) -> Array:
@@ -440,10 +439,10 @@ def _descend(problem: FitProblem, start: Array) -> Array:
     def jacobian(move: Array) -> Array:
         return -system(tuple(move.tolist()))[1]
 
-    found = least_squares(
+    minimum = least_squares(
         residuals, np.zeros(start.shape), jacobian, ftol=1e-12, xtol=1e-11, gtol=1e-14, max_nfev=100
     )
-    return np.asarray(start + found.x)
+    return np.asarray(start + minimum.x)
 
 
 def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> InputError:
@@ -455,9 +454,9 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     worst = int(np.argmax(errors))
     where = model.width_index
     if where is None:
-        what = f"the data do not determine {' and '.join(model.names)}"
+        fault = f"the data do not determine {' and '.join(model.names)}"
         why = f"The standard error of {model.names[worst]} is {errors[worst]:.3g} times its value"
-        return InputError(what, why, _MEASURE)
+        return InputError(fault, why, _MEASURE)
     width = float(np.exp(logs[where]))
     error = float(errors[where])
     ideal = model.equal_balls(logs)[0]
@@ -465,11 +464,11 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     if model.names == ("width",) and excess > _NO_EFFECT:
         if model.waves.frequency is not None:
             long = replace(model.equal_balls, waves=replace(model.waves, frequency=None))(logs)[0]
-            if (
-                np.average(problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2)
-                <= _NO_EFFECT
-            ):
-                what = (
+            excess_over_long = np.average(
+                problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2
+            )
+            if excess_over_long <= _NO_EFFECT:
+                fault = (
                     f"the velocities are on average {100.0 * excess:.2g} % above those of pulses"
                     f" of equal balls"
                 )
@@ -477,39 +476,39 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
                     f"They are not above those of long waves."
                     f" {model.equal_balls.describe_nearest_to_top(logs)}"
                 )
-                return InputError(what, why, "Check the frequency; leave it out for long waves")
-        what = f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls"
+                return InputError(fault, why, "Check the frequency; leave it out for long waves")
+        fault = f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls"
         mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
-        return InputError(what, "A spread of diameters slows sound, so that no width fits", mend)
+        return InputError(fault, "A spread of diameters slows sound, so that no width fits", mend)
     if model.names[worst] != "width" and errors[worst] > 1.0:
-        what = (
+        fault = (
             f"the data do not determine {model.names[worst]}: its standard error is"
             f" {errors[worst]:.3g} times its value"
         )
-        return InputError(what, mend=_MEASURE)
+        return InputError(fault, mend=_MEASURE)
     if error > 1.0 or width < problem.widths[0]:
         best = (
             f": the best is {write_quantity(width, 'm', 3)}, its standard error"
             f" {write_quantity(error * width, 'm', 3)}"
         )
-        what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
+        fault = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
         least = float(np.min(model.force))
         why = (
             f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds"
             f" their errors"
         )
-        return InputError(what, why, "Measure at lower forces, or more precisely")
+        return InputError(fault, why, "Measure at lower forces, or more precisely")
     falling = f"no width fits: the sum of squares still falls at {write_quantity(width, 'm', 3)}"
     tops = None if model.waves.frequency is None else model.find_tops(logs)
     if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
-        what = f"{falling}, beyond which the balls do not carry the frequency"
+        fault = f"{falling}, beyond which the balls do not carry the frequency"
         return InputError(
-            what, model.describe_nearest_to_top(logs), "Check the frequency and the velocities"
+            fault, model.describe_nearest_to_top(logs), "Check the frequency and the velocities"
         )
-    what = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
+    fault = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
     why = "The velocities are too low, or do not rise with the force as in an array of balls"
     return InputError(
-        what, why, "Check the units of the data, the Young modulus, diameter and density"
+        fault, why, "Check the units of the data, the Young modulus, diameter and density"
     )
 
 
@@ -520,8 +519,8 @@ class Fitted(Result):
 
     #: the SI unit of each parameter that may be fitted; None of a number
     _units_of_parameters: ClassVar[Mapping[str, str | None]]
-    #: what stands in fit.yaml before the fields of the fit, besides versions; it is ignored when a
-    #: fit is read
+    #: names of the quantities in fit.yaml before the fields of the fit, besides versions; they are
+    #: ignored when a fit is read
     _head: ClassVar[tuple[str, ...]] = ("p",)
 
     parameters: tuple[str, ...]
@@ -631,20 +630,16 @@ class WidthFit(Fitted):
     @property
     def width(self) -> float:
         """Width W of the distribution of diameters, m; the packing's own if it was not fitted."""
-        return (
-            float(self.values[self.parameters.index("width")])
-            if "width" in self.parameters
-            else self.packing.width
-        )
+        if "width" not in self.parameters:
+            return self.packing.width
+        return float(self.values[self.parameters.index("width")])
 
     @property
     def stderr(self) -> float:
         """Standard error of the width, m; 0 if it was not fitted."""
-        return (
-            float(self.stderrs[self.parameters.index("width")])
-            if "width" in self.parameters
-            else 0.0
-        )
+        if "width" not in self.parameters:
+            return 0.0
+        return float(self.stderrs[self.parameters.index("width")])
 
     @property
     def errors_are_known(self) -> bool:
@@ -691,10 +686,10 @@ class WidthFit(Fitted):
             mend = "Use .velocities, the velocities of the fit at the data"
             raise InputError("the measured pulses have many frequencies", mend=mend)
         choice = MediumChoice.parse(medium or self.choice)
-        # samples in their exact geometry have finite overlap of themselves: nobody has asked for it
-        # of other media
-        asked = self.waves.finite_overlap and not self.choice.is_exact
-        waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(asked))
+        # samples in their exact geometry always have finite overlap, which is no request for other
+        # media
+        requested = self.waves.finite_overlap and not self.choice.is_exact
+        waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(requested))
         if choice.stand_in != choice:
             forces = real_array("force", force, "N")
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), waves)
@@ -791,9 +786,9 @@ def fit_width(
     choice = MediumChoice.parse(medium, given_packing(packing).structure)
     if "width" not in names and not packing.width:
         choice = MediumChoice("ala")
-    asked = require("finite_overlap", truth, finite_overlap)
+    requested = require("finite_overlap", truth, finite_overlap)
     waves = Waves(
-        branch, _along(packing, direction), data.frequency, choice.has_finite_overlap(asked)
+        branch, _along(packing, direction), data.frequency, choice.has_finite_overlap(requested)
     )
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
@@ -802,50 +797,50 @@ def fit_width(
     waves = problem.model.waves
     if data.sigma is None:
         # numbers in double precision scatter by their rounding at least
-        off = problem(logs)[0]
+        residuals = problem(logs)[0]
         least = np.finfo(float).eps * float(np.max(data.velocity))
-        problem = replace(
-            problem, sigma=np.full(off.shape, max(math.sqrt(float(off @ off) / problem.dof), least))
-        )
+        scatter = max(math.sqrt(float(residuals @ residuals) / problem.dof), least)
+        problem = replace(problem, sigma=np.full(residuals.shape, scatter))
     residuals, matrix = problem(logs)
     # the covariance of the logarithms, and the step to the minimum of the linear problem
     norms = np.linalg.norm(matrix, axis=0)
-    left, singular, right = np.linalg.svd(matrix / np.maximum(norms, 1e-300), full_matrices=False)
-    same = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
-    every = len(names) == len(VARIABLE)  # no data can tell all three apart
-    # if the others were known, the standard error of a parameter would be 1/norm
-    where = problem.model.width_index
-    vanishing = where is not None and logs[where] < math.log(problem.widths[0])
-    if not (same and every) and (np.any(norms < 1.0) or vanishing):
+    directions, singular, right = np.linalg.svd(
+        matrix / np.maximum(norms, 1e-300), full_matrices=False
+    )
+    is_same = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
+    are_all = len(names) == len(VARIABLE)  # no data can tell all three apart
+    # if the other parameters were known, the standard error of a parameter would be 1/norm
+    index = problem.model.width_index
+    vanishes = index is not None and logs[index] < math.log(problem.widths[0])
+    if not (is_same and are_all) and (np.any(norms < 1.0) or vanishes):
         raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
-    if same:
-        why = (
-            "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only" if every else ""
-        )
+    if is_same:
+        why = ""
+        if are_all:
+            why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only"
         mend = "Measure over a wider range of force, or fit fewer parameters"
         raise InputError(f"the data cannot tell {' and '.join(names)} apart", why, mend)
     root = (right / singular[:, None]).T / norms[:, None]
     covariance = root @ root.T
-    step = root @ (left.T @ residuals)
+    step = root @ (directions.T @ residuals)
     errors = np.sqrt(np.diag(covariance))
     # where the given sigma is smaller than the scatter, the step is compared with errors that the
     # scatter would give
     chi2 = float(residuals @ residuals)
-    given = data.sigma is not None
+    sigma_given = data.sigma is not None
     scatter = max(1.0, math.sqrt(chi2 / max(problem.dof, 1)))
     if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * scatter * errors + 1e-9):
         raise explain_undetermined(problem, logs, errors)
     fitted = problem.model.fit_packing(logs)
     values = np.exp(logs)
-    known = given or float(problem.sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
-    warnings = find_warnings(problem, logs, errors, given, known)
-    covariance = covariance if known else np.full(covariance.shape, np.nan)
+    least = _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
+    errors_known = sigma_given or float(problem.sigma[0]) >= least
+    warnings = find_warnings(problem, logs, errors, sigma_given, errors_known)
+    covariance = covariance if errors_known else np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force
-    loads = (
-        data.force[[np.argmin(data.force), np.argmax(data.force)]]
-        if problem.model.is_sampled
-        else data.force
-    )
+    loads = data.force
+    if problem.model.is_sampled:
+        loads = loads[[np.argmin(loads), np.argmax(loads)]]
     state = problem.model.choice.of(fitted).at_force(loads, finite_overlap=waves.finite_overlap)
     return WidthFit(
         fitted,
@@ -857,9 +852,9 @@ def fit_width(
         data.force,
         data.velocity,
         problem.sigma,
-        given,
+        sigma_given,
         data.velocity - residuals * problem.sigma,
-        chi2 if given else float(problem.dof),
+        chi2 if sigma_given else float(problem.dof),
         problem.dof,
         (*warnings, *validity(state).warnings),
     )
@@ -919,8 +914,8 @@ def convert_cutoff(
         )
     waves = Waves(branch, _along(packing, direction), None, finite_overlap)
     equal = VelocityModel(packing, ("young_modulus",), MediumChoice("ala"), force, waves)
-    own = equal.find_start(packing.width)
-    return np.asarray(cutoff * equal(own)[0] / equal.find_tops(own))
+    start = equal.find_start(packing.width)
+    return np.asarray(cutoff * equal(start)[0] / equal.find_tops(start))
 
 
 def _along(packing: Packing, direction: ArrayLike | None) -> Array:

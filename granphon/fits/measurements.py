@@ -49,10 +49,8 @@ COLUMNS: Mapping[str, Quantity] = {
 }
 
 
-def _tell_column(kind: str) -> str:
-    """Tell how to name the column that is meant: in the file, for ``granphon fit``, and in
-    Python.
-    """
+def _explain_column(kind: str) -> str:
+    """Return how to name a column: in the file, for ``granphon fit``, and in Python."""
     options = f"granphon fit also takes --column '{kind}=NAME', Python columns={{'{kind}': 'NAME'}}"
     return f"Head the column that is meant '{kind}'; {options}"
 
@@ -91,24 +89,23 @@ class Measurements(Result):
     def __post_init__(self) -> None:
         counts = {}
         for name in self.units:
-            given = getattr(self, name)
-            needed = name in ("force", "velocity")
-            if given is not None or needed:
-                array = np.array(finite_list(name, given, self.units[name], "above zero"))
-                counts[name] = array.size
-                if name == "velocity" and np.max(array, initial=0.0) > LIGHT_VELOCITY:
-                    what = f"velocity is {np.max(array):.6g} m/s, more than the velocity of light"
-                    raise InputError(what, mend="Look at the unit, and at the number itself")
-                object.__setattr__(
-                    self, name, array if np.ndim(given) or needed else float(array[0])
-                )
+            values = getattr(self, name)
+            is_required = name in ("force", "velocity")
+            if values is None and not is_required:
+                continue
+            array = np.array(finite_list(name, values, self.units[name], "above zero"))
+            counts[name] = array.size
+            if name == "velocity" and np.max(array, initial=0.0) > LIGHT_VELOCITY:
+                fault = f"velocity is {np.max(array):.6g} m/s, more than the velocity of light"
+                raise InputError(fault, mend="Look at the unit, and at the number itself")
+            is_array = is_required or bool(np.ndim(values))
+            object.__setattr__(self, name, array if is_array else float(array[0]))
         n = counts["force"]
-        if counts["velocity"] != n or any(
-            np.ndim(x) and np.size(x) != n for x in (self.sigma, self.frequency)
-        ):
-            found = ", ".join(f"{count} of {name}" for name, count in counts.items())
+        optional = [values for values in (self.sigma, self.frequency) if np.ndim(values)]
+        if counts["velocity"] != n or any(np.size(values) != n for values in optional):
+            shown = ", ".join(f"{count} of {name}" for name, count in counts.items())
             mend = "Give the same number of each; sigma and frequency may be one number"
-            raise InputError(f"found {found}", mend=mend)
+            raise InputError(f"found {shown}", mend=mend)
         super().__post_init__()
 
     @classmethod
@@ -146,8 +143,10 @@ class Measurements(Result):
             given twice: by two columns, or by a ``distance`` and a column of distances or of
             velocities.
         """
-        table, named = Table.read(path), dict(columns or {})
-        if unknown := [name for name in named if name not in COLUMNS]:
+        table = Table.read(path)
+        named = dict(columns or {})
+        unknown = [name for name in named if name not in COLUMNS]
+        if unknown:
             raise InputError(
                 f"{unknown[0]!r} is not a kind of column of measurements",
                 mend=suggest(unknown[0], COLUMNS),
@@ -155,18 +154,18 @@ class Measurements(Result):
 
         def choose(*kinds: str) -> str | None:
             """Return which of these kinds of column the table has; None if it has none of them."""
-            there = [kind for kind in kinds if kind in named] or [
-                kind for kind in kinds if kind in table
-            ]
-            if len(there) > 1:
-                mend = f"Keep one of them. {_tell_column(there[0])}"
-                raise InputError(f"{path} has both {' and '.join(there)}", mend=mend)
-            return there[0] if there else None
+            present = [kind for kind in kinds if kind in named]
+            if not present:
+                present = [kind for kind in kinds if kind in table]
+            if len(present) > 1:
+                mend = f"Keep one of them. {_explain_column(present[0])}"
+                raise InputError(f"{path} has both {' and '.join(present)}", mend=mend)
+            return present[0] if present else None
 
         quantities = {**COLUMNS, **load_quantities(periods)}
 
         def read(kind: str) -> Array:
-            return table.column(named.get(kind, kind), quantities[kind], _tell_column(kind))
+            return table.column(named.get(kind, kind), quantities[kind], _explain_column(kind))
 
         load = choose("force", "side_force", "pressure")
         if load == "side_force" and frame is None:
@@ -188,30 +187,32 @@ class Measurements(Result):
                 why = "These are no pulses of a given frequency"
                 mend = "Leave the frequency out"
             raise InputError(f"{path} gives cut-off frequencies", why, mend)
-        needed = [measured, *["distance"] * (timed and distance is None)]
-        # the error of a time or a cut-off is converted by it
-        behind = error.removesuffix("_sigma") if error and error != "sigma" else measured
-        if behind != measured:
-            needed.append(behind)
-        needed += [kind for kind in (error, pulsed) if kind]
-        heads = {kind: named.get(kind, kind) for kind in (load or "force", *needed)}
+        required = [measured]
+        if timed and distance is None:
+            required.append("distance")
+        # the error of a time or a cut-off is converted by that time or cut-off
+        error_of = error.removesuffix("_sigma") if error and error != "sigma" else measured
+        if error_of != measured:
+            required.append(error_of)
+        required += [kind for kind in (error, pulsed) if kind]
+        heads = {kind: named.get(kind, kind) for kind in (load or "force", *required)}
         # columns that the table lacks, and those without a unit: one error says all
-        missing = [kind for kind, name in heads.items() if name not in table]
-        bare = [
-            kind for kind, name in heads.items() if kind not in missing and not table.unit(name)
+        lacking = [kind for kind, name in heads.items() if name not in table]
+        unitless = [
+            kind for kind, name in heads.items() if kind not in lacking and not table.unit(name)
         ]
-        if missing or bare:
+        if lacking or unitless:
             lacks = [
-                "no column named " + " and none named ".join(repr(heads[kind]) for kind in missing)
-            ] * bool(missing)
-            lacks += ["no unit for " + " and ".join(repr(heads[kind]) for kind in bare)] * bool(
-                bare
+                "no column named " + " and none named ".join(repr(heads[kind]) for kind in lacking)
+            ] * bool(lacking)
+            lacks += ["no unit for " + " and ".join(repr(heads[kind]) for kind in unitless)] * bool(
+                unitless
             )
-            first = next(kind for kind in heads if kind in missing + bare)
-            wanted = " and ".join(f"'{kind} ({quantities[kind].unit})'" for kind in heads)
+            first = next(kind for kind in heads if kind in lacking + unitless)
+            headings = " and ".join(f"'{kind} ({quantities[kind].unit})'" for kind in heads)
             unit = quantities[first].unit
             mend = (
-                f"Head the columns {wanted}, each with its unit in brackets;"
+                f"Head the columns {headings}, each with its unit in brackets;"
                 f" instead of a force there may be 'pressure ({quantities['pressure'].unit})'"
                 f" or 'side_force (N)',"
                 " instead of a velocity 'time (s)' and 'distance (m)', or 'cutoff (Hz)'. For"
@@ -224,28 +225,32 @@ class Measurements(Result):
         force = read(load or "force")
         if converted is not None:
             force = np.array([converted(value) for value in force.tolist()])
-        told = choose("distance" if timed else "velocity")
-        if distance is not None and told is not None:
+        length_column = choose("distance" if timed else "velocity")
+        if distance is not None and length_column is not None:
             why = (
                 "A distance given beside the table is for times of flight only, and for all of them"
             )
             mend = "Leave it out" if timed else "Leave it out, or name the column of times"
-            raise InputError(f"{path} has a {told} column, and a distance is given too", why, mend)
+            raise InputError(
+                f"{path} has a {length_column} column, and a distance is given too", why, mend
+            )
         if measured == "velocity":
             velocity = read("velocity")
         elif carried is not None and not timed:
             velocity = carried(force, read("cutoff"))
+        elif distance is None:
+            velocity = read("distance") / read("time")
         else:
-            velocity = (
-                read("distance") if distance is None else positive("distance", distance, "m")
-            ) / read("time")
+            velocity = positive("distance", distance, "m") / read("time")
         sigma = None
         if error is not None:
             head = named.get(error, error)
             if PERCENT.measures(table.unit(head)):
-                sigma = velocity * (table.column(head, PERCENT, _tell_column(error)) / 100.0)
+                sigma = velocity * (table.column(head, PERCENT, _explain_column(error)) / 100.0)
             else:
-                sigma = read("sigma") if error == "sigma" else velocity * read(error) / read(behind)
+                sigma = (
+                    read("sigma") if error == "sigma" else velocity * read(error) / read(error_of)
+                )
         frequency = read("frequency") if pulsed else None
         try:
             return cls(force, velocity, sigma, frequency)

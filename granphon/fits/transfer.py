@@ -46,13 +46,15 @@ PARAMETERS = {
     "load": "1",
     "gain": "1",
 }
-#: loss factors from which the search starts, and that with which stiffnesses are searched
+#: loss factors from which the search starts
 _LOSSES = np.geomspace(1e-3, 1.0, 10)
+#: loss factor with which stiffnesses are searched
 _BROAD = 0.1
-#: ratios of the stiffness that are tried, and how many of them are followed
+#: ratios of the stiffness that are tried
 _STIFFER = np.geomspace(0.5, 2.0, 57)
+#: number of these ratios that are followed to a minimum
 _FOLLOWED = 3
-#: factors that turn what a table holds into 1 or radians
+#: factors that convert the numbers of a table into 1 or radians
 _NUMBERS = {"": 1.0, "1": 1.0, "%": 0.01}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 #: columns of a table
@@ -88,21 +90,21 @@ class TransferFunction(Result):
 
     def __post_init__(self) -> None:
         for name in self._shapes:
-            given: Any = getattr(self, name)
-            if given is None:
+            values: Any = getattr(self, name)
+            if values is None:
                 continue
-            found = np.array(
+            numbers = np.array(
                 finite_list(
-                    name, given, self.units.get(name, ""), "" if name == "phase" else "above zero"
+                    name, values, self.units.get(name, ""), "" if name == "phase" else "above zero"
                 )
             )
-            if found.shape != np.shape(self.frequencies):
-                what = (
-                    f"there are {found.size} numbers of {name}, and {np.size(self.frequencies)}"
+            if numbers.shape != np.shape(self.frequencies):
+                fault = (
+                    f"there are {numbers.size} numbers of {name}, and {np.size(self.frequencies)}"
                     f" frequencies"
                 )
-                raise InputError(what, mend="Give the same number of each")
-            object.__setattr__(self, name, found)
+                raise InputError(fault, mend="Give the same number of each")
+            object.__setattr__(self, name, numbers)
         if self.phase_sigma is not None and (self.phase is None or self.sigma is None):
             lacks = "phase" if self.phase is None else "sigma of the magnitude"
             raise InputError(
@@ -133,14 +135,16 @@ class TransferFunction(Result):
         Raises :class:`~granphon.base.errors.InputError` for a file, line or cell that cannot be
         read, a column that is missing or has another unit, and what the constructor refuses.
         """
-        table, named = Table.read(path), dict(columns or {})
-        if unknown := [name for name in named if name not in _COLUMNS]:
-            what = f"{unknown[0]!r} is not a kind of column of a transfer function"
-            raise InputError(what, mend=suggest(unknown[0], _COLUMNS))
+        table = Table.read(path)
+        named = dict(columns or {})
+        unknown = [name for name in named if name not in _COLUMNS]
+        if unknown:
+            fault = f"{unknown[0]!r} is not a kind of column of a transfer function"
+            raise InputError(fault, mend=suggest(unknown[0], _COLUMNS))
         heads = {kind: named.get(kind, kind) for kind in _COLUMNS}
         for kind in _COLUMNS[:2]:
             if heads[kind] not in table:
-                what = f"{table.name} has no column named {heads[kind]!r}"
+                fault = f"{table.name} has no column named {heads[kind]!r}"
                 why = (
                     f"Its columns are"
                     f" {list_names(repr(str(heading)) for heading in table.headings)}"
@@ -149,57 +153,57 @@ class TransferFunction(Result):
                     f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}':"
                     f" 'NAME'}}"
                 )
-                raise InputError(what, why, mend)
+                raise InputError(fault, why, mend)
 
-        def read(kind: str, plain: Mapping[str, float]) -> Array | None:
+        def read(kind: str, factors: Mapping[str, float]) -> Array | None:
             """Return the numbers of a column in one of these units; None if it is not there, or has
             another unit.
             """
             unit = table.unit(heads[kind])
-            if heads[kind] not in table or unit not in plain:
+            if heads[kind] not in table or unit not in factors:
                 return None
             try:
-                return plain[unit] * table.numbers(heads[kind])
+                return factors[unit] * table.numbers(heads[kind])
             except InputError as error:
                 raise InputError(f"{table.name}, {error}") from None
 
         def measure(kind: str) -> Array:
-            own = _MAGNITUDES.get(quantity)
-            found = read(kind, {} if own else _NUMBERS)
-            if own and table.unit(heads[kind]) in _NUMBERS:
-                what = f"{table.name}: the column {heads[kind]!r} has no unit of {own.name}"
+            unit = _MAGNITUDES.get(quantity)
+            values = read(kind, {} if unit else _NUMBERS)
+            if unit and table.unit(heads[kind]) in _NUMBERS:
+                fault = f"{table.name}: the column {heads[kind]!r} has no unit of {unit.name}"
                 mend = (
-                    f"Head it '{kind} ({own.unit})'; or if it is a transmissibility, give"
+                    f"Head it '{kind} ({unit.unit})'; or if it is a transmissibility, give"
                     f" quantity='transmissibility'"
                 )
-                raise InputError(what, mend=f"{mend} (in a scene, response.quantity)")
-            if found is None and own:
-                return table.column(heads[kind], own)
-            if found is None:
-                what = (
+                raise InputError(fault, mend=f"{mend} (in a scene, response.quantity)")
+            if values is None and unit:
+                return table.column(heads[kind], unit)
+            if values is None:
+                fault = (
                     f"{table.name}: the column {heads[kind]!r} has the unit"
                     f" {table.unit(heads[kind])!r}"
                 )
                 raise InputError(
-                    what, "A transmissibility is a number", "Leave the unit out, or use % or dB"
+                    fault, "A transmissibility is a number", "Leave the unit out, or use % or dB"
                 )
-            return found
+            return values
 
         decibels = read("magnitude", {"dB": 1.0})
         magnitude = measure("magnitude") if decibels is None else 10.0 ** (decibels / 20.0)
         sigma: Array | None = None
         if heads["sigma"] in table:
-            part = read("sigma", {"%": 0.01})
-            loud = read("sigma", {"dB": math.log(10.0) / 20.0})
-            relative = loud if part is None else part
+            percents = read("sigma", {"%": 0.01})
+            decibel_error = read("sigma", {"dB": math.log(10.0) / 20.0})
+            relative = decibel_error if percents is None else percents
             sigma = measure("sigma") if relative is None else relative * magnitude
         angles = []
         for kind in ("phase", "phase_sigma"):
-            found = read(kind, _ANGLES)
-            if found is None and heads[kind] in table:
-                what = f"{table.name}: the column {heads[kind]!r} is not in rad or deg"
-                raise InputError(what, mend=f"Head it '{kind} (rad)'")
-            angles.append(found)
+            angle = read(kind, _ANGLES)
+            if angle is None and heads[kind] in table:
+                fault = f"{table.name}: the column {heads[kind]!r} is not in rad or deg"
+                raise InputError(fault, mend=f"Head it '{kind} (rad)'")
+            angles.append(angle)
         frequencies = table.column(heads["frequency"], FREQUENCY)
         try:
             return cls(frequencies, magnitude, angles[0], sigma, angles[1])
@@ -221,44 +225,38 @@ class _Model:
     places: dict[str, Any]
 
     def losses(self, values: Mapping[str, float]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """Return (normal, tangential) damping and loss factor; the tangential one is the normal one
-        unless it is fitted.
+        """Return (normal, tangential) damping and loss factor; the tangential value is the normal
+        one unless it is fitted.
         """
-        found = []
-        for name, given in (("damping", self.damping), ("loss_factor", self.loss_factor)):
-            normal = values.get(name, given[0])
-            found.append(
-                (normal, values.get(f"tangential_{name}", normal if name in values else given[1]))
-            )
-        return found[0], found[1]
 
-    def __call__(self, given: Array) -> NDArray[np.complex128]:
-        values = dict(zip(self.names, given.tolist(), strict=True))
+        def find_pair(name: str, fixed: tuple[Any, Any]) -> tuple[Any, Any]:
+            normal = values.get(name, fixed[0])
+            default = normal if name in values else fixed[1]
+            return normal, values.get(f"tangential_{name}", default)
+
+        return find_pair("damping", self.damping), find_pair("loss_factor", self.loss_factor)
+
+    def __call__(self, parameters: Array) -> NDArray[np.complex128]:
+        values = dict(zip(self.names, parameters.tolist(), strict=True))
         network = self.network
         load = values.get("load", 1.0)
-        stiffer = (
-            values.get("stiffness", 1.0) * hertz.stiffness_under(load) / hertz.stiffness_under(1.0)
-        )
+        under_load = hertz.stiffness_under(load)
+        stiffer = values.get("stiffness", 1.0) * under_load / hertz.stiffness_under(1.0)
         scaled = {
-            name: stiffer * getattr(network, name)
-            for name in (
-                "normal_stiffness",
-                "shear_stiffness",
-                "torsion_stiffness",
-                "bending_stiffness",
-            )
+            "normal_stiffness": stiffer * network.normal_stiffness,
+            "shear_stiffness": stiffer * network.shear_stiffness,
+            "torsion_stiffness": stiffer * network.torsion_stiffness,
+            "bending_stiffness": stiffer * network.bending_stiffness,
+            "normal_force": load * network.normal_force,
         }
-        held = {name: getattr(network, name) for name in ("normal_force", "tangential_force")}
-        scaled |= {name: load * force for name, force in held.items() if force is not None}
-        network = replace(network, **scaled)
-        at, inverse = np.unique(self.frequencies, return_inverse=True)
+        if network.tangential_force is not None:
+            scaled["tangential_force"] = load * network.tangential_force
+        frequencies, inverse = np.unique(self.frequencies, return_inverse=True)
         damping, losses = self.losses(values)
-        found = (
-            Waves(network)
-            .response(at, damping=damping, loss_factor=losses, **self.places)
-            .coherent[inverse]
+        response = Waves(replace(network, **scaled)).response(
+            frequencies, damping=damping, loss_factor=losses, **self.places
         )
-        return np.asarray(values.get("gain", 1.0) * found)
+        return np.asarray(values.get("gain", 1.0) * response.coherent[inverse])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -380,9 +378,10 @@ def fit_damping(
     if {"stiffness", "load"} <= set(names) and not network.prestress:
         why = "Without prestress a load does no more than scale stiffnesses"
         raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
-    # refuses wrong ones before the fit
+    # wrong values are refused before the fit
     given_damping = ContactDamping.of(network, damping, loss_factor)
-    pairs = [one if isinstance(one, tuple) else (one, one) for one in (damping, loss_factor)]
+    fixed_damping = damping if isinstance(damping, tuple) else (damping, damping)
+    fixed_loss = loss_factor if isinstance(loss_factor, tuple) else (loss_factor, loss_factor)
     places = {
         "source": source,
         "receiver": receiver,
@@ -394,22 +393,22 @@ def fit_damping(
     model = _Model(
         network,
         names,
-        (pairs[0][0], pairs[0][1]),
-        (pairs[1][0], pairs[1][1]),
+        (fixed_damping[0], fixed_damping[1]),
+        (fixed_loss[0], fixed_loss[1]),
         measured.frequencies,
         places,
     )
     m = measured.magnitude
     phase = measured.phase
-    given = measured.sigma is not None
+    sigma_given = measured.sigma is not None
     dof = m.size * (1 if phase is None else 2) - len(names)
-    if dof < (not given):
-        why = "" if given else "Without sigma one more is needed, to find the scatter"
-        what = (
+    if dof < (not sigma_given):
+        why = "" if sigma_given else "Without sigma one more is needed, to find the scatter"
+        fault = (
             f"there are {dof + len(names)} numbers, to which {len(names)} parameters cannot be"
             f" fitted"
         )
-        raise InputError(what, why, "Measure more")
+        raise InputError(fault, why, "Measure more")
     sigma = m if measured.sigma is None else measured.sigma
     angle = sigma / m if measured.phase_sigma is None else measured.phase_sigma
     turned = np.ones(m.size) if phase is None else np.exp(1j * phase)
@@ -420,78 +419,78 @@ def fit_damping(
     is_loss = np.array([name not in ("stiffness", "load", "gain") for name in names])
 
     @lru_cache(maxsize=16)
-    def respond(at: tuple[float, ...]) -> NDArray[np.complex128]:
-        return model(np.array(at))
+    def respond(values: tuple[float, ...]) -> NDArray[np.complex128]:
+        return model(np.array(values))
 
-    def compare(at: Array, logarithmic: bool = False) -> Array:
+    def compare(scaled: Array) -> Array:
         """Return the residuals of magnitudes, and of phases if they are known, over sigma."""
-        h = respond(tuple((at * scale).tolist()))
+        h = respond(tuple((scaled * scale).tolist()))
+        residuals = (m - np.abs(h)) / sigma
+        if phase is None:
+            return np.asarray(residuals)
+        return np.concatenate([residuals, np.angle(turned / h) / angle])
+
+    def compare_logarithms(scaled: Array) -> Array:
+        """Return the differences of logarithms of magnitudes, and of phases if they are known."""
+        h = respond(tuple((scaled * scale).tolist()))
         with np.errstate(divide="ignore"):
-            off = np.log(m / np.abs(h)) if logarithmic else (m - np.abs(h)) / sigma
-        return (
-            off
-            if phase is None
-            else np.concatenate([off, np.angle(turned / h) / (1.0 if logarithmic else angle)])
-        )
+            differences = np.log(m / np.abs(h))
+        if phase is None:
+            return np.asarray(differences)
+        return np.concatenate([differences, np.angle(turned / h)])
 
     def start(loss: float, stiffer: float = 1.0) -> tuple[float, Array]:
         """Return the misfit of logarithms, and parameters, with the gain that fits best."""
-        at = np.where(is_loss, loss / max(int(np.sum(is_loss)), 1), 1.0)
+        scaled = np.where(is_loss, loss / max(int(np.sum(is_loss)), 1), 1.0)
         for name, value in (("stiffness", stiffer), ("load", stiffer**3)):
             if name in names:
-                at[names.index(name)] = value
-        off = compare(at, True)
+                scaled[names.index(name)] = value
+        differences = compare_logarithms(scaled)
         if "gain" in names:
-            at[names.index("gain")] = math.exp(float(np.mean(off[: m.size])))
-            off = compare(at, True)
-        return float(off @ off), at
+            scaled[names.index("gain")] = math.exp(float(np.mean(differences[: m.size])))
+            differences = compare_logarithms(scaled)
+        return float(differences @ differences), scaled
 
     ratios = [1.0]
-    several = bool({"stiffness", "load"} & set(names))
-    if several:
-        ratios = [
-            stiff
-            for _, stiff in sorted((start(_BROAD, one)[0], one) for one in _STIFFER.tolist())[
-                :_FOLLOWED
-            ]
-        ]
-    tried = sorted(
-        (
-            start(loss, one)
-            for one in ratios
-            for loss in (_LOSSES.tolist() if np.any(is_loss) else [0.0])
-        ),
-        key=lambda one: one[0],
+    is_searched = bool({"stiffness", "load"} & set(names))
+    if is_searched:
+        misfits = sorted((start(_BROAD, ratio)[0], ratio) for ratio in _STIFFER.tolist())
+        ratios = [ratio for _, ratio in misfits[:_FOLLOWED]]
+    losses = _LOSSES.tolist() if np.any(is_loss) else [0.0]
+    starts = sorted(
+        (start(loss, ratio) for ratio in ratios for loss in losses),
+        key=lambda misfit_and_parameters: misfit_and_parameters[0],
     )
     low = np.where(is_loss, 0.0, 1e-3)
     limits = (low, np.full(low.shape, np.inf))
     fits = [
         least_squares(
             compare,
-            at,
+            first,
             "3-point",
             limits,
-            x_scale=np.maximum(at, 1e-3),
+            x_scale=np.maximum(first, 1e-3),
             ftol=1e-13,
             xtol=1e-13,
             gtol=1e-13,
         )
-        for _, at in tried[: _FOLLOWED if several else 1]
+        for _, first in starts[: _FOLLOWED if is_searched else 1]
     ]
-    best = min(fits, key=lambda one: float(one.cost))
-    h, chi2 = respond(tuple((best.x * scale).tolist())), 2.0 * float(best.cost)
+    best = min(fits, key=lambda fit: float(fit.cost))
+    h = respond(tuple((best.x * scale).tolist()))
+    chi2 = 2.0 * float(best.cost)
     jacobian = np.asarray(best.jac)
     norms = np.linalg.norm(jacobian, axis=0)
     _, singular, right = np.linalg.svd(jacobian / np.maximum(norms, 1e-300), full_matrices=False)
     if np.any(norms == 0.0) or singular[-1] < SAME_EFFECT * singular[0]:
-        what = f"the data cannot tell {' and '.join(names)} apart"
-        raise InputError(what, mend="Measure a wider range, or fit fewer parameters")
-    scatter = 1.0 if given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
+        fault = f"the data cannot tell {' and '.join(names)} apart"
+        raise InputError(fault, mend="Measure a wider range, or fit fewer parameters")
+    scatter = 1.0 if sigma_given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
     root = (right / singular[:, None]).T / norms[:, None] * scale[:, None] * scatter
     covariance = root @ root.T
     values = best.x * scale
     warnings = list(given_damping.find_warnings(float(np.max(measured.frequencies))))
-    warnings += judge_residuals(chi2, dof, len(names)) if given or not dof else []
+    warnings += judge_residuals(chi2, dof, len(names)) if sigma_given or not dof else []
     warnings += [
         f"the standard error of {name} is {error:.2g}, and its value {value:.2g}: it can"
         f" hardly be told from zero"
@@ -500,9 +499,11 @@ def fit_damping(
         )
         if error > LARGE_ERROR * value
     ]
-    losses = model.losses(dict(zip(names, values.tolist(), strict=True)))
-    found = [np.array([float(np.mean(each)) for each in one]) for one in losses]
-    known = replace(
+    pairs = model.losses(dict(zip(names, values.tolist(), strict=True)))
+    mean_damping, mean_loss_factor = (
+        np.array([float(np.mean(of_contacts)) for of_contacts in pair]) for pair in pairs
+    )
+    with_errors = replace(
         measured, sigma=sigma * scatter, phase_sigma=None if phase is None else angle * scatter
     )
     phases = np.angle(h) if phase is None else phase - np.angle(turned / h)
@@ -510,14 +511,14 @@ def fit_damping(
         names,
         values,
         covariance,
-        found[0],
-        found[1],
-        known,
+        mean_damping,
+        mean_loss_factor,
+        with_errors,
         quantity,
-        given,
+        sigma_given,
         np.abs(h),
         phases,
-        chi2 if given else float(dof),
+        chi2 if sigma_given else float(dof),
         dof,
         tuple(warnings),
     )

@@ -60,10 +60,10 @@ _ANY_WIDTH = 1e-4
 #: change of W/d changes velocities at a given f* by less than 1e-4 of them, and the curve itself
 #: has errors of 2e-4
 _SETTLED = 1e-3
-#: relative correction of a squared velocity below which a stiffness is not corrected again, and the
-#: most corrections: one is exact in the paper's limit; where the forces of contacts act too, each
-#: leaves about delta/d of the error before it
+#: relative correction of a squared velocity below which a stiffness is not corrected again
 _CORRECTED = 1e-12
+#: most corrections of a stiffness: one is exact in the paper's limit; where the forces of contacts
+#: act too, each correction leaves about delta/d of the error
 _CORRECTIONS = 10
 #: relative step in the frequency of a pulse, from which the slope of its velocity is found
 _FREQUENCY_STEP = 1e-4
@@ -96,16 +96,15 @@ class Waves(Result):
     def find_tops(self, state: ContactState) -> Array:
         """Return the highest frequency of a pulse on the branch at each load, Hz."""
         # in the paper's limit one dispersion relation serves all loads
-        several = not state.has_one_lattice
-        each = [state[n] for n in range(len(state.force))] if several else [state]
-        reduced = np.array(
-            [
-                follow_acoustic_branches(one.contact_lattice(), self.direction)[self.branch].top
-                for one in each
-            ]
-        )
+        is_shared = state.has_one_lattice
+        states = [state] if is_shared else [state[n] for n in range(len(state.force))]
+        tops = []
+        for single in states:
+            branches = follow_acoustic_branches(single.contact_lattice(), self.direction)
+            tops.append(branches[self.branch].top)
+        reduced = np.array(tops)
         rates = np.sqrt(state.normal_stiffness) / np.sqrt(state.packing.mass)
-        return np.asarray((reduced if several else reduced[0]) * rates / (2.0 * np.pi))
+        return np.asarray((reduced[0] if is_shared else reduced) * rates / (2.0 * np.pi))
 
     def velocity(self, state: ContactState) -> tuple[Array, Array]:
         """Return the velocity at each load, m/s, of long waves or of pulses (group), and d log v /
@@ -116,15 +115,13 @@ class Waves(Result):
                 state.long_waves(self.direction)[..., state.wave_names.index(self.branch)]
             )
             return velocities, np.zeros(velocities.shape)
-        # step to lower frequencies, where the branch is sure to exist
-        steps = np.reshape(
-            [0.0, _FREQUENCY_STEP, 2.0 * _FREQUENCY_STEP], (3,) + (1,) * len(state.shape)
-        )
+        # the steps lead to lower frequencies, where the branch is sure to exist
+        steps = np.array([0.0, _FREQUENCY_STEP, 2.0 * _FREQUENCY_STEP])
+        steps = steps.reshape(3, *[1] * len(state.shape))
         frequencies = self.frequency * (1.0 - steps)
         group = pulse_velocities(state, frequencies, self.direction, branches=self.branch).group[0]
-        return group[0], (1.5 * group[0] - 2.0 * group[1] + 0.5 * group[2]) / (
-            _FREQUENCY_STEP * group[0]
-        )
+        difference = 1.5 * group[0] - 2.0 * group[1] + 0.5 * group[2]
+        return group[0], difference / (_FREQUENCY_STEP * group[0])
 
 
 @dataclass(frozen=True)
@@ -170,24 +167,11 @@ class _SampleCurve:
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
         """Return value and slope of the curve at each log f*, (n,)."""
-        cell, part = np.divmod(logs / _NODE_SPACING, 1.0)
+        cell, fraction = np.divmod(logs / _NODE_SPACING, 1.0)
         nodes = cell.astype(int)[:, None] + np.arange(-2, 4)
-        if lacking := sorted(set(nodes.ravel().tolist()) - set(self._known)):
-            packing = self.medium.packing
-            force = np.exp(_NODE_SPACING * np.array(lacking)) * packing.width_units.force
-            state = self.medium.at_force(force)
-            found, _ = self.waves.velocity(state)
-            even = _make_even(packing, force, self.waves.finite_overlap)
-            stiffness = np.asarray(state.normal_stiffness)
-            for _ in range(_CORRECTIONS):
-                ratio = (
-                    found / self.waves.velocity(replace(even, normal_stiffness=stiffness))[0]
-                ) ** 2
-                stiffness = stiffness * ratio
-                if np.max(np.abs(ratio - 1.0)) < _CORRECTED:
-                    break
-            values = np.log(stiffness / packing.width_units.stiffness)
-            self._known |= dict(zip(lacking, values.tolist(), strict=True))
+        lacking = sorted(set(nodes.ravel().tolist()) - set(self._known))
+        if lacking:
+            self._known |= dict(zip(lacking, self._solve(lacking), strict=True))
         y = np.array([[self._known[node] for node in row] for row in nodes.tolist()])
         first, last = (
             (y[:, i - 2] - 8.0 * y[:, i - 1] + 8.0 * y[:, i + 1] - y[:, i + 2]) / 12.0
@@ -196,8 +180,26 @@ class _SampleCurve:
         rise = y[:, 3] - y[:, 2]
         bend = 3.0 * rise - 2.0 * first - last
         twist = first + last - 2.0 * rise
-        value = y[:, 2] + part * (first + part * (bend + part * twist))
-        return value, (first + part * (2.0 * bend + 3.0 * part * twist)) / _NODE_SPACING
+        value = y[:, 2] + fraction * (first + fraction * (bend + fraction * twist))
+        slope = first + fraction * (2.0 * bend + 3.0 * fraction * twist)
+        return value, slope / _NODE_SPACING
+
+    def _solve(self, nodes: list[int]) -> list[float]:
+        """Return the values of the curve at nodes, by equilibria of samples."""
+        packing = self.medium.packing
+        force = np.exp(_NODE_SPACING * np.array(nodes)) * packing.width_units.force
+        state = self.medium.at_force(force)
+        velocities, _ = self.waves.velocity(state)
+        even = _make_even(packing, force, self.waves.finite_overlap)
+        stiffness = np.asarray(state.normal_stiffness)
+        for _ in range(_CORRECTIONS):
+            of_even = self.waves.velocity(replace(even, normal_stiffness=stiffness))[0]
+            ratio = (velocities / of_even) ** 2
+            stiffness = stiffness * ratio
+            if np.max(np.abs(ratio - 1.0)) < _CORRECTED:
+                break
+        values: list[float] = np.log(stiffness / packing.width_units.stiffness).tolist()
+        return values
 
 
 def require_fitted(names: Sequence[str], known: Collection[str]) -> None:
@@ -240,11 +242,11 @@ class VelocityModel:
         if self.waves.finite_overlap:
             no_simulation([self.choice])
         self.choice.of(self._sampled if self.choice.is_exact else self.packing)
-        known = [name for name in ideal_lattice(self.packing).wave_names if name in _BRANCHES]
-        if self.waves.branch not in known:
-            what = f"the {self.packing.structure.name} lattice has no {self.waves.branch} wave"
+        branches = [name for name in ideal_lattice(self.packing).wave_names if name in _BRANCHES]
+        if self.waves.branch not in branches:
+            fault = f"the {self.packing.structure.name} lattice has no {self.waves.branch} wave"
             raise InputError(
-                what, mend="Use " + " or ".join(known) if known else "Use other motions"
+                fault, mend="Use " + " or ".join(branches) if branches else "Use other motions"
             )
 
     @property
@@ -254,12 +256,12 @@ class VelocityModel:
 
     def find_start(self, width: float) -> Array:
         """Logarithms (p,) of the packing's own parameters, with this width (m)."""
-        own = {
+        values = {
             "width": width,
             "young_modulus": self.packing.material.young_modulus,
             "diameter": self.packing.diameter,
         }
-        return np.log([own[name] for name in self.names])
+        return np.log([values[name] for name in self.names])
 
     def settle_geometry(self, logs: Array) -> VelocityModel:
         """Return the model with one geometry for its samples: that at ``logs``, exact if it is so
@@ -289,15 +291,14 @@ class VelocityModel:
         return not (self.choice.is_exact or starts_at_load or self.packing.torsion == MINDLIN)
 
     def simulate_at(self, logs: Array) -> VelocityModel:
-        """Return the model whose samples are those at ``logs``: itself if they serve there."""
+        """Return the model whose samples are those at ``logs``; this one if its samples serve
+        there.
+        """
         if not self.is_sampled or self._scales:
             return self
-        here = self.curve_at
-        return (
-            self
-            if here is not None and np.max(np.abs(logs - here)) <= _SETTLED
-            else replace(self, curve_at=logs)
-        )
+        if self.curve_at is not None and np.max(np.abs(logs - self.curve_at)) <= _SETTLED:
+            return self
+        return replace(self, curve_at=logs)
 
     def find_tops(self, logs: Array) -> Array:
         """Highest frequency that a pulse can have at each force, (n,), Hz."""
@@ -319,12 +320,12 @@ class VelocityModel:
         logs = self.find_start(1e-9 * self.packing.diameter)
         beyond = int(np.sum(self.waves.frequency >= self.equal_balls.find_tops(logs)))
         if beyond:
-            what = f"the balls do not carry the frequency of {beyond} of {len(self.force)} data"
+            fault = f"the balls do not carry the frequency of {beyond} of {len(self.force)} data"
             why = (
                 f"{self.equal_balls.describe_nearest_to_top(logs)}, and any spread of diameters"
                 f" lowers that"
             )
-            raise UnreachableFrequencyError(what, why, "Check the frequency (Hz)")
+            raise UnreachableFrequencyError(fault, why, "Check the frequency (Hz)")
 
     def describe_nearest_to_top(self, logs: Array) -> str:
         """Describe the pulse whose frequency is nearest to the top of its branch, or farthest above
@@ -353,10 +354,10 @@ class VelocityModel:
             long = replace(self.waves, frequency=None)
             columns = list[Array]()
             for move in _STEP * np.eye(len(logs)):
-                states = (
-                    self._find_state(self._make_packing(at))[0] for at in (logs - move, logs + move)
-                )
-                low, high = (long.velocity(state)[0] for state in states)
+                low_state, _ = self._find_state(self._make_packing(logs - move))
+                high_state, _ = self._find_state(self._make_packing(logs + move))
+                low = long.velocity(low_state)[0]
+                high = long.velocity(high_state)[0]
                 columns.append(np.log(high / low) / (2.0 * _STEP))
             slopes = np.stack(columns, axis=1)
         # a pulse has v = s g(nu d/s), with s in proportion to the velocity of long waves and power
@@ -366,11 +367,11 @@ class VelocityModel:
 
     def _make_packing(self, logs: Array) -> Packing:
         with np.errstate(over="ignore", under="ignore"):
-            values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
+            values: dict[str, Any] = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
         width = values.pop("width", self.packing.width)
-        return change_packing(
-            self.packing, values | ({"spread": self._widen(width)} if width else {})
-        )
+        if width:
+            values["spread"] = self._widen(width)
+        return change_packing(self.packing, values)
 
     def _widen(self, width: float) -> _WidenedSpread:
         return _WidenedSpread(positive("width", width, "m"), self.packing.spread or Uniform(0.0))
@@ -398,9 +399,8 @@ class VelocityModel:
             raise InputError(
                 f"{where}, and the curve through simulated loads begins lower: {error}"
             ) from None
-        return replace(
-            even, normal_stiffness=packing.width_units.stiffness * np.exp(value)
-        ), 0.5 * slope
+        stiffness = packing.width_units.stiffness * np.exp(value)
+        return replace(even, normal_stiffness=stiffness), 0.5 * slope
 
     @property
     def _sampled(self) -> Packing:

@@ -41,25 +41,28 @@ _ROUNDED = 1e-2
 #: difference of z, over the largest radius, up to which balls are in one plane: the rounding in a
 #: file
 _LEVEL = 1e-9
-#: greatest factor between a force that is given and that of Hertz's law at the overlap of the two
+#: greatest factor between the force of a source and that of Hertz's law at the overlap of the two
 #: balls
 _MOST_FACTOR = 10.0
-#: least force, over the mean, that is compared so: weaker contacts may not have come to rest
+#: least force, over the mean, that is compared with Hertz's law: weaker contacts may not have come
+#: to rest
 _LEAST_COMPARED = 1e-3
 #: least and greatest number of significant digits with which a program writes numbers
 _DIGITS = (6, 15)
-#: number of different values of fewer digits from which on they are rounded, not chosen
+#: number of different values of fewer digits from which on the values are rounded, not chosen by
+#: hand
 _CHOSEN = 100
 #: greatest relative error of a number that is read from a text and converted into SI
 _EXACT = 1e-14
-#: standard error of the forces that follow from overlaps, over the forces, above which it is told,
-#: and they are refused. Frequencies have a sixth of it: they are then off by 0.1 %, and by 1 %, as
-#: far as elastic constants are known
-_TOLD_ERROR = 6e-3
+#: standard error of the forces that follow from overlaps, over the forces, above which there is a
+#: warning. Frequencies have a sixth of the error of forces, 0.1 %
+_LEAST_WARNED_ERROR = 6e-3
+#: the same above which forces are refused: frequencies are off by 1 %, as far as elastic constants
+#: are known
 _MOST_ERROR = 6e-2
-#: least difference from one that is told of a ratio: of all forces to Hertz's, of masses to those
-#: of the density. A ratio of 1.05 is told, however it is rounded
-_OTHER = 0.049
+#: least difference of a ratio from one with a warning: of all forces to Hertz's, of masses to those
+#: of the density. A ratio of 1.05 has a warning, however it is rounded
+_LEAST_WARNED_RATIO = 0.049
 #: greatest scatter of a ratio that is the same for all contacts: the rounding in a file, and how
 #: far balls are from rest
 _SAME = 1e-4
@@ -69,11 +72,11 @@ MOST_BYTES = 4_000_000_000
 
 @dataclass(frozen=True)
 class Balls:
-    """What a source says of its balls, in SI; None where it says nothing.
+    """The balls of a source, in SI; None for fields that the source does not have.
 
-    ``name`` is what messages call the source. Positions are (n, 1), (n, 2) or (n, 3); the rest is
-    (n,). ``rounding`` and ``radius_rounding`` are the greatest errors that the digits of the source
-    leave in positions and radii, m.
+    ``name`` is the name of the source in messages. Positions are (n, 1), (n, 2) or (n, 3); the
+    other fields are (n,). ``rounding`` and ``radius_rounding`` are the greatest errors that the
+    digits of the source leave in positions and radii, m.
     """
 
     name: str
@@ -95,18 +98,15 @@ class Balls:
         radii = np.zeros_like(self.radii) if self.radius_rounding is None else self.radius_rounding
         along = np.abs(normal[:, :width])
         greatest = np.einsum("ca,ca->c", along, places[i] + places[j]) + radii[i] + radii[j]
-        squares = (
-            np.einsum("ca,ca->c", along**2, places[i] ** 2 + places[j] ** 2)
-            + radii[i] ** 2
-            + radii[j] ** 2
-        )
-        # a rounded number is off by as much as by less: a third of the square
+        squares = np.einsum("ca,ca->c", along**2, places[i] ** 2 + places[j] ** 2)
+        squares = squares + radii[i] ** 2 + radii[j] ** 2
+        # errors of rounding are even up to the greatest: their variance is a third of its square
         return greatest, np.sqrt(squares / 3.0)
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """What a source says of its contacts, in SI; None where it says nothing.
+    """The contacts of a source, in SI; None for fields that the source does not have.
 
     ``i`` and ``j`` are labels of balls; ``normal``, ``vector`` from ball i to ball j,
     ``tangential_force`` and ``shift`` are (n_c, 3).
@@ -138,19 +138,102 @@ class Contacts:
         """Say of the first contact that is ``bad`` what is ``wrong``, and how many there are."""
         first = int(np.flatnonzero(bad)[0])
         count = int(np.count_nonzero(bad))
-        more = f" ({count} in all)" if count > 1 else ""
+        total = f" ({count} in all)" if count > 1 else ""
         return (
             f"{self.name}: contact {first}, of balls {self.i[first]} and {self.j[first]},"
-            f" {wrong}{more}"
+            f" {wrong}{total}"
         )
+
+    def find_steps(self, between: Array, periods: Array, touch: Array, still: Flags) -> Index:
+        """Return the whole cells (n_c, p) by which balls j are displaced, from the vectors of
+        contacts.
+
+        ``between`` (n_c, 3) leads from ball i to ball j in the cell, m; ``touch`` (n_c,) is the sum
+        of the radii; contacts that are ``still`` have a body that does not move.
+        """
+        assert self.vector is not None
+        across = np.linalg.pinv(periods)
+        steps = _round_steps((self.vector - between) @ across)
+        deviation = np.linalg.norm(between + steps @ periods - self.vector, axis=1)
+        is_off = ~still & (deviation > _ROUNDED * touch)
+        mend = "Are both files of one time step?"
+        turned = between + self.vector
+        turned -= _round_steps(turned @ across) @ periods
+        if np.all(np.linalg.norm(turned, axis=1)[~still] <= _ROUNDED * touch[~still]):
+            mend = "Turn the signs: the vector of a dump (dx, dy, dz) leads from ball j to ball i"
+        why = "Its vector does not lead from one to the other in this cell"
+        self.refuse(is_off, "is not where its balls are", why, mend)
+        return steps
+
+    def find_nearest_steps(
+        self, between: Array, periods: Array, touch: Array, still: Flags, with_itself: Flags
+    ) -> Index:
+        """Return the whole cells (n_c, p) by which balls j are displaced to where they are nearest.
+
+        The arguments are those of :meth:`find_steps`; contacts ``with_itself`` join a ball with its
+        own image.
+        """
+        p = len(periods)
+        nearest = -_round_steps(between @ np.linalg.pinv(periods))
+        grid = np.meshgrid(*[[-1, 0, 1]] * p, indexing="ij")
+        steps = np.stack(grid, axis=-1).reshape(-1, p)
+        distances = np.stack(
+            [np.linalg.norm(between + (nearest + step) @ periods, axis=1) for step in steps],
+            axis=1,
+        )
+        is_ball = with_itself[:, None] & np.all(nearest[:, None] + steps == 0, axis=2)
+        distances[is_ball] = np.inf
+        # a ball has two equally near images of itself, which are one contact
+        rank = np.where(with_itself, 2, 1)
+        second = np.sort(distances, axis=1)[np.arange(len(distances)), rank]
+        self.refuse(
+            ~still & (second < touch),
+            "is not the only one of its balls",
+            "The cell is so small that they touch at more than one place",
+            "Give the shift of each contact",
+        )
+        return np.asarray(nearest + steps[np.argmin(distances, axis=1)], np.intp)
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Pairs of balls that touch, (n_c,): their indices, whether one of them is ``still``, their
+    radii, m, the ``shift`` of ball j, (n_c, 3) cells, the ``normal`` (n_c, 3), and the overlap, m.
+    """
+
+    i: Index
+    j: Index
+    still: Flags
+    radii_i: Array
+    radii_j: Array
+    shift: Index
+    normal: Array
+    overlap: Array
+
+    @property
+    def arms(self) -> dict[str, Array]:
+        """The arms, m: from the centres to the middle of the overlap; of a flat wall any."""
+        arms = {}
+        for name, radii in (("arm_i", self.radii_i), ("arm_j", self.radii_j)):
+            arms[name] = np.where(np.isfinite(radii), radii, 0.0) - 0.5 * self.overlap
+        return arms
+
+    def find_coefficient(self, material: Material) -> Array:
+        """Return the coefficients (n_c,) of Hertz's law between balls of a material."""
+        small = np.minimum(self.radii_i, self.radii_j)
+        large = np.maximum(self.radii_i, self.radii_j)
+        is_flat = np.isinf(large)  # the curvature of a flat wall is zero
+        curved = harmonic_diameter(2.0 * small, np.where(is_flat, small, large) * 2.0)
+        diameters = np.where(is_flat, 4.0 * small, curved)
+        return np.asarray(HertzLaw.between(material, 1.0).coefficient * np.sqrt(diameters))
 
 
 @dataclass(frozen=True)
 class Source:
-    """What a source says: its balls and contacts, its cell (3, 3), m, with which of its vectors are
-    periods, and the rest.
+    """The content of a source: balls, contacts, the cell (3, 3), m, and which of its vectors are
+    periods (3,).
 
-    The rest are fields of the network; None where the source says nothing of them.
+    The other fields are those of the network; None where the source does not have them.
     """
 
     balls: Balls
@@ -172,7 +255,7 @@ class Source:
         motions: str | None,
         prestress: bool | None,
     ) -> dict[str, Any]:
-        """Return all fields of the network; what is given here counts before what the source says.
+        """Return all fields of the network; arguments count before the fields of the source.
 
         For the arguments see :meth:`granphon.networks.network.ContactNetwork.from_table`.
         """
@@ -184,43 +267,17 @@ class Source:
         if material is not None and not isinstance(material, Material):
             raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
         friction = require("friction", truth, friction)
-        # places, sizes and vectors with which one cannot reckon
-        placed = np.all(np.abs(balls.positions) < LARGEST, axis=1)
-        fixed = np.zeros(len(placed), bool) if balls.masses is None else np.isinf(balls.masses)
-        sized = (balls.radii > 0.0) & ((balls.radii < LARGEST) | (fixed & np.isinf(balls.radii)))
-        for fine, name in ((placed, "place"), (sized, "radius")):
-            if not np.all(fine):
-                ball = int(np.argmin(fine))
-                value = (
-                    balls.positions[ball].tolist() if name == "place" else float(balls.radii[ball])
-                )
-                number = ball if balls.labels is None else int(balls.labels[ball])
-                why = (
-                    "Only a body that does not move may have a radius of inf"
-                    if value == math.inf
-                    else ""
-                )
-                raise InputError(f"{balls.name}: ball {number} has the {name} {value} m", why)
-        if contacts.vector is not None:
-            far = ~np.all(np.abs(contacts.vector) < LARGEST, axis=1)
-            contacts.refuse(far, "has a vector that is not finite, or too large")
-        if contacts.shift is not None:
-            far = ~np.all(np.abs(contacts.shift) <= MOST_STEPS, axis=1)
-            contacts.refuse(far, f"has a shift of more than {MOST_STEPS} cells")
-        lengths = np.max(np.abs(self.cell), axis=1)
-        if not (np.all(lengths < LARGEST) and np.all((lengths > 1.0 / LARGEST) | ~self.pbc)):
-            raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
+        self._require_range()
         width = balls.positions.shape[1]
         positions = np.zeros((len(balls.positions), 3))
         positions[:, :width] = balls.positions
         if dimension is None:
             dimension = 2 if width == 3 and self._is_level() else width
         dimension = whole_number("dimension", dimension, 1, 3)
-        cell = self.cell
         pbc = self.pbc & (np.arange(3) < dimension)
-        masses = balls.masses
         if material is not None:
             self._judge_material(material)
+        masses = balls.masses
         if masses is None:
             if material is None:
                 mend = "Give the masses, or the material of the balls"
@@ -231,99 +288,170 @@ class Source:
         elif material is not None:
             self._compare_masses(material)
         inertias = 0.4 * masses * balls.radii**2 if balls.inertias is None else balls.inertias
-        # the indices of the balls that contacts name
-        count = len(balls.positions)
-        labels = np.arange(count) if balls.labels is None else balls.labels
-        order = np.argsort(labels, kind="stable")
-        if np.any(np.diff(labels[order]) == 0):
-            twice = labels[order][:-1][np.diff(labels[order]) == 0][0]
-            raise InputError(
-                f"{balls.name} has two balls with the id {twice}", mend="Give each an id of its own"
+        pairs = self._find_pairs(positions, np.isinf(masses), pbc)
+        force, stiffness, shear = self._find_springs(pairs, material, friction)
+        if prestress and contacts.tangential_force is None and dimension > 1 and np.any(shear):
+            fault = f"{contacts.name} has no tangential forces, and its normal ones act (prestress)"
+            why = (
+                "Contacts that resist slip bear both, of one order: without them a packing at"
+                " rest may seem unstable"
             )
-        ends = []
-        ids = counted(count, "ball has an id", "balls have ids")
-        for wanted in (contacts.i, contacts.j):
-            place = np.minimum(np.searchsorted(labels[order], wanted), max(count - 1, 0))
-            missing = labels[order][place] != wanted if count else np.ones(len(wanted), bool)
-            named = f"There, {f'balls are 0 to {count - 1}' if balls.labels is None else ids}"
-            contacts.refuse(missing, f"names a ball that is not among those of {balls.name}", named)
-            ends.append(np.asarray(order[place], np.intp))
-        i, j = ends
-        still = np.isinf(masses[i]) | np.isinf(masses[j])
+            mend = (
+                "Give tx, ty, tz (p1, p2, p3 of compute pair/local) or tangential_x,"
+                " tangential_y, tangential_z"
+            )
+            warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=3)
+        of_contacts: dict[str, Any] = {
+            "i": pairs.i,
+            "j": pairs.j,
+            "shift": pairs.shift,
+            "normal": pairs.normal,
+            "normal_force": force,
+            "normal_stiffness": stiffness,
+            "shear_stiffness": shear,
+        }
+        zeros = np.zeros(len(force))
+        defaults = {"torsion_stiffness": zeros, "bending_stiffness": zeros, **pairs.arms}
+        for name, default in defaults.items():
+            values = getattr(contacts, name)
+            of_contacts[name] = default if values is None else values
+        if contacts.tangential_force is not None:
+            of_contacts["tangential_force"] = contacts.tangential_force
+        if contacts.normal_stiffness is None:
+            # without force a Hertz contact has no stiffness: it is open
+            of_contacts = {name: values[force > 0.0] for name, values in of_contacts.items()}
+        model = self.contact_model
+        if material is not None:
+            size = 2.0 * float(np.mean(balls.radii[np.isfinite(balls.radii)]))
+            model = ContactModel(
+                (Ball(material, size),), friction=bool(np.any(shear)), own_radii=True
+            )
+        return {
+            "cell": self.cell,
+            "pbc": tuple(pbc.tolist()),
+            "positions": positions,
+            "radii": balls.radii,
+            "masses": masses,
+            "inertias": inertias,
+            **of_contacts,
+            "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
+            "dimension": dimension,
+            "prestress": prestress,
+            "left_out": self.left_out,
+            "labels": balls.labels,
+            "kinds": balls.kinds,
+            "adhesive": self.adhesive,
+            "contact_model": model,
+        }
+
+    def _require_range(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for positions, radii, vectors and shifts
+        beyond the range of numbers.
+        """
+        balls = self.balls
+        contacts = self.contacts
+        placed = np.all(np.abs(balls.positions) < LARGEST, axis=1)
+        fixed = np.zeros(len(placed), bool) if balls.masses is None else np.isinf(balls.masses)
+        sized = (balls.radii > 0.0) & ((balls.radii < LARGEST) | (fixed & np.isinf(balls.radii)))
+        for is_fine, name, values in (
+            (placed, "place", balls.positions),
+            (sized, "radius", balls.radii),
+        ):
+            if not np.all(is_fine):
+                ball = int(np.argmin(is_fine))
+                value = values[ball].tolist()
+                number = ball if balls.labels is None else int(balls.labels[ball])
+                why = ""
+                if value == math.inf:
+                    why = "Only a body that does not move may have a radius of inf"
+                raise InputError(f"{balls.name}: ball {number} has the {name} {value} m", why)
+        if contacts.vector is not None:
+            far = ~np.all(np.abs(contacts.vector) < LARGEST, axis=1)
+            contacts.refuse(far, "has a vector that is not finite, or too large")
+        if contacts.shift is not None:
+            far = ~np.all(np.abs(contacts.shift) <= MOST_STEPS, axis=1)
+            contacts.refuse(far, f"has a shift of more than {MOST_STEPS} cells")
+        lengths = np.max(np.abs(self.cell), axis=1)
+        if not (np.all(lengths < LARGEST) and np.all((lengths > 1.0 / LARGEST) | ~self.pbc)):
+            raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
+
+    def _find_pairs(self, positions: Array, is_fixed: Flags, pbc: Flags) -> _Pairs:
+        """Return the pairs of balls (``positions`` (n, 3), m) that contacts join; balls that are
+        fixed do not move.
+        """
+        balls = self.balls
+        contacts = self.contacts
+        i, j = self._find_ends()
+        still = is_fixed[i] | is_fixed[j]
         if contacts.normal is None and np.any(still):
             contacts.refuse(
                 still,
                 "is with a body that does not move, and has no normal",
                 mend="Give nx, ny and nz",
             )
-        # whole cells by which balls j are displaced: those given, those of the vectors, or to where
-        # they are nearest
-        radii_i = balls.radii[i]
-        radii_j = balls.radii[j]
-        apart = positions[j] - positions[i]
-        axes = np.flatnonzero(pbc)
-        touch = radii_i + radii_j
-        periods = cell[axes]
+        vector = positions[j] - positions[i]
+        touch = balls.radii[i] + balls.radii[j]
         shift = contacts.shift
         if shift is None:
             shift = np.zeros((len(i), 3), np.intp)
+            axes = np.flatnonzero(pbc)
+            periods = self.cell[axes]
             if axes.size and np.linalg.matrix_rank(periods) < axes.size:
                 mend = "Give other vectors, or name fewer as periodic"
                 raise InputError(
                     "the periodic vectors of the cell are not independent of each other", mend=mend
                 )
-            across = np.linalg.pinv(periods)
             if contacts.vector is not None:
-                shift[:, axes] = _round_steps((contacts.vector - apart) @ across)
-                off = (
-                    np.linalg.norm(apart + shift @ cell - contacts.vector, axis=1)
-                    > _ROUNDED * touch
-                )
-                why = "Its vector does not lead from one to the other in this cell"
-                mend = "Are both files of one time step?"
-                turned = apart + contacts.vector
-                turned[:, :] -= _round_steps(turned @ across) @ periods
-                if np.all(np.linalg.norm(turned, axis=1)[~still] <= _ROUNDED * touch[~still]):
-                    mend = (
-                        "Turn the signs: the vector of a dump (dx, dy, dz) leads from ball j to"
-                        " ball i"
-                    )
-                contacts.refuse(off & ~still, "is not where its balls are", why, mend)
+                shift[:, axes] = contacts.find_steps(vector, periods, touch, still)
             elif axes.size:
-                nearest = -_round_steps(apart @ across)
-                steps = np.stack(
-                    np.meshgrid(*[[-1, 0, 1]] * axes.size, indexing="ij"), axis=-1
-                ).reshape(-1, axes.size)
-                away = np.stack(
-                    [np.linalg.norm(apart + (nearest + step) @ periods, axis=1) for step in steps],
-                    axis=1,
-                )
-                away[(i == j)[:, None] & np.all(nearest[:, None] + steps == 0, axis=2)] = np.inf
-                shift[:, axes] = nearest + steps[np.argmin(away, axis=1)]
-                # a contact of a ball with its own image leads there either way
-                second = np.sort(away, axis=1)[np.arange(len(i)), np.where(i == j, 2, 1)]
-                why = "The cell is so small that they touch at more than one place"
-                mend = "Give the shift of each contact"
-                contacts.refuse(
-                    ~still & (second < touch), "is not the only one of its balls", why, mend
-                )
+                shift[:, axes] = contacts.find_nearest_steps(vector, periods, touch, still, i == j)
                 shift[still] = 0
-        vector = positions[j] + shift @ cell - positions[i]
+        vector = positions[j] + shift @ self.cell - positions[i]
         distance = np.linalg.norm(vector, axis=1)
         overlap = np.where(still, 0.0, touch - distance)  # a wall may have any place
         far = ~still & ~(np.abs(overlap) <= _REACH * touch)
-        said = (
-            f"whose radii add up to {_first(touch, far):.6g} m, are {_first(distance, far):.6g} m"
-            f" apart"
-        )
         contacts.refuse(
             far,
-            f"joins balls that are not near each other: these, {said}",
+            f"joins balls that are not near each other: these, whose radii add up to"
+            f" {_first(touch, far):.6g} m, are {_first(distance, far):.6g} m apart",
             mend="Compare the cell and the units",
         )
         with np.errstate(invalid="ignore", divide="ignore"):
             normal = vector / distance[:, None] if contacts.normal is None else contacts.normal
-        # force, normal and shear stiffness of each contact, as given, or by Hertz and Mindlin
+        return _Pairs(i, j, still, balls.radii[i], balls.radii[j], shift, normal, overlap)
+
+    def _find_ends(self) -> tuple[Index, Index]:
+        """Return the indices of the two balls of each contact, by their labels."""
+        balls = self.balls
+        count = len(balls.positions)
+        labels = np.arange(count) if balls.labels is None else balls.labels
+        order = np.argsort(labels, kind="stable")
+        ordered = labels[order]
+        repeated = ordered[:-1][np.diff(ordered) == 0]
+        if repeated.size:
+            raise InputError(
+                f"{balls.name} has two balls with the id {repeated[0]}",
+                mend="Give each an id of its own",
+            )
+        ids = counted(count, "ball has an id", "balls have ids")
+        why = f"There, {f'balls are 0 to {count - 1}' if balls.labels is None else ids}"
+        ends = []
+        for names in (self.contacts.i, self.contacts.j):
+            index = np.minimum(np.searchsorted(ordered, names), max(count - 1, 0))
+            missing = ordered[index] != names if count else np.ones(len(names), bool)
+            self.contacts.refuse(
+                missing, f"names a ball that is not among those of {balls.name}", why
+            )
+            ends.append(np.asarray(order[index], np.intp))
+        return ends[0], ends[1]
+
+    def _find_springs(
+        self, pairs: _Pairs, material: Material | None, friction: bool
+    ) -> tuple[Array, Array, Array]:
+        """Return the normal force, N, the normal and the shear stiffness, N/m, of each contact: of
+        the source, or by Hertz and Mindlin.
+        """
+        contacts = self.contacts
         force = contacts.normal_force
         stiffness = contacts.normal_stiffness
         shear = contacts.shear_stiffness
@@ -335,15 +463,10 @@ class Source:
                 "Forces that pull, or are not finite, are not of elastic balls",
                 "Forces that press count as positive",
             )
-        lacking = [
-            name
-            for name, value in (
-                ("normal_force", force),
-                ("normal_stiffness", stiffness),
-                ("shear_stiffness", shear),
-            )
-            if value is None and not (name == "shear_stiffness" and not friction)
-        ]
+        springs = {"normal_force": force, "normal_stiffness": stiffness}
+        if friction:
+            springs["shear_stiffness"] = shear
+        lacking = [name for name, values in springs.items() if values is None]
         if lacking and material is None:
             mend = "Give the material of the balls, from which they follow, or the columns"
             if lacking == ["shear_stiffness"]:
@@ -353,101 +476,27 @@ class Source:
             )
         if force is None or stiffness is None:
             assert material is not None
-            small = np.minimum(radii_i, radii_j)
-            large = np.maximum(radii_i, radii_j)
-            flat = np.isinf(large)  # the curvature of a flat wall is zero
-            between = np.where(
-                flat,
-                4.0 * small,
-                harmonic_diameter(2.0 * small, np.where(flat, small, large) * 2.0),
-            )
-            coefficient = HertzLaw.between(material, 1.0).coefficient * np.sqrt(between)
-            unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
-            by_overlap = partial(_force_of_overlap, coefficient, overlap)
+            coefficient = pairs.find_coefficient(material)
+            by_overlap = partial(_force_of_overlap, coefficient, pairs.overlap)
+            greatest, standard = self.balls.find_errors(pairs.i, pairs.j, pairs.normal)
             if force is None:
                 contacts.refuse(
-                    still,
+                    pairs.still,
                     "is with a body that does not move, and has no force",
                     mend="Give normal_force",
                 )
                 force = by_overlap()
-                _judge_errors(contacts, balls, by_overlap, balls.find_errors(i, j, normal)[1])
+                _judge_errors(contacts, self.balls, by_overlap, standard)
             elif stiffness is None:
-                _compare_forces(
-                    contacts,
-                    np.where(still, np.nan, force),
-                    by_overlap,
-                    balls.find_errors(i, j, normal)[0],
-                )
+                compared = np.where(pairs.still, np.nan, force)
+                _compare_forces(contacts, compared, by_overlap, greatest)
             if stiffness is None:
+                unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
                 stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
         if shear is None:
-            shear = stiffness * (
-                material.mindlin_ratio if friction and material is not None else 0.0
-            )
-        none = np.zeros(len(i))
-        found: dict[str, Any] = {
-            "i": i,
-            "j": j,
-            "shift": shift,
-            "normal": normal,
-            "normal_force": force,
-            "normal_stiffness": stiffness,
-            "shear_stiffness": shear,
-        }
-        # the arms lead from the centres to the middle of the overlap; that of a flat wall does not
-        # matter
-        arm_i, arm_j = (
-            np.where(np.isfinite(radii), radii, 0.0) - 0.5 * overlap for radii in (radii_i, radii_j)
-        )
-        rest = {
-            "torsion_stiffness": none,
-            "bending_stiffness": none,
-            "arm_i": arm_i,
-            "arm_j": arm_j,
-        }
-        for name, value in rest.items():
-            given = getattr(contacts, name)
-            found[name] = value if given is None else given
-        if prestress and contacts.tangential_force is None and dimension > 1 and np.any(shear):
-            what = f"{contacts.name} has no tangential forces, and its normal ones act (prestress)"
-            why = (
-                "Contacts that resist slip bear both, of one order: without them a packing at"
-                " rest may seem unstable"
-            )
-            mend = (
-                "Give tx, ty, tz (p1, p2, p3 of compute pair/local) or tangential_x,"
-                " tangential_y, tangential_z"
-            )
-            warnings.warn(message(what, why, mend), InconsistencyWarning, stacklevel=3)
-        if contacts.tangential_force is not None:
-            found["tangential_force"] = contacts.tangential_force
-        if contacts.normal_stiffness is None:
-            # without force a Hertz contact has no stiffness: it is open
-            found = {name: values[force > 0.0] for name, values in found.items()}
-        model = self.contact_model
-        if material is not None:
-            size = 2.0 * float(np.mean(balls.radii[np.isfinite(balls.radii)]))
-            model = ContactModel(
-                (Ball(material, size),), friction=bool(np.any(shear)), own_radii=True
-            )
-        return {
-            "cell": cell,
-            "pbc": tuple(pbc.tolist()),
-            "positions": positions,
-            "radii": balls.radii,
-            "masses": masses,
-            "inertias": inertias,
-            **found,
-            "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
-            "dimension": dimension,
-            "prestress": prestress,
-            "left_out": self.left_out,
-            "labels": balls.labels,
-            "kinds": balls.kinds,
-            "adhesive": self.adhesive,
-            "contact_model": model,
-        }
+            resists = friction and material is not None
+            shear = stiffness * (material.mindlin_ratio if resists else 0.0)
+        return force, stiffness, shear
 
     def _is_level(self) -> bool:
         """Whether all balls are at one height z, and no contact leads up or down. A flat wall may
@@ -462,20 +511,21 @@ class Source:
 
     def _judge_material(self, material: Material) -> None:
         """Warn of a density or a Young modulus that was probably given in another unit, where the
-        network depends on it.
+        network depends on that number.
         """
         for attribute, name, unit, limit, at_least in BALL_LIMITS.values():
             used = attribute != "material.density" or self.balls.masses is None
             if not attribute.startswith("material.") or not used:
                 continue
             value = float(getattr(material, attribute.removeprefix("material.")))
-            if value < limit if at_least else value > limit:
-                what = (
+            is_beyond = value < limit if at_least else value > limit
+            if is_beyond:
+                fault = (
                     f"the {name} of the material is {value:g} {unit},"
                     f" {'below' if at_least else 'above'} {limit:g} {unit}"
                 )
                 warnings.warn(
-                    message(what, WRONG_UNIT.capitalize()), InconsistencyWarning, stacklevel=4
+                    message(fault, WRONG_UNIT.capitalize()), InconsistencyWarning, stacklevel=4
                 )
 
     def _compare_masses(self, material: Material) -> None:
@@ -489,8 +539,8 @@ class Source:
         with np.errstate(all="ignore"):
             # sizes and masses that cannot be reckoned with are refused later
             ratio = float(np.median(balls.masses[moving] / solid))
-        if math.isfinite(ratio) and abs(ratio - 1.0) >= _OTHER:
-            what = (
+        if math.isfinite(ratio) and abs(ratio - 1.0) >= _LEAST_WARNED_RATIO:
+            fault = (
                 f"{balls.name}: the masses are {ratio:.4g} times those of solid balls of"
                 f" {material.density:g} kg/m3"
             )
@@ -499,7 +549,7 @@ class Source:
                 "Compare units and material. If balls are not solid, give the density of mass"
                 " over volume"
             )
-            warnings.warn(message(what, why, mend), InconsistencyWarning, stacklevel=4)
+            warnings.warn(message(fault, why, mend), InconsistencyWarning, stacklevel=4)
 
 
 def _force_of_overlap(coefficient: Array, overlap: Array, off: Array | float = 0.0) -> Array:
@@ -510,26 +560,26 @@ def _force_of_overlap(coefficient: Array, overlap: Array, off: Array | float = 0
 def _judge_errors(
     contacts: Contacts, balls: Balls, by_overlap: Callable[..., Array], error: Array
 ) -> None:
-    """Refuse forces that follow from overlaps with too few digits, or warn of them; ``error`` is
-    that of each overlap, m.
+    """Refuse forces that follow from overlaps with too few digits, or warn of such forces;
+    ``error`` (n_c,) is the standard error of each overlap, m.
     """
     spread = float(np.sum(by_overlap(error) - by_overlap(-error))) / 2.0
     total = float(np.sum(by_overlap()))
-    part = spread / total if spread < total else 1.0
-    if part <= _TOLD_ERROR:
+    error_share = spread / total if spread < total else 1.0
+    if error_share <= _LEAST_WARNED_ERROR:
         return
-    what = (
+    fault = (
         f"{contacts.name} has no forces, and those of the overlaps are off by"
-        f" {part:.{0 if part > 0.1 else 1}%}, as"
+        f" {error_share:.{0 if error_share > 0.1 else 1}%}, as"
         f" places of {balls.name} are rounded: {float(np.max(error)):.2g} m in an overlap"
     )
     mend = (
         "Write places with more digits (in LAMMPS: dump_modify 1 format float %.16g), or give the"
         " forces"
     )
-    if part > _MOST_ERROR:
-        raise InputError(what, "An overlap is a small difference of places", mend)
-    warnings.warn(message(what, mend=mend), InconsistencyWarning, stacklevel=4)
+    if error_share > _MOST_ERROR:
+        raise InputError(fault, "An overlap is a small difference of places", mend)
+    warnings.warn(message(fault, mend=mend), InconsistencyWarning, stacklevel=5)
 
 
 def _compare_forces(
@@ -552,7 +602,7 @@ def _compare_forces(
             "Compare units, material and columns. If the law is not Hertz's, give the stiffnesses"
         )
         warnings.warn(
-            message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=4
+            message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=5
         )
         return
     strong = (made > 0.0) & (force >= np.nansum(force / force.size))
@@ -562,16 +612,16 @@ def _compare_forces(
     factor = float(np.median(ratio))
     scatter = float(np.median(np.abs(ratio / factor - 1.0)))
     rounding = float(np.median((most - least)[strong] / (2.0 * made[strong])))
-    if scatter <= _SAME + rounding and abs(factor - 1.0) >= _OTHER + rounding:
-        what = (
+    if scatter <= _SAME + rounding and abs(factor - 1.0) >= _LEAST_WARNED_RATIO + rounding:
+        fault = (
             f"{contacts.name}: all forces are {factor:.4g} times those of Hertz's law at the"
             f" overlaps"
         )
         mend = "Compare units and Young's modulus. If the law is not Hertz's, give the stiffnesses"
         warnings.warn(
-            message(what, "The material or the law is another one", mend),
+            message(fault, "The material or the law is another one", mend),
             InconsistencyWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 
@@ -581,53 +631,51 @@ def read_whole_numbers(name: str, values: Any) -> Index:
     Raises :class:`~granphon.base.errors.InputError` for other values, and for numbers too large to
     be an index.
     """
-    given = (
-        values
-        if isinstance(values, np.ndarray) and values.dtype.kind == "i"
-        else real_array(name, values)
-    )
-    if given.dtype.kind == "i":
-        return np.asarray(given, np.intp)
-    fine = np.isfinite(given) & (given == np.rint(given)) & (np.abs(given) < 2.0**53)
-    if not np.all(fine):
-        wrong = given[~fine].ravel()[0]
+    if isinstance(values, np.ndarray) and values.dtype.kind == "i":
+        return np.asarray(values, np.intp)
+    numbers = real_array(name, values)
+    if numbers.dtype.kind == "i":
+        return np.asarray(numbers, np.intp)
+    is_whole = np.isfinite(numbers) & (numbers == np.rint(numbers)) & (np.abs(numbers) < 2.0**53)
+    if not np.all(is_whole):
+        wrong = numbers[~is_whole].ravel()[0]
         raise InputError(
             f"{name} of the network has the number {wrong!s} where a whole number is needed"
         )
-    return np.asarray(given, np.intp)
+    return np.asarray(numbers, np.intp)
 
 
 def find_rounding(values: Array) -> Array:
     """Return half a unit of the last digit of each of ``values``, of one source: their greatest
     errors, of the same shape.
 
-    How many digits the source writes follows from all of its numbers. Where all are whole multiples
-    of the last digit of the largest, it writes as many decimals of each. Numbers that single
-    precision holds have its digits. A few numbers of fewer digits than a program writes were chosen
-    so, and have no error.
+    The number of digits that the source writes follows from all of its numbers. Where all are whole
+    multiples of the last digit of the largest, the source writes as many decimals of each. Numbers
+    that single precision holds have the digits of single precision. A few numbers of fewer digits
+    than a program writes were chosen by hand, and have no error.
     """
     size = np.abs(values)
     with np.errstate(over="ignore"):
         single = values.astype(np.float32)
-    known = (size < LARGEST) & (size > 1.0 / LARGEST)  # others are refused, or play no part
-    digits = _count_digits(size[known])
-    if digits < _DIGITS[0] and np.unique(size[known]).size < _CHOSEN:
+    is_counted = (size < LARGEST) & (size > 1.0 / LARGEST)  # others are refused, or play no part
+    digits = _count_digits(size[is_counted])
+    if digits < _DIGITS[0] and np.unique(size[is_counted]).size < _CHOSEN:
         return np.zeros(values.shape)
-    if digits >= _DIGITS[0] and np.array_equal(single[known], values[known]):
+    if digits >= _DIGITS[0] and np.array_equal(single[is_counted], values[is_counted]):
         return np.where(
-            known, 0.5 * np.spacing(np.where(known, np.abs(single), np.float32(1.0))), 0.0
+            is_counted, 0.5 * np.spacing(np.where(is_counted, np.abs(single), np.float32(1.0))), 0.0
         )
-    last = 10.0 ** (np.floor(np.log10(np.where(known, size, 1.0))) - digits + 1.0)
-    coarsest = float(np.max(last[known]))
-    steps = size[known] / coarsest
+    last = 10.0 ** (np.floor(np.log10(np.where(is_counted, size, 1.0))) - digits + 1.0)
+    coarsest = float(np.max(last[is_counted]))
+    steps = size[is_counted] / coarsest
     if np.allclose(steps, np.rint(steps), rtol=_EXACT, atol=0.0):
         last = np.full(values.shape, coarsest)
-    return np.where(known, 0.5 * last, 0.0)
+    return np.where(is_counted, 0.5 * last, 0.0)
 
 
 def _count_digits(sizes: Array) -> int:
-    """Return the number of significant digits that all of ``sizes``, above zero, do with; that of
-    floats at most.
+    """Return the least number of significant digits that represent all of ``sizes``, above zero; at
+    most that of floats.
     """
     leading = sizes / 10.0 ** np.floor(np.log10(sizes))
     for digits in range(1, _DIGITS[1]):

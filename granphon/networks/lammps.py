@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -42,8 +42,8 @@ _NAME_PAIRS = (
 
 @dataclass
 class _Frame:
-    """One time step of a dump, in its own units: where it stands, its cell, the names of its
-    columns, and the columns.
+    """One time step of a dump, in the units of the dump: its number, the cell, the names of the
+    columns, and the rows with their line numbers.
     """
 
     name: str
@@ -57,18 +57,24 @@ class _Frame:
 
     def read(self, column: str) -> Array:
         """The numbers of a column, (rows,)."""
-        place = self.names.index(column)
-        out = np.empty(len(self.rows))
+        index = self.names.index(column)
+        numbers = np.empty(len(self.rows))
         for n, (line, text) in enumerate(self.rows):
             cells = text.split()
             try:
-                out[n] = plain_float(cells[place])
+                numbers[n] = plain_float(cells[index])
             except (IndexError, ValueError):
-                found = brief(cells[place], 40) if len(cells) > place else "nothing"
+                content = brief(cells[index], 40) if len(cells) > index else "nothing"
                 raise InputError(
-                    f"{self.name}:{line}: {column}: found {found}, where a number is needed"
+                    f"{self.name}:{line}: {column}: found {content}, where a number is needed"
                 ) from None
-        return out
+        return numbers
+
+    def find_vectors(self, *columns: str) -> Array | None:
+        """The vectors (rows, 3) of three columns, or None without one of the columns."""
+        if not {*columns} <= {*self.names}:
+            return None
+        return np.stack([self.read(column) for column in columns], axis=1)
 
 
 def read_dumps(
@@ -80,104 +86,61 @@ def read_dumps(
     normal_stiffness: float | None,
     shear_stiffness: float | None,
 ) -> Source:
-    """Return what two dumps say of balls and contacts; see ``ContactNetwork.from_lammps`` for the
+    """Return the balls and contacts of two dumps; see ``ContactNetwork.from_lammps`` for the
     arguments.
     """
     step = None if step is None else whole_number("step", step, 0)
     atoms = _read_frame(dump, step, "ATOMS")
     touching = _read_frame(pairs, step, "ENTRIES")
     if atoms.step != touching.step:
-        what = f"{dump} ends at the time step {atoms.step}, and {pairs} at {touching.step}"
+        fault = f"{dump} ends at the time step {atoms.step}, and {pairs} at {touching.step}"
         raise InputError(
-            what, "Balls and contacts must be of one step", "Give the step that both have"
+            fault, "Balls and contacts must be of one step", "Give the step that both have"
         )
     if not np.allclose(atoms.cell, touching.cell, rtol=1e-5) or np.any(atoms.pbc != touching.pbc):
         raise InputError(
             f"{dump} and {pairs} have different boxes", mend="Are they of one simulation?"
         )
-    # length, mass and force that are one in the files
-    told = {frame.units for frame in (atoms, touching) if frame.units}
-    if len(told) > 1:
-        mend = "Write both with the same units"
-        raise InputError(
-            f"{atoms.name} is in units {atoms.units}, and {touching.name} in others", mend=mend
-        )
-    if isinstance(units, Units):
-        style = "lj"
-        (length, mass, force) = (units.length, units.mass, units.force)
-    else:
-        style = require(
-            "units",
-            lambda value: choice(value, [*_STYLES]),
-            next(iter(told), "si") if units is None else units,
-        )
-        length, mass, force = _STYLES[style]
-    if told and told != {style}:
-        mend = "Leave units out"
-        raise InputError(
-            f"{atoms.name} says that its units are {told.pop()}, and units={style!r} is given",
-            mend=mend,
-        )
+    length, mass, force = _find_units(units, atoms, touching)
     if columns is not None:
-        listed: object = columns.split() if isinstance(columns, str) else columns
-        touching_names = tuple(listed) if isinstance(listed, Sequence) else ()
-        if not all(isinstance(name, str) for name in touching_names) or len(touching_names) != len(
-            touching.names
-        ):
-            there = f"{touching.name} has {len(touching.names)}: {list_names(touching.names)}"
-            mend = f"Give a name for each; those that count are {', '.join(_NAMES)}"
-            raise InputError(f"columns are {brief(columns)}, and {there}", mend=mend)
-        touching.names = touching_names
-    if missing := [name for name in ("i", "j") if name not in touching.names]:
-        what = f"{pairs} has no column {' and no column '.join(missing)}"
-        raise InputError(what, f"Its columns are {list_names(touching.names)}", _NAME_PAIRS)
-
-    # LAMMPS gives the vector from j to i, and the force on i
-    def vectors(scale: float, *names: str) -> Array | None:
-        return (
-            scale * np.stack([touching.read(name) for name in names], axis=1)
-            if {*names} <= {*touching.names}
-            else None
-        )
-
-    def springs(
-        name: str, given: float | None, read: Callable[[str, float, str], float]
-    ) -> Array | None:
-        return None if given is None else np.full(len(touching.rows), read(name, given, "N/m"))
-
+        touching.names = _read_names(columns, touching)
+    lacking = [name for name in ("i", "j") if name not in touching.names]
+    if lacking:
+        fault = f"{pairs} has no column {' and no column '.join(lacking)}"
+        raise InputError(fault, f"Its columns are {list_names(touching.names)}", _NAME_PAIRS)
+    i = _read_ids(touching, "i")
+    j = _read_ids(touching, "j")
+    # LAMMPS writes the vector from j to i, and the force on i
+    vector = touching.find_vectors("dx", "dy", "dz")
+    tangential = touching.find_vectors("tx", "ty", "tz")
+    normal_force = force * touching.read("force") if "force" in touching.names else None
+    count = len(touching.rows)
+    normal_springs = shear_springs = None
+    if normal_stiffness is not None:
+        normal_springs = np.full(count, positive("normal_stiffness", normal_stiffness, "N/m"))
+    if shear_stiffness is not None:
+        shear_springs = np.full(count, not_negative("shear_stiffness", shear_stiffness, "N/m"))
     contacts = Contacts(
         touching.name,
-        _read_ids(touching, "i"),
-        _read_ids(touching, "j"),
-        vector=vectors(-length, "dx", "dy", "dz"),
-        tangential_force=vectors(-force, "tx", "ty", "tz"),
-        normal_force=force * touching.read("force") if "force" in touching.names else None,
-        normal_stiffness=springs("normal_stiffness", normal_stiffness, positive),
-        shear_stiffness=springs("shear_stiffness", shear_stiffness, not_negative),
+        i,
+        j,
+        vector=None if vector is None else -length * vector,
+        tangential_force=None if tangential is None else -force * tangential,
+        normal_force=normal_force,
+        normal_stiffness=normal_springs,
+        shear_stiffness=shear_springs,
     )
-    listed = f"Its columns are {list_names(atoms.names)}"
-    for ends, scaled in (("", False), ("u", False), ("s", True), ("su", True)):
-        names = [f"{axis}{ends}" for axis in "xyz"]
-        if set(names) <= set(atoms.names):
-            places = np.stack([atoms.read(name) for name in names], axis=1)
-            rounding = find_rounding(places)
-            rounding = rounding @ np.abs(atoms.cell) if scaled else rounding
-            places = places @ atoms.cell if scaled else places - atoms.origin
-            break
-    else:
-        raise InputError(f"{atoms.name} has no columns x, y and z", listed, _WRITE_ATOMS)
-    for name, other in (("id", "id"), ("radius", "diameter")):
-        if name not in atoms.names and other not in atoms.names:
+    positions, rounding = _read_positions(atoms)
+    for name, alternative in (("id", "id"), ("radius", "diameter")):
+        if name not in atoms.names and alternative not in atoms.names:
+            listed = f"Its columns are {list_names(atoms.names)}"
             raise InputError(f"{atoms.name} has no column {name}", listed, _WRITE_ATOMS)
     radii = atoms.read("radius") if "radius" in atoms.names else 0.5 * atoms.read("diameter")
     masses = mass * atoms.read("mass") if "mass" in atoms.names else None
-    place = next(
-        (atoms.names.index(name) for name in ("element", "type") if name in atoms.names), math.inf
-    )
-    kinds = tuple(cells[int(place)] for _, text in atoms.rows if len(cells := text.split()) > place)
+    kinds = _read_kinds(atoms)
     balls = Balls(
         atoms.name,
-        length * (places + atoms.origin),
+        length * (positions + atoms.origin),
         length * radii,
         masses,
         labels=_read_ids(atoms, "id"),
@@ -188,53 +151,113 @@ def read_dumps(
     return Source(balls, contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
 
 
+def _find_units(
+    units: str | Units | None, atoms: _Frame, touching: _Frame
+) -> tuple[float, float, float]:
+    """Return the length, m, mass, kg, and force, N, that are one in the files."""
+    named_units = {frame.units for frame in (atoms, touching) if frame.units}
+    if len(named_units) > 1:
+        raise InputError(
+            f"{atoms.name} is in units {atoms.units}, and {touching.name} in others",
+            mend="Write both with the same units",
+        )
+    if isinstance(units, Units):
+        style = "lj"
+        scales = (units.length, units.mass, units.force)
+    else:
+        requested = next(iter(named_units), "si") if units is None else units
+        style = require("units", lambda value: choice(value, [*_STYLES]), requested)
+        scales = _STYLES[style]
+    if named_units and named_units != {style}:
+        raise InputError(
+            f"{atoms.name} says that its units are {named_units.pop()},"
+            f" and units={style!r} is given",
+            mend="Leave units out",
+        )
+    return scales
+
+
+def _read_names(columns: Any, touching: _Frame) -> tuple[str, ...]:
+    """Return the names of the columns of pairs, one for each."""
+    listed: object = columns.split() if isinstance(columns, str) else columns
+    names = tuple(listed) if isinstance(listed, Sequence) else ()
+    if all(isinstance(name, str) for name in names) and len(names) == len(touching.names):
+        return names
+    shown = f"{touching.name} has {len(touching.names)}: {list_names(touching.names)}"
+    mend = f"Give a name for each; those that count are {', '.join(_NAMES)}"
+    raise InputError(f"columns are {brief(columns)}, and {shown}", mend=mend)
+
+
+def _read_positions(atoms: _Frame) -> tuple[Array, Array]:
+    """Return the positions (n, 3) of balls from the origin of the box, and their greatest errors by
+    rounding, in units of the dump.
+    """
+    for suffix, is_scaled in (("", False), ("u", False), ("s", True), ("su", True)):
+        names = [f"{axis}{suffix}" for axis in "xyz"]
+        coordinates = atoms.find_vectors(*names)
+        if coordinates is not None:
+            rounding = find_rounding(coordinates)
+            if is_scaled:
+                return coordinates @ atoms.cell, rounding @ np.abs(atoms.cell)
+            return coordinates - atoms.origin, rounding
+    listed = f"Its columns are {list_names(atoms.names)}"
+    raise InputError(f"{atoms.name} has no columns x, y and z", listed, _WRITE_ATOMS)
+
+
+def _read_kinds(atoms: _Frame) -> tuple[str, ...]:
+    """Return the elements of balls, or else their types; none without such a column."""
+    for name in ("element", "type"):
+        if name in atoms.names:
+            index = atoms.names.index(name)
+            rows = [text.split() for _, text in atoms.rows]
+            return tuple(cells[index] for cells in rows if len(cells) > index)
+    return ()
+
+
 def _read_ids(frame: _Frame, column: str) -> Index:
     try:
         return read_whole_numbers(column, frame.read(column))
     except InputError as error:
-        raise InputError(
-            str(error) if frame.name in str(error) else f"{frame.name}: {error}"
-        ) from None
+        text = str(error)
+        raise InputError(text if frame.name in text else f"{frame.name}: {text}") from None
 
 
 # -- the format ------------------------------------------------------------------------------------
 
 
 def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _Frame:
-    """Read the frame at a time step, or the last one; ``kind`` is "ATOMS" or "ENTRIES", what is
-    listed.
+    """Read the frame at a time step, or the last one, of a list of the ``kind`` "ATOMS" or
+    "ENTRIES".
 
-    A program that is killed leaves its last frame cut: a frame before it that is asked for is read,
+    A program that is killed leaves its last frame cut: an earlier frame that is requested is read,
     with a warning.
     """
-    found: _Frame | None = None
+    last: _Frame | None = None
     steps = list[int]()
     try:
         for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind):
             steps.append(frame.step)
-            found = frame if step in (None, frame.step) else found
+            last = frame if step in (None, frame.step) else last
     except InputError as cut:
         if not steps:
             raise
-        if step is None or found is None:
+        if step is None or last is None:
             raise InputError(
                 str(cut),
                 f"The last time step that can be read is {steps[-1]}",
                 f"Give step={steps[-1]}",
             ) from None
-        what = f"{path} is read at the time step {step}, and cannot be read to its end: {cut}"
-        warnings.warn(message(what), StoppedEarlyWarning, stacklevel=4)
-    if found is None:
+        fault = f"{path} is read at the time step {step}, and cannot be read to its end: {cut}"
+        warnings.warn(message(fault), StoppedEarlyWarning, stacklevel=4)
+    if last is None:
         steps = sorted({*steps})
-        shown = (
-            f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
-            if steps[1:]
-            else f"{steps[0]} alone"
-            if steps
-            else "none"
-        )
+        shown = "none"
+        if len(steps) == 1:
+            shown = f"{steps[0]} alone"
+        elif steps:
+            shown = f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
         raise InputError(f"{path} has no time step {brief(step)}", f"It has {shown}")
-    return found
+    return last
 
 
 def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
@@ -286,15 +309,16 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
                     f"{name} is a dump of {listed.lower()}, and a dump of {want} is needed"
                 )
             if count < 0 or n + count > len(lines):
-                what = (
+                fault = (
                     f"{name} ends before its {count} {kind.lower()} do: {len(lines) - n} are there"
                 )
-                raise InputError(what, "The file is not whole")
-            if odd := next(
-                (one for one in names if not (one.isascii() and one.isprintable())), None
-            ):
-                what = f"{name}:{n}: found a column named {brief(odd, 40)}"
-                raise InputError(what, "The names of LAMMPS are of plain letters, digits and signs")
+                raise InputError(fault, "The file is not whole")
+            odd = [column for column in names if not (column.isascii() and column.isprintable())]
+            if odd:
+                fault = f"{name}:{n}: found a column named {brief(odd[0], 40)}"
+                raise InputError(
+                    fault, "The names of LAMMPS are of plain letters, digits and signs"
+                )
             frame.names = tuple(names)
             frame.rows = list(enumerate(lines[n : n + count], n + 1))
             n += count
@@ -319,18 +343,18 @@ def _refuse_cut(frame: _Frame, lines: list[str], broken: bool) -> None:
     """Raise :class:`InputError` if the last line of a dump is ``broken``, or a row of too few
     cells.
     """
-    there = f"{frame.name}:{len(lines)}"
+    place = f"{frame.name}:{len(lines)}"
     if frame.rows and frame.rows[-1][0] == len(lines):
         first, last = [len(frame.rows[row][1].split()) for row in (0, -1)]
-        wanted = min(first, len(frame.names)) if frame.rows[1:] else len(frame.names)
-        if last < wanted:
+        needed_cells = min(first, len(frame.names)) if frame.rows[1:] else len(frame.names)
+        if last < needed_cells:
             raise InputError(
-                f"{there}: the last row has {last} cells, and {wanted} are needed",
+                f"{place}: the last row has {last} cells, and {needed_cells} are needed",
                 "The file is not whole",
             )
     if broken:
         why = "The file is not whole: its last number may have lost digits"
-        raise InputError(f"{there}: the last line has no line break at its end", why)
+        raise InputError(f"{place}: the last line has no line break at its end", why)
 
 
 def _read_count(name: str, lines: list[str], n: int) -> int:
@@ -363,7 +387,8 @@ def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None
             high = rows[:, 1] - [max(0.0, xy, xz, xy + xz), max(0.0, yz), 0.0]
             frame.origin = low
             frame.cell = np.diag(high - low)
-            frame.cell[1, 0], frame.cell[2, :2] = xy, (xz, yz)
+            frame.cell[1, 0] = xy
+            frame.cell[2, :2] = (xz, yz)
         else:
             frame.origin = rows[:, 0]
             frame.cell = np.diag(rows[:, 1] - rows[:, 0])
@@ -375,10 +400,10 @@ def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None
     ends = np.diag(frame.cell)
     if not np.all(ends > 0.0):
         axis = int(np.argmin(ends > 0.0))
-        what = (
+        fault = (
             f"{frame.name}:{n + axis + 1}: the box has the length {ends[axis]:g} along"
             f" {'xyz'[axis]}"
         )
         raise InputError(
-            what, "Its lower bound must be below the upper one", "Are the two exchanged?"
+            fault, "Its lower bound must be below the upper one", "Are the two exchanged?"
         )

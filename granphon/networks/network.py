@@ -52,7 +52,7 @@ Found = TypeVar("Found")
 _BALLS = ("radii", "masses", "inertias")
 #: fields of whole numbers
 _WHOLE = ("i", "j", "shift", "labels")
-#: forces and stiffnesses of contacts, and what they must be
+#: forces and stiffnesses of contacts, and their ranges
 _SPRINGS = {
     "normal_force": "zero or above",
     "normal_stiffness": "above zero",
@@ -71,9 +71,10 @@ _ALONG = 1e-2
 #: to which they are in balance: programs of discrete elements leave 1e-4 or less, and weights,
 #: walls or digits that a file lacks leave more
 _BALANCED = 1e-3
-#: difference of the radii of balls that name no kind, over their mean, below which they are of one
+#: difference of the radii of balls that name no kind, over their mean, below which the balls are of
+#: one kind
 _ALIKE = 0.25
-#: memory, over that of the arrays, that it takes to repeat or to cut a network, and to check it
+#: memory to repeat or to cut a network, and to check it, over that of its arrays
 _COPIES = 4.5
 #: most cells along a period
 MOST_CELLS = 1_000_000
@@ -158,64 +159,108 @@ class ContactNetwork(Result):
     contact_model: ContactModel | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        plain: Any = self.pbc
-        plain = plain.tolist() if isinstance(plain, np.ndarray) else plain
-        if not isinstance(plain, Sequence) or isinstance(plain, str) or len(plain) != 3:
-            what = f"pbc of the network is {brief(self.pbc)}"
-            raise InputError(what, mend="Give three truth values, one for each vector of the cell")
-        given: dict[str, Any] = {"pbc": tuple(require("pbc", truth, value) for value in plain)}
-        given |= {
-            name: require(name, truth, getattr(self, name)) for name in ("prestress", "adhesive")
+        flags: Any = self.pbc
+        flags = flags.tolist() if isinstance(flags, np.ndarray) else flags
+        if not isinstance(flags, Sequence) or isinstance(flags, str) or len(flags) != 3:
+            fault = f"pbc of the network is {brief(self.pbc)}"
+            raise InputError(fault, mend="Give three truth values, one for each vector of the cell")
+        checked: dict[str, Any] = {
+            "pbc": tuple(require("pbc", truth, value) for value in flags),
+            "prestress": require("prestress", truth, self.prestress),
+            "adhesive": require("adhesive", truth, self.adhesive),
+            "dimension": whole_number("dimension", self.dimension, 1, 3),
+            "left_out": whole_number("left_out", self.left_out, 0),
         }
-        given["dimension"] = whole_number("dimension", self.dimension, 1, 3)
-        given["left_out"] = whole_number("left_out", self.left_out, 0)
         lattice: Any = self.lattice
         if not isinstance(lattice, Lattice | None):
-            what = f"the lattice of the network is {brief(lattice)}"
-            raise InputError(what, mend="Give a granphon.Lattice, or None")
+            fault = f"the lattice of the network is {brief(lattice)}"
+            raise InputError(fault, mend="Give a granphon.Lattice, or None")
         model: Any = self.contact_model
         if not isinstance(model, ContactModel | None):
-            what = f"the contact model of the network is {brief(model)}"
-            raise InputError(what, mend="Give a material where the network is read, or None")
+            fault = f"the contact model of the network is {brief(model)}"
+            raise InputError(fault, mend="Give a material where the network is read, or None")
         if self.shape is not None:
-            given["shape"] = require("shape", partial(lengths, low=1, high=MOST_CELLS), self.shape)
+            in_range = partial(lengths, low=1, high=MOST_CELLS)
+            checked["shape"] = require("shape", in_range, self.shape)
         if self.kinds is not None:
-            given["kinds"] = require("kinds", text_list, self.kinds)
-            for name in dict.fromkeys(given["kinds"]):
+            checked["kinds"] = require("kinds", text_list, self.kinds)
+            for name in dict.fromkeys(checked["kinds"]):
                 require("the name of a kind", label, name)
         for name, layout in self._shapes.items():
             values = getattr(self, name)
-            if name != "kinds" and not (values is None and layout.endswith("?")):
-                given[name] = read_only(
-                    (read_whole_numbers if name in _WHOLE else real_array)(name, values)
-                )
-        if given["cell"].shape == (3, 3):  # a vector along which nothing repeats has no meaning
-            given["cell"] = read_only(np.where(np.array(given["pbc"])[:, None], given["cell"], 0.0))
-        for name, values in given.items():
+            is_left_out = values is None and layout.endswith("?")
+            if name != "kinds" and not is_left_out:
+                read = read_whole_numbers if name in _WHOLE else real_array
+                checked[name] = read_only(read(name, values))
+        if checked["cell"].shape == (3, 3):
+            # a vector along which nothing repeats has no meaning
+            is_period = np.array(checked["pbc"])[:, None]
+            checked["cell"] = read_only(np.where(is_period, checked["cell"], 0.0))
+        for name, values in checked.items():
             object.__setattr__(self, name, values)
         super().__post_init__()
         self._check()
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for what the class does not allow."""
+        """Raise :class:`~granphon.base.errors.InputError` for fields that the class does not
+        allow.
+        """
         super()._check()
-        walls = np.flatnonzero(np.isinf(self.radii))
-        own = vars(self)
-        if np.any(turned := np.isin(self.i, walls) & ~np.isin(self.j, walls)):
-            # contacts lead from balls to walls
-            for at_i, at_j in (("i", "j"), ("arm_i", "arm_j")):
-                ends = np.stack([own[at_i], own[at_j]])
-                own[at_i], own[at_j] = map(read_only, np.where(turned, ends[::-1], ends))
-            for name in {"shift", "normal", "tangential_force"} & {*self.contact_fields}:
-                own[name] = read_only(np.where(turned[:, None], 0 - own[name], own[name]))
+        self._turn_walls()
         motions = allowed_motions(self.dimension)
         if not is_one_of(self.motions, motions):
-            what = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
-            raise InputError(what, mend="Use " + ", ".join(motions))
+            fault = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
+            raise InputError(fault, mend="Use " + ", ".join(motions))
         if not self.n_balls:
             raise InputError("the network has no ball", mend="Give one or more")
-        # periodic vectors of the cell are finite, lie in the line or plane of the balls, and are
-        # independent
+        self._check_cell()
+        # every ball and contact: the message names the first that is wrong, and counts them
+        for name, is_fine, wrong, mend in _list_demands(self):
+            if not np.all(is_fine):
+                bad = np.flatnonzero(~np.asarray(is_fine))
+                first = bad[0]
+                kind = "ball" if self._shapes[name].startswith("n") else "contact"
+                shown = f"{name} = {np.array2string(np.asarray(getattr(self, name))[first])}"
+                if kind == "contact" and name not in ("i", "j"):
+                    shown += f", between balls {self.i[first]} and {self.j[first]}"
+                total = f" ({bad.size} in all)" if bad.size > 1 else ""
+                raise InputError(
+                    f"{kind} {first} of the network {wrong}: {shown}{total}", mend=mend
+                )
+        if self.n_contacts:
+            self._check_repeated()
+        # labels are unique, and an array has the balls of all of its cells
+        if self.labels is not None and np.unique(self.labels).size != self.n_balls:
+            raise InputError(
+                "two balls of the network have the same label", mend="Give each a label of its own"
+            )
+        if self.lattice is not None and self.shape is not None:
+            balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
+            if len(self.shape) != self.lattice.periods or balls != self.n_balls:
+                fault = f"{self.shape} cells of the {self.lattice.name} lattice have {balls} balls"
+                raise InputError(
+                    f"{fault}, and the network has {self.n_balls}", mend="Mend the shape"
+                )
+
+    def _turn_walls(self) -> None:
+        """Let contacts lead from balls to flat walls."""
+        walls = np.flatnonzero(np.isinf(self.radii))
+        is_turned = np.isin(self.i, walls) & ~np.isin(self.j, walls)
+        if not np.any(is_turned):
+            return
+        fields = vars(self)
+        for at_i, at_j in (("i", "j"), ("arm_i", "arm_j")):
+            ends = np.stack([fields[at_i], fields[at_j]])
+            turned = np.where(is_turned, ends[::-1], ends)
+            fields[at_i] = read_only(turned[0])
+            fields[at_j] = read_only(turned[1])
+        for name in {"shift", "normal", "tangential_force"} & {*self.contact_fields}:
+            fields[name] = read_only(np.where(is_turned[:, None], 0 - fields[name], fields[name]))
+
+    def _check_cell(self) -> None:
+        """Raise unless periodic vectors of the cell are finite, lie in the line or plane of the
+        balls, and are independent.
+        """
         for axis in np.flatnonzero(self.pbc):
             vector = self.cell[axis]
             if not (np.all(np.abs(vector) < LARGEST) and np.any(vector)):
@@ -225,87 +270,57 @@ class ContactNetwork(Result):
                 )
             if axis >= self.dimension or np.any(vector[self.dimension :]):
                 where = "the line" if self.dimension == 1 else "the plane"
-                what = (
+                raise InputError(
                     f"vector {axis} of the cell, {vector.tolist()} m, leaves {where} of a network"
-                    f" in"
+                    f" in {self.dimension} dimensions, and is periodic",
+                    mend="Let it lie there, or let pbc be false",
                 )
-                mend = "Let it lie there, or let pbc be false"
-                raise InputError(f"{what} {self.dimension} dimensions, and is periodic", mend=mend)
         if np.count_nonzero(self.pbc) > 1:
             periods = self.cell[list(self.pbc)]
             size = np.linalg.norm(periods, axis=1, keepdims=True)
             if np.prod(np.linalg.svd(periods / size, compute_uv=False)) < _FLAT:
-                mend = "Give other vectors, or let pbc be false"
                 raise InputError(
-                    "the periodic vectors of the cell are not independent of each other", mend=mend
-                )
-        # every ball and contact: the message names the first that is wrong, and how many are
-        for name, fine, wrong, mend in _list_demands(self):
-            if not np.all(fine):
-                bad = np.flatnonzero(~np.asarray(fine))
-                what = "ball" if self._shapes[name].startswith("n") else "contact"
-                found = f"{name} = {np.array2string(np.asarray(getattr(self, name))[bad[0]])}"
-                if what == "contact" and name not in ("i", "j"):
-                    found += f", between balls {self.i[bad[0]]} and {self.j[bad[0]]}"
-                more = f" ({bad.size} in all)" if bad.size > 1 else ""
-                raise InputError(
-                    f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend
-                )
-        # no contact is listed twice, from one end or from both; a wall may touch a ball at several
-        # places
-        if self.n_contacts:
-            i = self.i
-            j = self.j
-            shift = self.shift
-            leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[
-                :, 0
-            ]
-            turned = (i > j) | ((i == j) & (leading < 0))
-            step = np.where(turned[:, None], -shift, shift)
-            pair = np.where(turned, j, i) * self.n_balls + np.where(turned, i, j)
-            order = np.argsort(pair, kind="stable")
-            alike = np.diff(pair[order], prepend=-1) == 0
-            # few: two balls rarely touch through more than one image
-            order = order[alike | np.append(alike[1:], False)]
-            order = order[np.lexsort((*step[order].T, pair[order]))]
-            same = (np.diff(pair[order]) == 0) & ~np.any(np.diff(step[order], axis=0), axis=1)
-            before = order[:-1][same]
-            after = order[1:][same]
-            of_wall = ~(self.moving[i[after]] & self.moving[j[after]])
-            sign = np.where(turned[before] == turned[after], 1.0, -1.0)[:, None]
-            elsewhere = np.any(
-                np.abs(self.normal[before] - sign * self.normal[after]) > _UNIT, axis=1
-            )
-            twice = ~(of_wall & elsewhere)
-            if np.any(twice):
-                one = int(before[twice][0])
-                other = int(after[twice][0])
-                more = (
-                    f" ({np.count_nonzero(twice)} such in all)"
-                    if np.count_nonzero(twice) > 1
-                    else ""
-                )
-                what = (
-                    f"contacts {one} and {other} of the network are the same, between balls"
-                    f" {i[one]} and {j[one]}{more}"
-                )
-                raise InputError(
-                    what, "Every contact counts once", "List each contact from one of its ends only"
-                )
-        # names are unique, and an array has the balls of all of its cells
-        if self.labels is not None and np.unique(self.labels).size != self.n_balls:
-            raise InputError(
-                "two balls of the network have the same label", mend="Give each a label of its own"
-            )
-        if self.lattice is not None and self.shape is not None:
-            balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
-            if len(self.shape) != self.lattice.periods or balls != self.n_balls:
-                what = f"{self.shape} cells of the {self.lattice.name} lattice have {balls} balls"
-                raise InputError(
-                    f"{what}, and the network has {self.n_balls}", mend="Mend the shape"
+                    "the periodic vectors of the cell are not independent of each other",
+                    mend="Give other vectors, or let pbc be false",
                 )
 
-    # -- what it is --------------------------------------------------------------------------------
+    def _check_repeated(self) -> None:
+        """Raise if a contact is listed twice, from one end or from both; a wall may touch a ball at
+        several places.
+        """
+        i = self.i
+        j = self.j
+        shift = self.shift
+        first_step = np.argmax(shift != 0, axis=1)[:, None]
+        leading = np.take_along_axis(shift, first_step, axis=1)[:, 0]
+        turned = (i > j) | ((i == j) & (leading < 0))
+        step = np.where(turned[:, None], -shift, shift)
+        pair = np.where(turned, j, i) * self.n_balls + np.where(turned, i, j)
+        order = np.argsort(pair, kind="stable")
+        alike = np.diff(pair[order], prepend=-1) == 0
+        # the contacts of pairs with several are few: balls rarely touch through more than one image
+        order = order[alike | np.append(alike[1:], False)]
+        order = order[np.lexsort((*step[order].T, pair[order]))]
+        same = (np.diff(pair[order]) == 0) & ~np.any(np.diff(step[order], axis=0), axis=1)
+        first = order[:-1][same]
+        second = order[1:][same]
+        of_wall = ~(self.moving[i[second]] & self.moving[j[second]])
+        sign = np.where(turned[first] == turned[second], 1.0, -1.0)[:, None]
+        deviation = np.abs(self.normal[first] - sign * self.normal[second])
+        elsewhere = np.any(deviation > _UNIT, axis=1)
+        repeated = np.flatnonzero(~(of_wall & elsewhere))
+        if repeated.size:
+            contact = int(first[repeated[0]])
+            twin = int(second[repeated[0]])
+            total = f" ({repeated.size} such in all)" if repeated.size > 1 else ""
+            raise InputError(
+                f"contacts {contact} and {twin} of the network are the same, between balls"
+                f" {i[contact]} and {j[contact]}{total}",
+                "Every contact counts once",
+                "List each contact from one of its ends only",
+            )
+
+    # -- quantities --------------------------------------------------------------------------------
 
     @property
     def n_balls(self) -> int:
@@ -320,15 +335,15 @@ class ContactNetwork(Result):
     @cached_property
     def moving(self) -> Flags:
         """(n,) whether each ball moves: its mass is not infinite."""
-        found: Flags = read_only(np.isfinite(self.masses))
-        return found
+        flags: Flags = read_only(np.isfinite(self.masses))
+        return flags
 
     @cached_property
     def ball_motions(self) -> Motions:
         """The motions of each ball, without rotations if no contact resists them."""
-        among = allowed_motions(self.dimension)[self.motions]
+        allowed = allowed_motions(self.dimension)[self.motions]
         return select_motions(
-            self.shear_stiffness, self.torsion_stiffness, self.bending_stiffness, among
+            self.shear_stiffness, self.torsion_stiffness, self.bending_stiffness, allowed
         )
 
     @cached_property
@@ -341,17 +356,16 @@ class ContactNetwork(Result):
         """(n_c,) distance of the centres, m; infinite at a flat wall, which is a body of infinite
         radius at any place.
         """
-        return read_only(
-            np.where(np.isinf(self.radii[self.j]), np.inf, np.linalg.norm(self.vector, axis=1))
-        )
+        sizes = np.linalg.norm(self.vector, axis=1)
+        return read_only(np.where(np.isinf(self.radii[self.j]), np.inf, sizes))
 
     @cached_property
     def static_forces(self) -> tuple[Array, Array]:
         """Forces of the contacts at rest, with which ball i acts on ball j, N: (n_c,) along
         normals, (n_c, 3) across them.
 
-        What a tangential force has along the normal, as where contacts have turned since a program
-        found it, is added to the normal one.
+        The component of a tangential force along the normal, as of contacts that have turned since
+        a program found the force, is added to the normal force.
         """
         if self.tangential_force is None:
             return self.normal_force, read_only(np.zeros((self.n_contacts, 3)))
@@ -374,25 +388,26 @@ class ContactNetwork(Result):
 
     @cached_property
     def imbalance(self) -> tuple[int, float, float]:
-        """The ball that is farthest from balance, the force left on it, N, and that over the mean
-        force of a contact.
+        """The ball that is farthest from balance, the sum of the static forces on it, N, and that
+        sum over the mean force of a contact.
         """
         push, across = self.static_forces
-        left = np.linalg.norm(self.unbalanced[0], axis=1)
+        forces = np.linalg.norm(self.unbalanced[0], axis=1)
         mean = np.mean(np.hypot(push, np.linalg.norm(across, axis=1)))
-        worst = int(np.argmax(left))
-        return worst, float(left[worst]), float(left[worst] / mean) if left[worst] else 0.0
+        worst = int(np.argmax(forces))
+        ratio = float(forces[worst] / mean) if forces[worst] else 0.0
+        return worst, float(forces[worst]), ratio
 
     def describe_imbalance(self) -> str:
         """Return in words which ball is farthest from balance, and by what force; empty if forces
         are zero.
         """
-        worst, force, part = self.imbalance
+        worst, force, ratio = self.imbalance
         ball = worst if self.labels is None else int(self.labels[worst])
         if not force:
             return ""
         return (
-            f"The static forces on ball {ball} add up to {force:.3g} N, {part:.2g} of the mean"
+            f"The static forces on ball {ball} add up to {force:.3g} N, {ratio:.2g} of the mean"
             f" contact force"
         )
 
@@ -411,8 +426,8 @@ class ContactNetwork(Result):
 
     @property
     def is_balanced(self) -> bool:
-        """Whether static forces leave no more on any ball than 1e-3 of their mean; also where they
-        do not act.
+        """Whether the static forces on each ball add up to no more than 1e-3 of their mean; also
+        where static forces do not act.
         """
         return not (self.prestress and self.n_contacts) or self.imbalance[2] <= _BALANCED
 
@@ -425,29 +440,25 @@ class ContactNetwork(Result):
 
     @cached_property
     def walls(self) -> dict[int, tuple[Array, Array]]:
-        """By its index, each flat wall that balls touch: a place on it (3,), m, and its normal
+        """By its index, each flat wall that balls touch: a point on it (3,), m, and its normal
         (3,), away from the balls.
         """
-        # of several contacts the first has the place
-        at = np.flatnonzero(np.isinf(self.distance))[::-1]
-        return {
-            int(wall): (place, n)
-            for wall, place, n in zip(
-                self.j[at], self.contact_places[at], self.normal[at], strict=True
-            )
-        }
+        # of several contacts with a wall the first has the point
+        contacts = np.flatnonzero(np.isinf(self.distance))[::-1]
+        points = self.contact_places
+        return {int(self.j[c]): (points[c], self.normal[c]) for c in contacts.tolist()}
 
     def cached(self, find: Callable[[Self], Found]) -> Found:
-        """Return ``find(self)``, which is called only the first time and then kept, as the network
-        never changes.
+        """Return ``find(self)``; the value of the first call is kept, as the network never
+        changes.
         """
-        if find not in self._found:
-            self._found[find] = find(self)
-        found: Found = self._found[find]
-        return found
+        if find not in self._cache:
+            self._cache[find] = find(self)
+        value: Found = self._cache[find]
+        return value
 
     @cached_property
-    def _found(self) -> dict[Any, Any]:
+    def _cache(self) -> dict[Any, Any]:
         return {}
 
     @cached_property
@@ -455,7 +466,7 @@ class ContactNetwork(Result):
         """Length, stiffness and mass of the reduced units of this network.
 
         They are the mean diameter and the mean mass of the balls that move, and the mean normal
-        stiffness of the contacts that carry load, or of all if none does. Raises
+        stiffness of the contacts that carry load, or of all contacts if none does. Raises
         :class:`~granphon.base.errors.InputError` for a network without a ball that moves, or
         without a contact.
         """
@@ -465,12 +476,8 @@ class ContactNetwork(Result):
             )
         loaded = self.normal_force > 0.0
         springs = self.normal_stiffness[loaded if np.any(loaded) else slice(None)]
-        # a mean that is exact where all values are equal
-        diameter, spring, mass = (
-            float(one[0] + np.mean(one - one[0]))
-            for one in (2.0 * self.radii[self.moving], springs, self.masses[self.moving])
-        )
-        return Units(diameter, spring, mass)
+        diameter = _find_mean(2.0 * self.radii[self.moving])
+        return Units(diameter, _find_mean(springs), _find_mean(self.masses[self.moving]))
 
     @property
     def coordination(self) -> float:
@@ -480,13 +487,10 @@ class ContactNetwork(Result):
     @property
     def contact_fields(self) -> tuple[str, ...]:
         """Names of the fields that have one entry for each contact."""
-        return tuple(
-            n
-            for n, layout in self._shapes.items()
-            if layout[0] == "c" and getattr(self, n) is not None
-        )
+        names = [name for name, layout in self._shapes.items() if layout[0] == "c"]
+        return tuple(name for name in names if getattr(self, name) is not None)
 
-    # -- its parts ---------------------------------------------------------------------------------
+    # -- parts of the network ----------------------------------------------------------------------
 
     @cached_property
     def rattlers(self) -> Index:
@@ -501,14 +505,15 @@ class ContactNetwork(Result):
         return read_only(self._find_rattlers())
 
     def _find_rattlers(self, held_by: int | None = None) -> Index:
+        """Return the balls that carry no load; see :meth:`without_rattlers` for ``held_by``."""
         slips = not np.any(self.shear_stiffness)
-        least = (self.dimension + 1 if slips else 2) if held_by is None else held_by
+        least = held_by
+        if least is None:
+            least = self.dimension + 1 if slips else 2
         weight = self.normal_force if np.any(self.normal_force > 0.0) else np.ones(self.n_contacts)
-        live = (
-            weight > HOLDING_FORCE * np.mean(weight, where=weight > 0.0)
-            if len(weight)
-            else np.zeros(0, bool)
-        )
+        live = np.zeros(0, bool)
+        if len(weight):
+            live = weight > HOLDING_FORCE * np.mean(weight, where=weight > 0.0)
         i = self.i[live]
         j = self.j[live]
         n = self.n_balls
@@ -516,13 +521,14 @@ class ContactNetwork(Result):
         push = weight[:, None] * self.normal[live]
         count = np.bincount(i, minlength=n) + np.bincount(j, minlength=n)
         total = np.bincount(i, weight, n) + np.bincount(j, weight, n)
-        pull = np.stack([np.bincount(j, one, n) - np.bincount(i, one, n) for one in push.T], axis=1)
+        sums = [np.bincount(j, along, n) - np.bincount(i, along, n) for along in push.T]
+        pull = np.stack(sums, axis=1)
 
         def is_held(balls: Index) -> Flags:
             # two contacts or more whose forces are in balance, as along a straight row, hold a ball
             # where contacts slip
-            balanced = np.linalg.norm(pull[balls], axis=1) <= _BALANCED * total[balls]
-            in_row = (slips and held_by is None) & (count[balls] >= 2) & balanced
+            is_balanced = np.linalg.norm(pull[balls], axis=1) <= _BALANCED * total[balls]
+            in_row = (slips and held_by is None) & (count[balls] >= 2) & is_balanced
             return np.asarray((count[balls] >= least) | in_row | ~self.moving[balls])
 
         # contacts of each ball, one list after the other
@@ -532,21 +538,21 @@ class ContactNetwork(Result):
         loose = ~is_held(np.arange(n))
         if not np.any(self.moving & ~loose):
             return np.flatnonzero(loose)
-        left = np.flatnonzero(loose).tolist()
-        open_contacts = np.ones(len(i), bool)
-        while left:
-            ball = left.pop()
+        waiting = np.flatnonzero(loose).tolist()
+        is_open = np.ones(len(i), bool)
+        while waiting:
+            ball = waiting.pop()
             contacts = order[first[ball] : first[ball + 1]] % len(i)
-            for contact in contacts[open_contacts[contacts]].tolist():
-                open_contacts[contact] = False
+            for contact in contacts[is_open[contacts]].tolist():
+                is_open[contact] = False
                 from_i = i[contact] == ball
-                other = int(j[contact] if from_i else i[contact])
-                count[other] -= 1
-                total[other] -= weight[contact]
-                pull[other] -= push[contact] if from_i else -push[contact]
-                if not loose[other] and not is_held(np.array([other]))[0]:
-                    loose[other] = True
-                    left.append(other)
+                neighbour = int(j[contact] if from_i else i[contact])
+                count[neighbour] -= 1
+                total[neighbour] -= weight[contact]
+                pull[neighbour] -= push[contact] if from_i else -push[contact]
+                if not loose[neighbour] and not is_held(np.array([neighbour]))[0]:
+                    loose[neighbour] = True
+                    waiting.append(neighbour)
         return np.flatnonzero(loose)
 
     def without_rattlers(self, held_by: int | None = None) -> Self:
@@ -593,18 +599,18 @@ class ContactNetwork(Result):
         """Return the network of some balls, given by their indices or as (n,) truth values, and of
         the contacts among them.
 
-        It keeps the ``labels`` of the balls; if they have none, the labels are their indices in
-        this network. Raises :class:`~granphon.base.errors.InputError` for balls that are not there,
+        The network keeps the ``labels`` of the balls; without labels they are the indices in this
+        network. Raises :class:`~granphon.base.errors.InputError` for balls that are not there,
         for a ball given twice, and for none.
         """
         plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
         flags = isinstance(plain, list | tuple) and len(plain) == self.n_balls
-        flags = flags and all(isinstance(one, bool | np.bool_) for one in plain)
+        flags = flags and all(isinstance(value, bool | np.bool_) for value in plain)
         chosen = index_array("balls", np.flatnonzero(plain) if flags else balls, self.n_balls)
-        place = np.full(self.n_balls, -1)
-        place[chosen] = np.arange(chosen.size)
-        i = place[self.i]
-        j = place[self.j]
+        new_index = np.full(self.n_balls, -1)
+        new_index[chosen] = np.arange(chosen.size)
+        i = new_index[self.i]
+        j = new_index[self.j]
         among = (i >= 0) & (j >= 0)
         names = np.arange(self.n_balls) if self.labels is None else self.labels
         fields: dict[str, Any] = {
@@ -625,27 +631,25 @@ class ContactNetwork(Result):
         """Return the networks into which this one falls, the largest first; (self,) if contacts
         join all balls.
 
-        A wall does not move and joins no pieces; it is part of each piece that it touches.
+        A wall does not move and joins no pieces; each piece that touches the wall contains it.
         """
         piece = number_pieces(self.i, self.j, self.moving)
         moving = self.moving
         members = np.flatnonzero(moving)
         order = members[np.argsort(piece[members], kind="stable")]
         sets = np.split(order, np.flatnonzero(np.diff(piece[order])) + 1) if order.size else []
-        walls = ~(moving[self.i] & moving[self.j])
-        ball = np.where(moving[self.i], self.i, self.j)[walls]
-        wall = np.where(moving[self.i], self.j, self.i)[walls]
+        at_wall = ~(moving[self.i] & moving[self.j])
+        ball = np.where(moving[self.i], self.i, self.j)[at_wall]
+        wall = np.where(moving[self.i], self.j, self.i)[at_wall]
         if ball.size:
             sets = [
                 np.unique(np.append(balls, wall[piece[ball] == piece[balls[0]]])) for balls in sets
             ]
-        return (
-            (self,)
-            if len(sets) == 1
-            else tuple(self.select(balls) for balls in sorted(sets, key=len, reverse=True))
-        )
+        if len(sets) == 1:
+            return (self,)
+        return tuple(self.select(balls) for balls in sorted(sets, key=len, reverse=True))
 
-    # -- where it comes from -----------------------------------------------------------------------
+    # -- larger networks, cuts, files --------------------------------------------------------------
 
     def repeat(self, shape: tuple[int, ...]) -> Self:
         """Return the network of ``shape`` (L1, ..., Lp) cells of this one, one number for each
@@ -668,11 +672,13 @@ class ContactNetwork(Result):
         )
         count = len(cells)
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
-        contacts: dict[str, Any] = {
-            name: np.tile(getattr(self, name), (count, *(1,) * (getattr(self, name).ndim - 1)))
-            for name in self.contact_fields
-        }
+        contacts: dict[str, Any] = {}
+        for name in self.contact_fields:
+            values = getattr(self, name)
+            contacts[name] = np.tile(values, (count, *[1] * (values.ndim - 1)))
         contacts |= {"i": i, "j": j, "shift": shift}
+        # balls of many arrays side by side are not in the order of the cells of one
+        is_cell = self.lattice and max(self.shape or (1,)) == 1
         return replace(
             self,
             cell=self.cell * full[:, None],
@@ -682,12 +688,8 @@ class ContactNetwork(Result):
             labels=None,
             kinds=self.kinds and self.kinds * count,
             **contacts,
-            # balls of many arrays side by side are not in the order of the cells of one
-            **(
-                {"shape": shape}
-                if self.lattice and max(self.shape or (1,)) == 1
-                else {"lattice": None, "shape": None}
-            ),
+            lattice=self.lattice if is_cell else None,
+            shape=shape if is_cell else None,
         )
 
     def _require_memory(self, count: int) -> None:
@@ -695,7 +697,7 @@ class ContactNetwork(Result):
         fit into memory.
         """
         arrays = [getattr(self, name) for name in self._shapes]
-        size = sum(one.nbytes for one in arrays if isinstance(one, np.ndarray))
+        size = sum(values.nbytes for values in arrays if isinstance(values, np.ndarray))
         require_memory(
             f"networks of {count * self.n_balls:,} balls",
             _COPIES * count * size,
@@ -708,8 +710,8 @@ class ContactNetwork(Result):
         """
         cell = self.cell[np.flatnonzero(self.pbc), : self.dimension]
         level = find_axes(cell) if len(cell) else np.eye(self.dimension)
-        found = Layers.across(axis, cell @ level.T)
-        return replace(found, turn=found.turn @ level)
+        layers = Layers.across(axis, cell @ level.T)
+        return replace(layers, turn=layers.turn @ level)
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
         """Return so many layers of the network, which no longer repeat across them: a strip, slab,
@@ -738,10 +740,8 @@ class ContactNetwork(Result):
         can move, if a clamped ball touches no ball that moves, and for a floor if materials are not
         known or no force presses a ball on it.
         """
-        count, words = (
-            whole_number("layers", layers, 1, MOST_CELLS),
-            require("edges", read_edges, edges),
-        )
+        count = whole_number("layers", layers, 1, MOST_CELLS)
+        words = require("edges", read_edges, edges)
         self._require_memory(count)
         periods = np.flatnonzero(self.pbc)
         n = self.n_balls
@@ -763,10 +763,10 @@ class ContactNetwork(Result):
         furthest = float(np.max(np.abs(self.vector @ turn.T[:, p])[rise != 0], initial=0.0))
         if furthest >= (1.0 - TOUCH) * count * height:
             least = int((1.0 + TOUCH) * furthest / height) + 1
-            what = f"some contacts reach across {counted(count, 'layer')}"
-            raise InputError(what, "None of them would be left", f"Give {least} layers or more")
-        # contacts of the layers and of those beyond, numbered from the lower face; one end of those
-        # that are cut is outside
+            fault = f"some contacts reach across {counted(count, 'layer')}"
+            raise InputError(fault, "None of them would be left", f"Give {least} layers or more")
+        # contacts of the layers and of layers beyond, numbered from the lower face; one end of a
+        # contact that is cut is outside
         i, j, row, inner = cut.unfold(self.i, self.j, shift, n, count + 2 * reach)
         i = i - reach * n
         j = j - reach * n
@@ -775,68 +775,57 @@ class ContactNetwork(Result):
         has_j = (j >= 0) & (j < total)
         kept = has_i & has_j
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
-        balls["positions"] = (
-            (sites @ turn.T)[None] + np.arange(count)[:, None, None] * stack
-        ).reshape(-1, 3)
-        # a layer of balls of one kind is a face though they differ, and by that are off their sites
-        kinds = np.array(self.kinds or [""] * n)
-        solid = np.isfinite(self.radii)
-        differ = max(
-            float(np.ptp(self.radii[solid & (kinds == kind)]))
-            for kind in set(kinds[solid].tolist())
-        )
-        differ *= bool(self.kinds) or differ < _ALIKE * float(np.mean(self.radii[solid]))
-        faces = find_faces(balls["positions"][:, p], balls["radii"], words, n, 4.0 * differ)
+        layer = sites @ turn.T
+        heights = np.arange(count)[:, None, None] * stack
+        balls["positions"] = (layer[None] + heights).reshape(-1, 3)
+        spread = self._find_spread()
+        faces = find_faces(balls["positions"][:, p], balls["radii"], words, n, 4.0 * spread)
         contacts: dict[str, Any] = {
             name: getattr(self, name)[row[kept]] for name in self.contact_fields
         }
-        contacts |= {
-            name: contacts[name] @ turn.T
-            for name in ("normal", "tangential_force")
-            if name in contacts
-        }
+        for name in ("normal", "tangential_force"):
+            if name in contacts:
+                contacts[name] = contacts[name] @ turn.T
         contacts |= {"i": i[kept], "j": j[kept], "shift": np.pad(inner[kept], ((0, 0), (0, 3 - p)))}
-        for side, word, at in zip((-1.0, 1.0), words, faces, strict=True):
+        for side, word, face in zip((-1.0, 1.0), words, faces, strict=True):
             if word == "clamped":
-                balls["masses"][at] = np.inf
+                balls["masses"][face] = np.inf
             if word != "floor":
                 continue
-            lost = np.flatnonzero(
-                (has_i | has_j)
-                & ((np.minimum(i, j) < 0) if side < 0.0 else (np.maximum(i, j) >= total))
-            )
-            ball = np.where(has_i, i, j)[lost]
-            out = np.where(has_i, side, -side)[lost]
-            lost, ball, out = (one[np.isin(ball, at)] for one in (lost, ball, out))
-            spare = np.setdiff1d(at, ball)
-            at = np.intersect1d(at, ball)
-            if spare.size and (not differ or not at.size):
-                # of balls that differ some may carry no load there
-                what = f"ball {spare[0]} of the {_name_face(side)} has lost no contact there"
+            is_beyond = (np.minimum(i, j) < 0) if side < 0.0 else (np.maximum(i, j) >= total)
+            open_contacts = np.flatnonzero((has_i | has_j) & is_beyond)
+            # the ball of the face, and the sign of the force of ball i on ball j outwards
+            ball = np.where(has_i, i, j)[open_contacts]
+            outward = np.where(has_i, side, -side)[open_contacts]
+            at_face = np.isin(ball, face)
+            ball = ball[at_face]
+            pressed = np.intersect1d(face, ball)
+            spare = np.setdiff1d(face, ball)
+            # some balls of different sizes may carry no load at the face
+            if spare.size and (not spread or not pressed.size):
                 raise InputError(
-                    what,
+                    f"ball {spare[0]} of the {_name_face(side)} has lost no contact there",
                     "Nothing says with which force it stands on a floor",
                     "Cut elsewhere, or clamp it",
                 )
-            place = np.searchsorted(at, ball)
-            which = row[lost]
-            m = len(at)
-            push = self.normal_force[which, None] * self.normal[which]  # of ball i on ball j
-            push += 0.0 if self.tangential_force is None else self.tangential_force[which]
-            force: Any = np.bincount(place, out * (push @ turn.T[:, p]))
-            wall = self._press_on_floor(at, force, _name_face(side))
-            wall |= {
-                "i": at,
+            push = self._find_push(row[open_contacts[at_face]]) @ turn.T[:, p]
+            force: Any = np.bincount(np.searchsorted(pressed, ball), outward[at_face] * push)
+            m = len(pressed)
+            floor = self._press_on_floor(pressed, force, _name_face(side))
+            floor |= {
+                "i": pressed,
                 "j": np.full(m, len(balls["masses"])),
                 "normal": side * np.eye(3)[np.full(m, p)],
+                "tangential_force": np.zeros((m, 3)),
+                "shift": np.zeros((m, 3), np.intp),
             }
-            wall |= {"tangential_force": np.zeros((m, 3)), "shift": np.zeros((m, 3), np.intp)}
             contacts = {
-                name: np.concatenate([values, wall[name]]) for name, values in contacts.items()
+                name: np.concatenate([values, floor[name]]) for name, values in contacts.items()
             }
-            spot = np.eye(3)[p] * np.mean(balls["positions"][at, p] + side * balls["radii"][at])
+            outermost = balls["positions"][pressed, p] + side * balls["radii"][pressed]
             balls |= {name: np.append(balls[name], np.inf) for name in _BALLS}
-            balls["positions"] = np.concatenate([balls["positions"], spot[None]])
+            point = np.eye(3)[p] * np.mean(outermost)
+            balls["positions"] = np.concatenate([balls["positions"], point[None]])
         still = np.isinf(balls["masses"])
         live = ~(still[contacts["i"]] & still[contacts["j"]])
         contacts = {name: values[live] for name, values in contacts.items()}
@@ -846,24 +835,19 @@ class ContactNetwork(Result):
                 mend="Give more layers",
             )
         i, j, inner = (contacts[name] for name in ("i", "j", "shift"))
-        for word, at in zip(words, faces, strict=True):
-            if word == "clamped" and not np.any(np.isin(i, at) | np.isin(j, at)):
+        for word, face in zip(words, faces, strict=True):
+            if word == "clamped" and not np.any(np.isin(i, face) | np.isin(j, face)):
                 raise InputError(
                     "the clamped balls of an edge touch none that moves", mend="Give more layers"
                 )
-        # all that moves hangs together, or is held by bodies that do not move
+        # balls that move hang together, or are held by bodies that do not move
         loose = self.rattlers.size
-        require_joined(
-            i,
-            j,
-            inner[:, :p],
-            len(still),
-            p,
-            "the cut network",
-            f"Of its balls {loose} in each cell carry no load and hang on nothing" if loose else "",
-            "Leave them out: network.without_rattlers()" if loose else "Give more layers",
-            still,
-        )
+        why = ""
+        mend = "Give more layers"
+        if loose:
+            why = f"Of its balls {loose} in each cell carry no load and hang on nothing"
+            mend = "Leave them out: network.without_rattlers()"
+        require_joined(i, j, inner[:, :p], len(still), p, "the cut network", why, mend, still)
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell
         floors = (RIGID_PLANE.name,) * (len(still) - count * self.n_balls)
@@ -880,60 +864,84 @@ class ContactNetwork(Result):
             kinds=self.kinds and self.kinds * count + floors,
         )
 
+    def _find_spread(self) -> float:
+        """Return the greatest difference of the radii of balls of one kind, m: a layer of such
+        balls is a face, though the balls are off their sites. Zero where balls without kinds differ
+        so much that they are of several.
+        """
+        kinds = np.array(self.kinds or [""] * self.n_balls)
+        solid = np.isfinite(self.radii)
+        spread = max(
+            float(np.ptp(self.radii[solid & (kinds == kind)]))
+            for kind in set(kinds[solid].tolist())
+        )
+        if self.kinds or spread < _ALIKE * float(np.mean(self.radii[solid])):
+            return spread
+        return 0.0
+
+    def _find_push(self, contacts: Index) -> Array:
+        """Return the static forces (n, 3) of balls i on balls j of some contacts, N."""
+        push = self.normal_force[contacts, None] * self.normal[contacts]
+        if self.tangential_force is not None:
+            push += self.tangential_force[contacts]
+        return np.asarray(push)
+
     def _press_on_floor(self, balls: Index, force: Array, face: str) -> dict[str, Any]:
         """Return the fields of the contacts of ``balls`` of a cut with a rigid plane, each under
-        its own ``force``, N.
+        its own ``force`` (n,), N.
         """
         model = self.contact_model
         if model is None:
-            what = f"there is no floor for the balls of the {face}, whose materials are not known"
+            fault = f"there is no floor for the balls of the {face}, whose materials are not known"
             mend = (
                 "Give the material where the network is read, as from_table(..., material=...);"
                 " or clamp the face"
             )
-            raise InputError(what, "Its stiffness is that of a ball on a rigid plane", mend)
-        ball = balls % self.n_balls  # of the layer
+            raise InputError(fault, "Its stiffness is that of a ball on a rigid plane", mend)
+        in_layer = balls % self.n_balls
         if not self.kinds and len(model.kinds) > 1:
-            what = (
+            fault = (
                 f"the balls of the {face} name no kinds, and are of"
                 f" {counted(len(model.kinds), 'material')}"
             )
             raise InputError(
-                what,
+                fault,
                 "Which of them stand on the floor is not known",
                 "Keep the kinds of the network",
             )
-        names = (
-            [self.kinds[number] for number in ball.tolist()] if self.kinds and model.names else []
-        )
-        if missing := sorted(set(names) - set(model.names)):
-            known = ", ".join(model.names)
+        names = list[str]()
+        if self.kinds and model.names:
+            names = [self.kinds[ball] for ball in in_layer.tolist()]
+        unknown = sorted(set(names) - set(model.names))
+        if unknown:
             raise InputError(
-                f"no material is known of balls of the kind {missing[0]!r}", f"It is of {known}"
+                f"no material is known of balls of the kind {unknown[0]!r}",
+                f"It is of {', '.join(model.names)}",
             )
+        radii = self.radii[in_layer]
         try:
-            found = model.press_on_floor(names, self.radii[ball], force)
+            contacts = model.press_on_floor(names, radii, force)
         except InputError as error:
             raise InputError(
                 f"there is no floor for the balls of the {face}: {str(error).rstrip('.')}"
             ) from error
-        loose = np.flatnonzero(~(found["normal_stiffness"] > 0.0))
+        loose = np.flatnonzero(~(contacts["normal_stiffness"] > 0.0))
         if loose.size:
-            what = f"a floor bears no load of ball {balls[loose[0]]} of the {face}"
+            fault = f"a floor bears no load of ball {balls[loose[0]]} of the {face}"
             raise InputError(
-                what,
+                fault,
                 "Without a force its contact has no stiffness",
                 "Press the network, or clamp the face",
             )
-        # the arms of a network whose balls overlap; of small overlaps the places are those at which
-        # balls touch
-        overlap = found.pop("overlap")
+        # arms end in the middle of the overlap where a network has overlaps; where overlaps are
+        # small, at the points where balls touch
+        overlap = contacts.pop("overlap")
+        arm_i = contacts.pop("arm")
+        arm_j = np.zeros(len(balls))
         if self.prestress or model.own_radii:
-            found["arm"] = self.radii[ball] - 0.5 * overlap
+            arm_i = radii - 0.5 * overlap
             arm_j = -0.5 * overlap
-        else:
-            arm_j = np.zeros(len(balls))
-        return found | {"normal_force": force, "arm_i": found.pop("arm"), "arm_j": arm_j}
+        return contacts | {"normal_force": force, "arm_i": arm_i, "arm_j": arm_j}
 
     def storable(self) -> Self:
         """Return the network as plain data and files can hold it: without the contact model of a
@@ -1107,18 +1115,18 @@ class ContactNetwork(Result):
         """
         reader = READERS[one_of("program", program, READERS)]
         try:
-            found: Any = reader(*files, **options)
+            network: Any = reader(*files, **options)
         except GranphonError:
             raise
         except Exception as error:
-            what = f"{READERS.describe(program)} fails: {type(error).__name__}: {error}"
-            raise InputError(what, mend="Mend it, or the files") from error
-        if not isinstance(found, ContactNetwork):
-            what = f"{READERS.describe(program)} returns {brief(found)}"
+            fault = f"{READERS.describe(program)} fails: {type(error).__name__}: {error}"
+            raise InputError(fault, mend="Mend it, or the files") from error
+        if not isinstance(network, ContactNetwork):
+            fault = f"{READERS.describe(program)} returns {brief(network)}"
             raise InputError(
-                what, mend="Let it return a granphon.ContactNetwork, as from_table makes one"
+                fault, mend="Let it return a granphon.ContactNetwork, as from_table makes one"
             )
-        return found
+        return network
 
     def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
         """Leave rattlers out of a network that was read, if they are not kept, and warn if it is
@@ -1145,7 +1153,7 @@ class ContactNetwork(Result):
         write_tables(vars(self.storable()), balls, contacts)
 
 
-#: what reads the files of other programs, by the name of the program
+#: readers of the files of other programs, by the name of the program
 READERS: Registry[Callable[..., ContactNetwork]] = Registry("reader")
 READERS.own("tables", ContactNetwork.from_table)
 READERS.own("lammps", ContactNetwork.from_lammps)
@@ -1168,17 +1176,17 @@ def register_reader(
 
 
 def given_network(source: Any) -> ContactNetwork:
-    """Return the network of ``source``, the argument of a public call: itself, or that of a state,
-    a sample or Atoms.
+    """Return the network of ``source``, the argument of a public call: the source itself, or the
+    network of a state, a sample or Atoms.
 
-    Raises :class:`~granphon.base.errors.InputError` if it has none.
+    Raises :class:`~granphon.base.errors.InputError` if the source has none.
     """
     find = getattr(getattr(source, "calc", None), "contact_network", None)
-    found = source
+    network = source
     if not isinstance(source, ContactNetwork):
-        found = getattr(source, "network", None) if find is None else find(source)
-    if isinstance(found, ContactNetwork):
-        return found
+        network = getattr(source, "network", None) if find is None else find(source)
+    if isinstance(network, ContactNetwork):
+        return network
     mend = "Give a state, a sample of a simulation, a ContactNetwork, or Atoms with a HertzMindlin"
     refuse_unpressed(source)
     raise InputError(f"there is no network of contacts in {brief(source)}", mend=mend)
@@ -1199,14 +1207,14 @@ def refuse_unpressed(source: Any) -> None:
         )
 
 
-# -- what it must be -------------------------------------------------------------------------------
+# -- demands on balls and contacts -----------------------------------------------------------------
 
 
 def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]]:
-    """Yield what each ball or contact must meet: a field, whether each is right, what to say if
-    not, and how to mend it.
+    """Yield the demands on balls and contacts: a field, whether each of its entries meets the
+    demand, the fault of one that does not, and how to mend it.
     """
-    # a demand may rely on those before it; walls, which do not move, may have any size and place
+    # a demand may rely on earlier demands; walls, which do not move, may have any size and place
     moving = network.moving
     d = network.dimension
     i = network.i
@@ -1229,14 +1237,14 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
             endless,
         )
     for name in ("i", "j"):
-        there = (getattr(network, name) >= 0) & (getattr(network, name) < network.n_balls)
+        exists = (getattr(network, name) >= 0) & (getattr(network, name) < network.n_balls)
         yield (
             name,
-            there,
+            exists,
             f"names a ball that is not there; balls are 0 to {network.n_balls - 1}",
             "",
         )
-    crosses = np.any(network.shift[:, [not one for one in network.pbc]], axis=1)
+    crosses = np.any(network.shift[:, [not periodic for periodic in network.pbc]], axis=1)
     yield "shift", ~crosses, "crosses a side of the cell that is not periodic", ""
     near = np.all(np.abs(network.shift) <= MOST_STEPS, axis=1)
     yield "shift", near, f"has a shift of more than {MOST_STEPS} cells", ""
@@ -1247,12 +1255,12 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
     for name, least in _SPRINGS.items():
         values = getattr(network, name)
         pulling = network.adhesive and name == "normal_force"
-        inside = np.isfinite(values) & (
-            (values > 0.0) if least == "above zero" else (values >= 0.0) | pulling
-        )
+        in_range = values > 0.0 if least == "above zero" else (values >= 0.0) | pulling
+        inside = np.isfinite(values) & in_range
         pulls = "; forces that pull are not of elastic balls" if name == "normal_force" else ""
         yield name, inside, f"has a {name} that is not {least}{pulls}", ""
-    if (force := network.tangential_force) is not None:
+    force = network.tangential_force
+    if force is not None:
         name = "tangential_force"
         yield name, np.all(np.abs(force) < LARGEST, axis=1), f"has a {name} {largest} N", ""
         # among the least of all numbers rounding turns a force
@@ -1286,23 +1294,28 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
     stray = "joins balls whose distance is not the sum of the two arms"
     yield "arm_i", touching | at_wall, stray, "Compare shift and cell with the positions"
     # products of a few numbers must stay within the range of floats
-    said = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
+    range_text = f"beyond what can be reckoned with, {1.0 / LARGEST:g} to {LARGEST:g} in SI"
     for name in _BALLS:
         values = getattr(network, name)
         yield (
             name,
             ((values >= 1.0 / LARGEST) & (values <= LARGEST)) | ~moving,
-            f"has {name} {said}",
+            f"has {name} {range_text}",
             "",
         )
     yield (
         "normal_stiffness",
         network.normal_stiffness >= 1.0 / LARGEST,
-        f"has a stiffness {said}",
+        f"has a stiffness {range_text}",
         "",
     )
     for name in _SPRINGS:
-        yield name, getattr(network, name) <= LARGEST, f"has a {name} {said}", ""
+        yield name, getattr(network, name) <= LARGEST, f"has a {name} {range_text}", ""
+
+
+def _find_mean(values: Array) -> float:
+    """Return the mean of values, exact where all are equal."""
+    return float(values[0] + np.mean(values - values[0]))
 
 
 def _name_face(side: float) -> str:
@@ -1310,13 +1323,13 @@ def _name_face(side: float) -> str:
 
 
 def number_pieces(i: Index, j: Index, moving: Flags) -> Index:
-    """Number the sets of balls that contacts join: (n,) the number of the set of each ball. A wall
-    joins none.
+    """Return (n,) the number of the set of balls to which contacts join each ball; a wall joins no
+    balls.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    both = moving[i] & moving[j]
+    joins = moving[i] & moving[j]
     n = len(moving)
-    graph = coo_array((np.ones(np.count_nonzero(both)), (i[both], j[both])), shape=(n, n))
+    graph = coo_array((np.ones(np.count_nonzero(joins)), (i[joins], j[joins])), shape=(n, n))
     return np.asarray(connected_components(graph, directed=False)[1], np.intp)

@@ -6,14 +6,15 @@ import json
 import math
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from granphon.balls.contact_model import ContactModel
-from granphon.base.arrays import Array, Index
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.results import plain, restore
@@ -81,120 +82,148 @@ _AXES = ("x", "y", "z")
 _TANGENTIAL = tuple(f"tangential_{axis}" for axis in _AXES)
 #: columns that may hold "inf": those of a body that does not move
 _OF_WALLS = ("radius", "diameter", "mass", "inertia")
-#: columns whose names are compared with those that are known: programs write some tens, and the
+#: most columns whose names are compared with known names: programs write some tens, and the
 #: comparison is slow
 _MOST_NAMES = 1000
-#: what begins the line of a written table that holds what concerns all balls
+#: begins the line of a written table that holds the fields of the whole network
 _REMARK = "# granphon network: "
 
 
 class _Columns:
     """The columns of a table of balls or contacts, in SI, from a file or from arrays; ``name`` is
-    what messages call it.
+    the name of the table in messages.
 
-    ``remark`` is what a written table says of all balls; empty for a table from elsewhere.
-    ``sealed`` says whether the file has a digest, which is then that of the rest of it; None for
-    arrays.
+    ``remark`` has the fields of the whole network in a written table; empty for a table from
+    elsewhere. ``sealed`` says whether the file has a digest, which then fits; None for arrays.
     """
 
     def __init__(
         self,
-        what: str,
+        subject: str,
         source: Any,
         known: Mapping[str, Quantity | None],
         columns: Mapping[str, str],
     ) -> None:
         self.remark: dict[str, Any] = {}
         self.sealed: bool | None = None
-        table: Table | None = None
-        arrays: dict[str, Any] = {}
+        self._table: Table | None = None
+        self._arrays: dict[str, Any] = {}
         if isinstance(source, str | os.PathLike):
-            raw = read_bytes(source, MOST_BYTES)
             self.name = str(source)
-            text = decode(self.name, raw)
-            self.sealed = open_seal(self.name, text.replace("\r\n", "\n"))[1]
-            table = Table.parse(self.name, raw)
-            for line in [line for line in text.splitlines() if line.startswith(_REMARK)][:1]:
-                try:
-                    self.remark = json.loads(line.removeprefix(_REMARK))
-                except (ValueError, RecursionError):
-                    self.remark = None  # type: ignore[assignment]  # refused below
-                if not isinstance(self.remark, dict):
-                    raise InputError(
-                        f"{self.name}: the line {brief(line)} cannot be read", mend="Leave it out"
-                    )
-            there = [heading.name for heading in table.headings]
+            self._table = self._read_file(source)
+            names = [heading.name for heading in self._table.headings]
+            self._headings = [str(heading) for heading in self._table.headings]
         else:
-            self.name = f"the table of {what}"
-            named = getattr(getattr(source, "dtype", None), "names", None)
-            if named is None and not (hasattr(source, "keys") and hasattr(source, "__getitem__")):
-                mend = (
-                    "Give the path of a file, a mapping of arrays, a structured array or a data"
-                    " frame"
-                )
-                raise InputError(f"{self.name} is {brief(source)}", mend=mend)
-            arrays = {str(name): source[name] for name in (named or source.keys())}
-            there = list(arrays)
-        keys = [Heading.parse(name).key for name in there]
-        given = {Heading.parse(columns.get(name, name)).key for name in known}
-        lacking = [name for name in known if Heading.parse(name).key not in keys]
-        # an optional column with a misspelled name would be passed over
-        for name, key in list(zip(there, keys, strict=True))[:_MOST_NAMES]:
-            strange = key not in given and key not in known and len(key) > 2
-            meant = closest(key, known) if strange and lacking else None
-            if meant in lacking:
-                raise InputError(
-                    f"{self.name} has a column {brief(str(name))}", mend=f"Did you mean {meant!r}?"
-                )
-        self._headings = [
-            str(heading) for heading in (table.headings if table is not None else there)
-        ]
+            self.name = f"the table of {subject}"
+            self._arrays = self._read_arrays(source)
+            names = list(self._arrays)
+            self._headings = names
+        keys = [Heading.parse(name).key for name in names]
+        self._require_spelling(names, keys, known, columns)
         self._values: dict[str, Array] = {}
         self._units: dict[str, str] = {}
         self.kinds: tuple[str, ...] | None = None
         for name, kind in known.items():
-            wanted = columns.get(name, name)
+            heading = columns.get(name, name)
             if name == "kind":  # the only column of names, which may be numbers
-                if table is not None and wanted in table:
-                    cells = table.columns[keys.index(Heading.parse(wanted).key)]
-                    self.kinds = tuple(map(sys.intern, cells))
-                elif wanted in arrays:
-                    try:
-                        self.kinds = tuple(map(str, np.asarray(arrays[wanted]).ravel().tolist()))
-                    except ValueError as error:
-                        raise InputError(
-                            f"kind of {self.name}: {error}", mend="Give a list of names"
-                        ) from None
-            elif table is not None and wanted in table:
-                self._values[name], self._units[name] = (
-                    _read_cells(table, name, wanted, kind),
-                    table.unit(wanted),
-                )
-            elif wanted in arrays:
-                unit = Heading.parse(wanted).unit
-                if unit and (kind is None or unit != kind.unit):
-                    what = f"{self.name}: the column {wanted!r} is in {unit}, and arrays are in SI"
-                    raise InputError(what, mend=f"Convert it, and call it {name!r}")
-                values = self._values[name] = real_array(f"{name} of {self.name}", arrays[wanted])
-                if values.ndim != 1:
-                    raise InputError(
-                        f"{name} of {self.name} has the shape {values.shape}",
-                        mend="Give a list of numbers",
-                    )
+                self._read_kinds(heading, keys)
+            elif self._table is not None and heading in self._table:
+                self._values[name] = _read_cells(self._table, name, heading, kind)
+                self._units[name] = self._table.unit(heading)
+            elif heading in self._arrays:
+                self._values[name] = self._read_array(name, heading, kind)
         sizes = {name: len(values) for name, values in self._values.items()}
         if len(set(sizes.values())) > 1:
-            said = ", ".join(f"{size} of {name}" for name, size in sizes.items())
-            raise InputError(f"{self.name} has columns of different lengths: {said}")
+            shown = ", ".join(f"{size} of {name}" for name, size in sizes.items())
+            raise InputError(f"{self.name} has columns of different lengths: {shown}")
+
+    def _read_file(self, path: str | os.PathLike[str]) -> Table:
+        """Return the table in a file, and set ``remark`` and ``sealed``."""
+        raw = read_bytes(path, MOST_BYTES)
+        text = decode(self.name, raw)
+        self.sealed = open_seal(self.name, text.replace("\r\n", "\n"))[1]
+        table = Table.parse(self.name, raw)
+        line = next((line for line in text.splitlines() if line.startswith(_REMARK)), None)
+        if line is not None:
+            remark: Any = None
+            with suppress(ValueError, RecursionError):
+                remark = json.loads(line.removeprefix(_REMARK))
+            if not isinstance(remark, dict):
+                raise InputError(
+                    f"{self.name}: the line {brief(line)} cannot be read", mend="Leave it out"
+                )
+            self.remark = remark
+        return table
+
+    def _read_arrays(self, source: Any) -> dict[str, Any]:
+        """Return the columns of a mapping, a structured array or a data frame, by their names."""
+        fields = getattr(getattr(source, "dtype", None), "names", None)
+        if fields is None and not (hasattr(source, "keys") and hasattr(source, "__getitem__")):
+            raise InputError(
+                f"{self.name} is {brief(source)}",
+                mend="Give the path of a file, a mapping of arrays, a structured array or a data"
+                " frame",
+            )
+        return {str(name): source[name] for name in (fields or source.keys())}
+
+    def _require_spelling(
+        self,
+        names: Sequence[str],
+        keys: Sequence[str],
+        known: Mapping[str, Quantity | None],
+        columns: Mapping[str, str],
+    ) -> None:
+        """Raise :class:`InputError` for a misspelled name of an optional column, which would be
+        passed over.
+        """
+        requested = {Heading.parse(columns.get(name, name)).key for name in known}
+        lacking = [name for name in known if Heading.parse(name).key not in keys]
+        for name, key in list(zip(names, keys, strict=True))[:_MOST_NAMES]:
+            is_strange = key not in requested and key not in known and len(key) > 2
+            meant = closest(key, known) if is_strange and lacking else None
+            if meant in lacking:
+                raise InputError(
+                    f"{self.name} has a column {brief(str(name))}", mend=f"Did you mean {meant!r}?"
+                )
+
+    def _read_kinds(self, heading: str, keys: Sequence[str]) -> None:
+        """Set the names of the kinds of the balls, if the table has a column of them."""
+        if self._table is not None and heading in self._table:
+            cells = self._table.columns[keys.index(Heading.parse(heading).key)]
+            self.kinds = tuple(map(sys.intern, cells))
+        elif heading in self._arrays:
+            try:
+                self.kinds = tuple(map(str, np.asarray(self._arrays[heading]).ravel().tolist()))
+            except ValueError as error:
+                raise InputError(
+                    f"kind of {self.name}: {error}", mend="Give a list of names"
+                ) from None
+
+    def _read_array(self, name: str, heading: str, kind: Quantity | None) -> Array:
+        """Return the numbers (rows,) of a column of arrays, which are in SI."""
+        unit = Heading.parse(heading).unit
+        if unit and (kind is None or unit != kind.unit):
+            raise InputError(
+                f"{self.name}: the column {heading!r} is in {unit}, and arrays are in SI",
+                mend=f"Convert it, and call it {name!r}",
+            )
+        values = real_array(f"{name} of {self.name}", self._arrays[heading])
+        if values.ndim != 1:
+            raise InputError(
+                f"{name} of {self.name} has the shape {values.shape}", mend="Give a list of numbers"
+            )
+        return values
 
     def __contains__(self, name: str) -> bool:
         return name in self._values
 
     def require(self, *names: str) -> None:
         """Raise :class:`InputError` unless there are columns of all these names."""
-        if missing := [name for name in names if name not in self]:
-            what = f"{self.name} has no column {', '.join(map(repr, missing))}"
-            mend = f"Name the column that is meant, as in columns={{{missing[0]!r}: 'NAME'}}"
-            raise InputError(what, f"Its columns are {list_names(self._headings)}", mend)
+        lacking = [name for name in names if name not in self]
+        if lacking:
+            fault = f"{self.name} has no column {', '.join(map(repr, lacking))}"
+            mend = f"Name the column that is meant, as in columns={{{lacking[0]!r}: 'NAME'}}"
+            raise InputError(fault, f"Its columns are {list_names(self._headings)}", mend)
 
     def read(self, name: str) -> Array:
         """The numbers of a column, (rows,)."""
@@ -214,168 +243,184 @@ class _Columns:
             raise InputError(f"{self.name}: {error}") from None
 
     def vectors(self, *names: str, wide: bool = False) -> Array | None:
-        """The columns of some names side by side, as many of the first as there are (zeros behind
-        if ``wide``), or None.
+        """The columns of some names side by side, or None without any of them.
+
+        Only the last of the names may be lacking; ``wide`` puts zeros in their place.
         """
-        there = [name for name in names if name in self]
-        if not there:
+        present = [name for name in names if name in self]
+        if not present:
             return None
-        self.require(*names[: names.index(there[-1]) + 1])
-        units = [self._units.get(name, "") for name in there]
+        self.require(*names[: names.index(present[-1]) + 1])
+        units = [self._units.get(name, "") for name in present]
         if len(set(units)) > 1 and all(units):
-            said = ", ".join(f"{name} ({unit})" for name, unit in zip(there, units, strict=True))
+            pairs = zip(present, units, strict=True)
+            shown = ", ".join(f"{name} ({unit})" for name, unit in pairs)
             raise InputError(
-                f"{self.name} has its coordinates in different units: {said}", mend="Use one unit"
+                f"{self.name} has its coordinates in different units: {shown}", mend="Use one unit"
             )
-        found = np.stack([self.read(name) for name in there], axis=1)
-        return np.pad(found, ((0, 0), (0, len(names) - len(there)))) if wide else found
+        values = np.stack([self.read(name) for name in present], axis=1)
+        if not wide:
+            return values
+        return np.pad(values, ((0, 0), (0, len(names) - len(present))))
 
     def rounding(self, *names: str) -> Array:
-        """Half a unit of the last digit of each number of some columns, of one unit, that there
-        are: (rows, m), SI.
+        """Half a unit of the last digit of each number of those of some columns that are present,
+        of one unit: (rows, m), SI.
         """
-        there = [name for name in names if name in self]
-        kind = BALLS[there[0]]
-        unit = self._units.get(there[0], "")
+        present = [name for name in names if name in self]
+        kind = BALLS[present[0]]
+        unit = self._units.get(present[0], "")
         factor = kind.factor(unit) if kind is not None and unit else 1.0
-        return factor * find_rounding(
-            np.stack([self.read(name) for name in there], axis=1) / factor
-        )
+        numbers = np.stack([self.read(name) for name in present], axis=1) / factor
+        return factor * find_rounding(numbers)
 
 
-def _read_cells(table: Table, name: str, wanted: str, kind: Quantity | None) -> Array:
+def _read_cells(table: Table, name: str, heading: str, kind: Quantity | None) -> Array:
     """Return the numbers (rows,) of a column in SI; bodies that do not move may have "inf"."""
     if kind is None:
-        if unit := table.unit(wanted):
+        unit = table.unit(heading)
+        if unit:
             raise InputError(
                 f"{table.name}: the column {name!r} has the unit {brief(unit)}, and needs none"
             )
         try:
-            return table.numbers(wanted)
+            return table.numbers(heading)
         except InputError as error:
             raise InputError(f"{table.name}: {error}") from None
     if name not in _OF_WALLS:
-        return table.column(wanted, kind)
-    key = Heading.parse(wanted).key
-    place = next(n for n, heading in enumerate(table.headings) if heading.key == key)
-    if "n" not in "".join(table.columns[place]).lower():
-        return table.column(wanted, kind)
-    endless = np.array([cell.lower() in ("inf", "infinity") for cell in table.columns[place]], bool)
-    finite = tuple(
-        "1" if wall else cell for cell, wall in zip(table.columns[place], endless, strict=True)
-    )
-    columns = (*table.columns[:place], finite, *table.columns[place + 1 :])
-    return np.where(endless, math.inf, replace(table, columns=columns).column(wanted, kind))
+        return table.column(heading, kind)
+    key = Heading.parse(heading).key
+    index = next(n for n, parsed in enumerate(table.headings) if parsed.key == key)
+    cells = table.columns[index]
+    if "n" not in "".join(cells).lower():
+        return table.column(heading, kind)
+    endless = np.array([cell.lower() in ("inf", "infinity") for cell in cells], bool)
+    finite = tuple("1" if wall else cell for cell, wall in zip(cells, endless, strict=True))
+    columns = (*table.columns[:index], finite, *table.columns[index + 1 :])
+    return np.where(endless, math.inf, replace(table, columns=columns).column(heading, kind))
 
 
 def read_tables(
     balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any, pbc: Any
 ) -> Source:
-    """Return what two tables say of balls and contacts; see ``ContactNetwork.from_table`` for the
+    """Return the balls and contacts of two tables; see ``ContactNetwork.from_table`` for the
     arguments.
     """
-    named: object = columns
-    if not isinstance(named, Mapping) or not all(
-        isinstance(one, str) for pair in named.items() for one in pair
-    ):
-        raise InputError(
-            f"columns are {brief(columns)}", mend="Give a mapping of names: {'radius': 'R (mm)'}"
-        )
-    for name in columns:
-        if name not in BALLS and name not in CONTACTS:
-            meant = closest(name, [*BALLS, *CONTACTS])
-            mend = f"Did you mean {meant!r}?" if meant else "Use " + ", ".join([*BALLS, *CONTACTS])
-            raise InputError(f"{name!r} is not a column of balls or contacts", mend=mend)
-    of_balls = _Columns(
-        "balls", balls, BALLS, {name: columns[name] for name in columns if name in BALLS}
-    )
-    said = of_balls.remark
-    # of either sign
-    known = {**CONTACTS, "normal_force": _ACROSS} if said.get("adhesive") is True else CONTACTS
-    of_contacts = _Columns(
-        "contacts", contacts, known, {name: columns[name] for name in columns if name in CONTACTS}
-    )
-    if said or of_balls.sealed or of_contacts.sealed:
+    _require_columns(columns)
+    names_of_balls = {name: columns[name] for name in columns if name in BALLS}
+    names_of_contacts = {name: columns[name] for name in columns if name in CONTACTS}
+    of_balls = _Columns("balls", balls, BALLS, names_of_balls)
+    remark = of_balls.remark
+    quantities: Mapping[str, Quantity | None] = CONTACTS
+    if remark.get("adhesive") is True:
+        quantities = {**CONTACTS, "normal_force": _ACROSS}  # of either sign
+    of_contacts = _Columns("contacts", contacts, quantities, names_of_contacts)
+    if remark or of_balls.sealed or of_contacts.sealed:
         # granphon has written one of the two, and gives both a digest
         for table in (of_balls, of_contacts):
             if table.sealed is False:
                 warn_unverified(table.name)
-    if cell is None and pbc is None and "cell" in said:
-        cell = said["cell"]
-        pbc = said.get("pbc")
-    # the vectors of the cell, m, from lengths (p,) or vectors (p, d), and whether each is a period
-    periods = np.zeros((3, 3))
-    periodic = np.zeros(3, bool)
-    if cell is not None:
-        given = real_array("cell", cell)
-        if given.ndim == 1 and 1 <= given.size <= 3:
-            given = np.diag(given)
-        if given.ndim != 2 or not 1 <= len(given) <= given.shape[1] <= 3:
-            what = f"the cell has the shape {np.shape(cell)}"
-            raise InputError(what, mend="Give the lengths of the periods, or their vectors as rows")
-        periods[: len(given), : given.shape[1]] = given
-        periodic[: len(given)] = np.any(given != 0.0, axis=1)
-    if pbc is not None:
-        plain = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
-        flags = (
-            [require("pbc", truth, one) for one in plain]
-            if isinstance(plain, list | tuple)
-            else None
+    if cell is None and pbc is None and "cell" in remark:
+        cell = remark["cell"]
+        pbc = remark.get("pbc")
+    periods, is_period = _read_cell(cell, pbc)
+    options = {
+        name: remark[name]
+        for name in ("dimension", "motions", "prestress", "left_out", "adhesive")
+        if name in remark
+    }
+    if "contact_model" in remark:
+        options["contact_model"] = restore(remark["contact_model"], ContactModel, of_balls.name)
+    return Source(_read_balls(of_balls), _read_contacts(of_contacts), periods, is_period, **options)
+
+
+def _require_columns(columns: Any) -> None:
+    """Raise :class:`InputError` unless ``columns`` maps known names to headings."""
+    is_mapping = isinstance(columns, Mapping)
+    if not is_mapping or not all(
+        isinstance(name, str) and isinstance(heading, str) for name, heading in columns.items()
+    ):
+        raise InputError(
+            f"columns are {brief(columns)}", mend="Give a mapping of names: {'radius': 'R (mm)'}"
         )
+    all_names = [*BALLS, *CONTACTS]
+    for name in columns:
+        if name not in all_names:
+            meant = closest(name, all_names)
+            mend = f"Did you mean {meant!r}?" if meant else "Use " + ", ".join(all_names)
+            raise InputError(f"{name!r} is not a column of balls or contacts", mend=mend)
+
+
+def _read_cell(cell: Any, pbc: Any) -> tuple[Array, Flags]:
+    """Return the vectors of the cell (3, 3), m, from lengths (p,) or vectors (p, d), and which of
+    them are periods (3,).
+    """
+    vectors = np.zeros((3, 3))
+    is_period = np.zeros(3, bool)
+    if cell is not None:
+        rows = real_array("cell", cell)
+        if rows.ndim == 1 and 1 <= rows.size <= 3:
+            rows = np.diag(rows)
+        if rows.ndim != 2 or not 1 <= len(rows) <= rows.shape[1] <= 3:
+            raise InputError(
+                f"the cell has the shape {np.shape(cell)}",
+                mend="Give the lengths of the periods, or their vectors as rows",
+            )
+        vectors[: len(rows), : rows.shape[1]] = rows
+        is_period[: len(rows)] = np.any(rows != 0.0, axis=1)
+    if pbc is not None:
+        values = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
+        flags = None
+        if isinstance(values, list | tuple):
+            flags = [require("pbc", truth, value) for value in values]
         if flags is None or len(flags) > 3 or (any(flags) and cell is None):
             raise InputError(
                 f"pbc is {brief(pbc)}", mend="Give a truth value for each vector of the cell"
             )
-        periodic[: len(flags)] = flags
-        periodic[len(flags) :] = False
-    of_balls.require("x")
-    if "radius" in of_balls and "diameter" in of_balls:
+        is_period[: len(flags)] = flags
+        is_period[len(flags) :] = False
+    return vectors, is_period
+
+
+def _read_balls(columns: _Columns) -> Balls:
+    columns.require("x")
+    has_diameter = "diameter" in columns
+    if "radius" in columns and has_diameter:
         raise InputError(
-            f"{of_balls.name} has both radius and diameter", mend="Leave one of them out"
+            f"{columns.name} has both radius and diameter", mend="Leave one of them out"
         )
-    radii = 0.5 * of_balls.read("diameter") if "diameter" in of_balls else of_balls.read("radius")
-    positions = of_balls.vectors(*_AXES)
+    radii = 0.5 * columns.read("diameter") if has_diameter else columns.read("radius")
+    positions = columns.vectors(*_AXES)
     assert positions is not None
-    labels = of_balls.whole("id") if "id" in of_balls else None
-    sizes = of_balls.rounding("radius", "diameter")[:, 0] * (0.5 if "diameter" in of_balls else 1.0)
-    found = Balls(
-        of_balls.name,
+    labels = columns.whole("id") if "id" in columns else None
+    radius_rounding = columns.rounding("radius", "diameter")[:, 0] * (0.5 if has_diameter else 1.0)
+    return Balls(
+        columns.name,
         positions,
         radii,
-        of_balls.find("mass"),
-        of_balls.find("inertia"),
+        columns.find("mass"),
+        columns.find("inertia"),
         labels,
-        rounding=of_balls.rounding(*_AXES),
-        radius_rounding=sizes,
-        kinds=of_balls.kinds,
+        rounding=columns.rounding(*_AXES),
+        radius_rounding=radius_rounding,
+        kinds=columns.kinds,
     )
-    of_contacts.require("i", "j")
-    i = of_contacts.whole("i")
-    j = of_contacts.whole("j")
-    steps = of_contacts.vectors("shift_1", "shift_2", "shift_3", wide=True)
-    shift = None if steps is None else read_whole_numbers(f"shift of {of_contacts.name}", steps)
+
+
+def _read_contacts(columns: _Columns) -> Contacts:
+    columns.require("i", "j")
+    i = columns.whole("i")
+    j = columns.whole("j")
+    steps = columns.vectors("shift_1", "shift_2", "shift_3", wide=True)
+    shift = None if steps is None else read_whole_numbers(f"shift of {columns.name}", steps)
     springs = {
-        name: of_contacts.find(name)
+        name: columns.find(name)
         for name in CONTACTS
         if name.endswith(("force", "stiffness")) or name.startswith("arm")
     }
-    normal, across = (
-        of_contacts.vectors(*names, wide=True) for names in (("nx", "ny", "nz"), _TANGENTIAL)
-    )
-    return Source(
-        found,
-        Contacts(of_contacts.name, i, j, shift, None, normal, across, **springs),
-        periods,
-        periodic,
-        **{
-            name: said[name]
-            for name in ("dimension", "motions", "prestress", "left_out", "adhesive")
-            if name in said
-        },
-        contact_model=restore(said["contact_model"], ContactModel, of_balls.name)
-        if "contact_model" in said
-        else None,
-    )
+    normal = columns.vectors("nx", "ny", "nz", wide=True)
+    tangential = columns.vectors(*_TANGENTIAL, wide=True)
+    return Contacts(columns.name, i, j, shift, None, normal, tangential, **springs)
 
 
 def write_tables(
@@ -383,7 +428,9 @@ def write_tables(
 ) -> None:
     """Write the fields of a network as two CSV files; see ``ContactNetwork.write_tables``."""
     names = fields["labels"]
-    ends = [one if names is None else names[one] for one in (fields["i"], fields["j"])]
+    ends = [fields["i"], fields["j"]]
+    if names is not None:
+        ends = [names[end] for end in ends]
     of_balls = {
         **({} if names is None else {"id": names}),
         **dict(zip(_AXES, fields["positions"].T, strict=True)),
@@ -409,7 +456,8 @@ def write_tables(
     about = {
         name: fields[name] for name in ("pbc", "dimension", "motions", "prestress", "left_out")
     }
-    about |= {"adhesive": True} if fields["adhesive"] else {}
+    if fields["adhesive"]:
+        about["adhesive"] = True
     if fields["contact_model"] is not None:
         about["contact_model"] = plain(fields["contact_model"])
     remark = _REMARK.removeprefix("# ") + json.dumps({"cell": fields["cell"].tolist(), **about})
@@ -418,6 +466,7 @@ def write_tables(
         (contacts, of_contacts, CONTACTS, []),
     ):
         require_path(path)
-        headings = [Heading(name, kind.unit if (kind := known[name]) else "") for name in table]
+        units = ("" if kind is None else kind.unit for kind in (known[name] for name in table))
+        headings = [Heading(name, unit) for name, unit in zip(table, units, strict=True)]
         rows = zip(*(column.tolist() for column in table.values()), strict=True)
         write_text(path, seal(table_text(headings, rows, comments).split("\n")[:-1], 1))

@@ -101,19 +101,18 @@ def observe(state: ContactState) -> Array:
         tensor = state.elastic_tensor
         density = np.asarray(state.effective_density)
         moduli = longitudinal_modulus(tensor), bulk_and_shear(tensor)[..., 1]
-        return np.stack([*(np.sqrt(one / density) for one in moduli), scale], axis=-1)
+        return np.stack([*(np.sqrt(modulus / density) for modulus in moduli), scale], axis=-1)
     velocities = sound_velocities(state, (1.0, 0.0))
     return np.stack([velocities.longitudinal, velocities.transverse, scale], axis=-1)
 
 
 class Ensemble:
-    """Samples, and what they say of the infinite array: :meth:`add` some, a few at a time, then ask
-    for the :meth:`means`.
+    """Samples, and estimates of the infinite array from them: :meth:`add` samples, a few at a time,
+    then ask for the :meth:`means`.
 
     All samples have the same ``packing``, in the plane or in space, applied ``load`` (n_loads,) and
-    ``shape`` (L1, ..., Lp); their seeds count from ``seed``. They are samples of ``truth``. Raises
-    what
-    :class:`~granphon.media.simulation.DirectSimulation` raises.
+    ``shape`` (L1, ..., Lp); their seeds count from ``seed``, and their options are those of
+    ``truth``. Raises what :class:`~granphon.media.simulation.DirectSimulation` raises.
     """
 
     def __init__(
@@ -164,8 +163,8 @@ class Ensemble:
         """
         moduli = np.array(self.moduli)
         means, errors = (
-            one.reshape(moduli.shape[1:])
-            for one in regress(moduli.reshape(self.samples, -1), np.array(self._excess))
+            array.reshape(moduli.shape[1:])
+            for array in regress(moduli.reshape(self.samples, -1), np.array(self._excess))
         )
         squares = np.abs(means) / np.stack(
             [*[self._densities] * 2, np.full(len(means), self.packing.mass)], axis=1
@@ -183,8 +182,8 @@ def measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
     shells = find_near_pairs(structure)
     axes = tuple(range(structure.periods))
     for index in range(simulation.samples):
-        given = simulation.deviations(index)
-        x = given if structure.n_balls > 1 else given[None]
+        state_given = simulation.deviations(index)
+        x = state_given if structure.n_balls > 1 else state_given[None]
         pairs = [
             np.mean([np.mean(x[j] * np.roll(x[i], shift, axes)) for i, j, shift in shell])
             for shell in shells
@@ -199,42 +198,40 @@ def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, 
 
     Each pair counts once. Balls at the same distance are one shell.
     """
-    apart = structure.positions[None] - structure.positions[:, None]
-    steps = steps_within(structure.vectors, _REACH + float(np.max(np.linalg.norm(apart, axis=-1))))
-    distance = np.linalg.norm(apart[:, :, None] + steps @ structure.vectors, axis=-1)
-    i, j, which = (
-        one.astype(np.intp) for one in np.nonzero((distance > 0.5) & (distance < _REACH + TOUCH))
-    )
-    once = select_once(i, j, steps[which])
+    vectors = structure.positions[None] - structure.positions[:, None]
+    reach = _REACH + float(np.max(np.linalg.norm(vectors, axis=-1)))
+    steps = steps_within(structure.vectors, reach)
+    distance = np.linalg.norm(vectors[:, :, None] + steps @ structure.vectors, axis=-1)
+    is_near = (distance > 0.5) & (distance < _REACH + TOUCH)
+    i, j, step_of = (indices.astype(np.intp) for indices in np.nonzero(is_near))
+    once = select_once(i, j, steps[step_of])
     i = i[once]
     j = j[once]
-    which = which[once]
-    shells = np.round(distance[i, j, which], 5)
-    return [
-        [
-            (int(a), int(b), tuple(steps[c].tolist()))
-            for a, b, c in zip(i[at], j[at], which[at], strict=True)
-        ]
-        # within _REACH on every lattice
-        for at in (shells == radius for radius in np.unique(shells)[:3])
-    ]
+    step_of = step_of[once]
+    radii = np.round(distance[i, j, step_of], 5)
+    shells = []
+    for radius in np.unique(radii)[:3]:  # within _REACH on every lattice
+        pairs = np.flatnonzero(radii == radius)
+        shifts = [tuple(shift) for shift in steps[step_of[pairs]].tolist()]
+        shells.append(list(zip(i[pairs].tolist(), j[pairs].tolist(), shifts, strict=True)))
+    return shells
 
 
 def regress(values: Array, excess: Array) -> tuple[Array, Array]:
     """Return means of the columns of ``values`` (n, m) at zero ``excess`` (n, p), and their
     standard errors, each (m,).
     """
-    count, known = excess.shape
+    count, columns = excess.shape
     design = np.ones((count, 1))
     scale = np.sqrt(np.mean(excess**2, axis=0))
     # with fewer samples for each of its coefficients a regression adds more scatter than it removes
-    if count >= 6 * (known + 1) and np.all(scale > 0.0):
+    if count >= 6 * (columns + 1) and np.all(scale > 0.0):
         design = np.concatenate([design, excess / scale], axis=1)
     inverse = np.linalg.pinv(design)
-    found = inverse @ values
-    left = values - design @ found
-    variance = np.sum(left**2, axis=0) / (count - design.shape[1])
-    return found[0], np.sqrt(variance * np.sum(inverse[0] ** 2))
+    coefficients = inverse @ values
+    residuals = values - design @ coefficients
+    variance = np.sum(residuals**2, axis=0) / (count - design.shape[1])
+    return coefficients[0], np.sqrt(variance * np.sum(inverse[0] ** 2))
 
 
 class Stopwatch:
@@ -336,12 +333,11 @@ class MediaStudy:
     def _exact(self) -> list[int]:
         """Indices of the loads at which the arrays of the truth have their exact geometry."""
         simulation = DirectSimulation(self.packing, **self.truth.options)
-        return [
-            place
-            for one, places in simulation.by_geometry(self.load)
-            if one.is_exact
-            for place in places
-        ]
+        indices = list[int]()
+        for simulated, loads in simulation.by_geometry(self.load):
+            if simulated.is_exact:
+                indices.extend(loads)
+        return indices
 
     @property
     def _columns(self) -> list[int]:
@@ -349,14 +345,15 @@ class MediaStudy:
 
     def observe(self, medium: Any) -> Array:
         """Return the observed quantities of a medium, (n_loads, n_observed), with finite overlap
-        where the truth has it.
+        at the loads where the truth has finite overlap.
         """
-        out = np.empty((self.load.size, len(QUANTITIES)))
-        others = [place for place in range(self.load.size) if place not in self._exact]
-        for places, finite in ((self._exact, True), (others, None)):
-            if places:
-                out[places] = observe(medium.at(self.load[places], finite_overlap=finite))
-        return out[:, self._columns]
+        values = np.empty((self.load.size, len(QUANTITIES)))
+        in_limit = [number for number in range(self.load.size) if number not in self._exact]
+        for numbers, finite in ((self._exact, True), (in_limit, None)):
+            if numbers:
+                state = medium.at(self.load[numbers], finite_overlap=finite)
+                values[numbers] = observe(state)
+        return values[:, self._columns]
 
     @cached_property
     def solving(self) -> float:
@@ -412,9 +409,9 @@ class MediaStudy:
             return made
 
         def prepare_simulation(
-            shape: tuple[int, ...], samples: int, of: FrictionHistory, run: int
+            shape: tuple[int, ...], samples: int, history: FrictionHistory, run: int
         ) -> DirectSimulation:
-            return DirectSimulation(packing, shape, run * samples, samples, **of.options)
+            return DirectSimulation(packing, shape, run * samples, samples, **history.options)
 
         fields = {"effective medium": ("computed field", lambda: EffectiveMedium(packing))}
         if structure == TRIANGULAR:  # the paper prints no field of another lattice
@@ -422,7 +419,7 @@ class MediaStudy:
                 "printed field",
                 lambda: EffectiveMedium(packing, "paper"),
             )
-        found = [
+        points = [
             Point("averaged lattice", "ala", lambda run: AveragedLattice(packing), self.observe),
             Point("averaged force", "afa", lambda run: AveragedForce(packing), self.observe),
             *(
@@ -431,19 +428,19 @@ class MediaStudy:
             ),
         ]
         shapes = [even_shape(structure, side) for side in self.sides or _SIDES[structure.periods]]
-        for of, samples, shape in itertools.product(
+        for history, samples, shape in itertools.product(
             dict.fromkeys((REST, self.truth)), self.counts, shapes
         ):
-            prepare = partial(prepare_simulation, shape, samples, of)
+            prepare = partial(prepare_simulation, shape, samples, history)
             seconds = self.stopwatch.predict(estimate(prepare(0), self.load))
             method = (
-                f"simulation{' with friction' * of.is_loaded}, {samples}"
+                f"simulation{' with friction' * history.is_loaded}, {samples}"
                 f" sample{'s' if samples > 1 else ''}"
             )
-            found.append(
+            points.append(
                 Point(method, _write_shape(shape), prepare, self.observe, seconds, random=True)
             )
-        return sorted(found, key=lambda point: point.seconds)
+        return sorted(points, key=lambda point: point.seconds)
 
     def find_reference(
         self, deadline: Deadline, better: Callable[[Reference], bool], step: Step
@@ -467,7 +464,7 @@ class MediaStudy:
                 f"its samples do not fit into the budget: {_LEAST_SAMPLES} take about"
                 f" {write_duration(least)}."
             )
-        checked, apart = self.compare(deadline)
+        checked, differences = self.compare(deadline)
 
         def summarize() -> Reference:
             """Return the reference from the samples so far; what the check differs by adds to its
@@ -481,8 +478,8 @@ class MediaStudy:
             )
             return Reference(
                 values,
-                np.hypot(errors, apart[:, None]),
-                f"{made}; {checked} by {np.max(apart):.0e}",
+                np.hypot(errors, differences[:, None]),
+                f"{made}; {checked} by {np.max(differences):.0e}",
             )
 
         longest = 0.0
@@ -499,46 +496,48 @@ class MediaStudy:
             ):
                 break
         if samples.samples < _LEAST_SAMPLES:
-            taken = write_duration(now() - begun)
+            spent = write_duration(now() - begun)
             raise GranphonError(
-                f"the budget allows only {samples.samples} of its samples ({taken}), which"
+                f"the budget allows only {samples.samples} of its samples ({spent}), which"
                 f" are too few."
             )
         return summarize()
 
     def compare(self, deadline: Deadline) -> tuple[str, Array]:
-        """Solve a small sample of the truth in another way: return what differs, in words, and the
-        differences (n_loads,).
+        """Solve a small sample of the truth by another method: return a text that says what
+        differs, and the differences (n_loads,).
 
-        One that is loaded with friction is loaded once more, in shorter steps. Of one at rest,
-        equilibrium and response are found by another algorithm, a sparse LU; both have the
-        directions of the lattice, which that algorithm knows alone.
+        A sample that is loaded with friction is loaded once more, in shorter steps. For a sample at
+        rest, equilibrium and response are found by another algorithm, a sparse LU; both have the
+        directions of the lattice, the only ones that the other algorithm knows.
         """
         from granphon.array.sparse import SparseArray
 
         shape = even_shape(self.packing.structure, _CHECKED_SIDES[self.packing.structure.periods])
         if self.truth.is_loaded:
-            own = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
-            ratio = self.observe(own) / self.observe(
-                replace(own, step_tolerance=0.1 * own.step_tolerance)
+            simulation = DirectSimulation(
+                self.packing, shape, _REFERENCE_SEED, **self.truth.options
             )
+            finer = replace(simulation, step_tolerance=0.1 * simulation.step_tolerance)
+            ratio = self.observe(simulation) / self.observe(finer)
             words = "velocities in steps of a tenth of the tolerance"
-            apart = np.max(np.abs(ratio - 1.0), axis=-1)
+            differences = np.max(np.abs(ratio - 1.0), axis=-1)
         else:
             words = "equilibrium and response by sparse LU"
             eta = self.packing.mindlin_ratio
-            state = DirectSimulation(self.packing, shape, _REFERENCE_SEED, geometry=LATTICE).at(
-                self.load
-            )
-            apart = np.empty(self.load.size)
-            for place, rest in enumerate(sample.equilibrium for sample in state.samples):
-                other = SparseArray(rest.deviations, rest.lattice)
-                forces = other.forces(rest.overlap, check=deadline.check)
-                tensor = other.elastic_tensor(forces, eta)
-                ours = rest.find_elasticity(eta)
-                off = np.max(np.abs(tensor - ours)) / np.max(ours)
-                apart[place] = max(abs(np.mean(forces) / rest.force - 1.0), 0.5 * off)
-        return f"of one of {_write_shape(shape)}, {words} differ", apart
+            simulation = DirectSimulation(self.packing, shape, _REFERENCE_SEED, geometry=LATTICE)
+            state = simulation.at(self.load)
+            differences = np.empty(self.load.size)
+            for number, sample in enumerate(state.samples):
+                equilibrium = sample.equilibrium
+                by_factors = SparseArray(equilibrium.deviations, equilibrium.lattice)
+                forces = by_factors.forces(equilibrium.overlap, check=deadline.check)
+                tensor = by_factors.elastic_tensor(forces, eta)
+                expected = equilibrium.find_elasticity(eta)
+                of_force = abs(np.mean(forces) / equilibrium.force - 1.0)
+                of_tensor = np.max(np.abs(tensor - expected)) / np.max(expected)
+                differences[number] = max(of_force, 0.5 * of_tensor)
+        return f"of one of {_write_shape(shape)}, {words} differ", differences
 
 
 def _write_shape(shape: Sequence[int]) -> str:
@@ -694,13 +693,13 @@ class TradeOff(Result):
                     [*head, *[""] * 7, *(cost[:-1] if point.ran else [""] * 5), point.failure]
                 )
                 continue
-            for load, *found in zip(
+            for load, *tables in zip(
                 self.loads, point.errors, point.stderrs, point.reference_errors, strict=True
             ):
-                for name, error, stderr, limit in zip(self.observed, *found, strict=True):
+                for name, error, stderr, limit in zip(self.observed, *tables, strict=True):
                     resolved = bool(error >= BETTER * limit)
-                    own = [float(error), float(stderr), point.draws, float(limit), resolved]
-                    rows.append([*head, load, name, *own, *cost])
+                    cells = [float(error), float(stderr), point.draws, float(limit), resolved]
+                    rows.append([*head, load, name, *cells, *cost])
         return table_text(headings, rows)
 
 
@@ -768,12 +767,12 @@ def tradeoff(
     word = partial(choice, options=("velocities", "bands", "dos"))
     observe = require("observe", partial(each, rule=word, what="words"), observe)
     require("finite_overlap", truth, finite_overlap)
-    given = dict(
+    options = dict(
         zip(
             REFERENCE_OPTIONS, (friction_history, friction_coefficient, shear_response), strict=True
         )
     )
-    against = require("tradeoff", FrictionHistory.read, given)
+    against = require("tradeoff", FrictionHistory.read, options)
     loads = np.unique(applied.array)
     if loads.size > most_loads:
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
@@ -795,19 +794,23 @@ def tradeoff(
         try:
             DirectSimulation(packing, (1,) * structure.periods, **against.options)
         except GranphonError as error:
-            told = f"Their reference is the simulated array: {error}"
-            raise InputError(f"media are not compared {where}", told) from None
+            fault = f"Their reference is the simulated array: {error}"
+            raise InputError(f"media are not compared {where}", fault) from None
         if structure.periods == 2 and not ideal_lattice(packing).is_isotropic:
             why = "In the plane velocities are compared where sound is isotropic"
     if why:
         raise InputError(f"media are not compared {where}", why, mend)
-    asked = [
+    requested = [
         "velocities" in observe,
         "velocities" in observe,
         bool({"bands", "dos"} & set(observe)),
     ]
     study = MediaStudy(
-        packing, Load(applied.kind, loads), tuple(compress(QUANTITIES, asked)), stopwatch, against
+        packing,
+        Load(applied.kind, loads),
+        tuple(compress(QUANTITIES, requested)),
+        stopwatch,
+        against,
     )
     identity = {
         "trade-off of": packing,
@@ -831,24 +834,22 @@ def carry_out(
     store: Store | None = None,
     identity: Mapping[str, Any] | None = None,
 ) -> TradeOff:
-    """Carry out a study within a ``budget`` (s, as its stopwatch tells it), by an ``executor``.
+    """Carry out a study within a ``budget``, s on the study's stopwatch, by an ``executor``.
 
-    Once it is finished it is kept in a ``store``, which is claimed for the ``identity`` of the
-    trade-off: plain data that say which it is.
+    A finished study is kept in a ``store``, which is claimed for the ``identity`` of the trade-off,
+    plain data.
     """
-    told = progress if executor is None else silent
-    task = _StudyTask(study, f"study-{digest(identity)}", budget, runs, told)
+    shown_progress = progress if executor is None else silent
+    task = _StudyTask(study, f"study-{digest(identity)}", budget, runs, shown_progress)
     if store is not None:
         store.claim(identity, lambda: [task.name])
-    (found,) = solve_all(
+    (result,) = solve_all(
         "trade-off", [task], executor, silent if executor is None else progress, store
     )
-    points = tuple(MeasuredPoint.from_dict(json.loads(text)) for text in found["points"].tolist())
-    reference, seconds, load = (
-        found["made"].item() if found["made"].size else "",
-        float(found["seconds"].item()),
-        study.load,
-    )
+    points = tuple(MeasuredPoint.from_dict(json.loads(text)) for text in result["points"].tolist())
+    reference = result["made"].item() if result["made"].size else ""
+    seconds = float(result["seconds"].item())
+    load = study.load
     return TradeOff(
         points, load.kind, load.values, study.quantities, reference, runs, seconds, float(budget)
     )
@@ -892,12 +893,10 @@ class _StudyTask(Task):
         start = now()
         deadline = Deadline(study.stopwatch, start + self.seconds)
         halfway = Deadline(study.stopwatch, now() + 0.4 * deadline.left)
-        points, failures, done, taken = (
-            study.make_points(),
-            dict[Point, str](),
-            dict[Point, _Runs](),
-            dict[str, float](),
-        )
+        points = study.make_points()
+        failures = dict[Point, str]()
+        done = dict[Point, _Runs]()
+        times_of_method = dict[str, float]()
 
         def require_time(seconds: float) -> None:
             """Raise :class:`_BudgetError` if the runs of a point, of so many s each, would not end
@@ -916,7 +915,7 @@ class _StudyTask(Task):
                 ran = _Runs([], [], [])
                 try:
                     # a knob that is turned further takes longer; a run to warm up tells how long
-                    require_time(max(point.seconds, taken.get(point.method, 0.0)))
+                    require_time(max(point.seconds, times_of_method.get(point.method, 0.0)))
                     begin = now()
                     point.solve(point.prepare(0))
                     require_time(now() - begin)
@@ -934,9 +933,10 @@ class _StudyTask(Task):
                         done[point] = ran._replace(memory=tracemalloc.get_traced_memory()[1])
                     finally:
                         tracemalloc.stop()
-                    taken[point.method] = statistics.median(ran.seconds)
+                    times_of_method[point.method] = statistics.median(ran.seconds)
                 except _BudgetError as error:
-                    failures[point], taken[point.method] = str(error), math.inf
+                    failures[point] = str(error)
+                    times_of_method[point.method] = math.inf
                 except GranphonError as error:
                     failures[point] = str(error)
                 step.advance()
@@ -944,13 +944,13 @@ class _StudyTask(Task):
             # in half of the time left
             random = [point for point in done if point.random]
             until = now() + 0.5 * halfway.left
-            for place, point in enumerate(random):
-                long = statistics.median(done[point].seconds) + statistics.median(
+            for number, point in enumerate(random):
+                time_of_run = statistics.median(done[point].seconds) + statistics.median(
                     done[point].setups
                 )
-                end = now() + (until - now()) / (len(random) - place)
+                end = now() + (until - now()) / (len(random) - number)
                 outcomes = done[point].outcomes
-                while len(outcomes) < 100 and now() + 1.5 * long < end:
+                while len(outcomes) < 100 and now() + 1.5 * time_of_run < end:
                     # a run may take longer than the median
                     outcomes.append(point.solve(point.prepare(len(outcomes) + 1)))
 
@@ -962,9 +962,9 @@ class _StudyTask(Task):
 
         def better(reference: Reference) -> bool:
             """Return whether the reference is good enough for every point."""
-            found = (np.sqrt(np.mean(square(point, reference), axis=0)) for point in done)
+            errors = (np.sqrt(np.mean(square(point, reference), axis=0)) for point in done)
             return all(
-                np.max(e) >= BETTER * reference.errors.flat[int(np.argmax(e))] for e in found
+                np.max(e) >= BETTER * reference.errors.flat[int(np.argmax(e))] for e in errors
             )
 
         reference = None
@@ -976,18 +976,18 @@ class _StudyTask(Task):
                 except GranphonError as error:
                     problem = f"there is no reference: {error}"
         measured = list[MeasuredPoint]()
-        nothing = np.zeros(0)
+        no_errors = np.zeros(0)
         for point in points:
             if point not in done:
                 why = failures.get(point, problem)
                 measured.append(
-                    MeasuredPoint(point.method, point.knob, nothing, nothing, failure=why)
+                    MeasuredPoint(point.method, point.knob, no_errors, no_errors, failure=why)
                 )
                 continue
             ran = done[point]
-            errors = nothing
-            known_errors = nothing
-            stderrs = nothing
+            errors = no_errors
+            known_errors = no_errors
+            stderrs = no_errors
             floor = 0.0
             if reference is not None:
                 squares = square(point, reference)

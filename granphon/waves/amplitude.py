@@ -14,22 +14,23 @@ from granphon.waves.contact_forces import Powers
 from granphon.waves.nonlinear import NonlinearWaves
 from granphon.waves.operator import WaveOperator
 
-#: difference of squared frequencies, over the highest, up to which they are equal but for rounding
+#: difference of squared frequencies, over the highest, up to which the two are equal but for
+#: rounding
 _ALONE = 1e-10
 
 
 def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> float:
     """Return how the frequency of a travelling wave changes with its amplitude, to second order.
 
-    It is (d omega/omega) (delta/A)^2, where A is the largest displacement of a ball and delta the
-    mean overlap. The cell keeps its size. Normal forces follow the whole law; the stiffness against
-    slip, twist and rolling is that at rest.
+    The shift is (d omega/omega) (delta/A)^2, where A is the largest displacement of a ball and
+    delta the mean overlap. The cell keeps its size. Normal forces follow the whole law; the
+    stiffness against slip, twist and rolling is that at rest.
 
     Parameters
     ----------
     x : a state at one load, or a network that repeats, without ``prestress``.
     q : (p,) or (3,), wave vector in fractions of the reciprocal cell.
-    branch : its number, in ascending frequency.
+    branch : number of the branch, in ascending frequency.
     law : as for :class:`NonlinearWaves`.
 
     Raises :class:`~granphon.base.errors.InputError` for a branch that others touch at q, or that
@@ -43,40 +44,41 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     network = waves.network
     operator = WaveOperator(waves.network)
     periods = np.flatnonzero(network.pbc)
-    at = real_array("q", q)
-    if at.shape not in ((len(periods),), (3,)) or not periods.size or not np.all(np.isfinite(at)):
+    wavevector = real_array("q", q)
+    is_shape_known = periods.size > 0 and wavevector.shape in ((len(periods),), (3,))
+    if not is_shape_known or not np.all(np.isfinite(wavevector)):
         raise InputError(
-            f"q has the shape {at.shape}", mend=f"Give ({len(periods)},) finite fractions"
+            f"q has the shape {wavevector.shape}", mend=f"Give ({len(periods)},) finite fractions"
         )
-    require_digits(at)
-    if np.any(at[len(periods) :]):
+    require_digits(wavevector)
+    if np.any(wavevector[len(periods) :]):
         raise InputError("q has a component across the periods", mend="Give 0 for it")
-    which = whole_number("branch", branch, 0, operator.size - 1)
+    number = whole_number("branch", branch, 0, operator.size - 1)
     n = network.n_contacts
-    turn = 2.0j * np.pi * (network.shift[:, periods] @ at[: len(periods)])
+    angle = 2.0j * np.pi * (network.shift[:, periods] @ wavevector[: len(periods)])
 
-    def find(times: int) -> tuple[Any, Any]:
+    def find_harmonic(harmonic: int) -> tuple[Any, Any]:
         """Return D and the elongations (n_c, size) of the harmonic of this number, dense."""
-        phase = np.exp(times * turn)
-        return operator.weigh(phase=phase).toarray(), operator.compose(
-            operator.law_rows, phase
-        ).toarray()[:n]
+        phase = np.exp(harmonic * angle)
+        deformations = operator.compose(operator.law_rows, phase).toarray()
+        return operator.weigh(phase=phase).toarray(), deformations[:n]
 
-    own, stretch = find(1)
-    squares, vectors = np.linalg.eigh(own)
+    first_matrix, first_rows = find_harmonic(1)
+    squares, vectors = np.linalg.eigh(first_matrix)
     top = operator.top**2
-    if squares[which] < _ALONE * top or np.sum(np.abs(squares - squares[which]) < _ALONE * top) > 1:
-        what = f"branch {which} costs nothing at this wave vector, or touches another"
-        raise InputError(what, "Its wave is not known", "Take another wave vector or branch")
-    vector = vectors[:, which]
-    square = float(squares[which])
+    n_equal = np.count_nonzero(np.abs(squares - squares[number]) < _ALONE * top)
+    if squares[number] < _ALONE * top or n_equal > 1:
+        fault = f"branch {number} costs nothing at this wave vector, or touches another"
+        raise InputError(fault, "Its wave is not known", "Take another wave vector or branch")
+    vector = vectors[:, number]
+    square = float(squares[number])
     moves = operator.values(vector)[:, operator.motions.translating]
     # the square of half the long axis of the ellipse of each ball
-    long = 0.5 * (np.sum(np.abs(moves) ** 2, axis=1) + np.abs(np.sum(moves**2, axis=1)))
-    size = float(np.sqrt(np.max(long / network.masses[operator.balls])))
-    if np.sum(long) < _ALONE:
+    half_axes = 0.5 * (np.sum(np.abs(moves) ** 2, axis=1) + np.abs(np.sum(moves**2, axis=1)))
+    amplitude = float(np.sqrt(np.max(half_axes / network.masses[operator.balls])))
+    if np.sum(half_axes) < _ALONE:
         raise InputError(
-            f"balls only turn in branch {which}",
+            f"balls only turn in branch {number}",
             "An amplitude is a displacement",
             "Take another branch",
         )
@@ -86,20 +88,21 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     delta = waves.overlap
     second = -0.5 * k * (a - 1.0) / delta
     third = k * (a - 1.0) * (a - 2.0) / (6.0 * delta**2)
-    e, (twice, reach), (level, still) = stretch @ vector, find(2), find(0)
-    if np.min(np.abs(np.linalg.eigvalsh(twice) - 4.0 * square)) < _ALONE * top:
+    e = first_rows @ vector
+    mean_matrix, mean_rows = find_harmonic(0)
+    double_matrix, double_rows = find_harmonic(2)
+    if np.min(np.abs(np.linalg.eigvalsh(double_matrix) - 4.0 * square)) < _ALONE * top:
         raise InputError(
             "twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q"
         )
-    double = reach @ np.linalg.solve(
-        twice - 4.0 * square * np.eye(len(twice)), -0.5 * reach.conj().T @ (second * e * e)
+    # elongations to second order, at twice the frequency and at zero
+    double_force = -0.5 * double_rows.conj().T @ (second * e * e)
+    double = double_rows @ np.linalg.solve(
+        double_matrix - 4.0 * square * np.eye(len(double_matrix)), double_force
     )
-    mean = still @ (
-        np.linalg.pinv(level, rcond=_ALONE, hermitian=True)
-        @ (-0.5 * still.conj().T @ (second * np.abs(e) ** 2))
-    )
-    tension = (
-        2.0 * second * e * mean + second * e.conj() * double + 0.75 * third * np.abs(e) ** 2 * e
-    )
+    mean_force = -0.5 * mean_rows.conj().T @ (second * np.abs(e) ** 2)
+    mean = mean_rows @ (np.linalg.pinv(mean_matrix, rcond=_ALONE, hermitian=True) @ mean_force)
+    tension = 2.0 * second * e * mean + second * e.conj() * double
+    tension += 0.75 * third * np.abs(e) ** 2 * e
     shift = float((e.conj() @ tension).real) / (2.0 * square)
-    return shift * (float(np.mean(delta)) / size) ** 2
+    return shift * (float(np.mean(delta)) / amplitude) ** 2

@@ -42,8 +42,8 @@ _LEAST = 4
 _POINTS = 4
 #: share of a moment that counts for rounding
 _ROUNDING = 1e-12
-#: bytes of vectors that a result keeps, so that more moments go on from them; what would take more
-#: begins again
+#: bytes of vectors that a result keeps, so that more moments go on from these vectors; a result
+#: whose vectors would take more begins again
 _KEPT = 2**28
 #: share by which a moment may exceed that of order zero: rounding
 _GROWTH = 1e-6
@@ -67,48 +67,47 @@ class Kernel:
         """Return the kernel of a ``resolution``, Hz, or of a number of ``moments``; of
         :data:`MOMENTS` without either.
 
-        Raises :class:`~granphon.base.errors.InputError` if both are given, or if there would be too
-        many moments, or too few.
+        Raises :class:`~granphon.base.errors.InputError` if both are given, or if the number of
+        moments would be too large or too small.
         """
         if resolution is None:
-            return cls(
-                top, whole_number("moments", MOMENTS if moments is None else moments, 2, _MOST)
-            )
+            count = MOMENTS if moments is None else moments
+            return cls(top, whole_number("moments", count, 2, _MOST))
         if moments is not None:
             raise InputError(
                 "a resolution and a number of moments are given", "Each follows from the other"
             )
-        wanted = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
-        if wanted > _MOST:
-            what = (
-                f"a resolution of {resolution:g} Hz takes {wanted:.3g} moments, as frequencies go"
-                f" up to {top:g} Hz"
+        least_count = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
+        if least_count > _MOST:
+            fault = (
+                f"a resolution of {resolution:g} Hz takes {least_count:.3g} moments, as frequencies"
+                f" go up to {top:g} Hz"
             )
-            raise InputError(what, mend=f"Give {math.pi * top / (2.0 * _MOST):.3g} Hz or more")
-        if wanted < _LEAST:
-            what = (
+            raise InputError(fault, mend=f"Give {math.pi * top / (2.0 * _MOST):.3g} Hz or more")
+        if least_count < _LEAST:
+            fault = (
                 f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to"
                 f" {top:g} Hz"
             )
-            raise InputError(what, mend=f"Give {math.pi * top / (2.0 * _LEAST):.3g} Hz or less")
-        return cls(top, max(math.ceil(wanted * (1.0 - _ROUNDING)), 2))
+            raise InputError(fault, mend=f"Give {math.pi * top / (2.0 * _LEAST):.3g} Hz or less")
+        return cls(top, max(math.ceil(least_count * (1.0 - _ROUNDING)), 2))
 
     @property
     def resolution(self) -> float:
-        """Standard deviation of the kernel at frequency zero, where it is largest, Hz; at f it is
-        that times sin(theta).
+        """Standard deviation of the kernel at frequency zero, where the kernel is broadest, Hz; at
+        f multiply by sin(theta).
         """
         return math.pi * self.top / (2.0 * self.moments)
 
     @cached_property
     def weights(self) -> Array:
         """(M,) factors g_n of the moments."""
-        angle = math.pi / (2.0 * self.moments)
+        count = 2.0 * self.moments
+        angle = math.pi / count
         order = 2.0 * np.arange(self.moments)
-        falling = (2.0 * self.moments - order) * np.cos(order * angle) + np.sin(
-            order * angle
-        ) / math.tan(angle)
-        return np.asarray(falling / (2.0 * self.moments))
+        cosines = (count - order) * np.cos(order * angle)
+        sines = np.sin(order * angle) / math.tan(angle)
+        return np.asarray((cosines + sines) / count)
 
     @property
     def count(self) -> int:
@@ -120,9 +119,8 @@ class Kernel:
         """(n_f,) theta of the points of a density, in the order of ascending frequencies: from pi/2
         down to nearly zero.
         """
-        return np.asarray(
-            math.pi * (self.count - 0.5 - np.arange(self.count)) / (2 * self.count - 1)
-        )
+        steps_from_top = self.count - 0.5 - np.arange(self.count)
+        return np.asarray(math.pi * steps_from_top / (2 * self.count - 1))
 
     @cached_property
     def frequencies(self) -> Array:
@@ -136,12 +134,12 @@ class Kernel:
         moments = np.asarray(moments, float)
         series = np.zeros((*moments.shape[:-1], 2 * self.count - 1))
         series[..., : 2 * self.moments : 2] = self.weights * moments
-        summed = dct(series, type=3, axis=-1)[..., : self.count]
-        return np.asarray(summed[..., ::-1] * (2.0 / (math.pi * self.top * np.sin(self.angles))))
+        sums = dct(series, type=3, axis=-1)[..., : self.count]
+        return np.asarray(sums[..., ::-1] * (2.0 / (math.pi * self.top * np.sin(self.angles))))
 
     def line(self, frequency: ArrayLike) -> Array:
         """Return the densities (..., n_f), 1/Hz, of single lines at frequencies (...), Hz: the
-        kernel itself.
+        shape of the kernel.
         """
         return self.densities(self.moments_of(frequency))
 
@@ -164,18 +162,19 @@ class Kernel:
         """Raise :class:`~granphon.base.errors.InputError` if ``frequencies`` are not the points of
         a density.
         """
-        if frequencies.size != self.count or not np.allclose(
+        is_same = frequencies.size == self.count and np.allclose(
             frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0
-        ):
-            what = f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"
-            raise InputError(what, mend="Compute the spectrum again")
+        )
+        if not is_same:
+            fault = f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"
+            raise InputError(fault, mend="Compute the spectrum again")
 
 
 def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
     """Yield T_n(2 D / top^2 - 1) x for n = 0, 1, 2, ... without end; x is the vector, or the
     vectors (size, m), ``start``.
 
-    An array that was yielded is overwritten after the next one has been.
+    An array that was yielded is overwritten once the next array has been yielded.
     """
     previous = np.array(start, float)
     yield previous
@@ -191,63 +190,60 @@ def keeps_vectors(operator: WaveOperator, starts: int) -> bool:
 
 
 class Moments:
-    """The moments mu_n = <x| T_n(2 D / top^2 - 1) |x> of one vector x, found as far as they were
-    asked for.
+    """The moments mu_n = <x| T_n(2 D / top^2 - 1) |x> of one vector x, as many as were requested.
 
-    Two of them cost one product: mu_2n = 2 <x_n|x_n> - mu_0 and mu_2n+1 = 2 <x_n+1|x_n> - mu_1 with
+    Two moments cost one product: mu_2n = 2 <x_n|x_n> - mu_0 and mu_2n+1 = 2 <x_n+1|x_n> - mu_1 with
     x_n = T_n x.
 
     Parameters
     ----------
     operator : D.
     start : makes the vector, (size,).
-    keep : whether to keep the last vectors. Without them more moments begin again, and are the same
-        to the last bit.
+    keep : whether to keep the last two vectors. Without these vectors the recursion begins again
+        for more moments, which are the same to the last bit.
     """
 
     def __init__(self, operator: WaveOperator, start: Callable[[], Array], *, keep: bool) -> None:
         self._operator = operator
         self._start = start
         self._keep = keep
-        self._found: list[float] = []
+        self._moments: list[float] = []
         self._vectors: Iterator[Array] | None = None
         self._last: Array | None = None
 
     def first(self, count: int) -> Array:
         """Return the first ``count`` moments, (count,).
 
-        Raises :class:`~granphon.base.errors.InstabilityError` if they grow: a squared frequency is
-        below zero.
+        Raises :class:`~granphon.base.errors.InstabilityError` if the moments grow: a squared
+        frequency is below zero.
         """
-        found = self._found
-        if len(found) < count and self._vectors is None:
-            found.clear()
+        moments = self._moments
+        if len(moments) < count and self._vectors is None:
+            moments.clear()
             self._vectors = polynomials(self._operator, self._start())
             self._last = next(self._vectors)
-            found.append(float(np.vdot(self._last, self._last)))
-        while len(found) < count:
+            moments.append(float(np.vdot(self._last, self._last)))
+        while len(moments) < count:
             assert self._vectors is not None
             assert self._last is not None
-            # the last vector is overwritten only after the one that comes now
-            x = next(self._vectors)
-            across = float(np.vdot(x, self._last))
-            found += [
-                across if len(found) == 1 else 2.0 * across - found[1],
-                2.0 * float(np.vdot(x, x)) - found[0],
-            ]
-            self._last = x
-            if not abs(found[-1]) <= (1.0 + _GROWTH) * found[0]:
+            # the recursion does not overwrite the last vector when it makes this one
+            vector = next(self._vectors)
+            product = float(np.vdot(vector, self._last))
+            moments.append(product if len(moments) == 1 else 2.0 * product - moments[1])
+            moments.append(2.0 * float(np.vdot(vector, vector)) - moments[0])
+            self._last = vector
+            if not abs(moments[-1]) <= (1.0 + _GROWTH) * moments[0]:
                 raise explain_instability(self._operator.network)
         if not self._keep:
             self._vectors = self._last = None
-        return np.array(found[:count])
+        return np.array(moments[:count])
 
 
 class Refinable(Result):
-    """A frozen spectrum at the points of the kernel of ``moments`` that finds one with more of
-    them.
+    """A frozen spectrum at the points of the kernel of ``moments``, which finds a spectrum with
+    more moments.
 
-    Plain data and pickles do not keep what it needs for that.
+    Plain data and pickles do not keep the network that this takes.
     """
 
     frequencies: Array
@@ -267,8 +263,8 @@ class Refinable(Result):
 
     @property
     def resolution(self) -> float:
-        """Standard deviation of the kernel at frequency zero, Hz; at f it is this times (1 -
-        (f/top)^2)^1/2.
+        """Standard deviation of the kernel at frequency zero, Hz; at f multiply by
+        (1 - (f/top)^2)^1/2.
         """
         return self._kernel.resolution
 
@@ -286,9 +282,9 @@ class Refinable(Result):
         return self._work
 
     def with_moments(self, moments: int) -> Self:
-        """Return the result of this number of moments; what has been found is not found again.
+        """Return the result of this number of moments; moments that are known are not found again.
 
-        It is the same, bit for bit, as one that is found with that number at once. Raises
+        The result is the same, bit for bit, as if that number had been requested at once. Raises
         :class:`~granphon.base.errors.InputError` if this result was read from data.
         """
         return self._known_work()(Kernel.of(self.top, moments=moments).moments)

@@ -30,25 +30,23 @@ from granphon.base.compiled import compiled
 from granphon.media.crystal_statics import Springs
 
 #: contacts that a loop works on at a time, which stay in the processor's first cache
-_PART = 256
+_CHUNK = 256
 #: what stands for zero where it divides zero
 _NONE = hertz.LEAST_NORMAL
 #: change of an overlap, over the overlap, up to which forces are averaged: a difference of energies
 #: would lose more digits
 _CLOSE = 2e-3
-#: Gauss's two points, over the way between, from its middle
+#: distance of Gauss's two points from the middle of an interval, over its length
 _GAUSS = 0.5 / math.sqrt(3.0)
 
 
 def share(values: Array) -> Array:
-    """Return values (..., n) of contacts, held once where all are the same: they are read
+    """Return values (..., n) of contacts, held once where all are the same: one number is read
     faster.
     """
-    return (
-        np.broadcast_to(values[..., :1], values.shape)
-        if np.all(values == values[..., :1])
-        else values
-    )
+    if np.all(values == values[..., :1]):
+        return np.broadcast_to(values[..., :1], values.shape)
+    return values
 
 
 class Powers:
@@ -71,40 +69,36 @@ class Powers:
         """Return f - f_0, without a difference of near-equal forces, and the stiffness of contacts;
         in ``out``.
 
-        ``joined`` (n,) says of contacts whose force jumps whether they are joined; by default all
-        are.
+        ``joined`` (n,) says which of the contacts whose force jumps are joined; by default all are.
         """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         a = self.exponent
         c = self.coefficient
-        rest = self.overlap
+        overlap = self.overlap
         if a == hertz.EXPONENT:
-            hertz.release(rest, self.root, e, (change, k))
+            hertz.release(overlap, self.root, e, (change, k))
             change *= self._fall
             k *= self._rise
             return change, k
-        h = np.maximum(rest - e, 0.0)
-        part = np.divide(-e, rest, out=np.zeros_like(e), where=rest > 0.0)
+        h = np.maximum(overlap - e, 0.0)
+        is_loaded = overlap > 0.0
+        strain = np.divide(-e, overlap, out=np.zeros_like(e), where=is_loaded)
         with np.errstate(divide="ignore"):
-            part = self.rest * np.expm1(a * np.log1p(np.maximum(part, -1.0)))
-            change[:], k[:] = (
-                np.where(rest > 0.0, part, c * h**a),
-                np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0),
-            )
+            change_from_rest = self.rest * np.expm1(a * np.log1p(np.maximum(strain, -1.0)))
+            change[:] = np.where(is_loaded, change_from_rest, c * h**a)
+            k[:] = np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0)
         return change, k
 
     def begin(self, e: Array) -> Any:
         """Return which contacts are joined, as for :meth:`press`."""
         return None
 
-    def mean(self, e: Array, other: Array, joined: Any = None) -> Array:
-        """Return the mean of f - f_0 on the straight way from one elongation to another."""
+    def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
+        """Return the mean of f - f_0 between the elongations ``e`` and ``end``."""
         if self.exponent == hertz.EXPONENT:
-            return (
-                self.coefficient * hertz.mean_force(self.overlap - e, self.overlap - other)
-                - self.rest
-            )
-        return _mean_of(self, e, other)
+            mean = hertz.mean_force(self.overlap - e, self.overlap - end)
+            return self.coefficient * mean - self.rest
+        return _mean_of(self, e, end)
 
     def store(self, e: Array, joined: Any = None) -> Array:
         """Return the energy of each contact and of its share of the load, J, since rest: zero at e
@@ -114,10 +108,8 @@ class Powers:
             return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e))
         a = self.exponent
         h = np.maximum(self.overlap - e, 0.0)
-        far = (
-            self.coefficient * (h ** (a + 1.0) - self.overlap ** (a + 1.0)) / (a + 1.0)
-            + self.rest * e
-        )
+        powers = h ** (a + 1.0) - self.overlap ** (a + 1.0)
+        far = self.coefficient * powers / (a + 1.0) + self.rest * e
         return _store_near(self, e, far)
 
     def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:
@@ -143,22 +135,23 @@ class PairLaws:
         self.rest = springs.force(overlap)
         self.apart = apart
         self.know_radii = springs.know_radii
-        # the first overlap that is of the law itself
+        # the first overlap at which the law holds
         self._first = np.nextafter(springs.least, np.inf)
         start = np.maximum(overlap, self._first)
         if apart:
-            self.rest[-apart:], start[-apart:] = 0.0, self._first[-apart:]
+            self.rest[-apart:] = 0.0
+            start[-apart:] = self._first[-apart:]
         self._energy = springs.energy(start)
-        # what never opens has no end; a law that begins with zero has no jump, but for rounding
+        # a contact that never opens has no end; a law that begins with zero jumps by rounding alone
         opens = springs.least > -np.inf
-        ends = self._first, np.nextafter(springs.touch, np.inf)
+        ends = (self._first, np.nextafter(springs.touch, np.inf))
         forces = [np.abs(springs.force(np.where(opens, end, 0.0))) for end in ends]
         self.jumps: Index = np.flatnonzero(opens & (np.maximum(*forces) >= _NONE))
         self._last = springs.force(np.where(opens, self._first, 0.0))[self.jumps]
 
     def begin(self, e: Array) -> Any:
-        """Return which contacts are joined, as for :meth:`press`: those of the network, and of
-        others those that touch.
+        """Return which contacts are joined, as for :meth:`press`: contacts of the network, and
+        those balls that may meet and touch.
         """
         h = self.overlap - e
         least = np.copy(self.springs.least)
@@ -170,18 +163,18 @@ class PairLaws:
         """Return how far :attr:`jumps` have passed the overlap at which they join or part, m; below
         zero before it.
         """
-        at = self.jumps
+        jumps = self.jumps
         springs = self.springs
-        h = self.overlap[at] - e[at]
-        return np.where(joined[at], springs.least[at] - h, h - springs.touch[at])
+        h = self.overlap[jumps] - e[jumps]
+        return np.where(joined[jumps], springs.least[jumps] - h, h - springs.touch[jumps])
 
     def _reach(self, e: Array) -> Array:
-        """Return overlaps at which laws are asked: those of jumps are where the law has not
-        ended.
+        """Return the overlaps at which laws are evaluated: contacts that jump stay within their
+        law.
         """
         h = self.overlap - e
-        at = self.jumps
-        h[at] = np.maximum(h[at], self._first[at])
+        jumps = self.jumps
+        h[jumps] = np.maximum(h[jumps], self._first[jumps])
         return h
 
     def _parted(self, joined: Any) -> Index:
@@ -193,8 +186,10 @@ class PairLaws:
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         h = self._reach(e)
         parted = self._parted(joined)
-        change[:], k[:] = self.springs.force(h), np.maximum(self.springs.stiffness(h), 0.0)
-        change[parted] = k[parted] = 0.0
+        change[:] = self.springs.force(h)
+        k[:] = np.maximum(self.springs.stiffness(h), 0.0)
+        change[parted] = 0.0
+        k[parted] = 0.0
         change -= self.rest
         return change, k
 
@@ -204,22 +199,22 @@ class PairLaws:
         out[self._parted(joined)] = 0.0
         return out
 
-    def mean(self, e: Array, other: Array, joined: Any = None) -> Array:
+    def mean(self, e: Array, end: Array, joined: Any = None) -> Array:
         """As for :class:`Powers`."""
-        return _mean_of(self, e, other, joined)
+        return _mean_of(self, e, end, joined)
 
     def store(self, e: Array, joined: Any = None) -> Array:
-        """As for :class:`Powers`; below zero where contacts adhere. Where they have parted it is
-        that where they part.
+        """As for :class:`Powers`; below zero where contacts adhere. Contacts that have parted keep
+        the energy at which they part.
         """
         h = np.maximum(self.overlap - e, self._first)
         parted = self._parted(joined)
-        at = self.jumps
+        jumps = self.jumps
         h[parted] = self._first[parted]
         far = self.springs.energy(h) - self._energy + self.rest * e
-        # the work of the force that joined ones keep until a step ends
-        beyond = np.minimum(self.overlap[at] - e[at] - self._first[at], 0.0) * self._last
-        far[at] += beyond if joined is None else np.where(joined[at], beyond, 0.0)
+        # the work of the force that joined contacts keep until a step ends
+        beyond = np.minimum(self.overlap[jumps] - e[jumps] - self._first[jumps], 0.0) * self._last
+        far[jumps] += beyond if joined is None else np.where(joined[jumps], beyond, 0.0)
         return _store_near(self, e, far, joined)
 
     def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:
@@ -230,45 +225,41 @@ class PairLaws:
         return closed
 
 
-def _level(law: Powers | PairLaws, e: Array, other: Array, joined: Any) -> Array:
-    """Return the mean of f - f_0 between elongations that are close."""
-    middle = 0.5 * (e + other)
-    part = _GAUSS * (other - e)
-    low = law.press(middle - part, None, joined)[0]
-    high = law.press(middle + part, None, joined)[0]
+def _mean_near(law: Powers | PairLaws, e: Array, end: Array, joined: Any) -> Array:
+    """Return the mean of f - f_0 between elongations that are close, by Gauss's two points."""
+    middle = 0.5 * (e + end)
+    half_distance = _GAUSS * (end - e)
+    low = law.press(middle - half_distance, None, joined)[0]
+    high = law.press(middle + half_distance, None, joined)[0]
     return np.asarray(0.5 * (low + high))
 
 
 def _store_near(law: Powers | PairLaws, e: Array, far: Array, joined: Any = None) -> Array:
-    """Return the energies ``far``, but near rest, where they are differences of near-equal ones,
-    that of the mean force.
+    """Return the energies ``far``; near rest, where these are differences of near-equal numbers,
+    the work of the mean force.
     """
-    near = (
-        (np.abs(e) <= _CLOSE * np.abs(law.overlap))
-        & (law.overlap != 0.0)
-        & law.is_closed(e, joined)
-    )
-    return np.where(near, -e * _level(law, np.zeros_like(e), e, joined), far)
+    is_small = (np.abs(e) <= _CLOSE * np.abs(law.overlap)) & (law.overlap != 0.0)
+    is_near = is_small & law.is_closed(e, joined)
+    return np.where(is_near, -e * _mean_near(law, np.zeros_like(e), e, joined), far)
 
 
-def _mean_of(law: Powers | PairLaws, e: Array, other: Array, joined: Any = None) -> Array:
-    """Return the mean force: the change of the energy over that of e, where these are not close or
-    a contact opens.
+def _mean_of(law: Powers | PairLaws, e: Array, end: Array, joined: Any = None) -> Array:
+    """Return the mean force: the change of the energy over the change of e, where the two
+    elongations are not close or a contact opens.
     """
-    way = other - e
-    far = (np.abs(way) > _CLOSE * np.abs(law.overlap - e)) | (
-        law.is_closed(e, joined) != law.is_closed(other, joined)
-    )
-    change = law.store(e, joined) - law.store(other, joined)
-    return np.divide(change, way, out=_level(law, e, other, joined), where=far)
+    distance = end - e
+    is_far = np.abs(distance) > _CLOSE * np.abs(law.overlap - e)
+    opens = law.is_closed(e, joined) != law.is_closed(end, joined)
+    change = law.store(e, joined) - law.store(end, joined)
+    return np.divide(change, distance, out=_mean_near(law, e, end, joined), where=is_far | opens)
 
 
 class Touch(NamedTuple):
     """Contacts at a moment.
 
-    They have elongations e (n,), ``pull`` (rows, n) of f - f_0 and forces T of slips, then of the
-    others, normal stiffnesses k (n,), those of flat ``punch`` es as wide (n,), and are ``joined``
-    (n,), or None where no force jumps.
+    ``e`` (n,) are elongations. ``pull`` (rows, n) has f - f_0, then the forces T of slips, then
+    those of the other deformations. ``k`` (n,) are normal stiffnesses, ``punch`` (n,) those of flat
+    punches as wide. ``joined`` (n,) says which contacts are, or is None where no force jumps.
     """
 
     e: Array
@@ -311,7 +302,7 @@ class ContactForces:
         ``held`` are the tangential forces at rest.
         """
         touch = self.take(e, self.normal.begin(e))
-        self.follow(touch, touch, moved, held)  # as stiff before as they have become
+        self.follow(touch, touch, moved, held)  # contacts are as stiff before as after
         return touch
 
     def take(self, e: Array, joined: Any, spare: Touch | None = None) -> Touch:
@@ -352,26 +343,28 @@ class ContactForces:
         """Return how far contacts whose force jumps have passed where they join or part, m; below
         zero before it.
         """
-        return (
-            self.normal.pass_ends(e, joined) if isinstance(self.normal, PairLaws) else np.zeros(0)
-        )
+        if isinstance(self.normal, PairLaws):
+            return self.normal.pass_ends(e, joined)
+        return np.zeros(0)
 
     def switch(self, touch: Touch) -> tuple[Touch, Index, float]:
-        """Return contacts after those have joined or parted that have passed their ends, which
-        ones, and the energy lost, J.
+        """Join or part the contacts that have passed their ends.
 
-        Contacts that part have no force of slip, twist and roll any more.
+        Returns the contacts after that, the numbers of those that have joined or parted, and the
+        energy lost, J. Contacts that part have no force of slip, twist and roll any more.
         """
         normal = self.normal
-        at = normal.jumps[self.pass_ends(touch.e, touch.joined) > 0.0]
+        switched = normal.jumps[self.pass_ends(touch.e, touch.joined) > 0.0]
         joined = touch.joined.copy()
-        joined[at] = ~joined[at]
-        found = self.take(touch.e, joined)
-        found.pull[1:] = touch.pull[1:]
-        found.pull[1:, at] = 0.0
-        self.press(found)
-        lost = normal.store(touch.e, touch.joined)[at] - normal.store(touch.e, joined)[at]
-        return found, at, float(np.sum(lost))
+        joined[switched] = ~joined[switched]
+        renewed = self.take(touch.e, joined)
+        renewed.pull[1:] = touch.pull[1:]
+        renewed.pull[1:, switched] = 0.0
+        self.press(renewed)
+        dissipated = (
+            normal.store(touch.e, touch.joined)[switched] - normal.store(touch.e, joined)[switched]
+        )
+        return renewed, switched, float(np.sum(dissipated))
 
     def damp(self, touch: Touch, rates: Array) -> Array:
         """Return what dashpots add to a ``pull`` (rows, n) at the ``rates`` (rows, n) of
@@ -386,9 +379,8 @@ class ContactForces:
         """Return the energy of slip, twist and rolling, J."""
         t = touch.pull[1:]
         stiffness = 2.0 * self.ratio * touch.punch
-        return float(
-            np.sum(np.divide(t * t, stiffness, out=np.zeros_like(t), where=stiffness > 0.0))
-        )
+        energies = np.divide(t * t, stiffness, out=np.zeros_like(t), where=stiffness > 0.0)
+        return float(np.sum(energies))
 
 
 @compiled
@@ -403,52 +395,56 @@ def _resist(
     slides: int,
     mu: float,
 ) -> float:
-    """Set the tangential forces in a ``pull`` as :meth:`ContactForces.follow`, with stiffnesses of
-    punches and those before.
+    """Set the tangential forces in a ``pull`` as :meth:`ContactForces.follow`, with the stiffnesses
+    of punches now, ``k``, and ``before``.
 
-    Coulomb's limit is that of the first ``slides`` rows. Contacts are taken in parts, on whose rows
-    the processor works several numbers at a time.
+    Coulomb's limit is that of the first ``slides`` rows. Contacts are taken in chunks, on whose
+    rows the processor works several numbers at a time.
     """
     work = 0.0
-    room = np.empty((4, _PART))
-    for low in range(0, len(k), _PART):
-        part = slice(low, min(low + _PART, len(k)))
-        now = k[part]
-        then = before[part]
-        push = pull[0, part]
-        force = rest[part]
-        mean = room[0]
-        left = room[1]
-        size = room[2]
-        lost = room[3]
-        for at in range(len(now)):
-            least = min(now[at], then[at])
-            # what the law leaves of a force: nothing where contacts were open
-            mean[at], left[at], size[at] = least + now[at], least / max(then[at], _NONE), 0.0
+    buffers = np.empty((5, _CHUNK))
+    for first in range(0, len(k), _CHUNK):
+        chunk = slice(first, min(first + _CHUNK, len(k)))
+        k_after = k[chunk]
+        k_before = before[chunk]
+        change = pull[0, chunk]
+        force_at_rest = rest[chunk]
+        stiffness_sum = buffers[0]
+        kept_share = buffers[1]
+        square = buffers[2]
+        scale = buffers[3]
+        dissipated = buffers[4]
+        for c in range(len(k_after)):
+            least = min(k_after[c], k_before[c])
+            stiffness_sum[c] = least + k_after[c]
+            # the share of a force that the law keeps: nothing where contacts were open
+            kept_share[c] = least / max(k_before[c], _NONE)
+            square[c] = 0.0
         for row in range(len(held)):
-            t = pull[1 + row, part]
-            way = moved[row, part]
-            old = held[row, part]
-            part_of_k = half[row, part]
-            for at in range(len(now)):
-                t[at] = part_of_k[at] * mean[at] * way[at] + left[at] * old[at]
+            t = pull[1 + row, chunk]
+            slip = moved[row, chunk]
+            force_before = held[row, chunk]
+            half_ratio = half[row, chunk]
+            for c in range(len(k_after)):
+                elastic = half_ratio[c] * stiffness_sum[c] * slip[c]
+                t[c] = elastic + kept_share[c] * force_before[c]
             if row < slides:
-                for at in range(len(now)):
-                    size[at] += t[at] * t[at]
+                for c in range(len(k_after)):
+                    square[c] += t[c] * t[c]
         if slides:
-            for at in range(len(now)):
-                limit = mu * max(push[at] + force[at], 0.0)
-                whole = math.sqrt(size[at])
-                size[at] = limit / whole if whole > limit else 1.0
-        lost[:] = 0.0
+            for c in range(len(k_after)):
+                limit = mu * max(change[c] + force_at_rest[c], 0.0)
+                size = math.sqrt(square[c])
+                scale[c] = limit / size if size > limit else 1.0
+        dissipated[:] = 0.0
         for row in range(len(held)):
-            t = pull[1 + row, part]
-            way = moved[row, part]
-            old = held[row, part]
+            t = pull[1 + row, chunk]
+            slip = moved[row, chunk]
+            force_before = held[row, chunk]
             if row < slides:
-                for at in range(len(now)):
-                    t[at] *= size[at]
-            for at in range(len(now)):
-                lost[at] += (t[at] + old[at]) * way[at]
-        work += 0.5 * np.sum(lost)
+                for c in range(len(k_after)):
+                    t[c] *= scale[c]
+            for c in range(len(k_after)):
+                dissipated[c] += (t[c] + force_before[c]) * slip[c]
+        work += 0.5 * np.sum(dissipated)
     return work

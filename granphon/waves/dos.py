@@ -36,8 +36,8 @@ _BLOCK = 2**22
 class LocalDensity(Result, array="values"):
     """Local density of states of a ball, by its motions; ``np.asarray`` of it is ``values``.
 
-    That of a motion is the sum over all modes of their kinetic energy in it, each line broadened by
-    the Jackson kernel.
+    The density of a motion is the sum over all modes of their kinetic energy in that motion, each
+    line broadened by the Jackson kernel.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class LocalDensity(Result, array="values"):
     values : (n_f, motions) 1/Hz; the integral of each over all frequencies is 1.
     letters : names of the motions.
     ball : index of the ball.
-    resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
+    resolution : standard deviation of the kernel at frequency zero, Hz; above zero it is finer.
     moments : number of Chebyshev moments.
     """
 
@@ -72,23 +72,23 @@ def find_local_density(
     hertz = np.atleast_1d(finite_array("frequencies", frequencies, "Hz", "zero or above"))
     if hertz.ndim != 1:
         raise InputError(f"the frequencies have the shape {hertz.shape}", mend="Give a list")
-    needed = _LOCAL_BYTES * hertz.size * (1.0 + operator.motions.count)
+    memory = _LOCAL_BYTES * hertz.size * (1.0 + operator.motions.count)
     require_memory(
-        f"local densities of states at {hertz.size:,} frequencies", needed, "Take fewer frequencies"
+        f"local densities of states at {hertz.size:,} frequencies", memory, "Take fewer frequencies"
     )
     ball = whole_number("ball", ball, 0, network.n_balls - 1)
     if not network.moving[ball]:
         raise InputError(f"ball {ball} does not move", "Its mass is infinite", "Give another ball")
     starts = np.zeros((operator.motions.count, operator.balls.size, operator.motions.count))
     starts[:, np.searchsorted(operator.balls, ball)] = np.eye(operator.motions.count)
-    found = [
-        Moments(operator, partial(operator.vector, one), keep=False).first(kernel.moments)
-        for one in starts
+    expansions = [
+        Moments(operator, partial(operator.vector, start), keep=False).first(kernel.moments)
+        for start in starts
     ]
     inside = hertz < kernel.top
     angle = np.arccos(hertz[inside] / kernel.top)
-    series = kernel.weights * np.array(found) * np.where(np.arange(kernel.moments), 2.0, 1.0)
-    values = np.zeros((hertz.size, len(found)))
+    series = kernel.weights * np.array(expansions) * np.where(np.arange(kernel.moments), 2.0, 1.0)
+    values = np.zeros((hertz.size, len(expansions)))
     values[inside] = np.polynomial.chebyshev.chebval(np.cos(2.0 * angle), series.T).T
     values[inside] *= (2.0 / (math.pi * kernel.top * np.sin(angle)))[:, None]
     return LocalDensity(
@@ -101,8 +101,8 @@ class SpectralDensity(Refinable):
     """Density of states of a network, 1/Hz per ball that moves, each line broadened by the Jackson
     kernel.
 
-    Of a network of up to 600 motions it is exact. Of a larger one it is an estimate by random
-    vectors, whose integral is exact: the number of motions of a ball.
+    The density of a network of up to 600 motions is exact. That of a larger network is an estimate
+    by random vectors, whose integral is exact: the number of motions of a ball.
 
     Attributes
     ----------
@@ -148,9 +148,9 @@ class SpectralDensity(Refinable):
         """Return the density from this number of random vectors; work done for earlier vectors is
         kept.
 
-        It is the same, bit for bit, as one that is found with that number at once; without random
-        vectors it is this one. Raises :class:`~granphon.base.errors.InputError` if this result was
-        read from data.
+        The density is the same, bit for bit, as if that number had been requested at once; without
+        random vectors it is this one. Raises :class:`~granphon.base.errors.InputError` if this
+        result was read from data.
         """
         return self._known_work()(self.moments, vectors=whole_number("vectors", vectors, 1))
 
@@ -167,30 +167,27 @@ class AllModes:
         self._balls = operator.balls.size
         self._frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi)
         self._warnings = network_warnings(operator.network)
-        self._weights = np.stack(
-            [
-                np.sum(modes[part] ** 2, axis=0)
-                for part in (~operator.is_rotation, operator.is_rotation)
-            ]
-        )
+        squares = modes**2
+        translations = np.sum(squares[~operator.is_rotation], axis=0)
+        rotations = np.sum(squares[operator.is_rotation], axis=0)
+        self._weights = np.stack([translations, rotations])
 
     def find(self, moments: int, vectors: int) -> SpectralDensity:
         """Return the density by a number of moments; ``vectors`` are none."""
         kernel = Kernel(self._top, moments)
-        found = np.zeros((2, moments))
-        for few in np.array_split(
-            np.arange(self._frequencies.size), 1 + self._frequencies.size * moments // _BLOCK
-        ):
-            found += self._weights[:, few] @ kernel.moments_of(self._frequencies[few])
-        translational, rotational = kernel.densities(found / self._balls)
-        nothing = np.zeros(kernel.count)
+        traces = np.zeros((2, moments))
+        n_modes = self._frequencies.size
+        for modes in np.array_split(np.arange(n_modes), 1 + n_modes * moments // _BLOCK):
+            traces += self._weights[:, modes] @ kernel.moments_of(self._frequencies[modes])
+        translational, rotational = kernel.densities(traces / self._balls)
+        no_error = np.zeros(kernel.count)
         return SpectralDensity(
             kernel.frequencies,
             translational,
             rotational,
-            nothing,
-            nothing,
-            nothing,
+            no_error,
+            no_error,
+            no_error,
             kernel.top,
             moments,
             0,
@@ -202,8 +199,9 @@ class AllModes:
 class RandomVectors:
     """Moments of random vectors: of their translations and of their rotations, each by itself.
 
-    <r|T|r> of vectors of random signs has the mean Tr T. With r cut into the two parts, each gives
-    the trace over its own motions, and their sum lacks the noise of the terms between them.
+    <r|T|r> of vectors of random signs has the mean Tr T. If r is cut into translations and
+    rotations, each of the two gives the trace over its own motions, and the sum lacks the noise of
+    the terms between the two.
     """
 
     def __init__(self, operator: WaveOperator, seed: int, vectors: int) -> None:
@@ -218,9 +216,9 @@ class RandomVectors:
         zeros elsewhere.
         """
         operator = self._operator
-        # each vector has a seed of its own, and numbers that are the same on every machine
-        own = int(uniform_numbers(number + 1, self._seed)[number] * 2.0**52)
-        signs = np.sign(uniform_numbers((operator.balls.size, operator.motions.count), own) - 0.5)
+        # each vector has its own seed, and numbers that are the same on every machine
+        seed = int(uniform_numbers(number + 1, self._seed)[number] * 2.0**52)
+        signs = np.sign(uniform_numbers((operator.balls.size, operator.motions.count), seed) - 0.5)
         signs[:, operator.motions.is_rotation != rotations] = 0.0
         return np.asarray(operator.vector(signs))
 
@@ -233,17 +231,19 @@ class RandomVectors:
             self._vectors.append(
                 tuple(Moments(self._operator, start, keep=self._keep) for start in starts)
             )
-        found = np.array([[part.first(moments) for part in one] for one in self._vectors[:vectors]])
-        parts = np.zeros((vectors, 2, kernel.count))
-        parts[:, : found.shape[1]] = kernel.densities(found / self._operator.balls.size)
-        mean = parts.mean(axis=0)
+        traces = np.array(
+            [[part.first(moments) for part in parts] for parts in self._vectors[:vectors]]
+        )
+        densities = np.zeros((vectors, 2, kernel.count))
+        densities[:, : traces.shape[1]] = kernel.densities(traces / self._operator.balls.size)
+        mean = densities.mean(axis=0)
         return SpectralDensity(
             kernel.frequencies,
             mean[0],
             mean[1],
-            _error(parts.sum(axis=1)),
-            _error(parts[:, 0]),
-            _error(parts[:, 1]),
+            _error(densities.sum(axis=1)),
+            _error(densities[:, 0]),
+            _error(densities[:, 1]),
             kernel.top,
             moments,
             vectors,
@@ -254,6 +254,6 @@ class RandomVectors:
 
 def _error(values: Array) -> Array:
     """Return the standard error of the mean over the first axis; nan if it has one entry."""
-    return (
-        standard_error(values, axis=0) if len(values) > 1 else np.full(values.shape[1:], math.nan)
-    )
+    if len(values) == 1:
+        return np.full(values.shape[1:], math.nan)
+    return standard_error(values, axis=0)

@@ -1,21 +1,21 @@
 """Modes of finite networks: the lowest, or those nearest to a frequency.
 
-Small matrices are dense. Larger ones are factorised (sparse LU) at a shift, and Lanczos finds the
-modes nearest to it; the factors also say, by Sylvester's law of inertia, how many eigenvalues are
-below a value, so that none is missed.
+Small matrices are dense. Larger matrices are factorised (sparse LU) at a shift, and Lanczos finds
+the modes nearest to the shift; the factors also say, by Sylvester's law of inertia, how many
+eigenvalues are below a value, so that none is missed.
 
 Where the factors would be too large, modes of a window of frequencies are filtered out of random
-vectors. With omega = top cos(phi/2) the polynomials T_n(2 D / top^2 - 1) are cos(n phi). The sums
-of them up to the order M that lie in a window of phi, of the width 2 H, as much as the order allows
-are those with Slepian's sequences as coefficients (Bell Syst. Tech. J. 57, 1371 (1978)): 2 M H / pi
-filters. All of them, applied to a few random vectors in one recursion, span the modes of the window
-if they are well more than these: filter diagonalisation (Wall and Neuhauser, J. Chem. Phys. 102,
-8011
-(1995)). The window that holds a number of modes follows from the density of states, by the kernel
-polynomial method.
+vectors. With omega = top cos(phi/2) the polynomials T_n(2 D / top^2 - 1) are cos(n phi). A filter
+is a sum of polynomials up to the order M that lies in a window of phi, of the width 2 H, as much as
+the order allows: its coefficients are one of Slepian's sequences (Bell Syst. Tech. J. 57, 1371
+(1978)), and there are 2 M H / pi filters. All filters, applied to a few random vectors in one
+recursion, make vectors that span the modes of the window if the vectors are well more than the
+modes: filter diagonalisation (Wall and Neuhauser, J. Chem. Phys. 102, 8011 (1995)). The window that
+holds a number of modes follows from the density of states, by the kernel polynomial method.
 
-A random vector has a part of every mode. So after the modes are found, fresh ones are filtered, and
-freed of these modes: the squares of what is left count the modes in the window that are missing.
+Every mode has a share in a random vector. So after the modes are found, fresh random vectors are
+filtered, and freed of these modes: the squares of the residuals count the modes in the window that
+are missing.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ from granphon.waves.operator import WaveOperator, explain_instability
 DENSE = 600
 #: frequency over the top frequency, at or below which a mode counts as one that costs no energy
 ZERO = 1e-6
-#: largest |D x - omega^2 x| / top^2 of a mode x of norm one; the error of omega^2 is its square
-#: over the distance of others
+#: largest |D x - omega^2 x| / top^2 of a mode x of norm one; the error of omega^2 is the square of
+#: this residual over the distance of other modes
 RESIDUAL = 1e-8
 #: random vectors of the density of states from which the window follows
 _VECTORS = 4
-#: its Chebyshev moments
+#: Chebyshev moments of that density
 _MOMENTS = 512
-#: half width of a line in it, over the standard deviation of the kernel
+#: half width of a line in that density, over the standard deviation of the kernel
 _RESOLVED = 4.0
 #: numbers of filters of a window that are tried; many pay where nearly all of a window is empty
 _FILTERS = (32, 48, 64, 96, 128, 192, 256, 384)
@@ -62,26 +62,26 @@ _FILTERS = (32, 48, 64, 96, 128, 192, 256, 384)
 #: one frequency are found
 _STARTS = (12, 8, 6, 4)
 #: filtered vectors, over the modes in the window
-_MORE = 2.3
-#: part of a window next to its ends where modes are not found: this number over that of the filters
+_VECTORS_PER_MODE = 2.3
+#: share of a window next to its ends where modes are not found, times the number of filters
 _EDGE = 6.4
-#: part of a window that is to be without a missing mode before a wider one is taken
+#: share of a window that is to be without a missing mode before a wider window is taken
 _CORE = 0.8
-#: half width of the next window that is tried, but for its ends, over that of one in which too few
-#: modes are
+#: half width of the next window that is tried, but for its ends, over that of a window with too few
+#: modes
 _WIDER = 1.1
-#: modes that the middle of a window holds by the density of states, over those that are wanted
+#: modes that the middle of a window holds by the density of states, over those that are requested
 _SPARE_MODES = 2
 #: fewest fresh random vectors
 _FRESH = 4
 #: random vectors so far, over fresh ones
 _GROWTH = 3
-#: mean square of the rest of fresh vectors below which no mode is missing;
-#: a missing one adds 1, and less than this with four vectors once in a thousand times
-_LEFT = 0.02
+#: mean square of the residuals of fresh vectors below which no mode is missing; a missing mode adds
+#: 1, and less than this limit with four vectors once in a thousand times
+_LEAST_RESIDUAL = 0.02
 #: more modes than these that cost no energy are left out from the beginning, and not counted
 _ZEROS = 48
-#: then, lowest frequency that is searched for missing modes, over the highest that is wanted
+#: then, lowest frequency that is searched for missing modes, over the highest that is requested
 _SOFT = 0.03
 #: most bytes of all vectors
 _BYTES = 2**32
@@ -91,29 +91,29 @@ _COPIES = 3
 _PRODUCTS = 2_000_000
 #: rows of filtered vectors that are worked on at a time
 _ROWS = 2**9
-#: polynomials that are kept for it
+#: polynomials that are kept for a sum over them
 _KEPT = 32
 #: vectors that are worked on at a time
 _COLUMNS = 32
-#: most motions of a matrix that is dense because many modes are wanted, or many cost no energy: 2
-#: GB
+#: most motions of a matrix that is dense because many modes are requested, or many cost no energy:
+#: 2 GB
 _LARGEST = 10_000
-#: largest share of all modes that are found without all of them
+#: number of all modes over the most that are found without finding all
 _SHARE = 3
 #: shift of the factors for the lowest modes, over top^2
 _SHIFT = 1e-6
 #: products with D that tell whether a network too large to be factorised is stable
 _KRYLOV = 400
-#: how well they tell an eigenvalue, over top^2. D is lower than the whole by a tenth of that, where
-#: overlaps are d/50
-_SEEN = 1e-5
+#: error of the lowest eigenvalue by these products, over top^2. D is lower than the whole by a
+#: tenth of that, where overlaps are d/50
+_RITZ_ERROR = 1e-5
 #: greatest rate of growth, over the top frequency, that is put down to forces left on balls at rest
 _BALANCED = 1e-4
-#: part of the largest entry of a column from which a pivot of a damped matrix is taken on the
-#: diagonal. With a tenth factors at frequencies within bands have up to a hundred times more
-#: entries, and no digit more once solutions are refined
+#: pivot of a damped matrix on the diagonal, at least, over the largest entry of its column. With a
+#: tenth, factors at frequencies within bands have up to a hundred times more entries, and solutions
+#: that are refined have no digit more
 PIVOT = 1e-5
-#: more vectors than are asked for
+#: vectors of a Krylov space beyond those that are requested
 _SPARE = 8
 
 
@@ -121,7 +121,7 @@ class Eigenpairs(NamedTuple):
     """Angular frequencies ``omega`` (m,), rad/s, ascending; ``vectors`` (size, m) of norm one;
     largest ``residual``/top^2.
 
-    ``zeros`` is the number of modes of the network that cost no energy; None if they were not
+    ``zeros`` is the number of modes of the network that cost no energy; None if these were not
     counted.
     """
 
@@ -176,8 +176,8 @@ class Problem:
         """Return the frequencies, modes and residuals over top^2 within the space of ``vectors``
         (live, m).
 
-        Without static forces they are singular values and vectors of A, so that low frequencies
-        lose no digits.
+        Without static forces the modes are singular vectors of A, so that low frequencies lose no
+        digits.
         """
         operator = self.operator
         whole = np.zeros((operator.size, vectors.shape[1]))
@@ -193,7 +193,7 @@ class Problem:
                 _, sizes, rows = np.linalg.svd(triangle)
             except np.linalg.LinAlgError:
                 # LAPACK's fast method fails on some matrices with hundreds of singular values near
-                # zero; this does not
+                # zero; gesvd does not
                 from scipy.linalg import svd
 
                 _, sizes, rows = svd(triangle, lapack_driver="gesvd")
@@ -208,52 +208,53 @@ class Problem:
         return omega, whole, residual
 
     def choose(self, omega: Array, count: int, target: float) -> NDArray[np.intp]:
-        """Return the places of the ``count`` frequencies nearest to ``target`` that cost energy,
+        """Return the indices of the ``count`` frequencies nearest to ``target`` that cost energy,
         ascending.
         """
-        cost = np.flatnonzero(omega > ZERO * self.top)
-        return np.sort(cost[np.argsort(np.abs(omega[cost] - target), kind="stable")[:count]])
+        elastic = np.flatnonzero(omega > ZERO * self.top)
+        order = np.argsort(np.abs(omega[elastic] - target), kind="stable")
+        return np.sort(elastic[order[:count]])
 
 
 def find_fall(operator: WaveOperator) -> float:
     """Return the size, (rad/s)^2, of squared frequencies below zero that count as zero.
 
-    They are rounding, and where static forces act, what these leave on balls: no program brings
-    forces to rest to all digits, and balls that carry no load have been left out. A ball on which a
-    force F is left falls where springs do not resist: about the line through two contacts, at h
-    from its centre, as exp(s t), s^2 = F h/2(m h^2 + I) for neighbours that stay. F/(m r) is above
-    that for any h; T/I is the same of a torque T that is left.
+    Such squares are rounding, or come from the imbalance of static forces on balls: no program
+    brings forces to rest to all digits, and balls that carry no load have been left out. A ball
+    with an imbalance F falls where springs do not resist: about the line through two contacts, at a
+    distance h from its centre, as exp(s t), with s^2 = F h/2(m h^2 + I) for neighbours that stay.
+    F/(m r) is above s^2 for any h; T/I is the bound for an imbalance T of torques.
     """
     network = operator.network
     rounding = (ZERO * operator.top) ** 2
     if not network.prestress:
         return rounding
-    force, torque = (np.linalg.norm(one[operator.balls], axis=1) for one in network.unbalanced)
-    masses, radii, inertias = (
-        one[operator.balls] for one in (network.masses, network.radii, network.inertias)
+    balls = operator.balls
+    force, torque = (np.linalg.norm(values[balls], axis=1) for values in network.unbalanced)
+    falls = (
+        force / (network.masses[balls] * network.radii[balls]) + torque / network.inertias[balls]
     )
-    left = float(np.max(force / (masses * radii) + torque / inertias))
-    return rounding + min(left, (_BALANCED * operator.top) ** 2)
+    return rounding + min(float(np.max(falls)), (_BALANCED * operator.top) ** 2)
 
 
 def find_roots(operator: WaveOperator, squares: Array) -> Array:
-    """Return angular frequencies, rad/s, of their squares, which ascend; those below zero count as
-    zero.
+    """Return angular frequencies, rad/s, of their squares, which ascend; squares below zero count
+    as zero.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if one is below that, see
-    :func:`find_fall`. With static tangential forces there is no limit: D, which lacks a part of
-    them, lowers frequencies of zero.
+    Raises :class:`~granphon.base.errors.InstabilityError` if a square is below zero by more than
+    :func:`find_fall`. With static tangential forces there is no limit: D lacks a part of these
+    forces, which lowers frequencies of zero.
     """
     if operator.whole is None and squares[0] < -find_fall(operator):
         raise explain_instability(operator.network)
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
-def make_too_few(there: int, count: int) -> InputError:
-    """Return the error of ``count`` modes that are asked for where fewer are ``there``."""
-    asked = counted(count, "mode is", "modes are")
-    among = f"only {there}" if there else "none"
-    return InputError(f"{asked} asked for, and {among} cost energy", mend="Ask for fewer")
+def make_too_few(available: int, count: int) -> InputError:
+    """Return the error of a request of ``count`` modes where fewer are ``available``."""
+    request = counted(count, "mode is", "modes are")
+    among = f"only {available}" if available else "none"
+    return InputError(f"{request} asked for, and {among} cost energy", mend="Ask for fewer")
 
 
 @dataclass(frozen=True)
@@ -277,50 +278,50 @@ class _Window:
 
     @cached_property
     def coefficients(self) -> Array:
-        """(filters, M + 1) of the polynomials, for each filter; those within the window come
-        first.
+        """(filters, M + 1) of the polynomials, for each filter; filters that lie within the window
+        most come first.
         """
         from scipy.signal.windows import dpss
 
         # functions of phi are even: at an end, only the even half of the sequences makes filters
-        every = 2 if self.at_end else 1
-        count = every * self.filters
-        sequences = dpss(2 * self.order + 1, count / 2, count)[::every, self.order :]
+        stride = 2 if self.at_end else 1
+        count = stride * self.filters
+        sequences = dpss(2 * self.order + 1, count / 2, count)[::stride, self.order :]
         n = np.arange(self.order + 1)
-        even = np.arange(0, count, every) % 2 == 0
-        sequences *= np.where(even[:, None], np.cos(n * self.centre), np.sin(n * self.centre))
+        is_even = np.arange(0, count, stride) % 2 == 0
+        sequences *= np.where(is_even[:, None], np.cos(n * self.centre), np.sin(n * self.centre))
         sequences[:, 1:] *= 2.0
         return np.asarray(sequences)
 
     def weights(self, phi: Array) -> Array:
         """Return (filters, n) the sums of the squares of the first filters, at ``phi`` (n,)."""
-        found = np.empty((self.filters, phi.size))
-        for place, one in enumerate(phi.tolist()):
-            found[:, place] = self.coefficients @ np.cos(one * np.arange(self.order + 1))
-        return np.asarray(np.cumsum(found**2, axis=0))
+        amplitudes = np.empty((self.filters, phi.size))
+        for column, angle in enumerate(phi.tolist()):
+            amplitudes[:, column] = self.coefficients @ np.cos(angle * np.arange(self.order + 1))
+        return np.asarray(np.cumsum(amplitudes**2, axis=0))
 
-    def part(self, share: float) -> tuple[float, float]:
-        """Return the ends in phi of the middle part of the window, a ``share`` of it."""
-        return max(self.centre - share * self.half, 0.0), min(
-            self.centre + share * self.half, math.pi
-        )
+    def middle(self, share: float) -> tuple[float, float]:
+        """Return the ends in phi of the middle of the window, a ``share`` of its width."""
+        low = max(self.centre - share * self.half, 0.0)
+        high = min(self.centre + share * self.half, math.pi)
+        return low, high
 
     def apply(self, operator: WaveOperator, starts: Array) -> Array:
         """Return (size, filters x m) all filters of the vectors ``starts`` (size, m)."""
         size, m = starts.shape
-        found = np.zeros((size, self.filters, m))
+        filtered = np.zeros((size, self.filters, m))
         vectors = polynomials(operator, starts)
         kept = np.empty((_KEPT, size, m))
         for first in range(0, self.order + 1, _KEPT):
             factors = self.coefficients[:, first : first + _KEPT]
             count = factors.shape[1]
-            for place in range(count):
-                kept[place] = next(vectors)
+            for offset in range(count):
+                kept[offset] = next(vectors)
             for row in range(0, size, _ROWS):
-                some = kept[:count, row : row + _ROWS]
-                summed = factors @ some.reshape(count, -1)
-                found[row : row + _ROWS] += summed.reshape(self.filters, -1, m).swapaxes(0, 1)
-        return found.reshape(size, -1)
+                chunk = kept[:count, row : row + _ROWS]
+                summed = factors @ chunk.reshape(count, -1)
+                filtered[row : row + _ROWS] += summed.reshape(self.filters, -1, m).swapaxes(0, 1)
+        return filtered.reshape(size, -1)
 
 
 class _Density:
@@ -332,8 +333,8 @@ class _Density:
         operator = problem.operator
         signs = np.zeros((_VECTORS, operator.size))
         signs[:, problem.live] = random.choice([-1.0, 1.0], (_VECTORS, problem.live.size))
-        found = [Moments(operator, one.copy, keep=False).first(_MOMENTS) for one in signs]
-        self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(found, axis=0)
+        moments = [Moments(operator, start.copy, keep=False).first(_MOMENTS) for start in signs]
+        self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(moments, axis=0)
 
     @property
     def zeros(self) -> float:
@@ -344,14 +345,14 @@ class _Density:
         """Return the density without the modes that cost no energy: those at phi = pi, as far as
         the moments tell.
         """
-        found = copy(self)
+        density = copy(self)
         sign = (-1.0) ** np.arange(_MOMENTS)
-        found._moments = self._moments - self.zeros * sign * Kernel(1.0, _MOMENTS).weights
-        return found
+        density._moments = self._moments - self.zeros * sign * Kernel(1.0, _MOMENTS).weights
+        return density
 
     def within(self, centre: float, half: float) -> float:
-        """Return the number of modes at |phi - centre| < half; both those at phi and at -phi, or 2
-        pi - phi, count.
+        """Return the number of modes at |phi - centre| < half; modes at phi count again at -phi, or
+        2 pi - phi.
         """
         n = np.arange(1, _MOMENTS)
         waves = 2.0 * np.sin(n * half) * np.cos(n * centre) / n
@@ -365,11 +366,15 @@ class _Density:
 
         if self.within(centre, math.pi) <= count:
             return math.pi
-        return float(
-            brentq(lambda half: self.within(centre, half) - count, 0.0, math.pi, xtol=1e-9)
-        )
 
-    def choose(self, target: float, wanted: int, starts: int, least: float) -> tuple[_Window, int]:
+        def count_excess(half: float) -> float:
+            return self.within(centre, half) - count
+
+        return float(brentq(count_excess, 0.0, math.pi, xtol=1e-9))
+
+    def choose(
+        self, target: float, requested: int, starts: int, least: float
+    ) -> tuple[_Window, int]:
         """Return the window for the ``wanted`` modes nearest to phi = ``target``, and how many
         random vectors it takes.
 
@@ -377,28 +382,31 @@ class _Density:
         width ``least``. Of such windows it is the one that takes the fewest filtered vectors, with
         ``starts`` random vectors or so.
         """
-        near = max(self.reach(target, _SPARE_MODES * wanted), least)
-        found = []
+        middle = max(self.reach(target, _SPARE_MODES * requested), least)
+        candidates = []
         for filters in _FILTERS:
             vectors = max(_STARTS[-1], starts * _FILTERS[0] // filters)
-            wide = near / (1.0 - _EDGE / filters)
-            centre, half = target, max(self.reach(target, vectors * filters / _MORE), wide)
+            margin = middle / (1.0 - _EDGE / filters)
+            spanned = vectors * filters / _VECTORS_PER_MODE
+            centre = target
+            half = max(self.reach(target, spanned), margin)
             count = self.within(centre, half)
             for end in (math.pi, 0.0):
                 across = abs(end - target)
                 if across < half:
                     # from the end of the spectrum on, through the target: both images count
-                    count = 0.5 * self.within(end, across) + max(
-                        _SPARE_MODES * wanted, vectors * filters / _MORE
-                    )
-                    centre, half = end, max(self.reach(end, 2.0 * count), across + wide)
+                    count = 0.5 * self.within(end, across) + max(_SPARE_MODES * requested, spanned)
+                    centre = end
+                    half = max(self.reach(end, 2.0 * count), across + margin)
                     count = 0.5 * self.within(end, half)
-            vectors = max(vectors, math.ceil(_MORE * count / filters))
-            found.append((filters * vectors, _Window(centre, min(half, math.pi), filters), vectors))
-        return min(found, key=lambda one: one[0])[1:]
+            vectors = max(vectors, math.ceil(_VECTORS_PER_MODE * count / filters))
+            candidates.append(
+                (filters * vectors, _Window(centre, min(half, math.pi), filters), vectors)
+            )
+        return min(candidates, key=lambda candidate: candidate[0])[1:]
 
 
-class _Found(NamedTuple):
+class _FoundModes(NamedTuple):
     """Modes that are found: ``omega`` (m,) ascending, rad/s, ``vectors`` (size, m), ``residuals``
     (m,) over top^2.
     """
@@ -412,82 +420,56 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
     """Return the ``count`` modes nearest to ``target``, rad/s; None if that takes more vectors than
     there are modes.
 
-    Raises :class:`~granphon.base.errors.InputError` beforehand if it takes too much memory or too
-    many products with D, and
-    :class:`~granphon.base.errors.ConvergenceError` if it turns out so.
+    Raises :class:`~granphon.base.errors.InputError` before the first filter is applied if the
+    search takes too much memory or too many products with D, and
+    :class:`~granphon.base.errors.ConvergenceError` if the search needs as much later.
     """
-    from scipy.linalg import qr
-
     random = np.random.default_rng(0)
     top = problem.top
     size = problem.operator.size
     density = _Density(problem, random)
     least = 0.0
     error: type[InputError | ConvergenceError] = InputError
-    # each random vector finds one mode of those without energy: many are left out from the
-    # beginning
+    # each random vector finds one of the modes without energy: many such modes are left out from
+    # the beginning
     power = 0
     if target <= ZERO * top and density.zeros > _ZEROS:
         density = density.without_zeros()
         power = 4 if problem.operator.network.prestress else 2
-
-    def count_bytes(window: _Window, starts: int) -> int:
-        return 8 * _COPIES * size * window.filters * (starts + _fresh(starts))
-
     while True:
-        for most in _STARTS:  # fewer random vectors where memory is short
-            window, starts = density.choose(_phi(top, target), count, most, least)
-            if count_bytes(window, starts) <= _BYTES:
+        for most_starts in _STARTS:  # fewer random vectors where memory is short
+            window, starts = density.choose(_phi(top, target), count, most_starts, least)
+            if _count_bytes(window, size, starts) <= _BYTES:
                 break
         basis = np.zeros((size, 0))
-        found = None
+        modes = None
         vectors = starts
         while True:
             if window.filters * (starts + _fresh(starts)) > problem.live.size:
                 return None
-            products = window.order * (starts + _fresh(starts))
-            needed = count_bytes(window, starts)
-            if needed > _BYTES or products > _PRODUCTS:
-                what = (
-                    f"{count} modes of {problem.live.size} motions take {needed / 1e9:.2g} GB,"
-                    f" and {products:.2g} products"
-                )
-                why = "In a large network modes of one frequency range lie close together"
-                mend = "Ask for fewer modes, or take a smaller network, or its density of states"
-                raise error(message(f"{what} products of D with a vector", why, mend))
+            _require_affordable(problem, window, starts, count, error)
             error = ConvergenceError
             fresh = window.apply(problem.operator, _draw(problem, random, vectors, power))
-            if found is not None:
+            if modes is not None:
                 # fresh vectors, freed of the modes that are known, show whether one is missing
-                chosen = problem.choose(found.omega, count, target)
-                reach = np.max(np.abs(found.omega[chosen] - target), initial=0.0)
-                ends = (
-                    _phi(top, target + reach),
-                    _phi(top, max(target - reach, _SOFT * reach if power else 0.0)),
-                )
-                inner = window.part(1.0 - _EDGE / window.filters)
-                enough = chosen.size == count and inner[0] <= ends[0] and ends[1] <= inner[1]
-                if (
-                    _missing(
-                        window, fresh, found.vectors, ends if enough else window.part(_CORE), power
-                    )
-                    < _LEFT
-                ):
+                chosen = problem.choose(modes.omega, count, target)
+                reach = np.max(np.abs(modes.omega[chosen] - target), initial=0.0)
+                lowest = max(target - reach, _SOFT * reach if power else 0.0)
+                ends = (_phi(top, target + reach), _phi(top, lowest))
+                inner = window.middle(1.0 - _EDGE / window.filters)
+                is_complete = chosen.size == count and inner[0] <= ends[0] and ends[1] <= inner[1]
+                searched = ends if is_complete else window.middle(_CORE)
+                if _missing(window, fresh, modes.vectors, searched, power) < _LEAST_RESIDUAL:
                     break
                 starts += vectors
-            # filters that reach out of the window a little add what is missing at 1e-8: no
-            # direction is left out
-            both = np.empty((size, basis.shape[1] + fresh.shape[1]), order="F")
-            first = basis.shape[1]
-            both[:, :first], both[:, first:] = basis, fresh
-            basis = np.asarray(qr(both, overwrite_a=True, mode="economic", check_finite=False)[0])
-            found = _solve(problem, window, basis)
+            basis = _join(basis, fresh)
+            modes = _solve(problem, window, basis)
             vectors = _fresh(starts)
-        zeros = int(np.sum(found.omega <= ZERO * top))
-        if enough:
-            found = _Found(*problem.refine(found.vectors[problem.live][:, chosen]))
+        zeros = int(np.sum(modes.omega <= ZERO * top))
+        if is_complete:
+            modes = _FoundModes(*problem.refine(modes.vectors[problem.live][:, chosen]))
             counted = None if power or target > ZERO * top else problem.loose + zeros
-            return Eigenpairs(found.omega, found.vectors, float(found.residuals.max()), counted)
+            return Eigenpairs(modes.omega, modes.vectors, float(modes.residuals.max()), counted)
         least = _WIDER * window.half
 
 
@@ -496,69 +478,118 @@ def _phi(top: float, omega: float) -> float:
 
 
 def _fresh(starts: int) -> int:
-    """Return the number of random vectors that come after ``starts`` of them."""
+    """Return the number of fresh random vectors after ``starts`` random vectors."""
     return max(_FRESH, starts // _GROWTH)
+
+
+def _count_bytes(window: _Window, size: int, starts: int) -> int:
+    """Return the memory of the filtered vectors (size,) of ``starts`` random vectors, and of the
+    fresh vectors after these, bytes.
+    """
+    return 8 * _COPIES * size * window.filters * (starts + _fresh(starts))
+
+
+def _require_affordable(
+    problem: Problem,
+    window: _Window,
+    starts: int,
+    count: int,
+    error: type[InputError | ConvergenceError],
+) -> None:
+    """Raise the ``error`` if the filters of a window take too much memory or too many products."""
+    products = window.order * (starts + _fresh(starts))
+    memory = _count_bytes(window, problem.operator.size, starts)
+    if memory <= _BYTES and products <= _PRODUCTS:
+        return
+    fault = (
+        f"{count} modes of {problem.live.size} motions take {memory / 1e9:.2g} GB,"
+        f" and {products:.2g} products of D with a vector"
+    )
+    why = "In a large network modes of one frequency range lie close together"
+    mend = "Ask for fewer modes, or take a smaller network, or its density of states"
+    raise error(message(fault, why, mend))
+
+
+def _join(basis: Array, fresh: Array) -> Array:
+    """Return an orthonormal basis (size, m + n) of a ``basis`` (size, m) and vectors (size, n).
+
+    No direction is left out, however small: filters that reach out of the window a little add
+    directions that modes lack at 1e-8.
+    """
+    from scipy.linalg import qr
+
+    first = basis.shape[1]
+    joined = np.empty((len(basis), first + fresh.shape[1]), order="F")
+    joined[:, :first] = basis
+    joined[:, first:] = fresh
+    return np.asarray(qr(joined, overwrite_a=True, mode="economic", check_finite=False)[0])
 
 
 def _draw(problem: Problem, random: np.random.Generator, count: int, power: int) -> Array:
     """Return ``count`` random vectors, (size, count), in which the square of a mode has the mean
     (omega / top)^``power``.
 
-    They are x, A^T y or D x, of powers 0, 2 and 4; the latter two are without the modes that cost
-    no energy.
+    The vectors are x, A^T y or D x, for the powers 0, 2 and 4; A^T y and D x have no share of the
+    modes that cost no energy.
     """
     operator = problem.operator
     if power == 2:
         rows = random.normal(size=(operator.root.shape[0], count))
         return np.asarray(operator.root.T @ rows) / problem.top
-    found = np.zeros((operator.size, count))
-    found[problem.live] = random.normal(size=(problem.live.size, count))
-    return np.asarray(operator.matrix @ found) / problem.top**2 if power else found
+    vectors = np.zeros((operator.size, count))
+    vectors[problem.live] = random.normal(size=(problem.live.size, count))
+    return np.asarray(operator.matrix @ vectors) / problem.top**2 if power else vectors
 
 
-def _solve(problem: Problem, window: _Window, basis: Array) -> _Found:
+def _solve(problem: Problem, window: _Window, basis: Array) -> _FoundModes:
     """Return the modes of the window in the space of ``basis``: Ritz vectors whose residuals are
     small.
     """
     matrix = problem.operator.matrix
     top = problem.top
-    parts = range(0, basis.shape[1], _COLUMNS)
-    pressed = np.hstack([basis.T @ (matrix @ basis[:, at : at + _COLUMNS]) for at in parts])
+    columns = range(0, basis.shape[1], _COLUMNS)
+    pressed = np.hstack(
+        [basis.T @ (matrix @ basis[:, column : column + _COLUMNS]) for column in columns]
+    )
     squares, turned = np.linalg.eigh(0.5 * (pressed + pressed.T))
-    (low, high), omega = window.part(1.0), find_roots(problem.operator, squares)
+    low, high = window.middle(1.0)
+    omega = find_roots(problem.operator, squares)
     inside = (omega <= top * math.cos(low / 2.0)) & (omega >= top * (math.cos(high / 2.0) - ZERO))
     omega = omega[inside]
     turned = turned[:, inside]
     vectors = [basis[:, :0]]
     residuals = [omega[:0]]
-    for at in range(0, omega.size, _COLUMNS):
-        some = basis @ turned[:, at : at + _COLUMNS]
-        left = (
-            np.linalg.norm(matrix @ some - omega[at : at + _COLUMNS] ** 2 * some, axis=0) / top**2
-        )
-        vectors.append(some[:, left <= RESIDUAL])
-        residuals.append(left)
-    every = np.concatenate(residuals)
-    return _Found(omega[every <= RESIDUAL], np.hstack(vectors), every[every <= RESIDUAL])
+    for column in range(0, omega.size, _COLUMNS):
+        block = slice(column, column + _COLUMNS)
+        ritz_vectors = basis @ turned[:, block]
+        differences = matrix @ ritz_vectors - omega[block] ** 2 * ritz_vectors
+        residual = np.linalg.norm(differences, axis=0) / top**2
+        vectors.append(ritz_vectors[:, residual <= RESIDUAL])
+        residuals.append(residual)
+    all_residuals = np.concatenate(residuals)
+    is_mode = all_residuals <= RESIDUAL
+    return _FoundModes(omega[is_mode], np.hstack(vectors), all_residuals[is_mode])
 
 
 def _missing(
     window: _Window, fresh: Array, known: Array, ends: tuple[float, float], power: int
 ) -> float:
-    """Return an estimate of how many modes between the ``ends`` in phi are not ``known``: below it
-    only with bad luck.
+    """Return an estimate of the number of modes between the ``ends`` in phi that are not ``known``;
+    the estimate is too low by chance only.
 
-    ``fresh`` are filtered random vectors, of which the known modes have not been made. A mode has
-    that share of their squares which the squares of the filters are at its frequency, times (omega
-    / top)^``power``. Modes outside of the ends add to it.
+    ``fresh`` are filtered random vectors from which the known modes have not been made. The share
+    of a mode in the squares of these vectors is the sum of the squares of the filters at its
+    frequency, times (omega / top)^``power``. Modes outside of the ends add to the estimate.
     """
     phi = np.linspace(*ends, 33)
     weights = np.min(window.weights(phi) * np.cos(0.5 * phi) ** power, axis=1)
     first = int(np.argmax(weights >= 0.5 * weights[-1])) + 1
-    some = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
-    vectors = some.shape[2]
-    some = some.reshape(len(fresh), -1)
-    return float(np.sum((some - known @ (known.T @ some)) ** 2) / (vectors * weights[first - 1]))
+    filtered = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
+    vectors = filtered.shape[2]
+    filtered = filtered.reshape(len(fresh), -1)
+    return float(
+        np.sum((filtered - known @ (known.T @ filtered)) ** 2) / (vectors * weights[first - 1])
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -676,7 +707,7 @@ def find_damped(
     if even is not None:
         modes = find_modes(operator, count, nearest)
         omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even)
-        order = np.argsort(omega)  # by their real part: the highest modes are the first to creep
+        order = np.argsort(omega)  # by real parts: the highest modes are the first to creep
         warnings = damped.find_warnings(float(modes.frequencies[-1]))
         return DampedModes(
             omega[order] / (2.0 * math.pi), modes.vectors[order].astype(complex), None, warnings
@@ -691,93 +722,95 @@ def find_damped(
         raise InputError(f"{live.size:,} motions that are damped unevenly are too many", mend=mend)
     lossy = ((operator.matrix + 1j * operator.weigh(damped.losses)) / top**2).tocsr()[live][:, live]
     viscous = (operator.weigh(damped.times) / top).tocsr()[live][:, live]
-    many = _SHARE * (2 * count + _SPARE) > 2 * live.size
-    if 2 * live.size <= DENSE or (many and live.size <= DENSE):
-        # twice: the size of the matrix of first order
+    # the matrix of first order has twice the size of D
+    is_small = 2 * live.size <= DENSE
+    are_many = _SHARE * (2 * count + _SPARE) > 2 * live.size
+    if is_small or (are_many and live.size <= DENSE):
         squares, shapes = _diagonalise(problem, count)
-        others = shapes[:, find_roots(operator, squares) > ZERO * top]
-        if others.shape[1] < count:
-            raise make_too_few(others.shape[1], count)
+        elastic = shapes[:, find_roots(operator, squares) > ZERO * top]
+        if elastic.shape[1] < count:
+            raise make_too_few(elastic.shape[1], count)
         omega, vectors = damp_unevenly(
-            *(others.T @ np.asarray(one @ others) for one in (lossy, viscous))
+            *(elastic.T @ np.asarray(matrix @ elastic) for matrix in (lossy, viscous))
         )
         chosen = _choose_damped(omega, count, target / top)
-        vectors = others @ vectors[:, chosen]
+        vectors = elastic @ vectors[:, chosen]
     else:
         still = _find_still(problem, count)
         if live.size - still.shape[1] < count:
             raise make_too_few(live.size - still.shape[1], count)
-        wanted = 2 * count + _SPARE  # modes that swing have two rates
+        rate_count = 2 * count + _SPARE  # modes that swing have two rates
         while True:
-            if wanted > live.size - still.shape[1]:
-                what = (
+            if rate_count > live.size - still.shape[1]:
+                fault = (
                     f"{count} modes of {live.size} motions that are damped unevenly are too many"
                     f" to be found"
                 )
-                raise InputError(what, mend="Ask for fewer")
-            omega, vectors = _follow_damped(lossy, viscous, still, wanted, target / top)
+                raise InputError(fault, mend="Ask for fewer")
+            omega, vectors = _follow_damped(lossy, viscous, still, rate_count, target / top)
             chosen = _choose_damped(omega, count, target / top)
             if chosen.size == count:
                 break
-            wanted *= 2
+            rate_count *= 2
         vectors = vectors[:, chosen]
-    every = np.zeros((operator.size, count), complex)
-    every[live] = vectors
-    whole = np.zeros((count, network.n_balls, motions.count), complex)
-    whole[:, operator.balls] = np.moveaxis(operator.values(every), -1, 0)
+    shapes = np.zeros((operator.size, count), complex)
+    shapes[live] = vectors
+    values = np.zeros((count, network.n_balls, motions.count), complex)
+    values[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
     # without losses, a motion of this shape has the frequency of Rayleigh's quotient
-    squares = np.sum(every.conj() * (operator.matrix @ every), axis=0).real
+    squares = np.sum(shapes.conj() * (operator.matrix @ shapes), axis=0).real
     highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
     return DampedModes(
-        omega[chosen] * top / (2.0 * math.pi), whole, None, damped.find_warnings(highest)
+        omega[chosen] * top / (2.0 * math.pi), values, None, damped.find_warnings(highest)
     )
 
 
 def _choose_damped(omega: Complex, count: int, target: float) -> NDArray[np.intp]:
-    """Return the places of the ``count`` modes whose real parts are nearest to ``target``,
-    ascending, then as they decay.
+    """Return the indices of the ``count`` modes whose real parts are nearest to ``target``, in
+    ascending order of the real part, then of the imaginary part.
     """
-    near = np.lexsort((omega.imag, np.abs(omega.real - target)))[:count]
-    return near[np.lexsort((omega[near].imag, omega[near].real))]
+    nearest = np.lexsort((omega.imag, np.abs(omega.real - target)))[:count]
+    return nearest[np.lexsort((omega[nearest].imag, omega[nearest].real))]
 
 
 def _find_still(problem: Problem, count: int) -> Array:
-    """Return motions (live, z) that cost no energy, orthonormal; ``count`` other ones are
-    wanted.
+    """Return motions (live, z) that cost no energy, orthonormal; ``count`` modes that cost energy
+    are requested.
     """
     zeros = problem.count_below((ZERO * problem.top) ** 2)
     if not zeros:
         return np.zeros((problem.live.size, 0))
     shift = -_SHIFT * problem.top**2
-    wanted = zeros + _SPARE
+    searched = zeros + _SPARE
     solve = problem.factors(shift).solve
-    while wanted * _SHARE <= problem.live.size:
-        _, vectors = find_nearest(problem.shifted(0.0), wanted, shift, solve)
+    while searched * _SHARE <= problem.live.size:
+        _, vectors = find_nearest(problem.shifted(0.0), searched, shift, solve)
         omega, vectors, _ = problem.refine(vectors)
         still = omega <= ZERO * problem.top
         if np.count_nonzero(still) == zeros:
             return vectors[problem.live][:, still]
-        wanted *= 2
+        searched *= 2
     squares, vectors = _diagonalise(problem, count)
     return np.asarray(vectors[:, find_roots(problem.operator, squares) <= ZERO * problem.top])
 
 
 @single_products()
 def _follow_damped(
-    stiffness: Any, viscous: Any, still: Array, wanted: int, target: float
+    stiffness: Any, viscous: Any, still: Array, rate_count: int, target: float
 ) -> tuple[Complex, Complex]:
-    """Return modes of x'' + G x' + D x = 0, omega (m,) with ``wanted`` rates nearest to ``target``,
-    and vectors (n, m).
+    """Return modes of x'' + G x' + D x = 0, omega (m,) of the ``rate_count`` rates nearest to
+    ``target``, and vectors (n, m).
 
-    With y = x', ((0, 1), (-D, -G)) - s is solved by the factors of D + s G + s^2, and Arnoldi's
-    vectors are kept free of the motions ``still`` (n, z), which cost no energy: each is there
-    twice, at a rate of zero, and nearer than all others. Of the two rates of a motion that creeps,
-    roots of r^2 + (x.Gx) r + x.Dx, the slower one is above the middle of them.
+    With y = x', ((0, 1), (-D, -G)) - s is solved by the factors of D + s G + s^2. Arnoldi's vectors
+    are kept free of the motions ``still`` (n, z), which cost no energy: each has the rate zero
+    twice, nearer than all other rates. A motion that creeps has two rates, the roots of
+    r^2 + (x.Gx) r + x.Dx; the slower of the two is above their mean.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
 
-    n, shift = stiffness.shape[0], math.sqrt(_SHIFT) + 1j * target
+    n = stiffness.shape[0]
+    shift = math.sqrt(_SHIFT) + 1j * target
     unit: Any = eye_array(n)
     factors = factorise(
         (stiffness + shift * viscous + shift**2 * unit).astype(complex), pivot=PIVOT
@@ -796,11 +829,11 @@ def _follow_damped(
         return free(np.concatenate([x, z[:n] + shift * x]))
 
     whole, inverse = (
-        LinearOperator((2 * n, 2 * n), matvec=one, dtype=complex) for one in (apply, solve)
+        LinearOperator((2 * n, 2 * n), matvec=product, dtype=complex) for product in (apply, solve)
     )
     start = free(np.random.default_rng(0).normal(size=2 * n).astype(complex))
     with lanczos_converges():
-        rates, vectors = eigs(whole, k=wanted, sigma=shift, OPinv=inverse, v0=start)
+        rates, vectors = eigs(whole, k=rate_count, sigma=shift, OPinv=inverse, v0=start)
     omega = -1j * rates
     vectors = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
     creeps = np.abs(omega.real) <= ZERO
@@ -822,17 +855,18 @@ def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
     """Whether no squared frequency is below zero by more than ``fall``, (rad/s)^2, by default
     :func:`find_fall`.
 
-    Only static forces make one. Where static tangential forces act, and D has a square below zero,
-    the lowest eigenvalue of the whole that is not symmetric decides: its real part is not below the
-    lowest of D. Of networks too large to be factorised the lowest Ritz value of a Krylov space of D
-    decides.
+    Only static forces make a square below zero. Where static tangential forces act, and D has a
+    square below zero, the lowest eigenvalue of the whole that is not symmetric decides: its real
+    part is not below the lowest of D. For networks too large to be factorised the lowest Ritz value
+    of a Krylov space of D decides.
     """
     if not operator.network.prestress:
         return True
     whole = operator.whole
     least = -(find_fall(operator) if fall is None else fall)
     if not _has_factors(operator):
-        return _search_lowest(operator) >= (least if whole is None else -_SEEN * operator.top**2)
+        least_ritz_value = least if whole is None else -_RITZ_ERROR * operator.top**2
+        return _search_lowest(operator) >= least_ritz_value
     if not Problem(operator, np.arange(operator.size)).count_below(least):
         return True
     return whole is not None and _find_lowest_of_whole(operator, whole, least)[0] >= least
@@ -842,8 +876,8 @@ def find_falls(operator: WaveOperator, fall: float) -> Array:
     """Return motions (size, m) by which a network that is not stable falls: modes whose squared
     frequency is below zero by more than ``fall``, (rad/s)^2.
 
-    They are all of these; with static tangential forces only the lowest one, by its sizes. Raises
-    :class:`~granphon.base.errors.InstabilityError` for a network too large to be factorised.
+    All such modes are returned; with static tangential forces only the sizes of the lowest mode.
+    Raises :class:`~granphon.base.errors.InstabilityError` for a network too large to be factorised.
     """
     if not _has_factors(operator):
         raise explain_instability(operator.network)
@@ -852,18 +886,14 @@ def find_falls(operator: WaveOperator, fall: float) -> Array:
         return _find_lowest_of_whole(operator, whole, -fall)[1][:, None]
     network = operator.network
     problem = Problem(operator, np.arange(operator.size))
-    # static forces make no square lower than twice that of a ball which they alone move, while all
-    # others are held
-    pressed = np.maximum(network.normal_force, 0.0) / network.distance
+    # no square is lower than twice that of a single ball which static forces alone move
+    stiffness = np.maximum(network.normal_force, 0.0) / network.distance
     ends = (network.i, network.j)
-    alone = (
-        np.sum([np.bincount(ball, pressed, network.n_balls) for ball in ends], axis=0)
-        / network.masses
-    )
-    shift, count = -2.0 * float(np.max(alone)), problem.count_below(-fall)
-    return np.asarray(
-        find_nearest(problem.shifted(0.0), count, shift, problem.factors(shift).solve)[1]
-    )
+    of_balls = [np.bincount(ball, stiffness, network.n_balls) for ball in ends]
+    shift = -2.0 * float(np.max(np.sum(of_balls, axis=0) / network.masses))
+    count = problem.count_below(-fall)
+    solve = problem.factors(shift).solve
+    return np.asarray(find_nearest(problem.shifted(0.0), count, shift, solve)[1])
 
 
 def _has_factors(operator: WaveOperator) -> bool:
@@ -894,36 +924,36 @@ def _search_lowest(operator: WaveOperator) -> float:
 
     x = np.random.default_rng(0).normal(size=operator.size)
     x /= np.linalg.norm(x)
-    before = np.zeros(operator.size)
-    across = 0.0
+    previous = np.zeros(operator.size)
+    coupling = 0.0
     diagonal = []
-    beside = []
+    couplings = []
     for _ in range(_KRYLOV):
-        y = operator @ x - across * before
+        y = operator @ x - coupling * previous
         diagonal.append(float(x @ y))
         y -= diagonal[-1] * x
-        across = float(np.linalg.norm(y))
-        beside.append(across)
-        before = x
-        x = y / across
+        coupling = float(np.linalg.norm(y))
+        couplings.append(coupling)
+        previous = x
+        x = y / coupling
     values = eigvalsh_tridiagonal(
-        np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0)
+        np.array(diagonal), np.array(couplings[:-1]), select="i", select_range=(0, 0)
     )
     return float(values[0])
 
 
 def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
     """Return all eigenvalues (live,) and eigenvectors (live, live) of D, of which ``count`` modes
-    are wanted.
+    are requested.
     """
     from scipy.linalg import eigh
 
     if problem.live.size > _LARGEST:
-        what = (
+        fault = (
             f"{count} modes of {problem.live.size} motions, with those without energy, are too"
             f" many to be found"
         )
-        raise InputError(what, mend="Ask for fewer")
+        raise InputError(fault, mend="Ask for fewer")
     squares, vectors = eigh(problem.shifted(0.0).toarray())
     return squares, vectors
 
@@ -949,24 +979,24 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     lowest = target <= zero
     shift = -_SHIFT * top**2 if lowest else target**2
     solve = problem.factors(shift).solve
-    wanted = count + _SPARE + (zeros if lowest else 0)
-    while wanted * _SHARE <= size:
-        _, vectors = find_nearest(problem.shifted(0.0), wanted, shift, solve)
+    searched = count + _SPARE + (zeros if lowest else 0)
+    while searched * _SHARE <= size:
+        _, vectors = find_nearest(problem.shifted(0.0), searched, shift, solve)
         omega, vectors, residual = problem.refine(vectors)
         chosen = problem.choose(omega, count, target)
         if chosen.size == count and np.max(residual[chosen]) <= RESIDUAL:
-            # all modes as near as the farthest one that was chosen, and no further ones, are to be
-            # there
+            # all modes nearer than the farthest chosen mode must have been found
             reach = np.max(np.abs(omega[chosen] - target)) * (1.0 - 1e-9)
             low = max(target - reach, zero)
             high = target + reach
             below = zeros if low == zero else problem.count_below(low**2)
-            if problem.count_below(high**2) - below == np.sum((omega > low) & (omega < high)):
+            within = problem.count_below(high**2) - below
+            if within == np.sum((omega > low) & (omega < high)):
                 return Eigenpairs(
                     omega[chosen],
                     vectors[:, chosen],
                     float(residual[chosen].max()),
                     problem.loose + zeros,
                 )
-        wanted *= 2
+        searched *= 2
     return _find_dense(problem, count, target)

@@ -1,5 +1,5 @@
-"""Balls in motion at a list of times: where they are, what forces act, where the energy is, and
-what waves they make.
+"""Balls in motion at a list of times: positions, forces, energies, and the waves that the balls
+make.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ from granphon.base.staging import explaining, put_beside
 from granphon.base.validation import index_array, number, one_of, positive, require, whole_number
 from granphon.networks.network import ContactNetwork
 
-#: what a file of a motion says about itself
+#: format and schema in a file of a motion
 _ABOUT = {"format": "granphon motion", "schema": "1"}
-#: what passes a contact
+#: readings of a pulse that passes a contact
 _PASSAGES = ("peak", "front")
-#: part of the greatest change of a force below which nothing has come to a contact
+#: change of a force, over the greatest change, below which nothing has come to a contact
 _STILL = 1e-3
-#: part of the greatest force at rest below which a change may be rounding; a change, N, that is
-#: none
+#: change of a force, over the greatest force at rest, below which the change may be rounding
 _ROUNDING = 1e-10
-_NOTHING = 1e-300
+#: change of a force, N, that counts as none
+_NO_CHANGE = 1e-300
 #: least correlation of a line
 _STRAIGHT = 0.9
-#: greatest change of its slope over it, over the slope: what diffuses, t ~ x^2, has a half between
-#: quarters of the way
+#: greatest change of the slope of a line along it, over the slope: a signal that diffuses, t ~ x^2,
+#: has a half between quarters of the distance
 _BENT = 0.25
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
-#: least part of the height of a maximum that frames beside it have: three frames within the width
-#: of a pulse at half of its height are those of a peak. Of a shorter one they are of any motions
-#: that follow it, and say nothing about when it passes
+#: least height of the frames beside a maximum, over the maximum: then three frames lie within the
+#: width of the pulse at half of its height. Frames about a shorter pulse show any motions that
+#: follow, and not when the pulse passes
 _FLANK = 0.5
 #: most multiples and periods: no run has as many frames
 _MOST_MULTIPLES = 10**9
-#: what a file holds to which no more can be written
+#: content of a file to which no more can be written
 _KEPT = "It holds the frames that came before"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(Result):
-    """Balls in motion, at a list of times. Vectors have three components; what does not move is
-    zero.
+    """Balls in motion, at a list of times. Vectors have three components; components along which
+    balls do not move are zero.
 
     Attributes
     ----------
@@ -102,9 +102,9 @@ class Motion(Result):
         """Return the motion in a file of a run or of :meth:`write`, or some of its ``frames``; the
         run may still go on.
 
-        Arrays over frames stay in the file, as :class:`numpy.memmap`: what is used of them is read
-        then, so that a motion may be larger than the memory. An open binary file is read whole, and
-        of a file that was cut the frames that are whole, with a
+        Arrays over frames stay in the file, as :class:`numpy.memmap`: frames are read when they are
+        used, so that a motion may be larger than the memory. An open binary file is read at once.
+        Of a file that was cut the whole frames are read, with a
         :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of
@@ -114,30 +114,32 @@ class Motion(Result):
             raise InputError(
                 f"the file of a motion is {brief(path)}", mend="Give a path, or an open binary file"
             )
-        given: Any = frames
-        if not isinstance(given, slice) or (isinstance(given.step, int) and given.step < 0):
+        requested: Any = frames
+        is_slice = isinstance(requested, slice)
+        if not is_slice or (isinstance(requested.step, int) and requested.step < 0):
             raise InputError(
                 f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)"
             )
-        found, about = read_records(path, _ABOUT, frames)
-        if not len(found.get("times", [0])):
+        values, about = read_records(path, _ABOUT, frames)
+        if not len(values.get("times", [0])):
             raise InputError(
                 f"frames is {brief(frames)}, and the file has none of them", mend="Give others"
             )
         try:
-            own = {
-                name.removeprefix("network_"): found.pop(name)
-                for name in list(found)
+            network_values = {
+                name.removeprefix("network_"): values.pop(name)
+                for name in list(values)
                 if name.startswith("network_")
             }
             for name in ("i", "j", "shift", "labels"):
-                if name in own:
-                    own[name] = own[name].astype(np.intp)
+                if name in network_values:
+                    network_values[name] = network_values[name].astype(np.intp)
             network = restore(
-                {"class": "ContactNetwork", **json.loads(about["network"]), **own}, ContactNetwork
+                {"class": "ContactNetwork", **json.loads(about["network"]), **network_values},
+                ContactNetwork,
             )
-            met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
-            motion = cls(**found, network=network, met=met, step=float(about["step"]))
+            met: Any = values.pop("met", np.zeros((0, 2))).astype(np.intp)
+            motion = cls(**values, network=network, met=met, step=float(about["step"]))
             motion._check()
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
@@ -154,13 +156,13 @@ class Motion(Result):
         cannot be written.
         """
         if not hasattr(path, "write"):
-            _require_place(path)
+            _require_writable(path)
             with put_beside(Path(path)) as beside, open(beside, "wb") as stream:
                 self.write(stream)
             return
         names = [name for name, layout in self._shapes.items() if layout[0] == "f"]
         frames = (
-            {name: getattr(self, name)[at] for name in names} for at in range(len(self.times))
+            {name: getattr(self, name)[frame] for name in names} for frame in range(len(self.times))
         )
         first = next(frames)
         file = _begin_file(path, self.network, self.step, self.met, first)
@@ -181,26 +183,25 @@ class Motion(Result):
     def middles(self) -> Array:
         """(n_c, 3) places of the contacts at rest, m."""
         network = self.network
-        (i, j) = self.met.T
+        i, j = self.met.T
         start = network.positions[i]
         periods = network.cell[list(network.pbc)]
         apart = network.positions[j] - start
         # of the nearest image
-        met = start + 0.5 * (apart - np.rint(apart @ np.linalg.pinv(periods)) @ periods)
-        for wall, (
-            place,
-            toward,
-        ) in network.walls.items():  # where the ball stands over a flat wall
-            own = j == wall
-            met[own] = start[own] + np.outer((place - start[own]) @ toward, toward)
-        return np.concatenate([network.contact_places, met])
+        middles = start + 0.5 * (apart - np.rint(apart @ np.linalg.pinv(periods)) @ periods)
+        for wall, (point, inward) in network.walls.items():
+            # a ball touches a flat wall at the foot of the perpendicular from its centre
+            touches = j == wall
+            heights = (point - start[touches]) @ inward
+            middles[touches] = start[touches] + np.outer(heights, inward)
+        return np.concatenate([network.contact_places, middles])
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact,
         each (n_c,).
 
-        Both are those of a parabola through the greatest frame and its neighbours; of the first
-        frame, or the last, itself.
+        Both are those of a parabola through the greatest frame and its neighbours; where the first
+        or the last frame is the greatest, those of that frame.
         """
         return self._find_tops(np.argmax(self.forces, axis=0))
 
@@ -210,15 +211,16 @@ class Motion(Result):
         """
         last = len(self.times) - 1
         contacts = np.arange(self.forces.shape[1])
-        before = np.maximum(frames - 1, 0)
-        after = np.minimum(frames + 1, last)
-        low, most, high = (self.forces[at, contacts] for at in (before, frames, after))
+        previous = np.maximum(frames - 1, 0)
+        following = np.minimum(frames + 1, last)
+        low, most, high = (self.forces[frame, contacts] for frame in (previous, frames, following))
+        # differences first: a change by rounding then makes neither of the two zero
         bend = (low - most) + (high - most)
-        tilt = low - high  # so of a change by rounding it is not zero either
-        shift = np.divide(0.5 * tilt, bend, out=np.zeros_like(bend), where=after == before + 2)
-        return self.times[frames] + 0.5 * shift * (
-            self.times[after] - self.times[before]
-        ), most - 0.25 * tilt * shift
+        tilt = low - high
+        is_inside = following == previous + 2
+        shift = np.divide(0.5 * tilt, bend, out=np.zeros_like(bend), where=is_inside)
+        steps = self.times[following] - self.times[previous]
+        return self.times[frames] + 0.5 * shift * steps, most - 0.25 * tilt * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
         """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its
@@ -228,21 +230,18 @@ class Motion(Result):
         echo does not count; or the greatest change, if it has no such maximum. Times between frames
         are interpolated linearly; the time is infinite where a force does not change.
         """
+        share = require("share", lambda value: number(value, 1e-9, 1.0), share)
         change = np.abs(self.forces - self.forces[0])
         first = _find_first_maxima(change)
         top = np.where(first > 0, first, np.argmax(change, axis=0))
         contacts = np.arange(change.shape[1])
-        level = (
-            require("share", lambda value: number(value, 1e-9, 1.0), share) * change[top, contacts]
-        )
-        after = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
-        low, high = (change[at, contacts] for at in (after - 1, after))
-        part = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
-        return np.where(
-            level > 0.0,
-            self.times[after - 1] + part * (self.times[after] - self.times[after - 1]),
-            np.inf,
-        )
+        level = share * change[top, contacts]
+        following = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
+        low, high = (change[frame, contacts] for frame in (following - 1, following))
+        fraction = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
+        start = self.times[following - 1]
+        times = start + fraction * (self.times[following] - start)
+        return np.where(level > 0.0, times, np.inf)
 
     def passages(self, of: Literal["peak", "front"] = "peak", share: float = 0.5) -> Array:
         """Return the times, (n_c,), s, at which a pulse passes each contact: by its peak, or its
@@ -265,20 +264,20 @@ class Motion(Result):
         """
         rise = self.forces - self.forces[0]
         change = np.abs(rise)
-        least = (
+        least = max(
             _STILL * float(change.max(initial=0.0)),
             _ROUNDING * float(self.forces[0].max(initial=0.0)),
-            _NOTHING,
+            _NO_CHANGE,
         )
         height = rise if one_of("of", of, _PASSAGES) == "peak" else change
         first = _find_first_maxima(height)
-        is_known = (change.max(axis=0, initial=0.0) > max(least)) & (first > 0)
+        is_known = (change.max(axis=0, initial=0.0) > least) & (first > 0)
         times = self._find_tops(first)[0] if of == "peak" else self.arrivals(share)
-        # of contacts without a maximum, which are not known, frames are those of the start
-        before = np.maximum(first - 1, 0)
-        after = np.minimum(first + 1, len(height) - 1)
+        # contacts without a maximum have the frames of the start, and their times are not known
+        previous = np.maximum(first - 1, 0)
+        following = np.minimum(first + 1, len(height) - 1)
         contacts = np.arange(first.size)
-        flank = np.minimum(height[before, contacts], height[after, contacts])
+        flank = np.minimum(height[previous, contacts], height[following, contacts])
         return np.where(is_known, times, np.nan), flank >= _FLANK * height[first, contacts]
 
     def pulse_velocity(
@@ -296,42 +295,42 @@ class Motion(Result):
         are along the ``direction`` (3,), by default from the first contact to the last. Raises
         :class:`~granphon.base.errors.InputError` for fewer than two contacts, for a contact that
         the pulse does not pass within the run, for fewer than three frames within the width of the
-        pulse at half of its height, for contacts that it does not reach one after another along a
-        straight line, and for a ``share`` of a peak.
+        pulse at half of its height, for contacts that the pulse does not reach one after another
+        along a straight line, and for a ``share`` of a peak.
         """
-        at = index_array("contacts", contacts, self.forces.shape[1], "contacts")
-        if at.size < 2:
+        chosen = index_array("contacts", contacts, self.forces.shape[1], "contacts")
+        if chosen.size < 2:
             raise InputError(f"contacts are {brief(contacts)}", mend="Give two or more")
         if one_of("of", of, _PASSAGES) == "peak" and share is not None:
             raise InputError(
                 f"share is {brief(share)}, and a peak has none", mend='Give of="front" too'
             )
-        places = self.middles[at] - self.middles[at[0]]
+        places = self.middles[chosen] - self.middles[chosen[0]]
         if direction is None and not np.any(places[-1]):
             raise InputError(
                 f"contacts {brief(contacts)} begin and end at one place",
                 mend="Give contacts along a way",
             )
         along = one_direction(places[-1] if direction is None else direction, 3)
-        times, is_resolved = (
-            found[at] for found in self._find_passages(of, 0.5 if share is None else share)
-        )
+        times, is_resolved = self._find_passages(of, 0.5 if share is None else share)
+        times = times[chosen]
+        is_resolved = is_resolved[chosen]
         if np.any(np.isnan(times)):
-            missed = at[np.isnan(times)]
-            what = f"the pulse does not pass contact {missed[0]}"
-            more = f", nor {missed.size - 1} others" if missed.size > 1 else ""
+            missed = chosen[np.isnan(times)]
+            fault = f"the pulse does not pass contact {missed[0]}"
+            further = f", nor {missed.size - 1} others" if missed.size > 1 else ""
             mend = "Run for longer, keep more frames, or give contacts that it has passed"
             raise InputError(
-                what + more, "Its force does not change much, or still rises at the end", mend
+                fault + further, "Its force does not change much, or still rises at the end", mend
             )
         if not np.all(is_resolved):
             step = float(self.times[1] - self.times[0])
-            what = (
-                f"the pulse at contact {at[~is_resolved][0]} is too short for frames {step:.3g} s"
-                f" apart"
+            fault = (
+                f"the pulse at contact {chosen[~is_resolved][0]} is too short for frames {step:.3g}"
+                f" s apart"
             )
             raise InputError(
-                what,
+                fault,
                 "Fewer than three are within its width at half of its height",
                 "Keep more frames",
             )
@@ -353,18 +352,15 @@ class Motion(Result):
         from the end. Raises
         :class:`~granphon.base.errors.InputError` for fewer than four frames.
         """
-        values = self.displacements[
-            :,
-            whole_number("ball", ball, 0, self.network.n_balls - 1),
-            whole_number("axis", axis, 0, 2),
-        ]
+        ball = whole_number("ball", ball, 0, self.network.n_balls - 1)
+        axis = whole_number("axis", axis, 0, 2)
+        values = self.displacements[:, ball, axis]
         if len(values) < 4:
             raise InputError(f"{len(values)} frames have no spectrum", mend="Keep more frames")
         window = np.hanning(len(values))
         weighed = window * (values - np.average(values, weights=window))
-        frequencies: Array = np.asarray(
-            np.fft.rfftfreq(len(values), float(self.times[1] - self.times[0])), float
-        )
+        interval = float(self.times[1] - self.times[0])
+        frequencies = np.asarray(np.fft.rfftfreq(len(values), interval), float)
         return frequencies, 2.0 / np.sum(window) * np.abs(np.fft.rfft(weighed))
 
     def harmonics(
@@ -373,9 +369,9 @@ class Motion(Result):
         """Return the amplitudes of a steady motion at multiples of its ``frequency``, Hz: (count,
         n) complex, m.
 
-        They are those of displacements along an ``axis``, Re sum_m a_m exp(-2 pi i m f t), with a
-        mean, fitted to the last ``periods``. Raises :class:`~granphon.base.errors.InputError` if
-        these are not in the run, or if a period of the highest multiple has fewer than 2.5 frames.
+        Re sum_m a_m exp(-2 pi i m f t) and a mean are fitted to displacements along an ``axis`` in
+        the last ``periods``. Raises :class:`~granphon.base.errors.InputError` if the run has fewer
+        periods, or if a period of the highest multiple has fewer than 2.5 frames.
         """
         f = positive("frequency", frequency, "Hz")
         frames = len(self.times)
@@ -385,12 +381,12 @@ class Motion(Result):
         whole = float(self.times[-1] - self.times[0]) * f
         per = (frames - 1) / (whole * most) if whole > 0.0 else 0.0
         if fitted_to > whole * (1.0 + 1e-9) or per < _PER_PERIOD:
-            what = (
+            fault = (
                 f"{per:.3g} frames are in a period of multiple {most}, and {whole:.3g} periods in"
                 f" the run"
             )
             raise InputError(
-                what, mend="Run for longer, keep more frames, or ask for fewer multiples"
+                fault, mend="Run for longer, keep more frames, or ask for fewer multiples"
             )
         last = self.times > self.times[-1] - fitted_to / f * (1.0 + 1e-9)
         angle = 2.0 * np.pi * f * self.times[last, None] * np.arange(1, most + 1)
@@ -408,20 +404,16 @@ def _find_first_maxima(values: Array) -> Index:
     inner = values[1:-1]
     is_top = (inner > values[:-2]) & (inner >= values[2:])
     is_top &= (inner >= 0.5 * values.max(axis=0, initial=0.0)) & (inner > 0.0)
-    return (
-        np.where(np.any(is_top, axis=0), 1 + np.argmax(is_top, axis=0), 0)
-        if len(inner)
-        else np.zeros(values.shape[1], int)
-    )
+    return np.where(np.any(is_top, axis=0), 1 + np.argmax(is_top, axis=0), 0)
 
 
 def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
     """Return the slope of the line of least squares of distances, m, over times, s, and an empty
     text.
 
-    Without a straight line that rises it is nan, and the text says why: times that do not grow with
-    the distance, that scatter about the line (correlation of :data:`_STRAIGHT` or less), or whose
-    line bends, as that of what diffuses.
+    Without a straight line that rises the slope is nan, and the text says why: times do not grow
+    with the distance, scatter about the line (correlation of :data:`_STRAIGHT` or less), or lie on
+    a line that bends, as those of a signal that diffuses.
     """
     (a, b), (_, c) = np.cov(times, distances)
     if not b > 0.0:
@@ -448,7 +440,7 @@ class Frames:
 
     def __init__(self, network: ContactNetwork, step: float, path: Any) -> None:
         if path is not None:
-            _require_place(path)
+            _require_writable(path)
         self._network = network
         self._step = step
         self._path = None if path is None else Path(path)
@@ -495,25 +487,22 @@ class Frames:
             with explaining(self._path, _KEPT):
                 self._file.append(whole)
         else:
-            # columns are of a fixed number in a file: it is written anew, and then takes the place
-            # of the one before
-            before = dict[str, Any]()
+            # the number of columns of a file is fixed: a new file is written beside the earlier
+            # one, and then replaces it
+            earlier = dict[str, Any]()
+            shapes = {name: np.shape(last) for name, last in whole.items()}
             if self._file is not None:
                 self._file.close()
-                before = read_records(self._path, _ABOUT)[0]
+                earlier = read_records(self._path, _ABOUT)[0]
             with put_beside(self._path) as beside:
                 self._file = _begin_file(beside, self._network, self._step, self._met, whole)
-                for at in range(self._count):
-                    self._file.append(
-                        {
-                            name: _pad(before[name][at], np.shape(last))
-                            for name, last in whole.items()
-                        }
-                    )
+                for row in range(self._count):
+                    padded = {name: _pad(earlier[name][row], shapes[name]) for name in whole}
+                    self._file.append(padded)
                 self._file.append(whole)
-                del before  # some systems do not replace a file that is in use
+                del earlier  # some systems do not replace a file that is in use
         self._count = self._count + 1
-        self.last_time = float(frame["times"])  # once it is kept, as Ctrl-C may come before
+        self.last_time = float(frame["times"])  # last, as Ctrl-C may come before a frame is kept
 
     @property
     def _met(self) -> Index:
@@ -524,15 +513,15 @@ class Frames:
         if self._path is not None:
             return Motion.read(self._path)
         last = self._frames[-1]
-        stacked: dict[str, Any] = {
-            name: np.array([_pad(one[name], np.shape(last[name])) for one in self._frames])
-            for name in last
-        }
+        stacked: dict[str, Any] = {}
+        for name in last:
+            shape = np.shape(last[name])
+            stacked[name] = np.array([_pad(frame[name], shape) for frame in self._frames])
         return Motion(**stacked, network=self._network, met=self._met, step=self._step)
 
 
-def _require_place(path: Any) -> None:
-    """Raise unless a motion may be written to a path: there is nothing, or a motion that nobody is
+def _require_writable(path: Any) -> None:
+    """Raise unless a motion may be written to a path: no file exists, or a motion that nobody is
     writing.
     """
     if not isinstance(path, str | os.PathLike) or not os.fspath(path) or "\0" in str(path):
@@ -551,11 +540,11 @@ def _require_place(path: Any) -> None:
 def _begin_file(
     path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]
 ) -> RecordFile:
-    """Return a file of a motion, without frames, that takes such as ``frame``."""
+    """Return a file of a motion, without frames, for frames like ``frame``."""
     network = network.storable()
-    values = {one.name: getattr(network, one.name) for one in fields(network)}
+    values = {entry.name: getattr(network, entry.name) for entry in fields(network)}
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-    rest = {name: plain(value) for name, value in values.items() if name not in arrays}
+    plain_values = {name: plain(value) for name, value in values.items() if name not in arrays}
     fixed = {
         f"network_{name}": (value, _name_axes(name, ContactNetwork))
         for name, value in arrays.items()
@@ -567,7 +556,11 @@ def _begin_file(
     }
     units = Motion.units | {f"network_{name}": unit for name, unit in ContactNetwork.units.items()}
     return RecordFile(
-        path, fixed, growing, units, _ABOUT | {"network": json.dumps(rest), "step": repr(step)}
+        path,
+        fixed,
+        growing,
+        units,
+        _ABOUT | {"network": json.dumps(plain_values), "step": repr(step)},
     )
 
 
@@ -575,11 +568,11 @@ def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:
     """Return names of the axes of a field in a file."""
     names = {"f": "time", "n": "ball", "c": "contact", "3": "axis", "m": "met", "2": "end"}
     of_network = {"c": "network_contact"} if owner is ContactNetwork else {}
-    return tuple((names | of_network)[one] for one in owner._shapes[name].rstrip("?").split())
+    return tuple((names | of_network)[letter] for letter in owner._shapes[name].rstrip("?").split())
 
 
 def _pad(values: Any, shape: tuple[int, ...]) -> Array:
-    """Return an array with zeros for what is missing at its end."""
+    """Return an array of a ``shape``, with zeros behind the ``values``."""
     if np.shape(values) == shape:
         return np.asarray(values, float)
     out = np.zeros(shape)

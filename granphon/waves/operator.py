@@ -10,15 +10,15 @@ it; f is below zero where contacts pull. The eigenvalues of D are squared angula
 moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
 
 Static tangential forces T add G (:func:`granphon.dynamics.rows.carry_rows`), which has no
-potential, as the law of discrete elements has none. D has its symmetric part. What is left out
-changes an eigenvalue by a term of second order in T/(k r). It is seen where an eigenvalue is zero:
-a ball with two contacts in space turns freely about the line through them, along which its forces
-are, and D makes a little less than zero of that. So :attr:`WaveOperator.whole` tells whether it is
-stable.
+potential, as the law of discrete elements has none. D has the symmetric part of G. The
+antisymmetric part, which D lacks, changes an eigenvalue by a term of second order in T/(k r). The
+change shows where an eigenvalue is zero: a ball with two contacts in space turns freely about the
+line through the contacts, along which its forces are, and the eigenvalue of D is a little less than
+zero. So :attr:`WaveOperator.whole` tells whether the network is stable.
 
 D of a large array of equal masses is applied without a matrix (:class:`ArrayOperator`, with
-:mod:`granphon.array.contact_operator`). Several vectors at once are left to the sparse matrix,
-which is read once for all of them, and is then faster.
+:mod:`granphon.array.contact_operator`). For several vectors at once the sparse matrix is faster, as
+it is read once for all vectors.
 """
 
 from __future__ import annotations
@@ -60,19 +60,19 @@ _LEAST_BALLS = 2500
 def explain_instability(network: ContactNetwork) -> InstabilityError:
     """Return the error of a network that static forces make unstable."""
     why = "Its static forces exceed what its springs hold, so that it would buckle"
-    what = message("the network is not stable: a squared frequency is below zero", why)
+    fault = message("the network is not stable: a squared frequency is below zero", why)
     mend = "Bring it to rest first, give its tangential_force if it has friction"
-    left = network.describe_imbalance() if network.prestress else ""
+    imbalance = network.describe_imbalance() if network.prestress else ""
     return InstabilityError(
-        message(what, left, f"{mend}, or leave the static forces out (prestress=False)")
+        message(fault, imbalance, f"{mend}, or leave the static forces out (prestress=False)")
     )
 
 
 class Parts(NamedTuple):
-    """D = C^T K C in parts: deformations C of a vector (size,), and what tensions in these do to
-    balls, C^T.
+    """D = C^T K C in parts: deformations C of a vector (size,), and the forces C^T on balls of the
+    tensions of these deformations.
 
-    ``weigh`` returns the diagonal of K, with signs, or of the weighted one of
+    ``weigh`` returns the diagonal of K, with signs, or the weighted diagonal of
     :meth:`WaveOperator.of_rows`.
     """
 
@@ -91,8 +91,8 @@ class WaveOperator(LinearOperator):
     balls : (n_free,) indices of the balls that move.
     """
 
-    #: time of a product with a vector and the sums that go with it in a Krylov space, s for each
-    #: motion, by the dimension
+    #: time of a product with a vector and of the sums for it in a Krylov space, s for each motion,
+    #: by the dimension
     product_time: ClassVar = {1: 1.2e-8, 2: 3e-8, 3: 1e-7}
 
     def __init__(self, network: ContactNetwork) -> None:
@@ -124,45 +124,41 @@ class WaveOperator(LinearOperator):
         return vector.reshape(self.balls.size, self.motions.count, *vector.shape[1:])
 
     @cached_property
-    def places(self) -> NDArray[np.intp]:
-        """(n, motions) the place of each motion in a vector; -1 of balls that do not move."""
-        places = np.full((self.network.n_balls, self.motions.count), -1)
-        places[self.balls] = self.values(np.arange(self.size))
-        return places
+    def indices(self) -> NDArray[np.intp]:
+        """(n, motions) index of each motion in a vector; -1 for balls that do not move."""
+        indices = np.full((self.network.n_balls, self.motions.count), -1)
+        indices[self.balls] = self.values(np.arange(self.size))
+        return indices
 
     @cached_property
     def is_rotation(self) -> NDArray[np.bool_]:
         """(size,) whether each number of a vector belongs to a rotation."""
-        return np.asarray(
-            self.vector(
-                np.broadcast_to(self.motions.is_rotation, (self.balls.size, self.motions.count))
-            )
-        )
+        shape = (self.balls.size, self.motions.count)
+        return np.asarray(self.vector(np.broadcast_to(self.motions.is_rotation, shape)))
 
     @cached_property
     def in_balls(self) -> tuple[NDArray[np.uintp], Array]:
-        """(size,) the place of each motion among the six (n, 6) of all balls, and what that is of
-        the mass-weighted one.
+        """(size,) the index of each motion among the six (n, 6) of all balls, and the scale of that
+        motion over the mass-weighted one.
         """
-        network, axes = (
-            self.network,
-            np.array([*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]),
+        network = self.network
+        axes = np.array(
+            [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
         )
-        masses = np.where(
-            axes < 3, network.masses[self.balls, None], network.inertias[self.balls, None]
-        )
-        return self.vector(6 * self.balls[:, None] + axes).astype(np.uintp), self.vector(
-            1.0 / np.sqrt(masses)
-        )
+        masses = network.masses[self.balls, None]
+        inertias = network.inertias[self.balls, None]
+        scale = 1.0 / np.sqrt(np.where(axes < 3, masses, inertias))
+        indices = self.vector(6 * self.balls[:, None] + axes).astype(np.uintp)
+        return indices, self.vector(scale)
 
     def to_balls(self, vector: Array) -> Array:
         """Return mass-weighted motions (size,) as displacements, m, and rotations, rad, (n, 6) of
         all balls.
         """
-        found = np.zeros((self.network.n_balls, 6))
-        (places, scale) = self.in_balls
-        found.reshape(-1)[places] = scale * vector
-        return found
+        motions = np.zeros((self.network.n_balls, 6))
+        (indices, scale) = self.in_balls
+        motions.reshape(-1)[indices] = scale * vector
+        return motions
 
     def push(self, balls: Index, along: Array, weights: Array) -> Array:
         """Return the vector (size,) of translations ``along`` (3,) of some balls, times their
@@ -170,7 +166,7 @@ class WaveOperator(LinearOperator):
         """
         vector = np.zeros(self.size)
         axes = list(self.motions.translations)
-        vector[self.places[balls, : len(axes)]] = along[axes] * weights[:, None]
+        vector[self.indices[balls, : len(axes)]] = along[axes] * weights[:, None]
         return vector
 
     # -- matrices ----------------------------------------------------------------------------------
@@ -188,7 +184,7 @@ class WaveOperator(LinearOperator):
         network = self.network
         m = self.motions.count
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
-        columns = np.hstack([self.places[network.i], self.places[network.j]]).astype(np.int32)
+        columns = np.hstack([self.indices[network.i], self.indices[network.j]]).astype(np.int32)
         columns[columns < 0] = 0  # of balls that are held: their entries are zero
         entries = np.empty((len(rows), *columns.shape), np.result_type(phase, *root))
         for out, row, weight in zip(entries, rows, root, strict=True):
@@ -212,15 +208,14 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def law_rows(self) -> list[Row]:
-        """Elongation, of zeros where no motion makes it, as out of the plane, and the other
-        :attr:`rows`.
+        """Elongation and the other :attr:`rows`; the elongation has zeros where no motion makes it,
+        as out of the plane.
         """
         rows = self.rows
-        none = np.zeros_like(self.rows[0].head)
-        made = rows[0].kind == "elongation"
-        return (
-            rows if made else [Row("elongation", self.network.normal_stiffness, none, none), *rows]
-        )
+        if rows[0].kind == "elongation":
+            return rows
+        zeros = np.zeros_like(rows[0].head)
+        return [Row("elongation", self.network.normal_stiffness, zeros, zeros), *rows]
 
     @cached_property
     def full_root(self) -> csr_array[Any]:
@@ -232,33 +227,30 @@ class WaveOperator(LinearOperator):
     @cached_property
     def root(self) -> csr_array[Any]:
         """A alone, rad/s."""
-        return (
-            self.full_root[: len(self.rows) * self.network.n_contacts]
-            if self.network.prestress
-            else self.full_root
-        )
+        if not self.network.prestress:
+            return self.full_root
+        return self.full_root[: len(self.rows) * self.network.n_contacts]
 
     @cached_property
     def _weighed_rows(self) -> tuple[list[Row], list[Array]]:
-        """The rows of :attr:`full_root`, and what each is multiplied by."""
+        """The rows of :attr:`full_root`, and the factor (n_c,) of each."""
         network = self.network
+        roots = [np.sqrt(row.stiffness) for row in self.rows]
         static = self._static_rows
-        pressed = np.sqrt(np.abs(network.static_forces[0]) / network.distance) if static else None
-        return self.rows + static, [np.sqrt(row.stiffness) for row in self.rows] + [pressed] * len(
-            static
-        )
+        if static:
+            tension = np.sqrt(np.abs(network.static_forces[0]) / network.distance)
+            roots += [tension] * len(static)
+        return self.rows + static, roots
 
     @cached_property
     def _static_rows(self) -> list[Row]:
-        """Displacements across contacts on which static forces act: none of balls that move along a
+        """Displacements across contacts on which static forces act: none where balls move along a
         line alone.
         """
         network = self.network
-        return (
-            push_rows(network.normal[:, : network.dimension], self.motions)
-            if network.prestress
-            else []
-        )
+        if not network.prestress:
+            return []
+        return push_rows(network.normal[:, : network.dimension], self.motions)
 
     def of_rows(self, weights: Array | None = None) -> Array:
         """Return the weights (rows,) of the rows of :attr:`full_root` in D.
@@ -267,12 +259,13 @@ class WaveOperator(LinearOperator):
         straight. Given ``weights`` (2, n_c) of elongation, and of other deformations of contacts,
         return these, where static forces have 0.
         """
-        springs = np.ones((2, self.network.n_contacts)) if weights is None else weights
-        static = (
-            -np.sign(self.network.static_forces[0])
-            if weights is None
-            else np.zeros(self.network.n_contacts)
-        )
+        network = self.network
+        if weights is None:
+            springs = np.ones((2, network.n_contacts))
+            static = -np.sign(network.static_forces[0])
+        else:
+            springs = weights
+            static = np.zeros(network.n_contacts)
         return np.concatenate([*weigh_rows(self.rows, springs), *[static] * len(self._static_rows)])
 
     def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
@@ -282,20 +275,18 @@ class WaveOperator(LinearOperator):
         With a ``phase`` (n_c,) it is that of waves, in which balls j of contacts move with it.
         """
         root = self.full_root if phase is None else self._make_matrix(*self._weighed_rows, phase)
-        found: csr_array[Any] = (
-            root.conj().T.tocsr() @ root.multiply(self.of_rows(weights)[:, None]).tocsr()
-        ).tocsr()
-        return found
+        weighed = root.multiply(self.of_rows(weights)[:, None]).tocsr()
+        product: csr_array[Any] = (root.conj().T.tocsr() @ weighed).tocsr()
+        return product
 
     @cached_property
     def matrix(self) -> csr_array[Any]:
         """D, (size, size), (rad/s)^2."""
-        found = self.weigh()
-        return (
-            found
-            if self._carried is None
-            else (found + 0.5 * (self._carried + self._carried.T)).tocsr()
-        )
+        springs = self.weigh()
+        if self._carried is None:
+            return springs
+        whole: csr_array[Any] = (springs + 0.5 * (self._carried + self._carried.T)).tocsr()
+        return whole
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
         """Return the product of D + i A^T eta A with a vector (size,), eta being ``losses`` as for
@@ -307,49 +298,50 @@ class WaveOperator(LinearOperator):
     @cached_property
     def parts(self) -> Parts:
         """D in parts."""
-        root, sides = self.full_root, self.full_root.T.tocsr()
+        root = self.full_root
+        transposed = root.T.tocsr()
         return Parts(
             lambda x: np.asarray(root @ x),
-            lambda tension: np.asarray(sides @ tension),
+            lambda tension: np.asarray(transposed @ tension),
             self.of_rows,
         )
 
     def store(self, x: Array) -> float:
         """Return the energy x D x / 2 of a vector, J, by its deformations: a drift of all balls
-        takes no digits from it.
+        takes no digits from the energy.
         """
-        pull, move = (
-            (self._make_matrix(*one) @ x for one in self._pairs) if self._pairs else (x[:0], x[:0])
-        )
-        return 0.5 * float(self.parts.weigh() @ self.parts.deform(x) ** 2 + pull @ move)
+        energy = self.parts.weigh() @ self.parts.deform(x) ** 2
+        if self._pairs:
+            pull, move = (self._make_matrix(*rows) @ x for rows in self._pairs)
+            energy = energy + pull @ move
+        return 0.5 * float(energy)
 
     def stretch(self, moved: Array, weighed: tuple[list[Row], list[Array]] | None = None) -> Array:
-        """Return what displacements (n, motions), m, of bodies that do not move make of rows: those
-        of :attr:`full_root`.
+        """Return the values of rows, of those of :attr:`full_root` by default, for displacements
+        (n, motions), m, of bodies that are held.
         """
         i = moved[self.network.i]
         j = moved[self.network.j]
-        (rows, roots) = weighed or self._weighed_rows
-        parts = [
+        rows, roots = weighed or self._weighed_rows
+        deformations = [
             root * np.sum(row.head * j - row.tail * i, axis=1)
             for row, root in zip(rows, roots, strict=True)
         ]
-        return np.concatenate(parts)
+        return np.concatenate(deformations)
 
     def pull(self, moved: Array, weights: Array | None = None) -> Array:
-        """Return the mass-weighted forces (size,), N/kg^1/2, on balls that move when bodies that do
-        not are displaced.
+        """Return the mass-weighted forces (size,), N/kg^1/2, on balls that move when bodies that
+        are held are displaced.
 
-        ``moved`` (n, motions) are displacements, m. The forces are those of springs and of static
-        forces; with ``weights``, as for :meth:`of_rows`, those of springs alone, each times its
-        weight.
+        ``moved`` (n, motions) are displacements, m. Springs and static forces act; with
+        ``weights``, as for :meth:`of_rows`, springs alone, each times its weight.
         """
-        found = -(self.full_root.T @ (self.of_rows(weights) * self.stretch(moved)))
-        for one, other in (
-            (self._pairs, self._pairs[::-1]) if self._pairs and weights is None else ()
-        ):
-            found -= 0.5 * (self._make_matrix(*one).T @ self.stretch(moved, other))
-        return np.asarray(found)
+        forces = -(self.full_root.T @ (self.of_rows(weights) * self.stretch(moved)))
+        if self._pairs and weights is None:
+            pull, move = self._pairs
+            forces -= 0.5 * (self._make_matrix(*pull).T @ self.stretch(moved, move))
+            forces -= 0.5 * (self._make_matrix(*move).T @ self.stretch(moved, pull))
+        return np.asarray(forces)
 
     def compose(self, rows: list[Row], phase: Any = 1.0) -> csr_array[Any]:
         """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for
@@ -387,54 +379,52 @@ class WaveOperator(LinearOperator):
         """G, (size, size), (rad/s)^2, of static tangential forces; None if none act."""
         if not self._pairs:
             return None
-        pull, move = (self._make_matrix(*one) for one in self._pairs)
-        found: csr_array[Any] = (pull.T.tocsr() @ move).tocsr()
-        return found
+        pull, move = (self._make_matrix(*rows) for rows in self._pairs)
+        carried: csr_array[Any] = (pull.T.tocsr() @ move).tocsr()
+        return carried
 
     @cached_property
     def whole(self) -> csr_array[Any] | None:
         """D with the part of G that is not symmetric, (size, size), (rad/s)^2; None if no static
         tangential forces act.
         """
-        return (
-            None
-            if self._carried is None
-            else (self.matrix + 0.5 * (self._carried - self._carried.T)).tocsr()
-        )
+        if self._carried is None:
+            return None
+        whole: csr_array[Any] = (self.matrix + 0.5 * (self._carried - self._carried.T)).tocsr()
+        return whole
 
     @cached_property
     def _blocks(self) -> Array:
-        """(n_free, motions, motions) what springs, and tension, make of D for each ball that moves
-        alone, (rad/s)^2.
+        """(n_free, motions, motions) block of D for each ball that moves alone, by springs and
+        tension, (rad/s)^2.
         """
         network = self.network
         m = self.motions.count
-        own = np.zeros((m, m, network.n_balls))
+        blocks = np.zeros((m, m, network.n_balls))
         tension = np.maximum(-network.static_forces[0], 0.0) / network.distance
-        for row, stiffness in [(row, row.stiffness) for row in self.rows] + [
-            (row, tension) for row in self._static_rows
-        ]:
-            for ball, part in ((network.j, row.head), (network.i, row.tail)):
+        springs = [(row, row.stiffness) for row in self.rows]
+        for row, stiffness in springs + [(row, tension) for row in self._static_rows]:
+            for ball, coefficients in ((network.j, row.head), (network.i, row.tail)):
                 for a, b in np.ndindex(m, m):
-                    if np.any(weights := stiffness * part[:, a] * part[:, b]):
-                        own[a, b] += np.bincount(ball, weights, network.n_balls)
-        return np.asarray(
-            own[:, :, self.balls].transpose(2, 0, 1) / network.masses[self.balls, None, None]
-        )
+                    weights = stiffness * coefficients[:, a] * coefficients[:, b]
+                    if np.any(weights):
+                        blocks[a, b] += np.bincount(ball, weights, network.n_balls)
+        masses = network.masses[self.balls, None, None]
+        return np.asarray(blocks[:, :, self.balls].transpose(2, 0, 1) / masses)
 
     @cached_property
     def top(self) -> float:
         """A bound of all angular frequencies, rad/s: 2^1/2 times the highest at which a ball moves
         alone, and a margin.
 
-        The energy of a contact is at most twice what it would be if its two balls moved one at a
+        The energy of a contact is at most twice the sum of its energies with one ball moving at a
         time. Contacts that are pressed lower D, and tangential forces add at most the largest sum
         of a row.
         """
-        most = 2.0 * float(np.max(np.linalg.eigvalsh(self._blocks)))
+        bound = 2.0 * float(np.max(np.linalg.eigvalsh(self._blocks)))
         if self._carried is not None:
-            most += 0.5 * float(np.max(abs(self._carried + self._carried.T).sum(axis=1)))
-        return _MARGIN * math.sqrt(most)
+            bound += 0.5 * float(np.max(abs(self._carried + self._carried.T).sum(axis=1)))
+        return _MARGIN * math.sqrt(bound)
 
     @cached_property
     def _step(self) -> csr_array[Any]:
@@ -490,47 +480,46 @@ def find_kinds(network: ContactNetwork) -> NDArray[np.intp] | None:
     table = lattice.contacts
     n = lattice.n_balls
     p = lattice.periods
-    if network.n_balls != n * math.prod(shape) or not (
-        _is_one(network.masses) and _is_one(network.inertias)
-    ):
+    if network.n_balls != n * math.prod(shape):
         return None
-    cells = [
+    if not _are_equal(network.masses) or not _are_equal(network.inertias):
+        return None
+    tail_cells, head_cells = (
         np.stack(np.unravel_index(ball // n, shape), axis=-1) for ball in (network.i, network.j)
-    ]
-    step = cells[1] + network.shift[:, :p] * np.array(shape) - cells[0]
+    )
+    step = head_cells + network.shift[:, :p] * np.array(shape) - tail_cells
     kinds = np.full(network.n_contacts, -1)
-    for kind, (i, j, shift) in enumerate(
-        zip(table.i.tolist(), table.j.tolist(), table.shift, strict=True)
-    ):
-        kinds[(network.i % n == i) & (network.j % n == j) & np.all(step == shift, axis=1)] = kind
+    table_rows = zip(table.i.tolist(), table.j.tolist(), table.shift, strict=True)
+    for kind, (i, j, shift) in enumerate(table_rows):
+        joins = (network.i % n == i) & (network.j % n == j)
+        kinds[joins & np.all(step == shift, axis=1)] = kind
     if np.any(kinds < 0) or len(set((kinds * network.n_balls + network.i).tolist())) < kinds.size:
         return None
     normal = np.zeros((len(table), 3))
     normal[:, : table.normal.shape[1]] = table.normal
-    fine = np.max(np.abs(network.normal - normal[kinds]), initial=0.0) <= _ALIKE
-    for own, arm in ((network.arm_i, table.arm_i), (network.arm_j, table.arm_j)):
-        fine = fine and _is_one(own / arm[kinds])
-    return kinds if fine else None
+    alike = np.max(np.abs(network.normal - normal[kinds]), initial=0.0) <= _ALIKE
+    for arms, arm in ((network.arm_i, table.arm_i), (network.arm_j, table.arm_j)):
+        alike = alike and _are_equal(arms / arm[kinds])
+    return kinds if alike else None
 
 
-def _is_one(values: Array) -> bool:
+def _are_equal(values: Array) -> bool:
     """Whether all values are the same, but for rounding, and finite."""
-    return bool(
-        np.all(np.isfinite(values))
-        and np.ptp(values) <= _ALIKE * np.max(np.abs(values), initial=0.0)
-    )
+    if not np.all(np.isfinite(values)):
+        return False
+    return bool(np.ptp(values) <= _ALIKE * np.max(np.abs(values), initial=0.0))
 
 
 class ArrayOperator(WaveOperator):
     """D of an array of equal masses; vectors run over the motions of the balls of a cell, and for
-    each over all cells.
+    each motion over all cells.
     """
 
     product_time: ClassVar = {1: 4e-9, 2: 1.2e-8, 3: 4e-8}
 
     def __init__(self, network: ContactNetwork, kinds: NDArray[np.intp]) -> None:
         super().__init__(network)
-        assert network.lattice is not None  # find_kinds has seen that
+        assert network.lattice is not None  # find_kinds has required a lattice and a shape
         assert network.shape is not None
         self.lattice = network.lattice
         self.cells = network.shape
@@ -560,7 +549,7 @@ class ArrayOperator(WaveOperator):
         return ContactHessian(self._contacts, list(springs), precision=weights.dtype)
 
     @cached_property
-    def _own(self) -> list[NDArray[np.intp]]:
+    def _contacts_of_kind(self) -> list[NDArray[np.intp]]:
         """Contacts of each kind."""
         return [np.flatnonzero(self._kinds == kind) for kind in range(len(self.lattice.contacts))]
 
@@ -572,39 +561,35 @@ class ArrayOperator(WaveOperator):
         ends = []
         for row in self.rows:
             heads, tails = np.zeros((2, len(table), self._fields))
-            for kind, (i, j, own) in enumerate(
-                zip(table.i.tolist(), table.j.tolist(), self._own, strict=True)
-            ):
-                if own.size:
-                    heads[kind, m * j : m * (j + 1)], tails[kind, m * i : m * (i + 1)] = (
-                        row.head[own[0]],
-                        row.tail[own[0]],
-                    )
+            kinds = zip(table.i.tolist(), table.j.tolist(), self._contacts_of_kind, strict=True)
+            for kind, (i, j, contacts) in enumerate(kinds):
+                if contacts.size:
+                    heads[kind, m * j : m * (j + 1)] = row.head[contacts[0]]
+                    tails[kind, m * i : m * (i + 1)] = row.tail[contacts[0]]
             ends.append((heads, tails))
-        head, tail = (np.concatenate(one) for one in zip(*ends, strict=True))
-        return ContactOperator(
-            self.cells, [tuple(steps) for steps in table.shift.tolist()], head, tail
-        )
+        head, tail = (np.concatenate(rows) for rows in zip(*ends, strict=True))
+        shifts = [tuple(steps) for steps in table.shift.tolist()]
+        return ContactOperator(self.cells, shifts, head, tail)
 
     def _lay(self, weights: NDArray[Any]) -> NDArray[Any]:
         """Return stiffnesses times ``weights`` (rows, n_c) over the mass, at the cells of the balls
-        i of contacts.
-
-        They are zero where there is no contact.
+        i of contacts; zero where two balls have no contact.
         """
-        springs = np.zeros((len(self.rows), len(self._own), *self.cells), weights.dtype)
+        springs = np.zeros(
+            (len(self.rows), len(self._contacts_of_kind), *self.cells), weights.dtype
+        )
         cells = self.network.i // self.lattice.n_balls
         mass = float(self.network.masses[0])
-        for place, row in enumerate(self.rows):
-            stiffness = row.stiffness * weights[place] / mass
-            for kind, own in enumerate(self._own):
-                springs[place, kind].reshape(-1)[cells[own]] = stiffness[own]
+        for number, row in enumerate(self.rows):
+            stiffness = row.stiffness * weights[number] / mass
+            for kind, contacts in enumerate(self._contacts_of_kind):
+                springs[number, kind].reshape(-1)[cells[contacts]] = stiffness[contacts]
         return springs
 
     @cached_property
     def parts(self) -> Parts:
-        """D in parts, see :attr:`WaveOperator.parts`; deformations (rows x cells,) are as in
-        stencils.
+        """D in parts, see :attr:`WaveOperator.parts`; deformations (rows x cells,) have the order
+        of the stencils.
         """
         contacts = self._contacts
 
@@ -631,13 +616,11 @@ class ArrayOperator(WaveOperator):
         x = np.ravel(x)
         if np.iscomplexobj(x):
             return np.asarray(self._matvec(x.real) + 1j * self._matvec(x.imag))
-        return np.asarray(
-            0.25 * self.top**2 * self._product(x.reshape(self._fields, *self.cells))[0].ravel()
-        )
+        product = self._product(x.reshape(self._fields, *self.cells))[0].ravel()
+        return np.asarray(0.25 * self.top**2 * product)
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
         """Return the product of D + i A^T eta A, see :meth:`WaveOperator.make_lossy_product`."""
-        product = self._make_product(
-            0.25 * self.top**2 * (1.0 + 1j * weigh_rows(self.rows, losses))
-        )
+        weights = 1.0 + 1j * weigh_rows(self.rows, losses)
+        product = self._make_product(0.25 * self.top**2 * weights)
         return lambda x: np.asarray(product(x.reshape(self._fields, *self.cells))[0].ravel())

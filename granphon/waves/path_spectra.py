@@ -40,8 +40,8 @@ class PathSpectra(Result):
     ----------
     corners : (m,) distances of the corners along the path, 1/m.
     labels : of the corners.
-    distances : (n,) of the wave vectors along the path, 1/m; each is the one of the cell that is
-        nearest to a point of the path, and Gamma is left out.
+    distances : (n,) of the wave vectors along the path, 1/m; each is the wave vector of the cell
+        that is nearest to a point of the path, and Gamma is left out.
     spectra : for each polarisation a spectral function of the n wave vectors.
     band_distances : (b,) 1/m.
     bands : (b, n_branches) frequencies of the lattice of equal contacts with the mean stiffness,
@@ -96,22 +96,20 @@ class PathSpectra(Result):
             Heading("mean_free_path", "m"),
             Heading("attenuation", "1/m"),
         ]
-        columns = [
-            [
-                *[[one.polarisation] * len(self.distances)],
+        rows: list[tuple[Any, ...]] = []
+        for spectrum in self.spectra:
+            columns = [
+                [spectrum.polarisation] * len(self.distances),
                 self.distances.tolist(),
-                *one.q.T.tolist(),
-                one.peak.tolist(),
-                one.width.tolist(),
-                one.resolved.astype(int).tolist(),
-                one.mean_free_path.tolist(),
-                one.attenuation.tolist(),
+                *spectrum.q.T.tolist(),
+                spectrum.peak.tolist(),
+                spectrum.width.tolist(),
+                spectrum.resolved.astype(int).tolist(),
+                spectrum.mean_free_path.tolist(),
+                spectrum.attenuation.tolist(),
             ]
-            for one in self.spectra
-        ]
-        write_text(
-            path, table_text(headings, (row for one in columns for row in zip(*one, strict=True)))
-        )
+            rows.extend(zip(*columns, strict=True))
+        write_text(path, table_text(headings, rows))
 
 
 def find_path_spectra(
@@ -144,16 +142,16 @@ def find_path_spectra(
     InputError : fewer than two points, or an array so small that it has no wave vector on the path
         but Gamma.
     """
-    way = find_path_points(waves.network, lattice, scales.length, path, points)
-    spectra = [waves.spectral_function(way.q, name, resolution) for name in polarisations]
-    return PathSpectra.of(spectra, way.corners, way.distances, lattice, scales, path, labels)
+    route = find_path_points(waves.network, lattice, scales.length, path, points)
+    spectra = [waves.spectral_function(route.q, name, resolution) for name in polarisations]
+    return PathSpectra.of(spectra, route.corners, route.distances, lattice, scales, path, labels)
 
 
 class PathPoints(NamedTuple):
     """Wave vectors of a periodic network along a path.
 
-    ``corners`` (m,) are the distances along the path of its corners, 1/m; ``q`` (n, d) the wave
-    vectors, 1/m, and ``distances`` (n,) where they are along it.
+    ``corners`` (m,) are the distances of the corners along the path, 1/m; ``q`` (n, d) the wave
+    vectors, 1/m, and ``distances`` (n,) their distances along the path, 1/m.
     """
 
     corners: Array
@@ -171,8 +169,8 @@ def find_path_points(
     """Return the wave vectors of the cell of a network that are nearest to ``points`` points on
     each leg of a path.
 
-    Those of Gamma, those that lie farther off the path than half a step, and double ones are left
-    out. ``spacing`` is the unit of length of the ``lattice``, m. Raises what
+    Left out are wave vectors of Gamma, those farther off the path than half a step, and repeated
+    ones. ``spacing`` is the unit of length of the ``lattice``, m. Raises what
     :func:`find_path_spectra` raises.
     """
     count = whole_number("points", points, 2)
@@ -180,38 +178,40 @@ def find_path_points(
     legs = [(start, end) for piece in ends for start, end in pairwise(piece)]
     lengths = np.array([np.linalg.norm(end - start) for start, end in legs])
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
-    found: dict[
-        tuple[int, ...], tuple[float, Array]
-    ] = {}  # by the whole numbers of waves along the periods
+    # distances and wave vectors, by the whole numbers of waves along the periods
+    wavevectors: dict[tuple[int, ...], tuple[float, Array]] = {}
     d = network.dimension
     periods = network.cell[list(network.pbc)]
     reciprocal = np.linalg.inv(lattice.wavevectors(np.eye(len(ends[0][0]))) / spacing)
     for (start, end), length, begin in zip(legs, lengths, starts[:-1], strict=True):
+        p = len(start)
         along = (end - start) / length
-        wanted = np.zeros((count, d))
-        wanted[:, : len(along)] = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
-        for q in nearest_wavevectors(network, wanted):
-            place = begin + float(np.clip((q[: len(along)] - start) @ along, 0.0, length))
-            off = np.linalg.norm(q[: len(along)] - start - (place - begin) * along)
+        half_step = 0.5 * length / (count - 1)
+        targets = np.zeros((count, d))
+        targets[:, :p] = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+        for q in nearest_wavevectors(network, targets):
+            distance = begin + float(np.clip((q[:p] - start) @ along, 0.0, length))
+            deviation = np.linalg.norm(q[:p] - start - (distance - begin) * along)
             number = tuple(np.rint(periods[:, :d] @ q / (2.0 * np.pi)).astype(int).tolist())
-            reduced = q[: len(along)] @ reciprocal
-            if np.any(np.abs(reduced - np.rint(reduced)) > _SAME) and off <= 0.5 * length / (
-                count - 1
-            ):
-                found.setdefault(number, (place, q))
-    if not found:
-        what = "the array has no wave vector on the path but Gamma"
-        raise InputError(what, mend="Take a larger array, or a path through the middle of the zone")
-    distances, q = (np.array(one) for one in zip(*found.values(), strict=True))
+            reduced = q[:p] @ reciprocal
+            is_gamma = np.all(np.abs(reduced - np.rint(reduced)) <= _SAME)
+            if not is_gamma and deviation <= half_step:
+                wavevectors.setdefault(number, (distance, q))
+    if not wavevectors:
+        fault = "the array has no wave vector on the path but Gamma"
+        raise InputError(
+            fault, mend="Take a larger array, or a path through the middle of the zone"
+        )
+    distances, q = (np.array(values) for values in zip(*wavevectors.values(), strict=True))
     return PathPoints(starts, distances, q)
 
 
 def join_labels(path: Sequence[Any], labels: Sequence[str]) -> tuple[str, ...]:
     """Return one label for each end of a leg: where the path jumps from K to M, "K|M"."""
     names = iter(labels)
-    out = list[str]()
+    joined = list[str]()
     for piece in path:
-        first, *rest = (next(names) for _ in piece)
-        out[-1:] = [f"{out[-1]}|{first}"] if out else [first]
-        out += rest
-    return tuple(out)
+        first, *following = (next(names) for _ in piece)
+        joined[-1:] = [f"{joined[-1]}|{first}"] if joined else [first]
+        joined += following
+    return tuple(joined)

@@ -1,11 +1,11 @@
 """Linear dynamics in time of a network that a force pushes, to rounding.
 
 The mass-weighted motions x of a network obey x'' + tau D x' + D x = b s(t), where b says which
-balls are pushed and s(t) is a tone burst. Every response at a time t is a function of D applied to
-b, and an entire one: it is expanded in Chebyshev polynomials T_n(y) of y = 2 D / top^2 - 1
-(:mod:`granphon.waves.chebyshev`). So all times share one recursion. What a receiver r hears needs
-the moments <r|T_n|b> alone; at the Gauss nodes y_k, where D is a number Omega^2, the response is
-that of a damped oscillator in closed form. Damping in proportion to the stiffness of contacts
+balls are pushed and s(t) is a tone burst. Every response at a time t is an entire function of D
+applied to b: it is expanded in Chebyshev polynomials T_n(y) of y = 2 D / top^2 - 1
+(:mod:`granphon.waves.chebyshev`). So all times share one recursion. The signal of a receiver r
+needs the moments <r|T_n|b> alone; at the Gauss nodes y_k, where D is a number Omega^2, the response
+is that of a damped oscillator in closed form. Damping in proportion to the stiffness of contacts
 enters through that number only.
 
 Where the normal and the tangential motion of contacts are damped differently, the damping C = A^T
@@ -38,14 +38,14 @@ from granphon.dynamics.damping import ContactDamping
 from granphon.waves.chebyshev import polynomials
 from granphon.waves.operator import WaveOperator, explain_instability
 
-#: most that the coefficients which are left out add up to, in units of the largest response
+#: greatest sum of the coefficients that are left out, over the largest response
 TOLERANCE = 1e-13
 #: largest rounding of a coefficient, times the root of their number, over the largest phase
 _ROUNDING = 2e-15
 #: numbers in the blocks that polynomials, and responses at many times, are summed in
 _BLOCK = 4_000_000
-#: relative difference of the two decay rates of a mode below which both are parted, as their
-#: quotient has no digits
+#: least relative difference of the squares of a mode's frequency and decay rate: nearer squares are
+#: set this far apart, as quotients by their difference have no digits
 _CRITICAL = 1e-10
 #: distance of a rate from that of a wave, times the length of the burst, below which the two are
 #: near
@@ -87,10 +87,8 @@ class ToneBurst:
         """The burst at times, s."""
         amplitudes, omegas = self.waves
         inside = (times > 0.0) & (times < self.duration)
-        waves = np.imag(
-            np.exp(1j * np.multiply.outer(np.where(inside, times, 0.0), omegas)) @ amplitudes
-        )
-        return np.where(inside, waves, 0.0)
+        phases = np.multiply.outer(np.where(inside, times, 0.0), omegas)
+        return np.where(inside, np.imag(np.exp(1j * phases) @ amplitudes), 0.0)
 
     @property
     def waves(self) -> tuple[Complex, Array]:
@@ -109,22 +107,21 @@ class ToneBurst:
         amplitudes, omegas = self.waves
         weights = np.concatenate([amplitudes, -np.conj(amplitudes)]) / 2j
         waves = 1j * np.concatenate([omegas, -omegas])
-        apart = rates[:, None] - waves
-        # each wave adds (exp(rate t) - exp(wave t))/(rate - wave); where these are near, their
-        # difference is taken with care
-        near = np.min(np.abs(apart), axis=1) * self.duration < _NEAR
-        part = weights / apart[~near]
+        gaps = rates[:, None] - waves
+        # each wave adds (exp(rate t) - exp(wave t))/(rate - wave); where the two rates are near,
+        # expm1 keeps the digits of the difference
+        near = np.min(np.abs(gaps), axis=1) * self.duration < _NEAR
+        quotients = weights / gaps[~near]
         turned = np.exp(np.multiply.outer(times, waves))
-        found = np.empty((times.size, rates.size), complex)
-        found[:, ~near] = (
-            np.exp(np.multiply.outer(times, rates[~near])) * np.sum(part, axis=1) - turned @ part.T
-        )
+        grown = np.exp(np.multiply.outer(times, rates[~near]))
+        integrals = np.empty((times.size, rates.size), complex)
+        integrals[:, ~near] = grown * np.sum(quotients, axis=1) - turned @ quotients.T
         for column in np.flatnonzero(near):
-            gap = apart[column]
-            still = gap == 0.0
-            grown = np.expm1(np.multiply.outer(times, gap)) / np.where(still, 1.0, gap)
-            found[:, column] = (turned * np.where(still, times[:, None], grown)) @ weights
-        return found
+            gap = gaps[column]
+            is_equal = gap == 0.0
+            rise = np.expm1(np.multiply.outer(times, gap)) / np.where(is_equal, 1.0, gap)
+            integrals[:, column] = (turned * np.where(is_equal, times[:, None], rise)) @ weights
+        return integrals
 
 
 @dataclass(frozen=True)
@@ -147,19 +144,19 @@ class _Exponentials:
         decay = 0.5 * damping * omega**2
         squared = omega**2 - decay**2
         squared = np.where(np.abs(squared) < _CRITICAL * omega**2, _CRITICAL * omega**2, squared)
-        (swings,), (creeps,) = np.nonzero(squared > 0.0), np.nonzero(squared < 0.0)
-        turn = np.sqrt(squared[swings])
-        apart = np.sqrt(-squared[creeps])
-        # without a difference of near numbers
-        slow = -(omega[creeps] ** 2) / (decay[creeps] + apart)
-        fast = -(decay[creeps] + apart)
-        whirl = -decay[swings] + 1j * turn
-        rate = np.concatenate([whirl, slow, fast])
+        swings = np.flatnonzero(squared > 0.0)
+        creeps = np.flatnonzero(squared < 0.0)
+        frequency = np.sqrt(squared[swings])
+        split = np.sqrt(-squared[creeps])
+        # the slow rate by the product of the two, without a difference of near numbers
+        slow = -(omega[creeps] ** 2) / (decay[creeps] + split)
+        fast = -(decay[creeps] + split)
+        swing = -decay[swings] + 1j * frequency
         return cls(
             np.concatenate([swings, creeps, creeps]),
-            rate,
-            np.concatenate([-1j * whirl / turn, slow / (2.0 * apart), -fast / (2.0 * apart)]),
-            np.concatenate([-1j / turn, 0.5 / apart, -0.5 / apart]),
+            np.concatenate([swing, slow, fast]),
+            np.concatenate([-1j * swing / frequency, slow / (2.0 * split), -fast / (2.0 * split)]),
+            np.concatenate([-1j / frequency, 0.5 / split, -0.5 / split]),
         )
 
 
@@ -193,29 +190,28 @@ class Propagation:
     # -- the response of one oscillator ------------------------------------------------------------
 
     def _find_nodes(self, count: int) -> _Exponentials:
-        # y = cos(angle) = 2 (Omega / top)^2 - 1
+        """Return the response at the Gauss nodes y = cos(angle) = 2 (Omega / top)^2 - 1."""
         angle = np.pi * (np.arange(count) + 0.5) / count
         return _Exponentials.of(self.operator.top * np.cos(0.5 * angle), self.damping)
 
     @cached_property
     def order(self) -> int:
-        """Number of polynomials; the coefficients of others add up to :data:`TOLERANCE`, or to the
-        rounding of phases.
+        """Number of polynomials; the coefficients of higher ones add up to :data:`TOLERANCE`, or to
+        the rounding of phases.
         """
         reach = 0.5 * self.operator.top * self.duration
         margin = 12.0 * reach ** (1.0 / 3.0) + 40.0
         count = math.ceil(reach + margin)
         while True:
             waves = self._find_nodes(count)
+            velocities = np.real(waves.velocity * np.exp(waves.rate * self.duration))
             late = np.zeros(count)
-            np.add.at(
-                late, waves.node, np.real(waves.velocity * np.exp(waves.rate * self.duration))
-            )
+            np.add.at(late, waves.node, velocities)
             size = np.abs(dct(late, type=2)) / count
             # rounding of the phases is spread over all coefficients
             size[size < _ROUNDING * (1.0 + reach) / math.sqrt(count)] = 0.0
-            left = np.cumsum(size[::-1])[::-1]
-            short = np.flatnonzero(left <= TOLERANCE)
+            remainders = np.cumsum(size[::-1])[::-1]
+            short = np.flatnonzero(remainders <= TOLERANCE)
             if short.size and short[0] < count - 0.25 * margin:
                 return max(int(short[0]), 2)  # all is still at the end where damping is large
             count *= 2
@@ -231,7 +227,7 @@ class Propagation:
         ----------
         listen : takes the velocities (size,), and returns the numbers (n_r,) of receivers: linear.
         times : (n_t,) even times from zero, s.
-        frames : (n_f,) times at which the motions of all balls are wanted, s.
+        frames : (n_f,) times at which the motions of all balls are returned, s.
 
         Returns
         -------
@@ -247,17 +243,17 @@ class Propagation:
         # times of the frames
         values = np.zeros((order, 2 * frames.size))
         end = self.burst.duration
-        # what the burst leaves in each exponential at its end
-        after = self.burst.drive(waves.rate, np.array([end]))[0]
+        # the size of each exponential when the burst ends
+        after_burst = self.burst.drive(waves.rate, np.array([end]))[0]
         early = frames < end
         grown = np.empty((frames.size, waves.rate.size), complex)
         grown[early] = self.burst.drive(waves.rate, frames[early])
-        grown[~early] = np.exp(np.multiply.outer(frames[~early] - end, waves.rate)) * after
+        grown[~early] = np.exp(np.multiply.outer(frames[~early] - end, waves.rate)) * after_burst
         responses = [np.real(grown * weights).T for weights in (waves.displacement, waves.velocity)]
         np.add.at(values, waves.node, np.hstack(responses))
         forms = dct(values.T, type=2, axis=1) / order
         forms[:, 0] *= 0.5
-        # the polynomials T_n b: the moments that receivers hear of them, and their sums
+        # the polynomials T_n b: their moments at receivers, and their sums
         states = np.zeros((len(forms), size))
         heard = []
         most = np.linalg.norm(self.push) * (1.0 + _GROWTH)
@@ -279,16 +275,18 @@ class Propagation:
         during = int(np.count_nonzero(times < end))
         rows = max(1, _BLOCK // waves.rate.size)
         for first in range(0, during, rows):
-            here = slice(first, min(first + rows, during))
-            signals[here] = np.real(self.burst.drive(waves.rate, times[here]) @ weight)
+            chunk = slice(first, min(first + rows, during))
+            signals[chunk] = np.real(self.burst.drive(waves.rate, times[chunk]) @ weight)
         if during < times.size:
-            weight *= after[:, None]
+            weight *= after_burst[:, None]
             apart = times[during : during + rows] - times[during]
             later = np.exp(np.multiply.outer(apart, waves.rate))
             for first in range(during, times.size, rows):
-                here = slice(first, min(first + rows, times.size))
+                chunk = slice(first, min(first + rows, times.size))
                 begin = np.exp(waves.rate * (times[first] - end))
-                signals[here] = np.real(later[: signals[here].shape[0]] @ (begin[:, None] * weight))
+                signals[chunk] = np.real(
+                    later[: signals[chunk].shape[0]] @ (begin[:, None] * weight)
+                )
         return signals.T, states[: frames.size], states[frames.size :]
 
 
@@ -323,19 +321,33 @@ class ViscousPropagation:
         """Return X z."""
         size = self._push.size
         top = self.operator.top
-        found = np.empty_like(z)
+        product = np.empty_like(z)
         x = z[:size]
         v = z[size : 2 * size]
         source = z[2 * size :]
-        found[:size] = top * v
-        found[size : 2 * size] = (
+        product[:size] = top * v
+        product[size : 2 * size] = (
             (self._parts @ source) * self._push - self._viscous @ v - (self.operator @ x) / top
         )
         cosine, sine = np.split(source, 2)
-        found[2 * size :] = np.concatenate([-self._omegas * sine, self._omegas * cosine])
-        found += self._shift * z
-        found /= self._radius
-        return found
+        product[2 * size :] = np.concatenate([-self._omegas * sine, self._omegas * cosine])
+        product += self._shift * z
+        product /= self._radius
+        return product
+
+    def _expand(self, span: float, times: Array) -> Array:
+        """Return the coefficients (n_t, order) of the polynomials at ``times`` (n_t,) within a
+        ``span``, s.
+
+        The terms of the polynomials that are left out are below :data:`_LEAST`.
+        """
+        phase = self._radius * span
+        n = np.arange(math.ceil(2.0 * phase + 3.0 * self._shift * span) + 80)
+        growth = np.exp(np.minimum(n * math.asinh(self._shift / self._radius), 700.0))
+        count = int(np.flatnonzero(np.abs(jv(n, phase)) * growth > _LEAST)[-1]) + 2
+        n = np.arange(count)
+        bessel = np.where(n, 2.0, 1.0) * jv(n, self._radius * times[:, None])
+        return np.asarray(bessel * np.exp(-self._shift * times)[:, None])
 
     def follow(
         self, listen: Callable[[Array], Array], times: Array, frames: Array
@@ -348,8 +360,8 @@ class ViscousPropagation:
         z = np.zeros(2 * size + 2 * self._omegas.size)
         z[2 * size : 2 * size + self._omegas.size] = self._alpha
         signals = np.zeros((times.size, listen(z[:size]).size))
-        displaced = np.zeros((frames.size, size))
-        moving = np.zeros((frames.size, size))
+        displacements = np.zeros((frames.size, size))
+        velocities = np.zeros((frames.size, size))
         longest = min(_DECAY / max(self._shift, 1e-300), _PHASE / self._radius)
         first = 0.0
         switched = False
@@ -358,47 +370,37 @@ class ViscousPropagation:
             if not switched and last >= self.burst.duration:
                 last = self.burst.duration
                 switched = True
-            heard = (times > first) & (times <= last) | ((times == 0.0) & (first == 0.0))
-            seen = np.flatnonzero((frames > first) & (frames <= last))
+            times_within = (times > first) & (times <= last) | ((times == 0.0) & (first == 0.0))
+            frames_within = np.flatnonzero((frames > first) & (frames <= last))
             span = last - first
-            # the number of polynomials beyond which all terms are below _LEAST
-            phase = self._radius * span
-            part = self._shift / self._radius
-            n = np.arange(math.ceil(2.0 * phase + 3.0 * self._shift * span) + 80)
-            sizes = np.abs(jv(n, phase)) * np.exp(np.minimum(n * math.asinh(part), 700.0))
-            count = int(np.flatnonzero(sizes > _LEAST)[-1]) + 2
-            # coefficients at the end of the span, at the frames, and at the times of signals within
-            # it
-            n = np.arange(count)
-            when = np.concatenate([[span], frames[seen] - first, times[heard] - first])
-            forms = (
-                np.where(n, 2.0, 1.0)
-                * jv(n, self._radius * when[:, None])
-                * np.exp(-self._shift * when)[:, None]
+            # coefficients at the end of the span, at its frames, and at its times of signals
+            coefficients = self._expand(
+                span,
+                np.concatenate(
+                    [[span], frames[frames_within] - first, times[times_within] - first]
+                ),
             )
-            whole = forms[: 1 + seen.size]
-            parts = forms[1 + seen.size :]
-            states = np.zeros((len(whole), z.size))
-            sound = np.zeros((len(parts), signals.shape[1]))
+            of_states = coefficients[: 1 + frames_within.size]
+            of_signals = coefficients[1 + frames_within.size :]
+            states = np.zeros((len(of_states), z.size))
+            heard = np.zeros((len(of_signals), signals.shape[1]))
             previous = z
             current = self._apply(z)
-            for order in range(count):
-                for state, factor in zip(states, whole[:, order], strict=True):
+            for order in range(coefficients.shape[1]):
+                for state, factor in zip(states, of_states[:, order], strict=True):
                     if factor:
                         state += factor * previous
-                sound += parts[:, order, None] * listen(previous[size : 2 * size])
+                heard += of_signals[:, order, None] * listen(previous[size : 2 * size])
                 following = self._apply(current)
                 following *= 2.0
                 following += previous
                 previous = current
                 current = following
             z = states[0]
-            signals[heard] = sound
-            displaced[seen], moving[seen] = (
-                states[1:, :size] / self.operator.top,
-                states[1:, size : 2 * size],
-            )
+            signals[times_within] = heard
+            displacements[frames_within] = states[1:, :size] / self.operator.top
+            velocities[frames_within] = states[1:, size : 2 * size]
             if last == self.burst.duration:
                 z[2 * size :] = 0.0
             first = last
-        return signals.T, displaced, moving
+        return signals.T, displacements, velocities

@@ -78,21 +78,20 @@ _EARLY = (
 )
 #: part of the envelope at which a signal begins
 _BEGINS = 0.1
-#: damping ratio of a wave of the pulse's frequency from which what arrives tells no velocity of
-#: sound
+#: damping ratio of a wave of the pulse's frequency from which the signal tells no velocity of sound
 _MOST_DAMPING = 0.3
-#: relative excess of a velocity over that of the fastest wave that is left to the reading of the
+#: relative excess of a velocity over that of the fastest wave that may come from the reading of the
 #: record
 _FASTER = 0.02
-#: how much is left of the frequency of the burst, compared with others of it, below which those
-#: others are what arrives
+#: spectrum at the burst's frequency over its maximum, received over sent, below which other
+#: frequencies are received
 _LEAST_SHARE = 0.5
-#: relative error of a velocity above which it is told
+#: relative error of a velocity above which the error is a warning
 _UNSURE = 0.03
-#: relative error of a velocity from which it is none
+#: relative error of a velocity from which the velocity is not known
 _UNKNOWN = 0.5
-#: what is looked at around the height of a pulse, in durations of the burst: all of one that keeps
-#: its shape, and a margin
+#: reach of the gate around the height of a pulse, in durations of the burst: all of a pulse that
+#: keeps its shape, and a margin
 _REACH = 0.75
 _DAMPED = (
     "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has"
@@ -117,9 +116,8 @@ _MOST = 2**20
 _MOST_DAMPED = 1e12
 #: largest number of times at which a pulse is read
 _MOST_READINGS = 2**24
-#: by so much, in diameters, the default distance is shorter than the part of the period that it is
-#: meant to be: the balls of samples of one array are not at the same places, and of two planes that
-#: are as near the same one is to be taken
+#: reduction of the default distance, in diameters: balls of different samples of one array are not
+#: at the same places, and of two planes that are equally near the same one is to be taken
 _NEARER = 0.07
 #: the mean contact force being the same, velocities and frequencies of an array of differing balls
 #: are those of the array of equal ones times a number between this and its inverse, generously
@@ -169,21 +167,22 @@ class Course:
                     continue
                 # the greatest length that measures both, by Euclid's algorithm; lengths below
                 # ``least`` are rounding
-                rest = float(height)
-                while rest > least:
-                    period, rest = rest, abs(period - rest * round(period / rest))
+                remainder = float(height)
+                while remainder > least:
+                    following = abs(period - remainder * round(period / remainder))
+                    period = remainder
+                    remainder = following
         # places begin halfway between two planes of balls, where a cut meets no ball
         course = cls(network, direction, period)
         if math.isinf(period):
-            return replace(
-                course, origin=float(np.min(course.heights[network.moving])) - 0.5 * course.spacing
-            )
-        # planes lie within a diameter; the widest gap among the balls there is the one between two
-        # of them
-        every = course._wrap(course.heights)
-        near = np.sort(every)
+            lowest = float(np.min(course.heights[network.moving]))
+            return replace(course, origin=lowest - 0.5 * course.spacing)
+        # a plane is less than a diameter thick; the widest gap among the balls within a diameter is
+        # that between two planes
+        wrapped = course._wrap(course.heights)
+        near = np.sort(wrapped)
         near = near[: max(2, int(np.searchsorted(near, course.spacing)) + 1)]
-        gaps = np.diff(near, prepend=np.max(every) - period)
+        gaps = np.diff(near, prepend=np.max(wrapped) - period)
         last = int(np.argmax(gaps > (1.0 - _THICK) * np.max(gaps)))
         return replace(course, origin=float(near[last] - 0.5 * gaps[last]))
 
@@ -206,59 +205,58 @@ class Course:
         return lengths if math.isinf(self.period) else np.mod(lengths, self.period)
 
     def require_period(self, least: float, why: str) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` if planes across it meet themselves
-        before ``least``.
+        """Raise :class:`~granphon.base.errors.InputError` if planes across the direction meet
+        themselves before ``least``, m.
         """
         if self.period >= least * (1.0 - _FLAT):
             return
-        shown = ", ".join(f"{one:.6g}" for one in self.direction[: self.network.dimension])
+        shown = ", ".join(f"{x:.6g}" for x in self.direction[: self.network.dimension])
         heights = np.abs(self.network.cell[list(self.network.pbc)] @ self.direction)
-        sides = " and ".join(
-            f"{one:.6g}" for one in heights if one > _FLAT * float(np.max(heights))
-        )
-        # the two directions nearest to this one whose planes have a period of ``least``, with the
-        # period, m
-        periods = self.network.cell[list(self.network.pbc)]
-        found = []
-        dual = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
-        most = np.floor(np.linalg.norm(periods, axis=1) / least).astype(int)
-        most = np.minimum(most, int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0)))
-        for whole in itertools.product(*(range(-n, n + 1) for n in most)):
-            if math.gcd(*whole) == 1:
-                vector = np.array(whole) @ dual
-                size = 1.0 / float(np.linalg.norm(vector))
-                if size >= least:
-                    found.append(
-                        (float(vector @ self.direction) * size, (size * vector).tolist(), size)
-                    )
-        best = sorted(found, key=lambda one: -round(one[0], 9))[:2]
-        better = [
-            ([round(x, 12) + 0.0 for x in one[: self.network.dimension]], size)
-            for _, one, size in best
+        shortest = _FLAT * float(np.max(heights))
+        sides = [f"{height:.6g}" for height in heights if height > shortest]
+        closes = "do not close"
+        if self.period > self.spacing:
+            closes = f"come back to themselves after {self.period:.6g} m"
+        cell = ""
+        longer = "a longer array"
+        if len(sides) > 1:
+            cell = (
+                f". The cell is {' and '.join(sides)} m long along it, and the greatest common"
+                f" measure counts"
+            )
+            # lengths of the cell that are equal along the direction are the period
+            longer = "an array whose numbers of cells make these lengths equal"
+        offers = [
+            f"({', '.join(f'{x:.6g}' for x in direction)}), with {period:.6g} m"
+            for direction, period in self._find_directions(least)
         ]
-        offer = " or ".join(
-            f"({', '.join(f'{x:.6g}' for x in one)}), with {size:.6g} m" for one, size in better
-        )
-        closes = (
-            f"come back to themselves after {self.period:.6g} m"
-            if self.period > self.spacing
-            else "do not close"
-        )
-        cell = (
-            f". The cell is {sides} m long along it, and the greatest common measure counts"
-            if " and " in sides
-            else ""
-        )
-        # where vectors of the cell go equally far along the direction, that length is the period
-        longer = (
-            "a longer array"
-            if not cell
-            else "an array whose numbers of cells make these lengths equal"
-        )
-        what = f"planes across ({shown}) {closes} in this periodic network"
+        fault = f"planes across ({shown}) {closes} in this periodic network"
+        mend = f"{longer}, or the direction {' or '.join(offers)}" if offers else f"or {longer}"
         why = f"{why}: {least:.6g} m are needed{cell}"
-        mend = f"{longer}, or the direction {offer}" if better else f"or {longer}"
-        raise InputError(what, why, f"Take a shorter distance, {mend}")
+        raise InputError(fault, why, f"Take a shorter distance, {mend}")
+
+    def _find_directions(self, least: float) -> list[tuple[list[float], float]]:
+        """Return the two directions nearest to this one whose planes have a period of ``least``, m,
+        or more; with the periods, m.
+        """
+        periods = self.network.cell[list(self.network.pbc)]
+        dual = np.linalg.pinv(periods).T  # rows b with b_i . a_j = delta_ij
+        highest = np.floor(np.linalg.norm(periods, axis=1) / least).astype(int)
+        highest = np.minimum(highest, int(0.5 * (_MANY ** (1.0 / len(periods)) - 1.0)))
+        candidates = []
+        for indices in itertools.product(*(range(-n, n + 1) for n in highest)):
+            if math.gcd(*indices) == 1:
+                vector = np.array(indices) @ dual
+                period = 1.0 / float(np.linalg.norm(vector))
+                if period >= least:
+                    cosine = float(vector @ self.direction) * period
+                    candidates.append((cosine, (period * vector).tolist(), period))
+        candidates.sort(key=lambda candidate: -round(candidate[0], 9))
+        d = self.network.dimension
+        return [
+            ([round(x, 12) + 0.0 for x in direction[:d]], period)
+            for _, direction, period in candidates[:2]
+        ]
 
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
@@ -279,9 +277,9 @@ class Course:
         if ends == "periodic" or (ends == "free" and math.isinf(self.period)):
             return self
         if math.isinf(self.period):
-            what = "there is no place for walls: the network has no period along this direction"
+            fault = "there is no place for walls: the network has no period along this direction"
             mend = "Leave ends out: the network then has the ends that it has"
-            raise InputError(what, "Walls are made where a period is cut", mend)
+            raise InputError(fault, "Walls are made where a period is cut", mend)
         network = self.network
         cut = self.crossings != 0
         if ends == "free":
@@ -305,27 +303,29 @@ class Course:
         face = float(np.max(self.places[held])) - self.period
         return replace(self, network=replace(network, masses=masses), face=face)
 
-    def find_plane(self, place: float, what: str) -> Index:
+    def find_plane(self, place: float, role: str) -> Index:
         """Return the balls that move within a quarter of a diameter of the ball nearest to
         ``place``, along the direction.
 
-        Where there is no lattice, and so no planes, within nine twentieths.
+        In a network of no lattice, which has no planes, they are those within nine twentieths of a
+        diameter.
 
-        Raises :class:`~granphon.base.errors.InputError` if none is within a diameter.
+        Raises :class:`~granphon.base.errors.InputError` if no ball is within a diameter of
+        ``place``.
         """
         moving = np.flatnonzero(self.network.moving)
-        away = self._find_offset(self.places[moving] - place)
-        nearest = int(np.argmin(np.round(np.abs(away) / self.spacing, 6)))
-        if abs(away[nearest]) > self.spacing:
+        offsets = self._find_offset(self.places[moving] - place)
+        nearest = int(np.argmin(np.round(np.abs(offsets) / self.spacing, 6)))
+        if abs(offsets[nearest]) > self.spacing:
             low = float(np.min(self.places[moving]))
             high = float(np.max(self.places[moving]))
             why = f"Balls lie from {low:.6g} to {high:.6g} m along the direction"
             mend = "Take a shorter distance, or a longer array"
             raise InputError(
-                f"there is no plane of balls for the {what} at {place:.6g} m", why, mend
+                f"there is no plane of balls for the {role} at {place:.6g} m", why, mend
             )
         thick = (_THICKER if self.network.lattice is None else _THICK) * self.spacing
-        return moving[np.abs(self._find_offset(away - away[nearest])) <= thick]
+        return moving[np.abs(self._find_offset(offsets - offsets[nearest])) <= thick]
 
     @property
     def _is_closed(self) -> bool:
@@ -333,12 +333,12 @@ class Course:
         return math.isfinite(self.period) and math.isnan(self.face)
 
     def _find_offset(self, lengths: Array) -> Array:
-        """Return lengths as the shortest of those that differ by whole periods, if there are no
-        ends.
+        """Return the shortest of the lengths that differ from ``lengths`` by whole periods; with
+        ends the lengths themselves.
         """
-        return (
-            lengths - self.period * np.rint(lengths / self.period) if self._is_closed else lengths
-        )
+        if not self._is_closed:
+            return lengths
+        return lengths - self.period * np.rint(lengths / self.period)
 
     def find_place(self, balls: Index) -> float:
         """Return the mean place of ``balls``, which lie near each other along the direction."""
@@ -351,52 +351,55 @@ class Course:
         return float(np.mod(ahead, self.period)) if self._is_closed else ahead
 
     def find_echo(self, start: float, balls: Index) -> float:
-        """Return how much longer the way of the first echo from an end is than that from ``start``
-        to ``balls``, m.
+        """Return how much longer the path of the first echo from an end is than the path from
+        ``start`` to ``balls``, m.
 
         Balls within a diameter of an end send or hear the pulse and its reflection there as one.
-        Without ends the way is that of the pulse that runs the other way round.
+        Without ends the echo is the pulse that runs the other way round.
         """
         if self._is_closed:
             return self.period - 2.0 * self.find_distance(start, balls)
-        moving = self.places[self.network.moving]
-        first, last = (
-            (0.0, self.period)
-            if math.isfinite(self.period)
-            else (float(np.min(moving)), float(np.max(moving)))
-        )
-        ways = (2.0 * (start - first), 2.0 * (last - self.find_place(balls)))
-        return min((one for one in ways if one > 2.0 * self.spacing), default=2.0 * (last - first))
+        if math.isfinite(self.period):
+            first = 0.0
+            last = self.period
+        else:
+            moving = self.places[self.network.moving]
+            first = float(np.min(moving))
+            last = float(np.max(moving))
+        detours = (2.0 * (start - first), 2.0 * (last - self.find_place(balls)))
+        heard = [detour for detour in detours if detour > 2.0 * self.spacing]
+        return min(heard, default=2.0 * (last - first))
 
 
 def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     """Return a network ``cut`` from a ``whole`` one without the balls that its static forces push
     over.
 
-    The balls of a cut feel the forces of the contacts that they have lost as dead loads: these keep
-    the balance, and do not change with small motions. A ball that hangs on one contact rolls off it
-    under such a load, and then carries nothing. It no longer moves in the network, and has no
-    contacts. Such are the balls that fewer pressed contacts hold than there are dimensions, and
-    those that are left so without them. If static forces still push something over, which hangs as
-    a whole, the ball that moves most in each of these motions goes, until the rest is stable.
+    The balls of a cut feel the forces of the contacts that they have lost as dead loads, which keep
+    the balance and do not change with small motions. A ball that hangs on one contact rolls off
+    that contact under such a load, and then carries nothing: in the returned network the ball does
+    not move and has no contacts. A ball hangs if fewer pressed contacts hold it than there are
+    dimensions, or do so once other such balls are gone. If static forces still push over several
+    balls that hang together, the ball that moves most in each of these motions is left out, until
+    the network is stable.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable
-    itself, if nothing of it is held, or if it is too large for its motions to be found.
+    Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable, if
+    nothing of the cut network is held, or if the network is too large for its motions to be found.
     """
     if not cut.prestress:
         return cut
-    joined = make_operator(whole)
-    fall = find_fall(joined)  # the loads of the contacts that are cut are no imbalance
+    uncut = make_operator(whole)
+    fall = find_fall(uncut)  # the loads of the contacts that are cut are no imbalance
     if is_stable(make_operator(cut), fall):
         return cut
-    require_stable(joined)
-    rest = _detach(cut, np.setdiff1d(_find_hanging(cut), _find_hanging(whole)))
-    while rest.n_contacts:
-        operator = make_operator(rest)
+    require_stable(uncut)
+    remaining = _detach(cut, np.setdiff1d(_find_hanging(cut), _find_hanging(whole)))
+    while remaining.n_contacts:
+        operator = make_operator(remaining)
         if is_stable(operator, fall):
-            return rest
+            return remaining
         moved = np.linalg.norm(operator.values(find_falls(operator, fall)), axis=1)
-        rest = _detach(rest, operator.balls[np.unique(np.argmax(moved, axis=0))])
+        remaining = _detach(remaining, operator.balls[np.unique(np.argmax(moved, axis=0))])
     raise InstabilityError(_NOTHING_HELD)
 
 
@@ -410,13 +413,12 @@ def _find_hanging(network: ContactNetwork) -> Index:
     # a contact that pulls holds a ball alone, as a rope does
     holds = np.where(network.normal_force < 0.0, network.dimension, 1)
     hanging = np.zeros(n, bool)
-    before = -1
-    while np.count_nonzero(hanging) > before:
-        before = int(np.count_nonzero(hanging))
+    count = -1
+    while np.count_nonzero(hanging) > count:
+        count = int(np.count_nonzero(hanging))
         live = np.where(hanging[i] | hanging[j], 0, holds)
-        hanging = network.moving & (
-            np.bincount(i, live, n) + np.bincount(j, live, n) < network.dimension
-        )
+        contacts = np.bincount(i, live, n) + np.bincount(j, live, n)
+        hanging = network.moving & (contacts < network.dimension)
     return np.flatnonzero(hanging)
 
 
@@ -469,65 +471,69 @@ def find_arrivals(
     method = one_of("method", method, METHODS)
     step = float(times[1] - times[0])
     if method == "correlation":
-        from scipy.signal import correlate
-
-        shifts = []
-        for one in signals:
-            found = correlate(one, sent)[sent.size - 1 :]  # lags from zero on
-            place = int(np.argmax(found))
-            shifts.append(np.nan)
-            if 0 < place < found.size - 1:
-                # the extreme of the parabola through the values around the greatest
-                low, middle, high = found[place - 1 : place + 2]
-                shifts[-1] = place + 0.5 * float((low - high) / (low - 2.0 * middle + high))
+        shifts = np.array([_correlate(signal, sent) for signal in signals])
     else:
-        start, *arrived = (
-            _read(one, method, threshold) for one in find_envelope(np.vstack([sent, signals]))
-        )
-        shifts = [one - start for one in arrived]
+        envelopes = find_envelope(np.vstack([sent, signals]))
+        readings = np.array([_read(envelope, method, threshold) for envelope in envelopes])
+        shifts = readings[1:] - readings[0]
     reasons = []
     for signal, shift in zip(signals, shifts, strict=True):
         reason = ""
         if not np.any(signal):
             reason = "the signal is zero"
         elif not step * shift + duration <= times[-1] + step:
-            # nan too: the burst or the signal has no maximum
+            # true of nan: the burst or the signal has no maximum
             reason = _SHORT
         elif shift <= _AT_ONCE:
             reason = _EARLY
         reasons.append(reason)
-    found = np.where([bool(one) for one in reasons], np.nan, step * np.asarray(shifts))
-    return found, reasons
+    is_unknown = [bool(reason) for reason in reasons]
+    return np.where(is_unknown, np.nan, step * shifts), reasons
+
+
+def _correlate(signal: Array, sent: Array) -> float:
+    """Return the shift at which the cross-correlation of two signals is greatest, in readings, or
+    nan.
+    """
+    from scipy.signal import correlate
+
+    correlation = correlate(signal, sent)[sent.size - 1 :]  # shifts from zero on
+    place = int(np.argmax(correlation))
+    if not 0 < place < correlation.size - 1:
+        return math.nan
+    # the extreme of the parabola through the values around the greatest
+    low, middle, high = correlation[place - 1 : place + 2]
+    return place + 0.5 * float((low - high) / (low - 2.0 * middle + high))
 
 
 def _read(envelope: Array, method: str, threshold: float) -> float:
-    """Return where an envelope is highest, or first has the part ``threshold`` of that, in
-    readings, or nan.
+    """Return the reading at which an envelope is highest, or first has the share ``threshold`` of
+    its maximum; or nan.
     """
     # the first maximum that has half the height of the greatest value
     inner = envelope[1:-1]
     peaks = 1 + np.flatnonzero((inner > envelope[:-2]) & (inner >= envelope[2:]))
-    high = peaks[envelope[peaks] >= _HALF * np.max(envelope)]
-    if not high.size:
+    high_peaks = peaks[envelope[peaks] >= _HALF * np.max(envelope)]
+    if not high_peaks.size:
         return np.nan
-    place = int(high[0])
+    top = int(high_peaks[0])
     if method == "first":
-        level = threshold * envelope[place]
-        begin = int(np.argmax(envelope[: place + 1] >= level))
+        level = threshold * envelope[top]
+        begin = int(np.argmax(envelope[: top + 1] >= level))
         if begin == 0:
             return 0.0
-        before, after = envelope[begin - 1 : begin + 1]
-        return begin - 1 + float((level - before) / (after - before))
-    # the top of the parabola that fits the envelope where it is near its maximum
-    low = np.flatnonzero(envelope < _NEAR * envelope[place])
-    split = int(np.searchsorted(low, place))
-    first = min(place - 1, int(low[split - 1]) + 1 if split else 0)
-    last = max(place + 1, int(low[split]) - 1 if split < low.size else envelope.size - 1)
-    near = envelope[first : last + 1] / envelope[place]
+        below, above = envelope[begin - 1 : begin + 1]
+        return begin - 1 + float((level - below) / (above - below))
+    # the maximum of the parabola that fits the envelope where it is near the highest reading
+    low = np.flatnonzero(envelope < _NEAR * envelope[top])
+    split = int(np.searchsorted(low, top))
+    first = min(top - 1, int(low[split - 1]) + 1 if split else 0)
+    last = max(top + 1, int(low[split]) - 1 if split < low.size else envelope.size - 1)
+    near = envelope[first : last + 1] / envelope[top]
     # weights that vanish at the ends: no reading counts more or less when the next one is left out
     weight = np.sqrt(np.maximum(near - _NEAR, 1e-9))
-    curve, slope, _ = np.polyfit(np.arange(first, last + 1) - place, near, 2, w=weight)
-    return float(np.clip(place - 0.5 * slope / curve, first, last))
+    curve, slope, _ = np.polyfit(np.arange(first, last + 1) - top, near, 2, w=weight)
+    return float(np.clip(top - 0.5 * slope / curve, first, last))
 
 
 def _find_delay(signal: Array, times: Array, frequency: float) -> float:
@@ -682,16 +688,16 @@ class Pulse(Result):
         Raises :class:`~granphon.base.errors.InputError` for an unknown method, and a threshold that
         is not between 0 and 1.
         """
-        found = float(self._find_arrivals(self.coherent[None], method, threshold)[0][0])
-        return math.nan if self.why_unknown else found
+        flight = float(self._find_arrivals(self.coherent[None], method, threshold)[0][0])
+        return math.nan if self.why_unknown else flight
 
     def arrivals(self, method: str = "envelope", threshold: float = _BEGINS) -> Array:
         """Return the time of flight (n_r,) of the signal of each ball, s; nan where there is none.
 
         ``method`` and ``threshold`` are those of :meth:`arrival`.
         """
-        found = self._find_arrivals(self.signals, method, threshold)[0]
-        return np.full(found.shape, math.nan) if self._find_echo() else found
+        flights = self._find_arrivals(self.signals, method, threshold)[0]
+        return np.full(flights.shape, math.nan) if self._find_echo() else flights
 
     def _find_arrivals(
         self, signals: Array, method: str, threshold: float
@@ -707,68 +713,67 @@ class Pulse(Result):
 
     @cached_property
     def _flight(self) -> tuple[float, float, float, str]:
-        """Time of flight by the envelope, s, its errors by shape and speckle, s, and why they are
-        nan, or nothing.
+        """Time of flight by the envelope, s, its errors by shape and speckle, s, and an empty text;
+        or three nan, and why the time is not known.
         """
         (time,), (why,) = self._find_arrivals(self.coherent[None], "envelope", _BEGINS)
         hertz = self.frequency
         fastest = float(self.fastest[1])
         why = self._find_echo() or why
-        error = scatter = math.nan
         if not why and self.distance > (1.0 + _FASTER) * fastest * time:
             why = (
                 f"the signal is highest {write_quantity(time, 's', 4)} after the burst, and"
-                f" the fastest waves of the "
-                f"network, of {fastest:.4g} m/s at most, take longer: use a longer distance,"
-                f" another frequency or more cycles"
+                f" the fastest waves of the network, of {fastest:.4g} m/s at most, take longer:"
+                f" use a longer distance, another frequency or more cycles"
             )
-        if not why:
-            # when the pulse is at its height, and how far around that nothing else comes
-            duration = self.cycles / self.frequency
-            middle = time + 0.5 * duration
-            clear = min(time + self.echo / float(self.fastest[0]), float(self.times[-1])) - middle
-            after = self.times - middle
-            # what comes within each reach counts, fading out over its last third: the pulse alone,
-            # and all that it trails, as waves near the top of a band are late. Either may agree
-            # with the envelope by chance
-            reaches = (min(_REACH * duration, clear), clear)
-            gates = [np.clip(3.0 * (1.0 - np.abs(after) / one), 0.0, 1.0) for one in reaches]
-            error = max(_find_delay(self.coherent * gate, after, hertz) for gate in gates)
-            scatter = _find_delay_error(self.signals * gates[0], after, hertz)
-            gated = self.coherent * gates[0]
-            # how much of that frequency is left, over the most of any other: as in the burst if all
-            # travel alike
-            wave = np.exp(-2j * np.pi * hertz * self.times)
-            left, given = (
-                abs(complex(trace @ wave))
-                / float(np.max(np.abs(np.fft.rfft(trace, 2 * trace.size))))
-                for trace in (gated, self.sent)
+        if why:
+            return math.nan, math.nan, math.nan, why
+        # the time at which the pulse is at its height, and how far around it no echo comes
+        duration = self.cycles / self.frequency
+        middle = time + 0.5 * duration
+        clear = min(time + self.echo / float(self.fastest[0]), float(self.times[-1])) - middle
+        since_middle = self.times - middle
+        # the signal within each reach counts, and fades out over its last third: the pulse alone,
+        # and with all that follows, as waves near the top of a band are late. Either may agree with
+        # the envelope by chance
+        reaches = (min(_REACH * duration, clear), clear)
+        gates = [np.clip(3.0 * (1.0 - np.abs(since_middle) / reach), 0.0, 1.0) for reach in reaches]
+        error = max(_find_delay(self.coherent * gate, since_middle, hertz) for gate in gates)
+        scatter = _find_delay_error(self.signals * gates[0], since_middle, hertz)
+        share_received = self._find_share(self.coherent * gates[0])
+        share_sent = self._find_share(self.sent)
+        if share_received / share_sent < _LEAST_SHARE or not error < _UNKNOWN * time:
+            why = (
+                f"what arrives are other waves of the burst than those of its frequency,"
+                f" {hertz:.6g} Hz, which are held back more than these: use another frequency,"
+                f" such as one of a band, more cycles, or a shorter distance"
             )
-            if left / given < _LEAST_SHARE or not error < _UNKNOWN * time:
-                why = (
-                    f"what arrives are other waves of the burst than those of its frequency,"
-                    f" {hertz:.6g} Hz, which are "
-                    "held back more than these: use another frequency, such as one of a band,"
-                    " more cycles, or a shorter distance"
-                )
-        return (math.nan, math.nan, math.nan, why) if why else (float(time), error, scatter, "")
+            return math.nan, math.nan, math.nan, why
+        return float(time), error, scatter, ""
+
+    def _find_share(self, signal: Array) -> float:
+        """Return the size of the spectrum of a signal (n_t,) at the frequency of the burst, over
+        its maximum: as for the burst if all waves travel alike.
+        """
+        wave = np.exp(-2j * np.pi * self.frequency * self.times)
+        highest = float(np.max(np.abs(np.fft.rfft(signal, 2 * signal.size))))
+        return abs(complex(signal @ wave)) / highest
 
     def _find_echo(self) -> str:
         """Return why an echo makes times of flight unknown, if one may come before the pulse is at
         its height.
         """
-        # of the height itself a sample comes before
-        needed = (
-            0.5 * self.cycles / self.frequency + float(self.times[1] - self.times[0])
-        ) * float(self.fastest[0])
-        if self.echo >= needed:
+        # the signal is read at its height with one reading before it
+        interval = float(self.times[1] - self.times[0])
+        needed_time = 0.5 * self.cycles / self.frequency + interval
+        least_detour = needed_time * float(self.fastest[0])
+        if self.echo >= least_detour:
             return ""
         return (
-            "an echo from an end, or what runs round a periodic network the other way, may"
-            " come before the pulse is at "
-            f"its height: its way is {self.echo:.4g} m longer, and {needed:.4g} m are needed."
-            f" Use a longer array, a "
-            "shorter distance, a higher frequency or fewer cycles"
+            f"an echo from an end, or what runs round a periodic network the other way, may come"
+            f" before the pulse is at its height: its way is {self.echo:.4g} m longer, and"
+            f" {least_detour:.4g} m are needed. Use a longer array, a shorter distance, a higher"
+            f" frequency or fewer cycles"
         )
 
     def judge(self) -> tuple[str, ...]:
@@ -776,22 +781,25 @@ class Pulse(Result):
         above 3 percent.
         """
         damping = max(self.damping, self.tangential_damping)
-        said = [_DAMPED] if math.pi * self.frequency * damping > _MOST_DAMPING else []
+        remarks = [_DAMPED] if math.pi * self.frequency * damping > _MOST_DAMPING else []
         if self.why_unknown:
-            said.append(f"the arrival of the pulse is not known: {self.why_unknown}")
-        elif (unsure := self.velocity_error / self.velocity) > _UNSURE:
+            remarks.append(f"the arrival of the pulse is not known: {self.why_unknown}")
+            return tuple(remarks)
+        error = self.velocity_error / self.velocity
+        if error > _UNSURE:
             _, shape, scatter, _ = self._flight
-            known = f"its velocity is known to {100.0 * unsure:.0f} % only: use"
-            changes = (
-                f"the pulse changes its shape on the way, and {known} more cycles, a longer"
-                f" distance or a lower frequency"
-            )
-            differs = (
-                f"the pulse differs from ball to ball, and {known} a wider array, or the mean of"
-                f" several samples"
-            )
-            said.append(changes if shape >= scatter else differs)
-        return tuple(said)
+            accuracy = f"its velocity is known to {100.0 * error:.0f} % only: use"
+            if shape >= scatter:
+                remarks.append(
+                    f"the pulse changes its shape on the way, and {accuracy} more cycles, a longer"
+                    f" distance or a lower frequency"
+                )
+            else:
+                remarks.append(
+                    f"the pulse differs from ball to ball, and {accuracy} a wider array, or the"
+                    f" mean of several samples"
+                )
+        return tuple(remarks)
 
     @property
     def time_of_flight(self) -> float:
@@ -841,60 +849,70 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     if not pulses:
         raise InputError("there is no pulse to average", mend="Give one or more")
     first = pulses[0]
-    count = min(one.times.size for one in pulses)
-    for one in pulses[1:]:
-        same = ("frequency", "cycles", "direction", "polarisation", "damping", "tangential_damping")
-        unlike = [
-            name for name in same if not np.array_equal(getattr(one, name), getattr(first, name))
-        ]
-        if len(one.planes) != len(first.planes):
-            unlike.append("plane_distances")
-        if not unlike and abs(one.distance / first.distance - 1.0) > 0.1:
-            unlike.append("distance")
-        if not unlike and not np.allclose(
-            one.sent[:count], first.sent[:count], atol=1e-12 * np.max(np.abs(first.sent))
-        ):
-            unlike.append("sent")
-        if unlike:
-            what = f"the pulses differ in {', '.join(unlike)}"
-            raise InputError(what, mend="Average pulses that were sent alike")
+    count = min(pulse.times.size for pulse in pulses)
+    for pulse in pulses[1:]:
+        _require_alike(pulse, first, count)
     samples = []
     last = 0
-    for one in pulses:
-        samples.append(one.samples + last)
+    for pulse in pulses:
+        samples.append(pulse.samples + last)
         last = int(np.max(samples[-1])) + 1
-    weights = [float(np.max(one.samples)) + 1.0 for one in pulses]
+    weights = [float(np.max(pulse.samples)) + 1.0 for pulse in pulses]
 
-    def mean(name: str) -> Any:
-        values = [getattr(one, name) for one in pulses]
-        return np.average(
-            [one[..., :count] if name == "planes" else one for one in values],
-            axis=0,
-            weights=weights,
-        )
+    def mean(values: list[Any]) -> Any:
+        return np.average(values, axis=0, weights=weights)
 
     mean_pulse = replace(
         first,
-        distance=float(mean("distance")),
+        distance=float(mean([pulse.distance for pulse in pulses])),
         times=first.times[:count],
         sent=first.sent[:count],
-        sources=np.concatenate([one.sources for one in pulses]),
-        receivers=np.concatenate([one.receivers for one in pulses]),
+        sources=np.concatenate([pulse.sources for pulse in pulses]),
+        receivers=np.concatenate([pulse.receivers for pulse in pulses]),
         samples=np.concatenate(samples),
-        signals=np.concatenate([one.signals[:, :count] for one in pulses]),
-        energies=mean("energies"),
-        plane_distances=mean("plane_distances"),
-        planes=mean("planes"),
+        signals=np.concatenate([pulse.signals[:, :count] for pulse in pulses]),
+        energies=mean([pulse.energies for pulse in pulses]),
+        plane_distances=mean([pulse.plane_distances for pulse in pulses]),
+        planes=mean([pulse.planes[..., :count] for pulse in pulses]),
         frames=np.zeros(0),
         velocities=np.zeros(0),
-        echo=min(one.echo for one in pulses),
-        fastest=np.max(np.stack([one.fastest for one in pulses]), axis=0),
-        left_out=sum(one.left_out for one in pulses),
+        echo=min(pulse.echo for pulse in pulses),
+        fastest=np.max(np.stack([pulse.fastest for pulse in pulses]), axis=0),
+        left_out=sum(pulse.left_out for pulse in pulses),
         warnings=(),
     )
-    # what was said of each pulse alone is not true of their mean
-    kept = dict.fromkeys(text for one in pulses for text in one.warnings if text not in one.judge())
+    # judgements of each pulse alone do not hold for their mean
+    kept = dict.fromkeys(
+        text for pulse in pulses for text in pulse.warnings if text not in pulse.judge()
+    )
     return replace(mean_pulse, warnings=(*kept, *mean_pulse.judge()))
+
+
+def _require_alike(pulse: Pulse, first: Pulse, count: int) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a pulse that was not sent as the
+    ``first`` was; ``count`` times are compared.
+    """
+    settings = (
+        "frequency",
+        "cycles",
+        "direction",
+        "polarisation",
+        "damping",
+        "tangential_damping",
+    )
+    unlike = [
+        name for name in settings if not np.array_equal(getattr(pulse, name), getattr(first, name))
+    ]
+    if len(pulse.planes) != len(first.planes):
+        unlike.append("plane_distances")
+    if not unlike and abs(pulse.distance / first.distance - 1.0) > 0.1:
+        unlike.append("distance")
+    rounding = 1e-12 * np.max(np.abs(first.sent))
+    if not unlike and not np.allclose(pulse.sent[:count], first.sent[:count], atol=rounding):
+        unlike.append("sent")
+    if unlike:
+        fault = f"the pulses differ in {', '.join(unlike)}"
+        raise InputError(fault, mend="Average pulses that were sent alike")
 
 
 @dataclass(frozen=True, eq=False)
@@ -952,7 +970,7 @@ class PulseSource:
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """Where a pulse goes in a network, and for how long it is heard.
+    """The route of a pulse in a network, and the times at which it is heard.
 
     Attributes
     ----------
@@ -964,7 +982,7 @@ class Route:
     groups : balls of the receiving plane, and of each further plane.
     fastest : (2,) velocity of waves in which balls move in proportion, along ``push``, and in the
         stiffest direction, m/s.
-    times : (n_t,) at which it is heard, s.
+    times : (n_t,) at which the pulse is heard, s.
     frames : (n_f,) at which the motions of all balls are kept, s.
     """
 
@@ -979,23 +997,24 @@ class Route:
     frames: Array
 
     @classmethod
-    def of(cls, network: ContactNetwork, wanted: PulseSource, margin: float = 1.0) -> Self:
+    def of(cls, network: ContactNetwork, request: PulseSource, margin: float = 1.0) -> Self:
         """Find the route; raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for
         the frequency.
 
         Waves may be faster than in this network by the factor ``margin``.
         """
-        hertz = positive("frequency", wanted.frequency, "Hz")
-        length = positive("distance", wanted.distance, "m")
-        burst = ToneBurst(hertz, positive("cycles", wanted.cycles))
+        hertz = positive("frequency", request.frequency, "Hz")
+        length = positive("distance", request.distance, "m")
+        burst = ToneBurst(hertz, positive("cycles", request.cycles))
         if burst.cycles < 1.0:
             raise InputError(f"cycles is {burst.cycles:g}", mend="Give 1 or more")
-        ends = one_of("ends", wanted.ends, ENDS)
-        along = read_vector("direction", wanted.direction, network.dimension)
-        push = read_push(network, along, wanted.polarisation)
-        apart = _read_list("planes", wanted.planes, "m", "above zero")
-        frames = _read_list("frames", wanted.frames, "s", "zero or above")
-        farthest = max([length, *apart.tolist()])
+        ends = one_of("ends", request.ends, ENDS)
+        along = read_vector("direction", request.direction, network.dimension)
+        push = read_push(network, along, request.polarisation)
+        plane_distances = _read_list("planes", request.planes, "m", "above zero")
+        frames = _read_list("frames", request.frames, "s", "zero or above")
+        distances = [length, *plane_distances.tolist()]
+        farthest = max(distances)
         course = Course.along(network, along)
         if ends == "periodic":
             course.require_period(
@@ -1003,110 +1022,37 @@ class Route:
             )
         course.require_period(farthest, "The pulse would meet itself")
         course = course.with_ends(ends)
-        # the balls that are pushed, and the place from which distances count
-        source = wanted.source
-        moving = course.network.moving
-        if isinstance(source, str):
-            if source not in ("plane", "ball"):
-                raise InputError(
-                    f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"
-                )
-            # the first balls behind the beginning; the last ones of the period before may be as
-            # near to it
-            plane = course.find_plane(float(np.min(course.places[moving])), "source")
-            sources = plane if source == "plane" else plane[:1]
-        else:
-            sources = index_array("source", source, course.network.n_balls)
-            if still := [int(one) for one in sources if not moving[one]]:
-                raise InputError(
-                    f"ball {still[0]} of the source does not move",
-                    "Its mass is infinite, or it fell where the end was cut",
-                )
-        at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
+        sources = _find_sources(course, request.source)
+        is_plane = isinstance(request.source, str) and request.source == "plane"
+        at_face = is_plane and not math.isnan(course.face)
         start = course.face if at_face else course.find_place(sources)
-        groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
+        groups = [course.find_plane(start + distance, "receivers") for distance in distances]
         if np.isin(groups[0], sources).any():
-            what = f"the distance of {length:.6g} m leads to the plane of the source itself"
+            fault = f"the distance of {length:.6g} m leads to the plane of the source itself"
             why = "The receiving plane is that of the balls nearest to it"
             raise InputError(
-                what, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide"
+                fault, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide"
             )
-        net = course.network
-        axes = list(network.ball_motions.translations)
-        part = number_pieces(net.i, net.j, net.moving)
-        ways = np.intersect1d(part[groups[0]], part[sources])
-        if not ways.size and np.any(network.moving & ~moving) and ends == "free":
-            raise InstabilityError(_NOTHING_HELD)
-        if not ways.size:
-            what = (
-                f"no contacts join the source and the {counted(len(groups[0]), 'ball')} of the"
-                f" receiving plane"
-            )
-            why = f"The balls fall into {np.max(part) + 1} parts"
-            mend = "Use a higher load, or one of network.pieces()"
-            raise InputError(what, why, mend)
-        # the velocities of long waves if all balls of a part moved in proportion: than the fastest
-        # none is faster
-        own = part[np.where(net.moving[net.i], net.i, net.j)]
-        mass = np.bincount(part[net.moving], net.masses[net.moving])
-        way = (net.vector @ along) ** 2
-        shear = net.shear_stiffness
-        n = net.normal.T
-        more = (net.normal_stiffness - shear) * way
-        tensor = np.array(
-            [
-                [np.bincount(own, more * n[a] * n[b] + (a == b) * shear * way) for b in axes]
-                for a in axes
-            ]
-        )
-        tensors = np.moveaxis(tensor, -1, 0)[ways] / mass[ways, None, None]
-        fastest = np.sqrt(
-            np.maximum(
-                [(push[axes] @ tensors @ push[axes]).max(), np.linalg.eigvalsh(tensors).max()], 0.0
-            )
-        )
-        if not fastest[0] > 0.0:
-            what = "no contact resists this polarisation in this direction"
-            raise InputError(
-                what, "Waves of it cost no energy", "Use friction, or another polarisation"
-            )
-        if wanted.duration is not None:
-            duration = positive("duration", wanted.duration, "s")
+        may_have_fallen = ends == "free" and np.any(network.moving & ~course.network.moving)
+        fastest = _find_fastest(course, push, sources, groups[0], bool(may_have_fallen))
+        if request.duration is not None:
+            duration = positive("duration", request.duration, "s")
         else:
             duration = burst.duration + _LATE * farthest / float(fastest[0])
             if ends == "periodic":
-                # the pulse that runs the other way round is to come only when the one that is heard
-                # is over
-                period = course.period
-                away = course.find_distance(start, groups[0])
+                distance = course.find_distance(start, groups[0])
                 velocity = fastest[0] / margin
-                needed = 2.0 * away + velocity * burst.duration
-                room = period - velocity * burst.duration
-                if needed > period:
-                    nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
-                    moments = ((period - away) / velocity, burst.duration, away / velocity)
-                    end, pushed, flight = (write_quantity(one, "s", 3) for one in moments)
-                    what = (
-                        f"the record ends at {end}, before the burst of {pushed} and the flight"
-                        f" of {flight} are over"
-                    )
-                    why = (
-                        f"Then the pulse that runs the other way round the periodic network"
-                        f" comes, which is {period:.4g} m"
-                    )
-                    other = "fewer cycles, a higher frequency, or ends: free"
-                    mend = f"Use {nearer}an array of {needed:.4g} m along the direction, {other}"
-                    raise InputError(what, f"{why} long", mend)
-                duration = min(duration, (period - away) / float(fastest[0]))
+                _require_room(course.period, distance, velocity, burst)
+                duration = min(duration, (course.period - distance) / float(fastest[0]))
         step = 1.0 / (READINGS * hertz)
         readings = duration / step if step else math.inf
         if not readings < _MOST_READINGS:
-            what = (
+            fault = (
                 f"a pulse of {hertz:g} Hz and {burst.cycles:g} cycles is read more than"
                 f" {_MOST_READINGS:,} times"
             )
             raise InputError(
-                what, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"
+                fault, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"
             )
         times: Array = step * np.arange(max(3, math.floor(readings) + 1), dtype=np.float64)
         return cls(course, burst, push, start, sources, groups, fastest, times, frames)
@@ -1122,14 +1068,110 @@ class Route:
         return max(float(self.times[-1]), self.burst.duration)
 
 
-def require_sendable(network: ContactNetwork, wanted: PulseSource) -> None:
+def _find_sources(course: Course, source: str | int | Sequence[int]) -> Index:
+    """Return the balls that are pushed."""
+    moving = course.network.moving
+    if not isinstance(source, str):
+        sources = index_array("source", source, course.network.n_balls)
+        held = sources[~moving[sources]]
+        if held.size:
+            raise InputError(
+                f"ball {held[0]} of the source does not move",
+                "Its mass is infinite, or it fell where the end was cut",
+            )
+        return sources
+    if source not in ("plane", "ball"):
+        raise InputError(
+            f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"
+        )
+    # the first balls behind the beginning: the last balls of the period before may be as near to
+    # the beginning
+    plane = course.find_plane(float(np.min(course.places[moving])), "source")
+    return plane if source == "plane" else plane[:1]
+
+
+def _find_fastest(
+    course: Course, push: Array, sources: Index, receivers: Index, may_have_fallen: bool
+) -> Array:
+    """Return the velocities (2,) of long waves in which the balls of a piece move in proportion,
+    along ``push`` and in the stiffest direction, m/s: no wave of the piece is faster.
+
+    ``may_have_fallen`` says that balls were left out between free ends. Raises
+    :class:`~granphon.base.errors.InputError` if no contacts join the sources and the receivers, or
+    none resists ``push``.
+    """
+    network = course.network
+    axes = list(network.ball_motions.translations)
+    piece_of = number_pieces(network.i, network.j, network.moving)
+    shared_pieces = np.intersect1d(piece_of[receivers], piece_of[sources])
+    if not shared_pieces.size:
+        if may_have_fallen:
+            raise InstabilityError(_NOTHING_HELD)
+        fault = (
+            f"no contacts join the source and the {counted(len(receivers), 'ball')} of the"
+            f" receiving plane"
+        )
+        why = f"The balls fall into {np.max(piece_of) + 1} parts"
+        mend = "Use a higher load, or one of network.pieces()"
+        raise InputError(fault, why, mend)
+    pieces = piece_of[np.where(network.moving[network.i], network.i, network.j)]
+    mass = np.bincount(piece_of[network.moving], network.masses[network.moving])
+    squares = (network.vector @ course.direction) ** 2
+    shear = network.shear_stiffness
+    n = network.normal.T
+    differences = (network.normal_stiffness - shear) * squares
+    # the stiffness of each piece, a tensor over the axes along which balls move
+    entries = [
+        [np.bincount(pieces, differences * n[a] * n[b] + (a == b) * shear * squares) for b in axes]
+        for a in axes
+    ]
+    tensors = np.moveaxis(np.array(entries), -1, 0)[shared_pieces]
+    tensors = tensors / mass[shared_pieces, None, None]
+    along_push = (push[axes] @ tensors @ push[axes]).max()
+    stiffest = np.linalg.eigvalsh(tensors).max()
+    fastest = np.sqrt(np.maximum([along_push, stiffest], 0.0))
+    if not fastest[0] > 0.0:
+        fault = "no contact resists this polarisation in this direction"
+        raise InputError(
+            fault, "Waves of it cost no energy", "Use friction, or another polarisation"
+        )
+    return np.asarray(fastest)
+
+
+def _require_room(period: float, distance: float, velocity: float, burst: ToneBurst) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if in a ``period``, m, the pulse that runs
+    the other way round comes before the pulse at a ``distance``, m, is over.
+    """
+    least_period = 2.0 * distance + velocity * burst.duration
+    if least_period <= period:
+        return
+    room = period - velocity * burst.duration
+    nearer = f"a distance up to {0.5 * room:.3g} m, " if room > 0.0 else ""
+    end = write_quantity((period - distance) / velocity, "s", 3)
+    pushed = write_quantity(burst.duration, "s", 3)
+    flight = write_quantity(distance / velocity, "s", 3)
+    fault = (
+        f"the record ends at {end}, before the burst of {pushed} and the flight"
+        f" of {flight} are over"
+    )
+    why = (
+        f"Then the pulse that runs the other way round the periodic network"
+        f" comes, which is {period:.4g} m long"
+    )
+    changes = "fewer cycles, a higher frequency, or ends: free"
+    mend = f"Use {nearer}an array of {least_period:.4g} m along the direction, {changes}"
+    raise InputError(fault, why, mend)
+
+
+def require_sendable(network: ContactNetwork, request: PulseSource) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if it is known that a pulse cannot be sent,
     or not be read.
 
-    ``network`` is the array of equal balls in the place of one of differing balls that has not been
-    simulated. What depends on the forces of contacts is refused only where it is beyond doubt.
+    ``network`` is the array of equal balls that stands for one of differing balls before that one
+    is simulated. Requests that depend on the forces of contacts are refused only where no forces
+    could serve them.
     """
-    route = Route.of(network, wanted, MARGIN)
+    route = Route.of(network, request, MARGIN)
     burst = route.burst
     operator = make_operator(route.course.network)
     limit = MARGIN * operator.top / (2.0 * math.pi)
@@ -1139,21 +1181,17 @@ def require_sendable(network: ContactNetwork, wanted: PulseSource) -> None:
 
 
 def transmit(
-    network: ContactNetwork, wanted: PulseSource, operator: WaveOperator | None = None
+    network: ContactNetwork, request: PulseSource, operator: WaveOperator | None = None
 ) -> Pulse:
     """Send a pulse through a network; see :meth:`granphon.waves.waves.Waves.transmit`.
 
     ``operator`` is that of the network, if it is known, and known to be stable.
     """
-    from scipy.sparse.linalg import eigsh
-
-    tau = not_negative("damping", wanted.damping, "s")
-    across = (
-        tau
-        if wanted.tangential_damping is None
-        else not_negative("tangential_damping", wanted.tangential_damping, "s")
-    )
-    route = Route.of(network, wanted)
+    tau = not_negative("damping", request.damping, "s")
+    tangential = tau
+    if request.tangential_damping is not None:
+        tangential = not_negative("tangential_damping", request.tangential_damping, "s")
+    route = Route.of(network, request)
     course = route.course
     burst = route.burst
     push = route.push
@@ -1163,71 +1201,56 @@ def transmit(
         operator = make_operator(course.network)
         if not course.at_rest:
             require_stable(operator)
-    squared = (2.0 * np.pi * burst.frequency) ** 2
-    if squared > _SURE * operator.top**2 or operator.network.prestress:
-        if operator.size > 2:
-            begin = np.random.default_rng(0).normal(size=operator.size)
-            with lanczos_converges():
-                (top,) = eigsh(
-                    operator, k=1, which="LA", v0=begin, tol=1e-6, return_eigenvectors=False
-                )
-        else:
-            top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
-        if squared > top * (1.0 + 1e-6):
-            raise _explain_unreachable(
-                burst.frequency, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz"
-            )
-    damped = ContactDamping.of(course.network, (tau, across))
-    even = damped.find_even(course.network) is not None
-    _require_short(operator, route.last, float(np.max(damped.times)), not even)
-    axes, root, receivers = (
-        list(operator.motions.translations),
-        1.0 / np.sqrt(course.network.masses),
-        np.concatenate(groups),
-    )
-    e, forces = push[axes], operator.push(sources, push, root[sources])
-    heard = operator.places[receivers, : e.size]
-    what = f"{len(route.frames):,} frames of {network.n_balls:,} balls"
-    needed = 8.0 * len(route.frames) * (3.0 * network.n_balls + 2.0 * operator.size)
-    require_memory(what, needed, "Give fewer frames")
+    _require_reached(operator, burst.frequency)
+    damped = ContactDamping.of(course.network, (tau, tangential))
+    is_even = damped.find_even(course.network) is not None
+    _require_short(operator, route.last, float(np.max(damped.times)), not is_even)
+    axes = list(operator.motions.translations)
+    root = 1.0 / np.sqrt(course.network.masses)
+    receivers = np.concatenate(groups)
+    e = push[axes]
+    forces = operator.push(sources, push, root[sources])
+    indices = operator.indices[receivers, : e.size]
+    n_frames = len(route.frames)
+    memory = 8.0 * n_frames * (3.0 * network.n_balls + 2.0 * operator.size)
+    require_memory(f"{n_frames:,} frames of {network.n_balls:,} balls", memory, "Give fewer frames")
     propagation = (
         Propagation(operator, forces, burst, route.last, tau)
-        if even
+        if is_even
         else ViscousPropagation(operator, forces, burst, damped)
     )
     signals, displaced, moving = propagation.follow(
-        lambda vector: root[receivers] * (vector[heard] @ e),
+        lambda vector: root[receivers] * (vector[indices] @ e),
         route.times,
         np.concatenate([[burst.duration, route.end], route.frames]),
     )
-    parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
+    signals_of_planes = np.split(signals, np.cumsum([len(balls) for balls in groups[:-1]]))
     energies = [
         0.5 * (v @ v) + operator.store(x) for x, v in zip(displaced[:2], moving[:2], strict=True)
     ]
-    velocities = np.zeros((len(route.frames), network.n_balls, 3))
+    velocities = np.zeros((n_frames, network.n_balls, 3))
     for frame, vector in zip(velocities, moving[2:], strict=True):
-        frame[operator.balls[:, None], axes] = (
-            root[operator.balls, None] * operator.values(vector)[:, : e.size]
-        )
-    far = [course.find_distance(route.start, one) for one in groups]
-    fallen = np.flatnonzero(network.moving & ~course.network.moving & (wanted.ends == "free"))
+        values = operator.values(vector)[:, : e.size]
+        frame[operator.balls[:, None], axes] = root[operator.balls, None] * values
+    distances = [course.find_distance(route.start, balls) for balls in groups]
+    fallen = np.flatnonzero(network.moving & ~course.network.moving & (request.ends == "free"))
     pulse = Pulse(
         burst.frequency,
         burst.cycles,
         course.direction,
         push,
         tau,
-        across,
-        far[0],
+        tangential,
+        distances[0],
         route.times,
         burst(route.times),
         sources,
         groups[0],
         np.zeros(len(groups[0]), int),
-        parts[0],
+        signals_of_planes[0],
         np.array(energies),
-        np.array(far[1:]),
-        np.array([np.mean(one, axis=0) for one in parts[1:]]),
+        np.array(distances[1:]),
+        np.array([np.mean(plane, axis=0) for plane in signals_of_planes[1:]]),
         route.frames,
         velocities,
         echo=course.find_echo(route.start, groups[0]),
@@ -1235,41 +1258,57 @@ def transmit(
         left_out=fallen.size,
     )
     depth = np.minimum(course.places, course.period - course.places)
-    said = list[str]()
+    remarks = list[str]()
     if fallen.size and np.max(depth[fallen]) >= np.min(depth[groups[0]]):
-        said.append(
-            f"static forces push {counted(fallen.size, 'ball')} over behind the ends that are"
-            f" cut, as far inside as the "
-            "receiving plane, so that the array is no longer what it was: use ends: walls,"
-            " friction, or a higher load"
+        remarks.append(
+            f"static forces push {counted(fallen.size, 'ball')} over behind the ends that are cut,"
+            f" as far inside as the receiving plane, so that the array is no longer what it was:"
+            f" use ends: walls, friction, or a higher load"
         )
-    return replace(pulse, warnings=(*said, *pulse.judge()))
+    return replace(pulse, warnings=(*remarks, *pulse.judge()))
 
 
-def _read_list(name: str, given: ArrayLike, unit: str, span: str) -> Array:
+def _require_reached(operator: WaveOperator, hertz: float) -> None:
+    """Raise :class:`~granphon.base.errors.UnreachableFrequencyError` for a frequency above all
+    modes.
+    """
+    from scipy.sparse.linalg import eigsh
+
+    square = (2.0 * np.pi * hertz) ** 2
+    if square <= _SURE * operator.top**2 and not operator.network.prestress:
+        return
+    if operator.size > 2:
+        begin = np.random.default_rng(0).normal(size=operator.size)
+        with lanczos_converges():
+            (top,) = eigsh(operator, k=1, which="LA", v0=begin, tol=1e-6, return_eigenvectors=False)
+    else:
+        top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
+    if square > top * (1.0 + 1e-6):
+        raise _explain_unreachable(hertz, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
+
+
+def _read_list(name: str, value: ArrayLike, unit: str, span: str) -> Array:
     """Return numbers (n,), which may be none."""
-    return (
-        finite_array(name, given, unit, span).ravel()
-        if real_array(name, given).size
-        else np.zeros(0)
-    )
+    if not real_array(name, value).size:
+        return np.zeros(0)
+    return finite_array(name, value, unit, span).ravel()
 
 
-def read_vector(name: str, given: Any, dimension: int) -> Array:
+def read_vector(name: str, value: Any, dimension: int) -> Array:
     """Return a unit vector (3,) of one of 1 to 3 numbers; those that are left out are zero."""
-    vector = finite_array(name, given)
+    vector = finite_array(name, value)
     vector = np.atleast_1d(vector)
     if vector.ndim != 1 or vector.size > 3 or not np.any(vector):
         raise InputError(
-            f"{name} is {brief(given)}", f"It is a vector of {dimension} numbers, not all zero"
+            f"{name} is {brief(value)}", f"It is a vector of {dimension} numbers, not all zero"
         )
     vector = np.pad(vector, (0, 3 - vector.size)) / np.max(np.abs(vector))
     return np.asarray(vector / np.linalg.norm(vector))
 
 
 def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool = False) -> None:
-    """Raise InputError unless the balls of a network move along a vector (3,), or each along its
-    own (n, 3); or turn so.
+    """Raise :class:`~granphon.base.errors.InputError` unless the balls of a network move, or turn,
+    along a vector (3,), or each ball along its own vector (n, 3).
     """
     motions = network.ball_motions
     rows = np.atleast_2d(along)
@@ -1277,54 +1316,51 @@ def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool 
     stray = np.abs(np.delete(rows, list(axes), axis=1)).max(axis=1, initial=0.0)
     if stray.max(initial=0.0) > 1e-9 * np.abs(rows).max(initial=0.0):
         ball = int(np.argmax(stray))
-        (verb, how) = ("turn", "about") if turns else ("move", "along")
+        verb, preposition = ("turn", "about") if turns else ("move", "along")
         shown = ", ".join(f"{x:.6g}" for x in rows[ball])
-        what = (
-            f"the {name} is {how} ({shown})"
-            if along.ndim == 1
-            else f"{name} of ball {ball} are ({shown})"
-        )
-        allowed = (
-            f"{verb} {how} {' and '.join('xyz'[axis] for axis in axes)} only"
-            if axes
-            else f"do not {verb}"
-        )
-        raise InputError(what, f"Balls {allowed}")
+        fault = f"{name} of ball {ball} are ({shown})"
+        if along.ndim == 1:
+            fault = f"the {name} is {preposition} ({shown})"
+        allowed = f"do not {verb}"
+        if axes:
+            names = " and ".join("xyz"[axis] for axis in axes)
+            allowed = f"{verb} {preposition} {names} only"
+        raise InputError(fault, f"Balls {allowed}")
 
 
-def read_push(network: ContactNetwork, along: Array, given: Any) -> Array:
+def read_push(network: ContactNetwork, along: Array, polarisation: Any) -> Array:
     """Return the unit vector (3,) along which a source pushes whose waves travel ``along``, from
     its polarisation.
     """
     axes = list(network.ball_motions.translations)
-    if not isinstance(given, str):
-        push = read_vector("polarisation", given, network.dimension)
-    elif given == "longitudinal":
+    if not isinstance(polarisation, str):
+        push = read_vector("polarisation", polarisation, network.dimension)
+    elif polarisation == "longitudinal":
         push = along
-    elif given == "out_of_plane":
+    elif polarisation == "out_of_plane":
         push = np.array([0.0, 0.0, 1.0])
-    elif given == "transverse":
-        # within the plane of the balls; in space the axis farthest from the direction, made
-        # perpendicular to it
-        among = [axis for axis in ((0, 1) if network.dimension < 3 else (0, 1, 2)) if axis in axes]
-        if len(among) < 2:
-            what = f"the motions {network.motions!r} have no transverse waves in this direction"
-            raise InputError(what, mend="Name another polarisation, or give a vector")
-        axis = among[int(np.argmin(np.round(np.abs(along[among]), 9)))]
+    elif polarisation == "transverse":
+        # within the plane of the balls; in space along the axis farthest from the direction, made
+        # perpendicular to the direction
+        candidates = [axis for axis in range(max(network.dimension, 2)) if axis in axes]
+        if len(candidates) < 2:
+            fault = f"the motions {network.motions!r} have no transverse waves in this direction"
+            raise InputError(fault, mend="Name another polarisation, or give a vector")
+        axis = candidates[int(np.argmin(np.round(np.abs(along[candidates]), 9)))]
         push = np.eye(3)[axis] - along[axis] * along
         push = push / np.linalg.norm(push)
     else:
-        known = "longitudinal, transverse, out_of_plane, or a vector"
-        raise InputError(f"polarisation is {brief(given)}", mend=f"Use {known}")
+        options = "longitudinal, transverse, out_of_plane, or a vector"
+        raise InputError(f"polarisation is {brief(polarisation)}", mend=f"Use {options}")
     require_moves("push", push, network)
     return push
 
 
 def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
     """Return the error of a frequency above the ``limit`` of the network's modes, in words."""
-    what = f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit}"
+    fault = f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit}"
     return UnreachableFrequencyError(
-        what, "Nothing of the pulse would travel", "Lower the frequency"
+        fault, "Nothing of the pulse would travel", "Lower the frequency"
     )
 
 
@@ -1339,20 +1375,26 @@ def _require_short(
     """
     tau = write_quantity(damping, "s", 3)
     top = write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
-    if (ratio := operator.top * damping) > _MOST_DAMPED:
-        what = f"with a damping of {tau} nothing moves at frequencies up to {top}"
+    ratio = operator.top * damping
+    if ratio > _MOST_DAMPED:
+        most = write_quantity(_MOST_DAMPED / operator.top, "s", 3)
         raise InputError(
-            what, mend=f"Give {write_quantity(_MOST_DAMPED / operator.top, 's', 3)} at most"
+            f"with a damping of {tau} nothing moves at frequencies up to {top}",
+            mend=f"Give {most} at most",
         )
-    if uneven and (viscous := ratio * operator.top * duration) > _MOST:
-        what = f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network"
-        why = "Different dampings are propagated in steps of the most damped motion"
-        raise InputError(what, why, "Give less, or one for both")
-    if (products := 0.5 * operator.top * duration) > _MOST:
-        record, longest = (
-            write_quantity(one, "s", 3) for one in (duration, 2.0 * _MOST / operator.top)
+    viscous = ratio * operator.top * duration
+    if uneven and viscous > _MOST:
+        raise InputError(
+            f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network",
+            "Different dampings are propagated in steps of the most damped motion",
+            "Give less, or one for both",
         )
-        what = f"a record of {record} takes {products:.3g} products with the matrix of the network"
-        why = f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}"
-        mend = "Use a higher frequency, fewer cycles, or a shorter distance or duration"
-        raise InputError(what, why, mend)
+    products = 0.5 * operator.top * duration
+    if products > _MOST:
+        record = write_quantity(duration, "s", 3)
+        longest = write_quantity(2.0 * _MOST / operator.top, "s", 3)
+        raise InputError(
+            f"a record of {record} takes {products:.3g} products with the matrix of the network",
+            f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}",
+            "Use a higher frequency, fewer cycles, or a shorter distance or duration",
+        )

@@ -9,9 +9,9 @@ with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls
 touch it with the same springs and dashpots. There are two ways to solve it.
 
 Directly: sparse LU factors of Z at each frequency, in an order of the motions that is found once.
-Further solutions, of what is left, mend the first until they change it no more. The error is the
-last change, and what the rounding of Z and omega makes, which is large next to modes that lose no
-energy.
+Further solutions, of the residual, mend the first solution until it changes no more. The error is
+the last change, and the effect of the rounding of Z and omega, which is large next to modes that
+lose no energy.
 
 By one Krylov space for all frequencies, of the source and a matrix H that does not depend on them:
 each step multiplies the last vector by H and makes the result orthogonal to the two before it. On
@@ -35,11 +35,10 @@ vectors are made orthogonal in the product with conjugation, to the last two onl
 Arnoldi, incomplete (Y. Saad, Linear Algebra Appl. 34, 269 (1980)), which is stable and takes many
 more steps. A static force adds deformations of imaginary stiffness^1/2.
 
-What is left has the norm of the next vector times the last coefficient. With g the least eta +
-omega tau of all contacts,
-|Z^-1| is at most one over the distance of omega^2 from all d (1 + i g'), d >= 0 and g' >= g, which
-bounds the error. From g follows beforehand how many steps it takes (:class:`ResponseWork`), and
-frequencies at which factors are less work are left to these.
+The residual has the norm of the next vector times the last coefficient. With g the least eta +
+omega tau of all contacts, |Z^-1| is at most one over the distance of omega^2 from all d (1 + i g'),
+d >= 0 and g' >= g, which bounds the error. The number of steps follows from g beforehand
+(:class:`ResponseWork`), and frequencies at which factors are less work are left to factors.
 """
 
 from __future__ import annotations
@@ -70,27 +69,28 @@ from granphon.waves.pulses import Course, read_push, read_vector, require_moves
 
 #: memory of the response of a ball at one frequency, bytes
 _RESPONSE_BYTES = 100.0
-#: what may be asked for, and its unit
+#: quantities of a response, and their units
 QUANTITIES = {"displacement": "m/N", "velocity": "m/(N s)", "transmissibility": "1"}
 #: ways to solve
 METHODS = ("direct", "krylov")
 #: motions up to which factors are always taken, as they lose no digits
 _FEW = 2_000
-#: bound of the error of a response, over the largest of its frequency, with which it counts as
-#: found
+#: bound of the error of a response, over the largest value at its frequency, with which the
+#: response counts as found
 TOLERANCE = 1e-9
 #: root of the square of a vector, in the product that has either sign, over its norm, up to which
-#: nothing follows from it
+#: the space ends
 _DEGENERATE = 1e-4
-#: most products of a space; products that the vectors of the first ones are kept for
+#: most products of a space
 _MOST = 100_000
+#: products for which signals and coefficients have room at first
 _FIRST = 256
-#: longest time of a response without a method that is named, and of factors where a space has not
-#: enough digits, s
+#: longest time of a response whose method is not named, s
 _LONGEST = 3600.0
+#: longest time of factors where a space has not enough digits, s
 _AGAIN = 10.0
-#: least pace of a Krylov space, over the mean distance of modes in a network, which it comes to
-#: tell apart
+#: least pace of a Krylov space, over the mean distance of modes in a network, which the space comes
+#: to tell apart
 _MODE_PACE = 5.0
 #: time of a step with loss factors that differ, over that of Lanczos
 _LOSSY = 2.5
@@ -103,33 +103,33 @@ _INCOMPLETE = 3.0
 #: greatest damping, over the top frequency, up to which the symmetric process of first order keeps
 #: its digits
 _STRONG = 0.45
-#: what is left, over the source, at which a solution is looked at first, and least part of it at
-#: the next time
-_LOOK = 1e-3
-_NEXT = 0.02
-#: norm of what is left in a step, over the largest, at which the space holds all that D makes of
+#: residual, over the source, at which the first solution is tried
+_FIRST_TRIAL = 1e-3
+#: least residual of the next trial, over that of the last
+_NEXT_TRIAL = 0.02
+#: norm of the residual of a step, over the largest, at which the space holds all that D makes of
 #: the source
 _COMPLETE = 1e-13
 #: solutions by the same factors, of which each mends the one before
 _SOLUTIONS = 4
-#: error above which a response is told to be unsure, and part of all motions by which a solution is
-#: mended if it is none
+#: error above which a response has a warning
 _UNSURE = 1e-6
+#: last change of a solution by factors, over the solution, above which there is none
 _UNKNOWN = 1e-2
-#: part of the source that is left by Lanczos, from which on rounding is all that is left
+#: residual of Lanczos, over the source, from which on the residual is rounding alone
 _ROUNDING = 1e-16
-#: what is left over the source, from which on a frequency is never found
+#: residual over the source, from which on a frequency is never found
 _LOST = 1e100
 #: most rounds in which a narrow line is approached: the distance from its pole falls as its square
 _ROUNDS = 12
-#: change of a pole, over its half width, at which it stands; that up to which two receivers hear
-#: one line
+#: change of a pole, over its half width, at which the pole stands
 _STANDS = 1e-6
+#: difference of the poles of two receivers, over the half width, up to which they hear one line
 _SAME_LINE = 1e-2
-#: least half width of a line over the square of its frequency, 1/Q: below it no losses are told
-#: from rounding
+#: least half width of a line over the square of its frequency, 1/Q: losses of a narrower line are
+#: not told from rounding
 _NARROWEST = 1e-9
-#: what returns values (n, n_r) at ascending frequencies (n,), Hz
+#: a function that returns values (n, n_r) at ascending frequencies (n,), Hz
 Solve = Callable[[Array], NDArray[np.complex128]]
 
 
@@ -145,9 +145,9 @@ class Response(Result, array="values"):
         phase below zero lags.
     quantity : "displacement" (receptance), "velocity" (mobility) or "transmissibility".
     sources : (n_s,) balls that are pushed, each with the same force, or bodies that are moved.
-    pushes : (n_s, 3) unit vectors along which they are.
+    pushes : (n_s, 3) unit vectors along which sources are pushed or moved.
     receivers : (n_r,) balls that are heard.
-    directions : (n_r, 3) unit vectors along which they are.
+    directions : (n_r, 3) unit vectors along which receivers are heard.
     error : (n_f,) error of the values at each frequency, over the largest of them.
     factorisations : number of frequencies whose values were found by factors of the matrix.
     steps : number of steps of the Krylov space by which the others were found; 0 without any.
@@ -156,7 +156,7 @@ class Response(Result, array="values"):
     """
 
     _notebook_fields = ("method",)
-    #: what solves at other frequencies; empty where no network is at hand, or nothing loses energy
+    #: solves at other frequencies; empty where no network is at hand, or nothing loses energy
     _solver: ClassVar[tuple[Solve, ...]] = ()
 
     frequencies: Annotated[Array, "f", "Hz"]
@@ -220,17 +220,16 @@ class Response(Result, array="values"):
 
     @property
     def method(self) -> str:
-        """How it was found, in words."""
-        krylov = len(self.frequencies) - self.factorisations
-        parts = [
-            f"{counted(self.factorisations, 'frequency', 'frequencies')} by factors of the matrix"
-        ] * bool(self.factorisations)
-        if krylov:
-            parts.append(
-                f"{counted(krylov, 'frequency', 'frequencies')} by a Krylov space of"
-                f" {counted(self.steps, 'step')}"
-            )
-        return ", ".join(parts)
+        """How the response was found, in words."""
+        by_krylov = len(self.frequencies) - self.factorisations
+        methods = []
+        if self.factorisations:
+            frequencies = counted(self.factorisations, "frequency", "frequencies")
+            methods.append(f"{frequencies} by factors of the matrix")
+        if by_krylov:
+            frequencies = counted(by_krylov, "frequency", "frequencies")
+            methods.append(f"{frequencies} by a Krylov space of {counted(self.steps, 'step')}")
+        return ", ".join(methods)
 
     @property
     def labelled(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
@@ -297,35 +296,32 @@ def find_peaks(
         top = np.abs(heard[1] - strength / (pole - x[1]) + strength / (1j * pole.imag))
         step = x[2] - x[0]
         is_broad = np.abs(pole.imag) >= 0.25 * step
-        is_mode = (
-            is_broad
-            & (pole.imag > 0.0)
-            & (np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * step))
-        )
-        found = np.where(is_mode, pole.real, x[1])
-        heights = np.where(
-            is_mode, np.maximum(top, magnitude[rows]), np.where(is_broad, magnitude[rows], np.nan)
-        )
+        is_near = np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * step)
+        is_mode = is_broad & (pole.imag > 0.0) & is_near
+        peak_squares = np.where(is_mode, pole.real, x[1])
+        sampled = np.where(is_broad, magnitude[rows], np.nan)
+        heights = np.where(is_mode, np.maximum(top, magnitude[rows]), sampled)
         quality = np.where(is_mode, pole.real / pole.imag, np.nan)
     narrow = is_top & ~is_broad
     if solve is not None and np.any(narrow):
         lines = np.flatnonzero(np.any(narrow, axis=1))
-        pole_of_line, square, between = _approach_lines(
+        line_pole, line_squares, line_values = _approach_lines(
             squares[:, lines], heard[:, lines], narrow[lines], solve
         )
-        own = _fit_pole(square[..., None], between)
-        is_same = np.abs(own - pole_of_line[:, None]) <= _SAME_LINE * pole_of_line.imag[:, None]
-        height = np.abs(between[1])
+        receiver_poles = _fit_pole(line_squares[..., None], line_values)
+        difference = np.abs(receiver_poles - line_pole[:, None])
+        is_same = difference <= _SAME_LINE * line_pole.imag[:, None]
+        height = np.abs(line_values[1])
         is_line = narrow[lines] & is_same & (height >= magnitude[rows[lines]])
-        found[lines] = np.where(is_line, square[1][:, None], found[lines])
+        line_quality = (line_pole.real / line_pole.imag)[:, None]
+        peak_squares[lines] = np.where(is_line, line_squares[1][:, None], peak_squares[lines])
         heights[lines] = np.where(is_line, height, heights[lines])
-        quality[lines] = np.where(
-            is_line, (pole_of_line.real / pole_of_line.imag)[:, None], quality[lines]
-        )
-    return tuple(
-        Peaks(np.sqrt(found[mine, receiver]), heights[mine, receiver], quality[mine, receiver])
-        for receiver, mine in enumerate(is_top.T)
-    )
+        quality[lines] = np.where(is_line, line_quality, quality[lines])
+    peaks = []
+    for receiver, is_peak in enumerate(is_top.T):
+        at_peak = (is_peak, receiver)
+        peaks.append(Peaks(np.sqrt(peak_squares[at_peak]), heights[at_peak], quality[at_peak]))
+    return tuple(peaks)
 
 
 def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
@@ -356,40 +352,40 @@ def _approach_lines(
     """
     low = x[0]
     high = x[2]
-    x, values = x.copy(), values.copy()
+    x = x.copy()
+    values = values.copy()
     pole = np.full(len(low), np.nan + 0j)
     with np.errstate(divide="ignore", invalid="ignore"):
         estimate = _fit_pole(x, values, heard)
-    left = np.arange(len(low))
+    active = np.arange(len(low))
     for _ in range(_ROUNDS):
-        left = left[np.isfinite(estimate[left])]
-        if not left.size:
+        active = active[np.isfinite(estimate[active])]
+        if not active.size:
             break
-        centre = np.clip(estimate[left].real, low[left], high[left])
+        centre = np.clip(estimate[active].real, low[active], high[active])
         half_width = np.clip(
-            np.abs(estimate[left].imag), _NARROWEST * centre, 0.25 * (high - low)[left]
+            np.abs(estimate[active].imag), _NARROWEST * centre, 0.25 * (high - low)[active]
         )
-        x[:, left] = centre + half_width * np.array([[-1.0], [0.0], [1.0]])
-        frequencies, place = np.unique(np.sqrt(x[:, left]), return_inverse=True)
-        values[:, left] = solve(frequencies)[place.reshape(3, left.size)]
+        x[:, active] = centre + half_width * np.array([[-1.0], [0.0], [1.0]])
+        frequencies, index = np.unique(np.sqrt(x[:, active]), return_inverse=True)
+        values[:, active] = solve(frequencies)[index.reshape(3, active.size)]
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = _fit_pole(x[:, left], values[:, left], heard[left])
-        stands = (np.abs(found - estimate[left]) <= _STANDS * found.imag) & (
-            found.imag > _NARROWEST * centre
-        )
-        pole[left[stands]] = found[stands]
-        estimate[left] = found
-        left = left[~stands]
+            renewed = _fit_pole(x[:, active], values[:, active], heard[active])
+        change = np.abs(renewed - estimate[active])
+        stands = (change <= _STANDS * renewed.imag) & (renewed.imag > _NARROWEST * centre)
+        pole[active[stands]] = renewed[stands]
+        estimate[active] = renewed
+        active = active[~stands]
     return pole, x, values
 
 
 def require_places(
-    network: ContactNetwork, name: str, given: Any, moved: bool, **options: Any
+    network: ContactNetwork, name: str, value: Any, moved: bool, **options: Any
 ) -> None:
     """Raise InputError unless a network has the places of a source or receiver, as arguments of
     ``Waves.response``.
     """
-    _Places(network, **options).find(name, given, held=moved)
+    _Places(network, **options).find(name, value, held=moved)
 
 
 def find_response(
@@ -410,10 +406,8 @@ def find_response(
     """Return the response of a network; see :meth:`granphon.waves.waves.Waves.response`."""
     network = operator.network
     hertz = frequency_array("frequencies", frequencies)
-    quantity, tolerance = (
-        one_of("quantity", quantity, QUANTITIES),
-        positive("tolerance", tolerance, ""),
-    )
+    quantity = one_of("quantity", quantity, QUANTITIES)
+    tolerance = positive("tolerance", tolerance, "")
     method = None if method is None else one_of("method", method, METHODS)
     damped = ContactDamping.of(network, damping, loss_factor)
     places = _Places(network, direction, polarisation, distance)
@@ -421,61 +415,38 @@ def find_response(
     sources, pushes = places.find("source", source, held=moved)
     receivers, directions = places.find("receiver", receiver)
     axes = list(operator.motions.translations)
-    count = operator.motions.count
-    # the source: what does not depend on the damping, and what the loss factors and the dashpots
-    # add
-    amplitude = np.zeros((network.n_balls, count))
+    # the source: a part that does not depend on the damping, and those by losses and by dashpots
+    amplitude = np.zeros((network.n_balls, operator.motions.count))
     np.add.at(amplitude[:, : len(axes)], sources, pushes[:, axes])
     if moved:
-        drives = [
-            operator.pull(amplitude),
-            *(operator.pull(amplitude, one) for one in (damped.losses, damped.times)),
-        ]
+        weights = (None, damped.losses, damped.times)
+        drives = [operator.pull(amplitude, weight) for weight in weights]
+        stretched = operator.stretch(amplitude)
     else:
-        pushed = operator.vector(
-            amplitude[operator.balls] / np.sqrt(network.masses[operator.balls])[:, None]
-        )
+        root_masses = np.sqrt(network.masses[operator.balls])[:, None]
+        pushed = operator.vector(amplitude[operator.balls] / root_masses)
         drives = [pushed, np.zeros(operator.size), np.zeros(operator.size)]
-    heard = operator.places[receivers, : len(axes)]
+        stretched = np.zeros(0)
+    heard = operator.indices[receivers, : len(axes)]
     ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
-    problem = _Problem(
-        operator,
-        damped,
-        drives,
-        heard,
-        ears,
-        moved,
-        operator.stretch(amplitude) if moved else np.zeros(0),
-    )
+    problem = _Problem(operator, damped, drives, heard, ears, moved, stretched)
 
-    def solve(at: Array) -> tuple[Complex, Array, int, int]:
-        values, error, factored, steps = problem.solve(2.0 * math.pi * at, method, tolerance)
+    def solve(frequencies: Array) -> tuple[Complex, Array, int, int]:
+        omega = 2.0 * math.pi * frequencies
+        values, error, factored, steps = problem.solve(omega, method, tolerance)
         if quantity == "velocity":
-            values = values * (2j * math.pi * at)[:, None]
+            values = values * (2j * math.pi * frequencies)[:, None]
         return values, error, factored, steps
 
-    what = f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies"
     require_memory(
-        what, _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)), "Take fewer frequencies"
+        f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies",
+        _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)),
+        "Take fewer frequencies",
     )
     values, error, factored, steps = solve(hertz)
     warnings = damped.find_warnings(float(np.max(hertz)))
-    unsure = np.flatnonzero(error > _UNSURE)
-    if unsure.size:
-        worst = unsure[np.argmax(error[unsure])]
-        where = (
-            f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
-            f" {hertz[worst]:.6g} Hz"
-        )
-        why = "hardly anything reaches the receivers, or a mode hardly loses energy"
-        most = np.max((error * np.max(np.abs(values), axis=1))[error >= 1.0], initial=0.0)
-        if most > 0.0:
-            below = write_quantity(float(most), QUANTITIES[quantity], 2)
-            why += f"; where it is above 1, all that is known is that they are below {below}"
-        warnings = (
-            *warnings,
-            f"the error of the response is above {_UNSURE:g} at {where}: {why}.",
-        )
+    if np.any(error > _UNSURE):
+        warnings = (*warnings, _explain_error(hertz, values, error, QUANTITIES[quantity]))
     response = Response(
         hertz,
         values,
@@ -490,8 +461,25 @@ def find_response(
         warnings,
     )
     if not damped.is_none:  # without losses a peak has no height
-        object.__setattr__(response, "_solver", (lambda at: solve(at)[0],))
+        object.__setattr__(response, "_solver", (lambda frequencies: solve(frequencies)[0],))
     return response
+
+
+def _explain_error(hertz: Array, values: Complex, error: Array, unit: str) -> str:
+    """Return the warning of the frequencies (n_f,), Hz, whose ``error`` (n_f,) is large."""
+    unsure = np.flatnonzero(error > _UNSURE)
+    worst = unsure[np.argmax(error[unsure])]
+    where = (
+        f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at"
+        f" {hertz[worst]:.6g} Hz"
+    )
+    why = "hardly anything reaches the receivers, or a mode hardly loses energy"
+    bounds = error * np.max(np.abs(values), axis=1)
+    most = np.max(bounds[error >= 1.0], initial=0.0)
+    if most > 0.0:
+        below = write_quantity(float(most), unit, 2)
+        why += f"; where it is above 1, all that is known is that they are below {below}"
+    return f"the error of the response is above {_UNSURE:g} at {where}: {why}."
 
 
 # -- sources and receivers -------------------------------------------------------------------------
@@ -511,59 +499,65 @@ class _Places:
         self.polarisation = polarisation
         self.distance = None if distance is None else positive("distance", distance, "m")
 
-    def find(self, name: str, given: Any, held: bool = False) -> tuple[Index, Array]:
+    def find(self, name: str, value: Any, held: bool = False) -> tuple[Index, Array]:
         """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of
         these.
         """
         network = self.network
-        several = given if isinstance(given, list) else [given]
+        several = value if isinstance(value, list) else [value]
         balls = [np.zeros(0, int)]
         vectors = [np.zeros((0, 3))]
-        for one in several:
-            if isinstance(one, str) and one == "plane":
-                found = self._find_plane(name, held)
+        for item in several:
+            if isinstance(item, str) and item == "plane":
+                chosen = self._find_plane(name, held)
                 vector = read_push(network, self.along, self.polarisation)
-            elif isinstance(one, tuple) and len(one) == 2:
-                found = index_array(name, one[0], network.n_balls)
-                vector = self._read_direction(one[1])
+            elif isinstance(item, tuple) and len(item) == 2:
+                chosen = index_array(name, item[0], network.n_balls)
+                vector = self._read_direction(item[1])
             else:
                 mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
-                raise InputError(f"the {name} is {brief(one)}", mend=mend)
+                raise InputError(f"the {name} is {brief(item)}", mend=mend)
             require_moves(name, vector, network)
-            balls.append(found)
-            vectors.append(np.tile(vector, (len(found), 1)))
-        every = np.concatenate(balls)
-        if not every.size:
+            balls.append(chosen)
+            vectors.append(np.tile(vector, (len(chosen), 1)))
+        all_balls = np.concatenate(balls)
+        if not all_balls.size:
             raise InputError(
                 f"there is no {name}", mend="Give (ball, direction), or a list of these"
             )
-        wrong = every[network.moving[every] == held]
-        if wrong.size:
-            what = f"ball {wrong[0]} of the {name} {'moves' if held else 'does not move'}"
-            why = (
-                "A transmissibility is that of a wall or floor"
-                if held
-                else "It is held: its mass is infinite"
-            )
-            mend = (
-                "Give a body of infinite mass"
-                if held
-                else "Ask for the transmissibility, to move it" * (name == "source")
-            )
-            raise InputError(what, why, mend)
-        ends = np.stack([network.i, network.j])
-        if held and not np.any(np.isin(ends, every) & network.moving[ends[::-1]]):
-            what = f"the {name} touches no ball that moves"
-            mend = "Give those balls of the wall that touch others"
-            raise InputError(what, "Nothing moves when it does", mend)
-        return every, np.concatenate(vectors)
+        self._require_mobility(name, all_balls, held)
+        return all_balls, np.concatenate(vectors)
 
-    def _read_direction(self, given: Any) -> Array:
-        if isinstance(given, str):
-            if given not in ("x", "y", "z"):
-                raise InputError(f"a direction is {brief(given)}", mend="Use x, y, z, or a vector")
-            return np.asarray(np.eye(3)["xyz".index(given)])
-        return read_vector("direction", given, self.network.dimension)
+    def _require_mobility(self, name: str, balls: Index, held: bool) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless balls move; or are ``held``, and
+        touch balls that move.
+        """
+        network = self.network
+        wrong = balls[network.moving[balls] == held]
+        if wrong.size and held:
+            raise InputError(
+                f"ball {wrong[0]} of the {name} moves",
+                "A transmissibility is that of a wall or floor",
+                "Give a body of infinite mass",
+            )
+        if wrong.size:
+            raise InputError(
+                f"ball {wrong[0]} of the {name} does not move",
+                "It is held: its mass is infinite",
+                "Ask for the transmissibility, to move it" if name == "source" else "",
+            )
+        ends = np.stack([network.i, network.j])
+        if held and not np.any(np.isin(ends, balls) & network.moving[ends[::-1]]):
+            fault = f"the {name} touches no ball that moves"
+            mend = "Give those balls of the wall that touch others"
+            raise InputError(fault, "Nothing moves when it does", mend)
+
+    def _read_direction(self, value: Any) -> Array:
+        if isinstance(value, str):
+            if value not in ("x", "y", "z"):
+                raise InputError(f"a direction is {brief(value)}", mend="Use x, y, z, or a vector")
+            return np.asarray(np.eye(3)["xyz".index(value)])
+        return read_vector("direction", value, self.network.dimension)
 
     def _find_plane(self, name: str, held: bool) -> Index:
         """Return the first plane of balls along the direction, or that of receivers."""
@@ -586,10 +580,10 @@ class _Places:
                 course.find_place(course.find_plane(first, name)) + self.distance, name
             )
         if math.isfinite(course.period):
-            what = (
+            fault = (
                 "the receiving plane has no distance, and the network repeats along the direction"
             )
-            raise InputError(what, mend="Give the distance, m, from the first plane")
+            raise InputError(fault, mend="Give the distance, m, from the first plane")
         return course.find_plane(float(np.max(places)), name)
 
 
@@ -599,8 +593,8 @@ class _Places:
 class _Space(NamedTuple):
     """A matrix H, the product in which its vectors become orthogonal, and (H - shift) x = start.
 
-    ``scale`` (n_f,) times x is heard, and ``told`` (n_f, n_r) besides. The error of scale x is at
-    most scale times ``bound`` (n_f,) times what is left.
+    Receivers hear ``scale`` (n_f,) times x, and ``direct`` (n_f, n_r) from the source. The error of
+    scale x is at most scale times ``bound`` (n_f,) times the residual.
     """
 
     apply: Callable[[NDArray[Any]], NDArray[Any]]
@@ -609,18 +603,18 @@ class _Space(NamedTuple):
     shifts: NDArray[Any]
     scale: NDArray[Any]
     bound: Array
-    told: Any = 0.0
+    direct: Any = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class ResponseWork:
-    """What the response of a network takes by either way.
+    """The work for the response of a network, by factors and by a Krylov space.
 
     Attributes
     ----------
     operator, damping : D of the network, and the damping of its contacts.
     omega : (n_f,) rad/s.
-    tolerance : bound of the error with which a Krylov space is content.
+    tolerance : bound of the error at which a Krylov space ends.
     """
 
     operator: WaveOperator
@@ -635,11 +629,12 @@ class ResponseWork:
 
     @cached_property
     def of_rows(self) -> Array:
-        """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness; tension is one
-        that loses no energy.
+        """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness; tension is a
+        stiffness that loses no energy.
         """
-        rows = [self.operator.of_rows(one) for one in (self.damping.losses, self.damping.times)]
-        return np.stack(rows)[:, self.operator.of_rows() > 0.0]
+        losses = self.operator.of_rows(self.damping.losses)
+        times = self.operator.of_rows(self.damping.times)
+        return np.stack([losses, times])[:, self.operator.of_rows() > 0.0]
 
     @cached_property
     def least(self) -> Array:
@@ -649,8 +644,8 @@ class ResponseWork:
 
     @cached_property
     def distance(self) -> Array:
-        """(n_f,) of omega^2 from all d (1 + i g'), 0 <= d <= top^2 and g' >= g, over top^2; none if
-        it is not above zero.
+        """(n_f,) lower bound of the distance of omega^2 from all d (1 + i g'), 0 <= d <= top^2 and
+        g' >= g, over top^2; no bound if not above zero.
         """
         square = (self.omega / self.operator.top) ** 2
         return np.asarray(np.maximum(square * self.least / np.hypot(1.0, self.least), square - 1.0))
@@ -676,12 +671,11 @@ class ResponseWork:
     @cached_property
     def step(self) -> float:
         """Time of a step of the Krylov space, s."""
-        times = _FIRST_ORDER if self.has_order_one else 1.0 if self.even is not None else _LOSSY
-        return (
-            times
-            * self.operator.size
-            * float(self.operator.product_time[self.operator.network.dimension])
-        )
+        factor = 1.0 if self.even is not None else _LOSSY
+        if self.has_order_one:
+            factor = _FIRST_ORDER
+        product_time = float(self.operator.product_time[self.operator.network.dimension])
+        return factor * self.operator.size * product_time
 
     @cached_property
     def price(self) -> float:
@@ -705,23 +699,22 @@ class ResponseWork:
         n = self.operator.size
         d = self.operator.network.dimension
         pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * self.least)).imag)
-        found = np.full(w.shape, np.inf)
-        known = (self.distance > 0.0) & (pace > 0.0)
+        counts = np.full(w.shape, np.inf)
+        is_bounded = (self.distance > 0.0) & (pace > 0.0)
         if not self.is_strong:
             pace += 2.0 * _MODE_PACE / np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
-        found[known] = (
-            np.log(np.maximum(1.0 / self.distance[known], 1.0) / self.tolerance) / pace[known]
-        )
-        return found * (
-            _INCOMPLETE if self.is_strong else _SYMMETRIC if self.has_order_one else 1.0
-        )
+        reductions = np.maximum(1.0 / self.distance[is_bounded], 1.0) / self.tolerance
+        counts[is_bounded] = np.log(reductions) / pace[is_bounded]
+        if self.is_strong:
+            return counts * _INCOMPLETE
+        return counts * _SYMMETRIC if self.has_order_one else counts
 
     def choose(self, method: str | None) -> tuple[NDArray[np.bool_], float]:
         """Return at which frequencies (n_f,) the matrix is factorised, and the time of all, s.
 
         The Krylov space serves all others at once. Raises
-        :class:`~granphon.base.errors.ConvergenceError` if neither way serves, or takes too long and
-        is not asked for.
+        :class:`~granphon.base.errors.ConvergenceError` if neither method serves, or takes too long
+        and is not named.
         """
         count = self.omega.size
         fits = math.isfinite(self.price)
@@ -730,23 +723,25 @@ class ResponseWork:
             if not fits:
                 raise self.explain("is not found by factors")
             seconds = self.price * count
-        else:  # factors at those that take most steps
+        else:  # factors at the frequencies that take most steps
             order = np.argsort(-self.steps, kind="stable")
-            free = method is None and fits
-            times = self.step * np.append(self.steps[order], 0.0) + (
-                np.arange(count + 1) * self.price if free else 0.0
-            )
-            best = int(np.argmin(times)) if free else 0
-            chosen[order[best:]], seconds = False, float(times[best])
-            if (most := float(np.max(self.steps, where=~chosen, initial=0.0))) > _MOST:
+            times = self.step * np.append(self.steps[order], 0.0)
+            n_factors = 0
+            if method is None and fits:
+                times = times + np.arange(count + 1) * self.price
+                n_factors = int(np.argmin(times))
+            chosen[order[n_factors:]] = False
+            seconds = float(times[n_factors])
+            most = float(np.max(self.steps, where=~chosen, initial=0.0))
+            if most > _MOST:
                 raise self.explain(f"is not found by a Krylov space of {_MOST:,} steps", most)
         if method is None and seconds > _LONGEST:
             raise self.explain("takes longer than an hour", float(np.max(self.steps)))
         return chosen, seconds
 
     def explain(self, fails: str, most: float = math.inf) -> ConvergenceError:
-        """Return the error of a response that fails: what each way would take, and which loss
-        factor would do.
+        """Return the error of a response that fails, with the time that each method would take, and
+        a loss factor that would do.
 
         ``most`` are the steps of the Krylov space.
         """
@@ -754,26 +749,26 @@ class ResponseWork:
 
         count = self.omega.size
         lowest = write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
-        what = f"the response of {self.operator.size:,} motions from {lowest} on {fails}"
-        ways = [f"a Krylov space takes about {write_duration(most * self.step)}"] * math.isfinite(
-            most
-        )
+        fault = f"the response of {self.operator.size:,} motions from {lowest} on {fails}"
+        methods = []
+        if math.isfinite(most):
+            methods.append(f"a Krylov space takes about {write_duration(most * self.step)}")
         if math.isfinite(self.price):
             takes = write_duration(self.price * count)
-            ways.append(
-                f"factors at {counted(count, 'frequency', 'frequencies')} take about {takes}"
-            )
-        what += f": {', and '.join(ways)}" * bool(ways)
+            frequencies = counted(count, "frequency", "frequencies")
+            methods.append(f"factors at {frequencies} take about {takes}")
+        if methods:
+            fault += f": {', and '.join(methods)}"
         why = (
             "Modes of a large network lie close together, and with little damping the response is"
             " that of each by itself"
         )
         network = self.operator.network
         for eta in (0.01, 0.02, 0.05, 0.1):
-            other = replace(self, damping=ContactDamping.of(network, 0.0, eta))
-            least = float(np.max(other.steps))
-            if other.even is not None and least <= _MOST and least * other.step <= _LONGEST:
-                takes = write_duration(least * other.step)
+            damped = replace(self, damping=ContactDamping.of(network, 0.0, eta))
+            least = float(np.max(damped.steps))
+            if damped.even is not None and least <= _MOST and least * damped.step <= _LONGEST:
+                takes = write_duration(least * damped.step)
                 mend = (
                     f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about"
                     f" {takes}"
@@ -781,17 +776,19 @@ class ResponseWork:
                 break
         else:
             mend = "Leave out the lowest frequencies, or take a smaller network"
-        mend += "; or name the method, to wait for it" * ("longer" in fails)
-        return ConvergenceError(what, self.unfit or why, mend)
+        if "longer" in fails:
+            mend += "; or name the method, to wait for it"
+        return ConvergenceError(fault, self.unfit or why, mend)
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Z x = source, and what of x is heard.
+    """Z x = source, and the signals of receivers.
 
     ``drives`` are the parts of the source without damping, by loss factors and, over omega, by
-    dashpots; ``moved`` says that it is a wall, which makes ``stretched`` of the rows of A.
-    ``heard`` and ``ears`` (n_r, axes) are places in x, and their weights.
+    dashpots; ``moved`` says that the source is a wall, which stretches the rows of A by
+    ``stretched``. A receiver hears a sum of x at the indices ``heard`` (n_r, axes), with the
+    weights ``ears``.
     """
 
     operator: WaveOperator
@@ -815,29 +812,26 @@ class _Problem:
                 "no Krylov space serves all frequencies", work.unfit, "Use the direct method"
             )
         by_factors, _ = work.choose(method)
-        values, error = (
-            np.zeros((omega.size, len(self.heard)), complex),
-            np.full(omega.size, np.inf),
-        )
-        some, steps, free = (
-            np.flatnonzero(~by_factors),
-            0,
-            method is None and math.isfinite(work.price),
-        )
-        if some.size:
-            most = float(np.max(work.steps[some])) if free else math.inf
-            values[some], error[some], steps = self._follow(replace(work, omega=omega[some]), most)
-        # what arrives deep in a gap is less than the rounding of a Krylov space; factors have all
-        # of its digits
+        values = np.zeros((omega.size, len(self.heard)), complex)
+        error = np.full(omega.size, np.inf)
+        steps = 0
+        by_krylov = np.flatnonzero(~by_factors)
+        may_factorise = method is None and math.isfinite(work.price)
+        if by_krylov.size:
+            most = float(np.max(work.steps[by_krylov])) if may_factorise else math.inf
+            krylov_work = replace(work, omega=omega[by_krylov])
+            values[by_krylov], error[by_krylov], steps = self._follow(krylov_work, most)
+        # a response deep in a gap is less than the rounding of a Krylov space; factors keep all of
+        # its digits
         deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
-        if free and deep.size * work.price <= max(steps * work.step, _AGAIN):
+        if may_factorise and deep.size * work.price <= max(steps * work.step, _AGAIN):
             error[deep] = np.inf
-        left = np.flatnonzero(np.isinf(error))
-        if left.size and (method == "krylov" or not math.isfinite(work.price)):
-            raise replace(work, omega=omega[left]).explain("is not found by a Krylov space")
-        if left.size:
-            values[left], error[left] = self._factorise(omega[left])
-        return values, error, int(left.size), steps if left.size < omega.size else 0
+        unsolved = np.flatnonzero(np.isinf(error))
+        if unsolved.size and (method == "krylov" or not math.isfinite(work.price)):
+            raise replace(work, omega=omega[unsolved]).explain("is not found by a Krylov space")
+        if unsolved.size:
+            values[unsolved], error[unsolved] = self._factorise(omega[unsolved])
+        return values, error, int(unsolved.size), steps if unsolved.size < omega.size else 0
 
     def _make_space(self, work: ResponseWork) -> _Space:
         omega = work.omega
@@ -860,9 +854,8 @@ class _Problem:
             )
         scale = 1.0 + 1j * (even[0] + omega * even[1])
         shifts = omega**2 / scale
-        distance = np.hypot(
-            shifts.imag, np.maximum(np.maximum(shifts.real - top, -shifts.real), 0.0)
-        )
+        outside = np.maximum(np.maximum(shifts.real - top, -shifts.real), 0.0)
+        distance = np.hypot(shifts.imag, outside)
         scale = scale**0 if self.moved else 1.0 / scale
         return _Space(
             lambda x: operator @ x, np.dot, self.drives[0], shifts, scale, _invert(distance)
@@ -879,15 +872,16 @@ class _Problem:
         w = omega / top
         viscous = parts.weigh(self.damping.times)
         spring = np.sqrt(-parts.weigh() - 1j * parts.weigh(self.damping.losses)) / top
-        lost = viscous / top
+        dashpots = viscous / top
 
         def apply(x: Complex) -> Complex:
-            strain, out = parts.deform(x[:n]), np.empty_like(x)
+            strain = parts.deform(x[:n])
             stress = x[n:] * spring
-            stress -= lost * strain
-            out[:n] = parts.pull(stress)
-            np.multiply(strain, spring, out=out[n:])
-            return out
+            stress -= dashpots * strain
+            product = np.empty_like(x)
+            product[:n] = parts.pull(stress)
+            np.multiply(strain, spring, out=product[n:])
+            return product
 
         if self.moved:
             # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
@@ -901,12 +895,13 @@ class _Problem:
         reach = np.where(w > 0.0, (w + largest) * _invert(work.distance), np.inf)
         if work.is_strong:
             return _Space(apply, np.vdot, start, 1j * w, scale, reach)
-        told = 1j * (scale / (1.0 + w))[:, None] * self._listen(start)
+        direct = 1j * (scale / (1.0 + w))[:, None] * self._listen(start)
         return _Space(
-            apply, np.dot, start - 1j * apply(start), 1j * w, scale / (1.0 + w), reach, told
+            apply, np.dot, start - 1j * apply(start), 1j * w, scale / (1.0 + w), reach, direct
         )
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
+        """Return the signals (n_r,) of receivers."""
         return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
 
     def _factorise(self, omega: Array) -> tuple[Complex, Array]:
@@ -915,81 +910,83 @@ class _Problem:
 
         operator = self.operator
         squared = self.operator.top**2
-        # reduced by top^2; the order of the motions is that of least fill
-        place = factorise(operator.matrix / squared + eye_array(operator.size)).perm_c
         unit = eye_array(operator.size)
+        # reduced by top^2; the order of the motions is that of least fill
+        place = factorise(operator.matrix / squared + unit).perm_c
         order = np.argsort(place)
-        lost = [
-            (power, one)
-            for power, one in enumerate((self.damping.losses, self.damping.times))
-            if np.any(one)
-        ]
-        given: list[Any] = [operator.matrix, *(operator.weigh(one) for _, one in lost)]
+        # powers of omega, and weights of the rows, of loss factors and of dashpots
+        losses = (self.damping.losses, self.damping.times)
+        powers = [power for power, weights in enumerate(losses) if np.any(weights)]
+        matrices: list[Any] = [operator.matrix, *(operator.weigh(losses[n]) for n in powers)]
         matrix, ones, elastic, *lossy = share_places(
-            [unit, *((one / squared)[order][:, order] for one in given)]
+            [unit, *((matrix / squared)[order][:, order] for matrix in matrices)]
         )
-        drives = [one[order] / squared for one in self.drives]
-        values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
+        drives = [drive[order] / squared for drive in self.drives]
+        values = np.zeros((omega.size, len(self.heard)), complex)
+        error = np.zeros(omega.size)
         for row, w in enumerate(omega.tolist()):
             entries = elastic - w**2 / squared * ones
             drive = drives[0]
-            for part, (power, _) in zip(lossy, lost, strict=True):
-                if factor := 1j * w**power:
-                    entries = entries + factor * part
+            for power, lossy_entries in zip(powers, lossy, strict=True):
+                factor = 1j * w**power
+                if factor:
+                    entries = entries + factor * lossy_entries
                     drive = drive + factor * drives[1 + power]
             matrix.data = entries
             drive = drive.astype(matrix.dtype)
             x = np.zeros(operator.size, matrix.dtype)
-            found = values[row]
+            heard = values[row]
             try:
                 factors = factorise(matrix, pivot=PIVOT, order="NATURAL")
                 for solution in range(_SOLUTIONS):
-                    x += (change := factors.solve(drive - matrix @ x))
-                    before = found
-                    found = self._listen(x[place])
-                    error[row] = np.max(np.abs(found - before)) / (np.max(np.abs(found)) or 1.0)
+                    change = factors.solve(drive - matrix @ x)
+                    x += change
+                    previous = heard
+                    heard = self._listen(x[place])
+                    loudest = np.max(np.abs(heard)) or 1.0
+                    error[row] = np.max(np.abs(heard - previous)) / loudest
                     if solution and error[row] <= TOLERANCE:
                         break
                 # the entries of Z, and omega, have the rounding of a float
-                rounded = factors.solve(
-                    np.finfo(float).eps * (np.abs(matrix.diagonal()) + 2.0 * w**2 / squared) * x
-                )
-                error[row] += np.max(np.abs(self._listen(rounded[place]))) / (
-                    np.max(np.abs(found)) or 1.0
-                )
+                sizes = np.abs(matrix.diagonal()) + 2.0 * w**2 / squared
+                rounded = factors.solve(np.finfo(float).eps * sizes * x)
+                error[row] += np.max(np.abs(self._listen(rounded[place]))) / loudest
             except RuntimeError:  # exactly singular
                 raise _explain_resonance(w) from None
             if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x):
                 raise _explain_resonance(w)
-            values[row] = found
+            values[row] = heard
         return values, error
 
     def _follow(self, work: ResponseWork, most: float) -> tuple[Complex, Array, int]:
-        """Return values and errors (infinite of what is not found) by a Krylov space, and the
-        number of its steps.
+        """Return values and errors by a Krylov space, and the number of its steps; errors are
+        infinite where no value is found.
         """
-        from scipy.linalg import solve_banded
         from scipy.linalg.blas import daxpy, zaxpy
 
-        omega, tolerance, space = work.omega, work.tolerance, self._make_space(work)
-        told = np.broadcast_to(space.told, (omega.size, len(self.heard)))
-        values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
+        omega = work.omega
+        tolerance = work.tolerance
+        space = self._make_space(work)
+        direct = np.broadcast_to(space.direct, (omega.size, len(self.heard)))
+        values = np.zeros((omega.size, len(self.heard)), complex)
+        error = np.zeros(omega.size)
         if not np.any(space.start):
             return values, error, 0
         error[:] = np.inf
         add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy
         size = np.sqrt(space.product(space.start, space.start))
-        loud = float(np.max(np.linalg.norm(self.ears, axis=1)))
-        before = np.zeros_like(space.start)
+        loudest = float(np.max(np.linalg.norm(self.ears, axis=1)))
+        previous = np.zeros_like(space.start)
         current = space.start / size
-        # the matrix by its columns, above, on and below the diagonal; the signals; the last pivot
-        # and part of the solutions
+        # the matrix by its columns, above, on and below the diagonal; the signals of vectors
         bands = np.zeros((3, _FIRST), complex)
         signals = np.zeros((_FIRST, len(self.heard)), current.dtype)
+        # for each frequency the last pivot, the last entry of the solution, and the residual at
+        # which the next solution is tried
         pivot = np.ones(omega.size, complex)
-        part = np.ones(omega.size)
-        left = np.isfinite(space.bound)
-        look = np.full(omega.size, _LOOK)
+        last_entry = np.ones(omega.size)
+        trial = np.full(omega.size, _FIRST_TRIAL)
+        active = np.isfinite(space.bound)
         below = 1.0
         largest = 0.0
         growth = 1.0
@@ -999,66 +996,74 @@ class _Problem:
                 signals = np.pad(signals, ((0, step - 1), (0, 0)))
             signals[step - 1] = self._listen(current)
             following = space.apply(current)
-            above = space.product(before, following)
-            following = add(before, following, a=-above)
-            own = space.product(current, following)
-            following = add(current, following, a=-own)
-            pivot = own - space.shifts - above * below / pivot
-            part = np.minimum(
-                part * np.abs(below / np.where(pivot == 0.0, np.finfo(float).tiny, pivot)), _LOST
-            )
+            above = space.product(previous, following)
+            following = add(previous, following, a=-above)
+            diagonal = space.product(current, following)
+            following = add(current, following, a=-diagonal)
+            pivot = diagonal - space.shifts - above * below / pivot
+            quotient = np.abs(below / np.where(pivot == 0.0, np.finfo(float).tiny, pivot))
+            last_entry = np.minimum(last_entry * quotient, _LOST)
             below = np.sqrt(space.product(following, following))
             length = math.sqrt(np.vdot(following, following).real)
-            bands[:, step - 1] = above, own, below
-            largest = max(largest, length, abs(own))
-            complete = length <= _COMPLETE * largest
-            if not complete and abs(below) <= _DEGENERATE * length:
+            bands[:, step - 1] = above, diagonal, below
+            largest = max(largest, length, abs(diagonal))
+            is_complete = length <= _COMPLETE * largest
+            if not is_complete and abs(below) <= _DEGENERATE * length:
                 break
-            growth = growth if complete else max(growth, (length / abs(below)) ** 2)
-            for place in np.flatnonzero(left & ((length * part <= look) | complete)):
-                matrix = bands[:, :step].copy()
-                matrix[1] -= space.shifts[place]
-                y = solve_banded(
-                    (1, 1), matrix, np.eye(1, step, dtype=complex)[0], check_finite=False
-                )
-                # rounding of H
-                z = solve_banded(
-                    (1, 1), matrix, np.finfo(float).eps * largest * y, check_finite=False
-                )
-                found, rounded = size * space.scale[place] * (np.stack([y, z]) @ signals[:step])
-                values[place] = found = found + told[place]
-                rest = 0.0 if complete else abs(size) * length * float(part[place])
-                least = abs(space.scale[place]) * loud * rest * space.bound[place]
-                heard = float(np.max(np.abs(found))) or least or 1.0
-                cut = least / heard
-                error[place] = (
-                    np.finfo(float).eps * math.sqrt(step) * growth
-                    + np.max(np.abs(rounded)) / heard
-                    + cut
-                )
-                # before anything is heard nothing is known
-                enough = _ROUNDING * abs(size) * growth if np.any(found) else 0.0
-                left[place] = not complete and cut > tolerance and rest > enough
-                look[place] = (
-                    rest / abs(size) * max(0.5 * tolerance / cut, _NEXT) if left[place] else 0.0
-                )
-            if complete or not np.any(left & (part < _LOST)):
+            if not is_complete:
+                growth = max(growth, (length / abs(below)) ** 2)
+            is_tried = active & ((length * last_entry <= trial) | is_complete)
+            for number in np.flatnonzero(is_tried):
+                solutions = _solve_tridiagonal(bands[:, :step], space.shifts[number], largest)
+                solution, rounded = size * space.scale[number] * (solutions @ signals[:step])
+                solution = solution + direct[number]
+                values[number] = solution
+                residual = 0.0 if is_complete else abs(size) * length * float(last_entry[number])
+                bound = abs(space.scale[number]) * loudest * residual * space.bound[number]
+                heard = float(np.max(np.abs(solution))) or bound or 1.0
+                cut = bound / heard
+                rounding = np.finfo(float).eps * math.sqrt(step) * growth
+                error[number] = rounding + np.max(np.abs(rounded)) / heard + cut
+                # before receivers hear anything nothing is known
+                least = _ROUNDING * abs(size) * growth if np.any(solution) else 0.0
+                active[number] = not is_complete and cut > tolerance and residual > least
+                trial[number] = 0.0
+                if active[number]:
+                    reduction = max(0.5 * tolerance / cut, _NEXT_TRIAL)
+                    trial[number] = residual / abs(size) * reduction
+            if is_complete or not np.any(active & (last_entry < _LOST)):
                 break
-            before = current
+            previous = current
             current = following
             current /= below
-        error[left] = np.inf
+        error[active] = np.inf
         return values, error, step
+
+
+def _solve_tridiagonal(bands: Complex, shift: complex, largest: float) -> Complex:
+    """Return two solutions (2, n) of a tridiagonal matrix less its ``shift``: y for the first unit
+    vector, and for the rounding of the matrix times y.
+
+    ``bands`` (3, n) are the entries above, on and below the diagonal, column by column; ``largest``
+    is the greatest entry.
+    """
+    from scipy.linalg import solve_banded
+
+    matrix = bands.copy()
+    matrix[1] -= shift
+    unit = np.eye(1, bands.shape[1], dtype=complex)[0]
+    y = solve_banded((1, 1), matrix, unit, check_finite=False)
+    rounding = np.finfo(float).eps * largest * y
+    return np.stack([y, solve_banded((1, 1), matrix, rounding, check_finite=False)])
 
 
 def _invert(values: NDArray[Any]) -> NDArray[Any]:
     """Return one over values; infinite of zeros."""
-    return np.asarray(
-        np.divide(1.0, values, out=np.full(values.shape, np.inf, values.dtype), where=values != 0.0)
-    )
+    inverse = np.full(values.shape, np.inf, values.dtype)
+    return np.asarray(np.divide(1.0, values, out=inverse, where=values != 0.0))
 
 
 def _explain_resonance(omega: float) -> InputError:
-    what = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
+    fault = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
     why = "The network has a mode of this frequency that loses no energy"
-    return InputError(what, why, "Give a damping or a loss_factor, or another frequency")
+    return InputError(fault, why, "Give a damping or a loss_factor, or another frequency")

@@ -49,7 +49,7 @@ from granphon.base.validation import (
 from granphon.dynamics.damping import read_loss
 from granphon.networks.network import ContactNetwork
 
-#: what may be asked of the waves in a simulated array
+#: results of the waves in a simulated array
 WAVES = ("dos", "spectrum", "pulse")
 #: polarisations of the waves of a spectrum
 POLARISATIONS = ("longitudinal", "transverse", "rotational")
@@ -57,14 +57,14 @@ POLARISATIONS = ("longitudinal", "transverse", "rotational")
 MOMENTS = 256
 #: readings of the signal of a pulse in a period of its burst
 READINGS = 24
-#: what stands at the two ends of a network
+#: the two ends of a network
 ENDS = ("free", "walls", "periodic")
 #: directions of contacts in a motion, and schemes of its steps
 GEOMETRIES = ("lattice", "exact")
 SCHEMES = ("verlet", "midpoint")
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
 _SOURCES = ("plane", "ball")
-#: what a response may be of, and what it is called then
+#: quantities of a response, and the names of such responses
 RESPONSES = {
     "displacement": "receptance",
     "velocity": "mobility",
@@ -80,7 +80,7 @@ _QUANTITIES: dict[str, Quantity] = {
 }
 #: the faces of an array
 FACES = ("lower", "upper")
-#: what may be done to balls, and in words
+#: kinds of drives of balls
 DRIVES = ("impact", "shaker", "force", "displacement")
 
 
@@ -91,10 +91,9 @@ class _Block:
 
     def __post_init__(self) -> None:
         for name, rule in wave_rules(self.block, read=False).items():
-            if getattr(self, name) is not None:
-                object.__setattr__(
-                    self, name, require(f"{self.block}.{name}", rule, getattr(self, name))
-                )
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, require(f"{self.block}.{name}", rule, value))
 
 
 @dataclass(frozen=True)
@@ -179,7 +178,7 @@ class BandsSettings(_Block):
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkSettings(_Block):
-    """What is asked of the network of each state, or of each sample of a simulation.
+    """Settings of a result for the network of each state, or of each sample of a simulation.
 
     Attributes
     ----------
@@ -194,7 +193,9 @@ class NetworkSettings(_Block):
     cut: tuple[tuple[Any, int, tuple[str, str]], ...] = ()
 
     def count(self, number: int) -> int:
-        """Return how many balls, or cells, so many of a network are when it is repeated and cut."""
+        """Return the number of balls, or cells, of a network of ``number`` once it is repeated and
+        cut.
+        """
         return number * math.prod(self.repeat) * math.prod(layers for _, layers, _ in self.cut)
 
     def shape(self, network: Any) -> Any:
@@ -267,12 +268,12 @@ class Signal:
         for name, unit in (("times", "s"), ("values", "")):
             object.__setattr__(self, name, finite_list(name, getattr(self, name), unit))
         if len(self.times) != len(self.values) or len(self.times) < 2:
-            what = f"{len(self.times)} times and {len(self.values)} values"
-            raise Refused(what, "two or more times, each with a value")
+            fault = f"{len(self.times)} times and {len(self.values)} values"
+            raise Refused(fault, "two or more times, each with a value")
         if self.times[0] < 0.0 or np.any(np.diff(self.times) <= 0.0):
-            place = 0 if self.times[0] < 0.0 else int(np.argmax(np.diff(self.times) <= 0.0)) + 1
+            row = 0 if self.times[0] < 0.0 else int(np.argmax(np.diff(self.times) <= 0.0)) + 1
             raise Refused(
-                f"the time {self.times[place]:g} s in row {place + 1}",
+                f"the time {self.times[row]:g} s in row {row + 1}",
                 "times from 0 s on, each after the one before",
             )
 
@@ -281,28 +282,31 @@ class Signal:
         return float(np.interp(time, self.times, self.values))
 
     def lost(self, step: float, end: float) -> float:
-        """Return the part of the area under the signal up to ``end``, s, that values at each
+        """Return the share of the area under the signal up to ``end``, s, that values at each
         ``step``, s, do not show.
         """
         steps = np.floor(np.divide(self.times, step))
-        seen = step * np.union1d(steps, steps + 1.0)
-        times = np.union1d([*self.times, end], seen)
+        sampled = step * np.union1d(steps, steps + 1.0)
+        times = np.union1d([*self.times, end], sampled)
         values = np.interp(times, self.times, self.values)
-        off = values - np.interp(times, seen, np.interp(seen, self.times, self.values))
-        apart, area = (float(np.diff(times) @ np.abs(one[1:] + one[:-1])) for one in (off, values))
-        return apart / area if area else 0.0
+        samples = np.interp(sampled, self.times, self.values)
+        differences = values - np.interp(times, sampled, samples)
+        intervals = np.diff(times)
+        difference = float(intervals @ np.abs(differences[1:] + differences[:-1]))
+        area = float(intervals @ np.abs(values[1:] + values[:-1]))
+        return difference / area if area else 0.0
 
 
 @dataclass(frozen=True)
 class Shaker:
-    """A displacement A r(t) sin(2 pi f t), whose size r rises from 0 to 1 as half a cosine over the
-    first periods.
+    """A displacement A r(t) sin(2 pi f t), whose factor r rises from 0 to 1 as half a cosine over
+    the first periods.
 
     Attributes
     ----------
     amplitude : A, m.
     frequency : f, Hz.
-    ramp : number of periods over which it rises.
+    ramp : number of periods over which r rises.
     """
 
     amplitude: float
@@ -318,12 +322,12 @@ class Shaker:
 
 @dataclass(frozen=True)
 class DriveSettings:
-    """What drives some balls, along a direction: one of four.
+    """A drive of some balls along a direction, of one of four kinds.
 
     Attributes
     ----------
-    balls : their numbers; or "lower" or "upper": the floor at this face of the array, its clamped
-        balls, or its outer layer.
+    balls : numbers of the balls; or "lower" or "upper": the floor at this face of the array, its
+        clamped balls, or its outer layer.
     direction : Cartesian; None for x.
     impact : velocity at the start, m/s.
     shaker : :class:`Shaker`.
@@ -339,7 +343,7 @@ class DriveSettings:
 
     @property
     def kind(self) -> str:
-        """Which of the four it is."""
+        """Which of the four kinds the drive is."""
         return next(name for name in DRIVES if getattr(self, name) is not None)
 
     def find_balls(self, network: ContactNetwork) -> Index:
@@ -350,9 +354,9 @@ class DriveSettings:
             return np.array(self.balls, np.intp)
         axis = int(np.sum(network.pbc))
         if axis >= network.dimension:
-            what = f"the array has no {self.balls} face"
+            fault = f"the array has no {self.balls} face"
             raise InputError(
-                what,
+                fault,
                 "It repeats along all its axes",
                 "Cut it (motion.cut), or give numbers of balls",
             )
@@ -364,10 +368,9 @@ class DriveSettings:
             return floor
         outer = balls & (heights > top - 0.5 * float(np.mean(network.radii[balls])))
         if not np.any(network.moving[outer]):
-            # a clamped layer moves as a whole, whatever balls it has
-            outer = (
-                balls & ~network.moving & (heights > 0.5 * (top + float(np.min(heights[balls]))))
-            )
+            # a clamped layer moves as a whole, whatever its balls are
+            middle = 0.5 * (top + float(np.min(heights[balls])))
+            outer = balls & ~network.moving & (heights > middle)
         return np.flatnonzero(outer)
 
 
@@ -402,12 +405,8 @@ class MotionSettings(NetworkSettings):
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
         """Values and unit of each dimension of what is found, by name."""
-        return {
-            "motion_time": (
-                tuple((self.duration / (self.frames - 1) * np.arange(self.frames)).tolist()),
-                TIME.unit,
-            )
-        }
+        times = self.duration / (self.frames - 1) * np.arange(self.frames)
+        return {"motion_time": (tuple(times.tolist()), TIME.unit)}
 
 
 #: the blocks about the network of a state, by the word with which a scene observes them
@@ -419,18 +418,18 @@ NETWORK_BLOCKS: dict[str, type[NetworkSettings]] = {
 
 @dataclass(frozen=True)
 class WaveSettings:
-    """What is asked of the waves in each sample of a simulation, and of the networks of any states;
+    """Settings of the waves in each sample of a simulation, and in the networks of any states;
     plain data.
 
     Attributes
     ----------
-    dos : whether the density of states is.
+    dos : whether the density of states is requested.
     spectrum : the spectral functions along a path; None for none.
     path, labels : pieces of that path, corners in fractions of the reciprocal cell, and a label for
         each corner.
     pulse : a pulse; None for none.
-    direction : in which the pulse goes, Cartesian, (p,); None for x.
-    of_networks : what is asked of the network of each state.
+    direction : of the pulse, Cartesian, (p,); None for x.
+    of_networks : settings for the network of each state.
     """
 
     dos: bool = False
@@ -443,7 +442,7 @@ class WaveSettings:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What of "dos", "spectrum" and "pulse" is asked for."""
+        """Those of "dos", "spectrum" and "pulse" that are requested."""
         return tuple(name for name in WAVES if getattr(self, name) not in (None, False))
 
 
@@ -452,10 +451,9 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
 
     def quantity(name: str) -> Rule:
         kind = _QUANTITIES[name]
-        if name == "damping":  # zero, without a unit, is one too
-            return partial(
-                read_loss, name, rule=_read_time if read else partial(zero_or_above, unit=kind.unit)
-            )
+        if name == "damping":  # a time, or zero without a unit
+            rule = _read_time if read else partial(zero_or_above, unit=kind.unit)
+            return partial(read_loss, name, rule=rule)
         return _quantity(kind, read)
 
     if block == "surface":
@@ -516,34 +514,32 @@ def _read_time(value: Any) -> float:
 
 
 def _read_polarisations(value: Any) -> tuple[str, ...]:
-    """Read one polarisation, or a list of them, each once."""
+    """Read one polarisation, or a list of polarisations, each once."""
     rule = partial(choice, options=POLARISATIONS)
-    found: tuple[str, ...] = (
-        each(value, rule, "polarisations") if isinstance(value, list | tuple) else (rule(value),)
-    )
-    if len(set(found)) < len(found):
+    if not isinstance(value, list | tuple):
+        return (rule(value),)
+    names: tuple[str, ...] = each(value, rule, "polarisations")
+    if len(set(names)) < len(names):
         raise Refused(show(value), f"{', '.join(POLARISATIONS)}, each once")
-    return found
+    return names
 
 
 def _read_places(value: Any) -> tuple[str, ...]:
-    """Read one place of a source or receiver, or a list of them, each once: "plane", or a ball and
-    its direction.
+    """Read one place of a source or receiver, or a list of places, each once: "plane", or a ball
+    and its direction.
     """
     if isinstance(value, list | tuple):
-        found: tuple[str, ...] = tuple(one for (one,) in each(value, _read_places, "places"))
-        if len(set(found)) < len(found):
+        places: tuple[str, ...] = tuple(place for (place,) in each(value, _read_places, "places"))
+        if len(set(places)) < len(places):
             raise Refused(show(value), "each place once")
-        return found
+        return places
     words = value.split() if isinstance(value, str) else []
     if words == ["plane"]:
         return ("plane",)
-    if (
-        len(words) > 1
-        and words[0].isdecimal()
-        and (words[1:] in ([one] for one in "xyz") or _is_vector(words[1:]))
-    ):
-        return (" ".join(words),)
+    if len(words) > 1 and words[0].isdecimal():
+        is_axis = len(words) == 2 and words[1] in ("x", "y", "z")
+        if is_axis or _is_vector(words[1:]):
+            return (" ".join(words),)
     raise Refused(
         show(value),
         "plane, or the number of a ball and its direction, such as 12 x or 12 0.6 0.8, or a"
@@ -552,29 +548,28 @@ def _read_places(value: Any) -> tuple[str, ...]:
 
 
 def find_place(text: str) -> Any:
-    """Return a place of a source or receiver as the calls of Python have it."""
-    ball, *words = text.split()
-    return (
-        text
-        if not words
-        else (int(ball), words[0] if words[0] in "xyz" else [float(word) for word in words])
-    )
+    """Return a place of a source or receiver, in a scene's words, as arguments in Python."""
+    ball, *direction = text.split()
+    if not direction:
+        return text
+    if direction[0] in "xyz":
+        return int(ball), direction[0]
+    return int(ball), [float(component) for component in direction]
 
 
 def _is_vector(words: list[Any]) -> bool:
     """Whether words are one to three numbers, not all zero."""
     numbers = [
-        float(one) if isinstance(one, str) and re.fullmatch(NUMBER, one) else one for one in words
+        float(word) if isinstance(word, str) and re.fullmatch(NUMBER, word) else word
+        for word in words
     ]
-    return (
-        1 <= len(numbers) <= 3
-        and any(numbers)
-        and all(math.isfinite(real_number(one)) for one in numbers)
-    )
+    if not 1 <= len(numbers) <= 3 or not any(numbers):
+        return False
+    return all(math.isfinite(real_number(number)) for number in numbers)
 
 
 def _one_or_two(value: Any, rule: Rule) -> Any:
-    """Read a value of all motions of a contact, or a list of that of normal and of other motion."""
+    """Read a value of all motions of a contact, or a list of two: of normal and of other motion."""
     if isinstance(value, list | tuple):
         if len(value) != 2:
             raise Refused(show(value), "one value, or two: of normal motion, and of all other")
@@ -585,7 +580,7 @@ def _one_or_two(value: Any, rule: Rule) -> Any:
 def write_setting(name: str, value: Any) -> Any:
     """Return a value of one of the blocks as a scene file holds it, in SI units."""
     if isinstance(value, tuple):
-        return [write_setting(name, one) for one in value]
+        return [write_setting(name, entry) for entry in value]
     return _QUANTITIES[name].write(value) if name in _QUANTITIES and value else value
 
 
@@ -593,6 +588,7 @@ def write_setting(name: str, value: Any) -> Any:
 
 
 def _quantity(kind: Quantity, read: bool) -> Rule:
+    """Return the rule of a quantity in a file (``read``), or in SI."""
     if read:
         return kind.read
     if kind.least == "any":
@@ -610,7 +606,7 @@ def read_drives(value: Any, read: bool = True, folder: Path = Path()) -> tuple[D
 
 def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
     if isinstance(value, DriveSettings):
-        value = {name: one for name, one in vars(value).items() if one is not None}
+        value = {name: field for name, field in vars(value).items() if field is not None}
     rules: dict[str, Rule] = {
         "balls": _read_balls,
         "direction": read_direction,
@@ -621,44 +617,39 @@ def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
             _read_signal, name="displacement", kind=WAY, read=read, folder=folder
         ),
     }
-    given = [name for name in DRIVES if isinstance(value, dict) and name in value]
-    if len(given) > 1:
-        raise Refused(" and ".join(given), f"exactly one of {', '.join(DRIVES)}")
-    found = block(value, rules, ("balls",))
-    if not given:
+    kinds = [name for name in DRIVES if isinstance(value, dict) and name in value]
+    if len(kinds) > 1:
+        raise Refused(" and ".join(kinds), f"exactly one of {', '.join(DRIVES)}")
+    fields = block(value, rules, ("balls",))
+    if not kinds:
         raise Refused("balls alone", f"exactly one of {', '.join(DRIVES)}")
-    return DriveSettings(**found)
+    return DriveSettings(**fields)
 
 
 def read_direction(value: Any) -> tuple[float, ...]:
     """Read a Cartesian vector, a list of numbers or a text of them."""
-    words = (
-        value.split()
-        if isinstance(value, str)
-        else value
-        if isinstance(value, list | tuple)
-        else [value]
-    )
-    found = each(words, partial(fraction, largest=1e3), "numbers")
-    if len(found) > 3 or not any(found):
+    components: Any = value.split() if isinstance(value, str) else value
+    if not isinstance(components, list | tuple):
+        components = [components]
+    numbers = each(components, partial(fraction, largest=1e3), "numbers")
+    if len(numbers) > 3 or not any(numbers):
         raise Refused(show(value), "one to three numbers, not all zero, such as 0 1")
-    return found
+    return numbers
 
 
 def _read_balls(value: Any) -> tuple[int, ...] | str:
     """Read the word of a face, or numbers of balls, each once."""
     if isinstance(value, str) and not value[:1].isdecimal():
         return choice(value, FACES)
-    words = (
-        [int(one) if one.isdecimal() else one for one in value.split()]
-        if isinstance(value, str)
-        else value
-    )
-    listed = words if isinstance(words, list | tuple) else [words]
-    found = each(listed, partial(whole, low=0, high=100_000_000), "numbers of balls")
-    if len(set(found)) < len(found):
+    numbers = value
+    if isinstance(value, str):
+        numbers = [int(word) if word.isdecimal() else word for word in value.split()]
+    elif not isinstance(value, list | tuple):
+        numbers = [value]
+    balls = each(numbers, partial(whole, low=0, high=100_000_000), "numbers of balls")
+    if len(set(balls)) < len(balls):
         raise Refused(show(value), "each ball once")
-    return found
+    return balls
 
 
 def _read_shaker(value: Any, read: bool) -> Shaker:
@@ -675,7 +666,9 @@ def _read_shaker(value: Any, read: bool) -> Shaker:
 
 
 def _read_signal(value: Any, name: str, kind: Quantity, read: bool, folder: Path) -> Signal:
-    """Read a table of the columns time and ``name``, by its name, or as a block of two lists."""
+    """Read a table of the columns time and ``name``: the name of a file, or a block of two
+    lists.
+    """
     if isinstance(value, str) and read:
         try:
             table = Table.read(folder / value, quoted=False)
@@ -689,42 +682,47 @@ def _read_signal(value: Any, name: str, kind: Quantity, read: bool, folder: Path
             raise Refused(
                 show(value), f"a table with the columns time and {name}", str(error)
             ) from None
-    given = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
-    kinds = {"time": SINCE, name: kind}
+    lists = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
     rules: dict[str, Rule] = {
-        one: partial(each, rule=_quantity(of, read), what="values") for one, of in kinds.items()
+        "time": partial(each, rule=_quantity(SINCE, read), what="values"),
+        name: partial(each, rule=_quantity(kind, read), what="values"),
     }
-    found = block(given, rules, ("time", name))
-    return Signal(found["time"], found[name])
+    columns = block(lists, rules, ("time", name))
+    return Signal(columns["time"], columns[name])
 
 
 def write_drives(drives: Sequence[DriveSettings]) -> Any:
     """Return drives as a scene file holds them, in SI units."""
-    out = []
-    for one in drives:
-        row: dict[str, Any] = {
-            "balls": one.balls if isinstance(one.balls, str) else list(one.balls)
+    rows = [_write_drive(drive) for drive in drives]
+    return rows if len(rows) > 1 else rows[0]
+
+
+def _write_drive(drive: DriveSettings) -> dict[str, Any]:
+    balls = drive.balls
+    row: dict[str, Any] = {"balls": balls if isinstance(balls, str) else list(balls)}
+    if drive.direction is not None:
+        row["direction"] = list(drive.direction)
+    if drive.impact is not None:
+        row["impact"] = VELOCITY.write(drive.impact)
+    shaker = drive.shaker
+    if shaker is not None:
+        row["shaker"] = {
+            "amplitude": LENGTH.write(shaker.amplitude),
+            "frequency": FREQUENCY.write(shaker.frequency),
+            "ramp": shaker.ramp,
         }
-        row |= {} if one.direction is None else {"direction": list(one.direction)}
-        if one.impact is not None:
-            row["impact"] = VELOCITY.write(one.impact)
-        if (s := one.shaker) is not None:
-            row["shaker"] = {
-                "amplitude": LENGTH.write(s.amplitude),
-                "frequency": FREQUENCY.write(s.frequency),
-                "ramp": s.ramp,
-            }
-        for name, kind in (("force", PUSH), ("displacement", WAY)):
-            if (signal := getattr(one, name)) is not None:
-                times = map(SINCE.write, signal.times)
-                values = map(kind.write, signal.values)
-                row[name] = {"time": list(times), name: list(values)}
-        out.append(row)
-    return out if len(out) > 1 else out[0]
+    for name, signal, kind in (
+        ("force", drive.force, PUSH),
+        ("displacement", drive.displacement, WAY),
+    ):
+        if signal is not None:
+            times = [SINCE.write(time) for time in signal.times]
+            row[name] = {"time": times, name: [kind.write(value) for value in signal.values]}
+    return row
 
 
 def named_tables(drives: Any) -> list[str]:
-    """Return the names of the tables that drives of a valid scene file take their signals from."""
+    """Return the names of the tables of signals in the drives of a valid scene file."""
     rows = drives if isinstance(drives, list) else [drives]
     return [
         row[name]

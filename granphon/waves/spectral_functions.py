@@ -29,23 +29,24 @@ from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_vector
 from granphon.waves.settings import POLARISATIONS
 
-#: largest deviation of q . L / 2 pi from a whole number that is put down to rounding
+#: largest deviation of q . L / 2 pi from a whole number that counts as rounding
 _WHOLE = 1e-6
 #: largest phase of a wave across a network, rad: of a larger one no digit within a turn is left
 _MOST_PHASE = 1e15
-#: length of the part of a direction across q, over that of the direction, below which there is none
+#: length of the component of a direction across q, over that of the direction, below which the
+#: component is zero
 _ACROSS = 1e-9
-#: greatest common denominator of the sites of a lattice, in fractions of its vectors, that is
-#: looked for
+#: greatest common denominator of the sites of a lattice, in fractions of its vectors, that is tried
 _MOST_PARTS = 24
-#: a Lorentz curve of the full width L is broadened by a kernel of the width G to l L + ((1 - l)^2
-#: L^2 + G^2)^1/2. With
-#: l = 0.5346 that is Voigt's curve, of a Gaussian (Olivero and Longbothum, J. Quant. Spectrosc.
-#: Radiat. Transf. 17, 233
-#: (1977)); for the Jackson kernel, which is not quite one, it holds to 3e-3 with
+#: l of the full width l L + ((1 - l)^2 L^2 + G^2)^1/2 to which a kernel of the width G broadens a
+#: Lorentz curve of the full width L. A Gaussian kernel has l = 0.5346, Voigt's curve (Olivero and
+#: Longbothum, J. Quant. Spectrosc. Radiat. Transf. 17, 233 (1977)). The Jackson kernel is nearly a
+#: Gaussian, and the formula holds to 3e-3 with this l
 _LINEAR = 0.465
 #: width of a line over that of the kernel, from which it counts as resolved
 _RESOLVED = 0.2
+#: memory of a spectrum for each moment, bytes
+_MOMENT_BYTES = 40.0
 #: greatest relative difference of the wave vectors of spectral functions that are averaged
 _SAME = 1e-9
 #: greatest relative difference of their resolutions
@@ -72,46 +73,49 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
     Raises :class:`~granphon.base.errors.InputError` for another shape, and for a q that the cell
     does not have.
     """
-    given = _as_wavevectors(network, q)
-    nearest = _round(network, given)
+    requested = _as_wavevectors(network, q)
+    nearest = _round(network, requested)
     periods = network.cell[list(network.pbc), : network.dimension]
-    wrong = np.abs((given - nearest) @ periods.T) > 2.0 * np.pi * _WHOLE * np.maximum(
-        1.0, np.abs(nearest @ periods.T)
-    )
-    if np.any(wrong):
-        bad = int(np.argmax(np.any(wrong, axis=1)))
-        wanted, there = (
-            "(" + ", ".join(f"{one:.9g}" for one in vector) + ")"
-            for vector in (given[bad], nearest[bad])
+    deviation = np.abs((requested - nearest) @ periods.T)
+    is_wrong = deviation > 2.0 * np.pi * _WHOLE * np.maximum(1.0, np.abs(nearest @ periods.T))
+    if np.any(is_wrong):
+        row = int(np.argmax(np.any(is_wrong, axis=1)))
+        fault = f"q = {_write_vector(requested[row])} is no wave vector of the periodic cell"
+        mend = (
+            f"The nearest is {_write_vector(nearest[row])} 1/m;"
+            f" waves.nearest_wavevectors(q) finds it for any q"
         )
-        what = f"q = {wanted} is no wave vector of the periodic cell"
-        why = "Along each of its vectors L, q . L must be"
-        mend = f"The nearest is {there} 1/m; waves.nearest_wavevectors(q) finds it for any q"
-        if not np.any(nearest[bad]):
+        if not np.any(nearest[row]):
             mend = (
                 f"It is shorter than those of this cell, of which the shortest is"
                 f" {_find_shortest(network):.6g} 1/m"
             )
-        raise InputError(what, f"{why} a multiple of 2 pi", mend)
+        why = "Along each of its vectors L, q . L must be a multiple of 2 pi"
+        raise InputError(fault, why, mend)
     return nearest
+
+
+def _write_vector(vector: Array) -> str:
+    return "(" + ", ".join(f"{component:.9g}" for component in vector) + ")"
 
 
 def nearest_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
     """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in
     the same shape.
     """
-    given = _as_wavevectors(network, q)
-    return np.asarray(_round(network, given).reshape(np.shape(q)))
+    requested = _as_wavevectors(network, q)
+    return np.asarray(_round(network, requested).reshape(np.shape(q)))
 
 
 def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
     """Return for wave vectors ``q`` (n, d) of a lattice the shortest, 1/m, in whose waves all balls
-    move as in those of q.
+    move as in the wave of q.
 
-    They differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t between all
-    balls of a cell. With one ball in a cell these are all G, and the shortest lies in the first
-    zone; along the axis of hcp every second one is such. None for a network of no lattice, and for
-    a lattice whose sites are no multiples of a 24th, or of a larger part, of the lattice vectors.
+    The two differ by a reciprocal vector G with exp(i G . t) = 1 for the steps t between all balls
+    of a cell. With one ball in a cell every G is such a vector, and the shortest wave vector lies
+    in the first zone; along the axis of hcp every second G is one. None for a network of no
+    lattice, and for a lattice whose sites are no multiples of a 24th, or of a larger part, of the
+    lattice vectors.
     """
     if network.lattice is None or network.shape is None:
         return None
@@ -125,40 +129,40 @@ def fold_wavevectors(network: ContactNetwork, q: Array) -> Array | None:
         for m in range(1, _MOST_PARTS + 1)
         if np.all(np.abs(m * steps - np.round(m * steps)) <= _WHOLE)
     )
-    if (m := next(denominators, None)) is None:
+    m = next(denominators, None)
+    if m is None:
         return None
     # reciprocal vectors, as whole numbers, that span all G with exp(i G . t) = 1: m times any
-    # reciprocal vector is one of them, so that those from 0 to m have a triangular basis among them
-    numbers = np.stack(np.meshgrid(*[np.arange(m + 1)] * periods, indexing="ij"), axis=-1).reshape(
-        -1, periods
-    )
+    # reciprocal vector is such a G, so that the G from 0 to m contain a triangular basis
+    grid = np.meshgrid(*[np.arange(m + 1)] * periods, indexing="ij")
+    numbers = np.stack(grid, axis=-1).reshape(-1, periods)
     numbers = numbers[np.all((numbers @ np.round(m * steps).astype(int).T) % m == 0, axis=1)]
     repeats = np.zeros((periods, periods), np.intp)
     for n in range(periods):
-        among = numbers[~np.any(numbers[:, :n], axis=1) & (numbers[:, n] > 0)]
-        repeats[n] = among[np.argmin(among[:, n])]
+        candidates = numbers[~np.any(numbers[:, :n], axis=1) & (numbers[:, n] > 0)]
+        repeats[n] = candidates[np.argmin(candidates[:, n])]
     primitive = network.cell[:periods, : q.shape[1]] / np.array(network.shape)[:, None]
     return q - _find_nearest(np.linalg.inv(repeats).T @ primitive, q)
 
 
 def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Array:
-    given = finite_array("q", q, "1/m")
+    vectors = finite_array("q", q, "1/m")
     d = network.dimension
-    if d == 1 and given.ndim == 0:
-        given = given.reshape(1)
-    if given.ndim not in (1, 2) or given.shape[-1] != d:
+    if d == 1 and vectors.ndim == 0:
+        vectors = vectors.reshape(1)
+    if vectors.ndim not in (1, 2) or vectors.shape[-1] != d:
         why = f"A wave vector of this network has the shape ({d},)"
         mend = f"Give ({d},) or (n, {d}), Cartesian, in 1/m"
-        raise InputError(f"q has the shape {given.shape}", why, mend)
-    size = float(
-        np.max(np.abs(network.cell), initial=0.0) + np.ptp(getattr(network, "positions", 0.0))
-    )
-    if (phase := float(np.max(np.abs(given), initial=0.0)) * size) > _MOST_PHASE:
-        what = f"the phase of such a wave differs by {phase:.1e} across the network"
+        raise InputError(f"q has the shape {vectors.shape}", why, mend)
+    extent = np.ptp(getattr(network, "positions", 0.0))
+    size = float(np.max(np.abs(network.cell), initial=0.0) + extent)
+    phase = float(np.max(np.abs(vectors), initial=0.0)) * size
+    if phase > _MOST_PHASE:
+        fault = f"the phase of such a wave differs by {phase:.1e} across the network"
         raise PrecisionError(
-            what, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q"
+            fault, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q"
         )
-    return np.atleast_2d(given)
+    return np.atleast_2d(vectors)
 
 
 def _find_shortest(network: ContactNetwork | PeriodicCell) -> float:
@@ -172,10 +176,10 @@ def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
     periods = network.cell[list(network.pbc), : network.dimension]
     if not len(periods):
         return q
-    found = _find_nearest(periods, q)
+    nearest = _find_nearest(periods, q)
     if len(periods) < network.dimension:
-        found += q - q @ np.linalg.pinv(periods) @ periods  # across the periods nothing moves
-    return found
+        nearest += q - q @ np.linalg.pinv(periods) @ periods  # across the periods nothing moves
+    return nearest
 
 
 def _find_nearest(periods: Array, q: Array) -> Array:
@@ -183,19 +187,18 @@ def _find_nearest(periods: Array, q: Array) -> Array:
     ``periods`` (p, d).
     """
     back = np.asarray(np.linalg.pinv(periods).T, float)  # (p, d) rows b with b_i . L_j = delta_ij
-    # whole numbers (p, p) that make a basis that of the shortest vectors: only in this one are the
+    # whole numbers (p, p) that make the basis of the shortest vectors: only in this basis are the
     # lattice points nearest to a point among the corners of its cell and of the cells next to it
     shorter = np.rint(shortest_vectors(back) @ periods.T)
     waves = q @ periods.T @ np.linalg.inv(shorter) / (2.0 * np.pi)
-    around = np.floor(waves)[:, None] + np.array(
-        list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods)))
-    )
+    corners = np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
+    around = np.floor(waves)[:, None] + corners
     squares = np.sum(((around - waves[:, None]) @ (shorter @ back)) ** 2, axis=-1)
-    # of those that are equally near the first, whatever rounding says: at all loads the same
-    least = np.argmin(np.round(squares / np.sum(back**2), 9), axis=1)
-    # from whole numbers, not as a step from q: then the same wave vector has the same digits, and
-    # Gamma is zero
-    return np.asarray(2.0 * np.pi * (around[np.arange(len(q)), least] @ shorter) @ back + 0.0)
+    # the first of those that are equally near but for rounding: the same one at all loads
+    nearest = np.argmin(np.round(squares / np.sum(back**2), 9), axis=1)
+    # from whole numbers, not as a step from q: the same wave vector has the same digits, and Gamma
+    # is zero
+    return np.asarray(2.0 * np.pi * (around[np.arange(len(q)), nearest] @ shorter) @ back + 0.0)
 
 
 # -- polarisations ---------------------------------------------------------------------------------
@@ -207,81 +210,94 @@ def find_polarisations(
     """Return the polarisations of a wave, (b, motions): orthonormal rows, over which a spectral
     function is averaged.
 
-    Raises :class:`~granphon.base.errors.InputError` if the balls do not move that way, or if it is
-    not said which way.
+    Raises :class:`~granphon.base.errors.InputError` if the balls do not move in that polarisation,
+    or if a direction that it needs is missing.
     """
     motions = operator.motions
     letters = ", ".join(motions.letters)
     if not isinstance(polarisation, str):
-        # numbers, one for each displacement or one for each motion
-        numbers = finite_array("polarisation", polarisation)
-        sizes = (len(motions.translations), motions.count)
         if direction is not None:
+            finite_array("polarisation", polarisation)
             raise InputError(
                 "a direction is given besides the polarisation by numbers", "They say the same"
             )
-        if numbers.ndim != 1 or numbers.size not in sizes or not np.any(numbers):
-            why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {letters}"
-            mend = f"Give these, not all zero, or one of {', '.join(POLARISATIONS)}"
-            raise InputError(f"the polarisation is {brief(polarisation)}", why, mend)
-        rows = np.zeros((1, motions.count))
-        numbers = numbers / np.max(np.abs(numbers))
-        rows[0, : numbers.size] = numbers / np.linalg.norm(numbers)
-        return rows
+        return _read_polarisation(operator, polarisation)
     name = one_of("polarisation", polarisation, POLARISATIONS)
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
-    wanted = (
-        None
-        if direction is None
-        else read_vector("direction", direction, operator.network.dimension)
-    )
-    along = np.zeros(3)
-    along[: q.size] = q
+    requested = None
+    if direction is not None:
+        requested = read_vector("direction", direction, operator.network.dimension)
     if turns:
-        found = free if wanted is None else (wanted @ free.T) @ free
+        directions = free if requested is None else (requested @ free.T) @ free
     elif not np.any(q):
-        if wanted is None:
+        if requested is None:
             mend = "Give direction=, the one in which balls move"
             if any(operator.network.pbc):
                 shortest = _find_shortest(operator.network)
                 mend += f", or a longer q: the shortest that this cell has is {shortest:.6g} 1/m"
             raise InputError(f"a {name} wave with q = 0 has no direction", mend=mend)
-        found = wanted
+        directions = requested
     else:
+        along = np.zeros(3)
+        along[: q.size] = q
         along /= np.linalg.norm(along)
         if name == "longitudinal":
-            found = along
-        elif wanted is not None:
-            found = wanted - (wanted @ along) * along
-            if np.linalg.norm(found) < _ACROSS:
+            directions = along
+        elif requested is not None:
+            directions = requested - (requested @ along) * along
+            if np.linalg.norm(directions) < _ACROSS:
                 raise InputError(
                     f"the direction {brief(direction)} of a transverse wave is along q"
                 )
-        else:  # orthonormal directions across q: within the plane of the balls, if they move there
-            for among in (free[np.argmax(free, axis=1) < operator.network.dimension], free):
-                left = among - (among @ along)[:, None] * along
-                _, across, basis = np.linalg.svd(left) if len(left) else (None, np.zeros(0), free)
-                found = basis[: across.size][across > 0.5]
-                if len(found):
-                    break
+        else:
+            # within the plane of the balls, if they move across q there
+            in_plane = free[np.argmax(free, axis=1) < operator.network.dimension]
+            directions = _find_transverse(in_plane, along)
+            if not len(directions):
+                directions = _find_transverse(free, along)
     # directions (b, 3) as rows (b, motions) of unit length
-    found = np.atleast_2d(found)
-    if (
-        not len(found)
-        or not axes
-        or np.max(np.abs(np.delete(found, axes, axis=1)), initial=0.0) > _ACROSS
-    ):
+    directions = np.atleast_2d(directions)
+    held = np.delete(directions, axes, axis=1)
+    if not len(directions) or not axes or np.max(np.abs(held), initial=0.0) > _ACROSS:
         raise InputError(
             f"no {name} wave of this direction runs here", f"Balls move in {letters} alone"
         )
-    size = np.linalg.norm(found, axis=1, keepdims=True)
+    size = np.linalg.norm(directions, axis=1, keepdims=True)
     if np.any(size < _ACROSS):
         raise InputError(f"the direction of a {name} wave is across all motions {letters}")
-    rows = np.zeros((len(found), motions.count))
-    rows[:, motions.turning if turns else motions.translating] = (found / size)[:, list(axes)]
+    rows = np.zeros((len(directions), motions.count))
+    rows[:, motions.turning if turns else motions.translating] = (directions / size)[:, list(axes)]
     return rows
+
+
+def _read_polarisation(operator: WaveOperator, polarisation: ArrayLike) -> Array:
+    """Return the row (1, motions) of a polarisation by numbers: of all displacements, or of all
+    motions.
+    """
+    motions = operator.motions
+    letters = ", ".join(motions.letters)
+    numbers = finite_array("polarisation", polarisation)
+    sizes = (len(motions.translations), motions.count)
+    if numbers.ndim != 1 or numbers.size not in sizes or not np.any(numbers):
+        why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {letters}"
+        mend = f"Give these, not all zero, or one of {', '.join(POLARISATIONS)}"
+        raise InputError(f"the polarisation is {brief(polarisation)}", why, mend)
+    row = np.zeros((1, motions.count))
+    numbers = numbers / np.max(np.abs(numbers))
+    row[0, : numbers.size] = numbers / np.linalg.norm(numbers)
+    return row
+
+
+def _find_transverse(free: Array, along: Array) -> Array:
+    """Return orthonormal directions (b, 3) across ``along`` that the directions ``free`` (a, 3)
+    span.
+    """
+    if not len(free):
+        return free
+    _, sizes, basis = np.linalg.svd(free - (free @ along)[:, None] * along)
+    return np.asarray(basis[: sizes.size][sizes > 0.5])
 
 
 # -- vectors ---------------------------------------------------------------------------------------
@@ -311,18 +327,18 @@ def find_mean_free_path(velocity: Array, width: Array) -> Array:
     """Return the mean free path of the energy of a wave, m: phase velocity over 2 pi width;
     infinite where that is zero.
     """
-    found = np.full(np.shape(width), math.inf)
-    np.divide(velocity, 2.0 * math.pi * width, out=found, where=width > 0.0)
-    return found
+    paths = np.full(np.shape(width), math.inf)
+    np.divide(velocity, 2.0 * math.pi * width, out=paths, where=width > 0.0)
+    return paths
 
 
 def find_attenuation(velocity: Array, width: Array) -> Array:
     """Return the attenuation of the amplitude, 1/m: half the inverse mean free path; infinite where
     the velocity is zero.
     """
-    found = np.full(np.shape(width), math.inf)
-    np.divide(math.pi * width, velocity, out=found, where=velocity > 0.0)
-    return found
+    rates = np.full(np.shape(width), math.inf)
+    np.divide(math.pi * width, velocity, out=rates, where=velocity > 0.0)
+    return rates
 
 
 def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
@@ -337,44 +353,42 @@ def find_lines(kernel: Kernel, values: Array) -> tuple[Array, Array]:
     step = math.pi / (2 * kernel.count - 1)
     peaks = np.zeros(len(values))
     widths = np.zeros(len(values))
-    for number, row in enumerate(values):
-        n = int(np.argmax(row))
-        log = np.log(np.maximum(row, np.finfo(float).tiny))
-        place = float(n)
+    for number, spectrum in enumerate(values):
+        n = int(np.argmax(spectrum))
+        log = np.log(np.maximum(spectrum, np.finfo(float).tiny))
+        point = float(n)
         height = float(log[n])
         if n < kernel.count - 1:
-            left = float(log[abs(n - 1)])
-            right = float(log[n + 1])
-            curved = left - 2.0 * height + right
-            shift = 0.0 if curved >= 0.0 else 0.5 * (left - right) / curved
-            place += shift
-            height -= 0.25 * (left - right) * shift
-        peaks[number] = peak = kernel.top * math.sin(step * place)
-        low = height - math.log(2.0)
-        sides = list[float]()
-        for way, flank in (
-            (-1, log[n::-1]),
-            (1, log[n:]),
-        ):
-            # where each flank falls to half the height, if it does
-            under = np.flatnonzero(flank < low)
-            if under.size:
-                k = int(under[0])
-                fall = n + way * float(k - 1 + (flank[k - 1] - low) / (flank[k - 1] - flank[k]))
-                sides.append(abs(kernel.top * math.sin(step * fall) - peak))
-        widths[number] = sum(sides) if len(sides) == 2 else 2.0 * sides[0]
+            previous = float(log[abs(n - 1)])
+            following = float(log[n + 1])
+            curvature = previous - 2.0 * height + following
+            shift = 0.0 if curvature >= 0.0 else 0.5 * (previous - following) / curvature
+            point += shift
+            height -= 0.25 * (previous - following) * shift
+        peaks[number] = kernel.top * math.sin(step * point)
+        level = height - math.log(2.0)
+        half_widths = list[float]()
+        for sign, flank in ((-1, log[n::-1]), (1, log[n:])):
+            # the point at which the flank falls to half the height, if it does
+            below = np.flatnonzero(flank < level)
+            if below.size:
+                k = int(below[0])
+                fall = (flank[k - 1] - level) / (flank[k - 1] - flank[k])
+                crossing = n + sign * float(k - 1 + fall)
+                half_widths.append(abs(kernel.top * math.sin(step * crossing) - peaks[number]))
+        widths[number] = sum(half_widths) if len(half_widths) == 2 else 2.0 * half_widths[0]
     return peaks, widths
 
 
-def true_width(seen: Array, kernel: Array) -> Array:
+def true_width(broadened: Array, kernel: Array) -> Array:
     """Return the widths of Lorentz curves which a kernel of the width ``kernel`` has broadened to
     the widths ``seen``.
     """
-    seen = np.maximum(seen, kernel)
+    broadened = np.maximum(broadened, kernel)
     square = (1.0 - _LINEAR) ** 2
     a = square - _LINEAR**2
-    found = (np.sqrt(square * seen**2 - a * kernel**2) - _LINEAR * seen) / a
-    return np.asarray(np.maximum(found, 0.0))
+    widths = (np.sqrt(square * broadened**2 - a * kernel**2) - _LINEAR * broadened) / a
+    return np.asarray(np.maximum(widths, 0.0))
 
 
 def find_ioffe_regel(
@@ -392,19 +406,19 @@ def find_ioffe_regel(
     with np.errstate(divide="ignore"):
         above = np.log(peak) - np.log(width) - level
     if above[0] < 0.0:
-        what = (
+        fault = (
             f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel"
             f" frequency"
         )
-        raise InputError(what, mend="Give lesser wave vectors, which a larger network has")
+        raise InputError(fault, mend="Give lesser wave vectors, which a larger network has")
     below = np.flatnonzero(above < 0.0)
     if not below.size:
         return None
     n = int(below[0])
-    share = 0.0 if math.isinf(above[n - 1]) else above[n - 1] / (above[n - 1] - above[n])
-    return float(
-        peak[n] if math.isinf(above[n - 1]) else peak[n - 1] + share * (peak[n] - peak[n - 1])
-    )
+    if math.isinf(above[n - 1]):
+        return float(peak[n])
+    share = above[n - 1] / (above[n - 1] - above[n])
+    return float(peak[n - 1] + share * (peak[n] - peak[n - 1]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -479,8 +493,8 @@ class SpectralFunction(Refinable):
 
     @property
     def resolved(self) -> NDArray[np.bool_]:
-        """(n,) whether each line has a width of its own of a fifth of the kernel's or more; less is
-        not to be relied on.
+        """(n,) whether the width of each line is a fifth of the kernel's or more; a smaller width
+        is not to be relied on.
         """
         return np.asarray(self.width >= _RESOLVED * self._kernel_width)
 
@@ -530,10 +544,11 @@ class SpectralFunction(Refinable):
         ``product``; None if never.
 
         With 1 the mean free path is the wavelength over 2 pi, and the width the frequency; with pi
-        it is half the wavelength. It lies between two wave vectors, in the order of their lengths:
-        the first that is above and the next below; the logarithm of peak/width is interpolated. If
-        already the shortest wave vector is below, there is no such frequency, and that is an
-        :class:`~granphon.base.errors.InputError`.
+        it is half the wavelength. The frequency lies between two wave vectors, in the order of
+        their lengths, of which the first has a larger product and the next a smaller one; the
+        logarithm of peak/width is interpolated. Raises
+        :class:`~granphon.base.errors.InputError` if already the shortest wave vector has a smaller
+        product.
         """
         return find_ioffe_regel(self.wavenumber, self.peak, self.width, product)
 
@@ -554,32 +569,31 @@ class SpectralFunction(Refinable):
 
         if not found:
             raise InputError("there are no spectral functions to average", mend="Give one or more")
-        first = max(found, key=lambda one: one.top)
-        for one in found:
-            same = one.q.shape == first.q.shape and np.allclose(
-                one.q, first.q, rtol=_SAME, atol=_SAME * np.max(np.abs(first.q))
+        first = max(found, key=lambda spectrum: spectrum.top)
+        rounding = _SAME * np.max(np.abs(first.q))
+        for spectrum in found:
+            same_q = spectrum.q.shape == first.q.shape and np.allclose(
+                spectrum.q, first.q, rtol=_SAME, atol=rounding
             )
-            if not same or (one.polarisation, one.direction) != (
-                first.polarisation,
-                first.direction,
-            ):
+            same_polarisation = spectrum.polarisation == first.polarisation
+            if not same_q or not same_polarisation or spectrum.direction != first.direction:
                 raise InputError(
                     "spectral functions of other wave vectors or polarisations have no mean"
                 )
-            if abs(one.resolution - first.resolution) > _ALIKE * first.resolution:
-                what = (
-                    f"the spectral functions have resolutions of {one.resolution:.6g} and"
+            if abs(spectrum.resolution - first.resolution) > _ALIKE * first.resolution:
+                fault = (
+                    f"the spectral functions have resolutions of {spectrum.resolution:.6g} and"
                     f" {first.resolution:.6g} Hz"
                 )
-                raise InputError(what, mend="Give all of them the same resolution")
+                raise InputError(fault, mend="Give all of them the same resolution")
         points = first.frequencies
         every = list[Array]()
-        for one in found:  # zero from its ``top`` on
-            if np.array_equal(points, one.frequencies):
-                every.append(one.values)
+        for spectrum in found:  # zero from its ``top`` on
+            if np.array_equal(points, spectrum.frequencies):
+                every.append(spectrum.values)
             else:
-                spline = CubicSpline(one.frequencies, one.values, axis=1)
-                every.append(np.where(points <= one.frequencies[-1], spline(points), 0.0))
+                spline = CubicSpline(spectrum.frequencies, spectrum.values, axis=1)
+                every.append(np.where(points <= spectrum.frequencies[-1], spline(points), 0.0))
         values = np.mean(every, axis=0)
         return replace(first, values=values / first._kernel.integral(values)[:, None])
 
@@ -597,45 +611,38 @@ class PlaneWaves:
         polarisation: str | ArrayLike,
         direction: ArrayLike | None,
     ) -> None:
-        self._operator, self._q = operator, (q := read_wavevectors(operator.network, q))
-        word = isinstance(polarisation, str)
-        if (
-            word
-            and polarisation == "longitudinal"
-            and direction is not None
-            and np.all(np.any(q, axis=1))
-        ):
-            what = "a direction is given for a longitudinal wave, which moves along q"
-            raise InputError(what, mend="Leave it out")
-        self._polarisation = str(polarisation) if word else "given"
-        numbers = direction if word else polarisation
+        wavevectors = read_wavevectors(operator.network, q)
+        is_word = isinstance(polarisation, str)
+        is_longitudinal = is_word and polarisation == "longitudinal"
+        if is_longitudinal and direction is not None and np.all(np.any(wavevectors, axis=1)):
+            fault = "a direction is given for a longitudinal wave, which moves along q"
+            raise InputError(fault, mend="Leave it out")
+        self._operator = operator
+        self._q = wavevectors
+        self._polarisation = str(polarisation) if is_word else "given"
+        numbers = direction if is_word else polarisation
         self._direction = () if numbers is None else finite_list("direction", numbers)
-        rows = [find_polarisations(operator, one, polarisation, direction) for one in q]
-        waves = [
-            (n, row, sine)
-            for n, one in enumerate(rows)
-            for row in one
-            for sine in ((False, True) if any(q[n]) else (False,))
-        ]
-        keep = keeps_vectors(operator, len(waves))
-        self._waves = [
-            (n, Moments(operator, partial(make_plane_wave, operator, q[n], row, sine), keep=keep))
-            for n, row, sine in waves
-        ]
+        starts = []
+        for n, wavevector in enumerate(wavevectors):
+            for row in find_polarisations(operator, wavevector, polarisation, direction):
+                # the sine of a wave of q = 0 is zero
+                for sine in (False, True) if any(wavevector) else (False,):
+                    starts.append((n, partial(make_plane_wave, operator, wavevector, row, sine)))
+        keep = keeps_vectors(operator, len(starts))
+        self._waves = [(n, Moments(operator, start, keep=keep)) for n, start in starts]
 
     def find(self, moments: int) -> SpectralFunction:
         """Return the spectral function of this number of moments."""
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
-        what = f"spectra of {moments:,} moments at {len(self._q):,} wave vectors"
         require_memory(
-            what,
-            40.0 * len(self._q) * float(moments),
+            f"spectra of {moments:,} moments at {len(self._q):,} wave vectors",
+            _MOMENT_BYTES * len(self._q) * float(moments),
             "Take fewer wave vectors, or a coarser resolution",
         )
-        found = np.zeros((len(self._q), moments))
+        sums = np.zeros((len(self._q), moments))
         for n, wave in self._waves:
-            found[n] += wave.first(moments)
-        if not np.all(found[:, 0] > 0.0):
+            sums[n] += wave.first(moments)
+        if not np.all(sums[:, 0] > 0.0):
             why = "The wave vector or the polarisation is wrong"
             raise InputError("no ball that touches others moves in this wave", why)
         return SpectralFunction(
@@ -643,7 +650,7 @@ class PlaneWaves:
             self._polarisation,
             self._direction,
             kernel.frequencies,
-            kernel.densities(found / found[:, :1]),
+            kernel.densities(sums / sums[:, :1]),
             kernel.top,
             moments,
             fold_wavevectors(self._operator.network, self._q),

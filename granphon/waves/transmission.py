@@ -1,9 +1,9 @@
 """Transmission through a strip of balls between half-infinite crystals, its leads.
 
 Of each lead all waves at a frequency are known (:mod:`granphon.dynamics.bloch_waves`). One that
-runs in from the left drives the strip, whose own equations are sparse; the waves that leave it run
-out, or decay, in the leads. So amplitudes of waves follow without a small damping, and what is sent
-back and through adds up to what came to rounding.
+runs in from the left drives the strip, whose equations are sparse; the waves that leave the strip
+run out, or decay, in the leads. So amplitudes of waves follow without a small damping, and the
+energies sent back and through add up to the energy that came, to rounding.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ from granphon.dynamics.bloch_waves import (
 )
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.half_space import HalfSpace
-from granphon.networks.network import given_network
+from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
 
-#: distance, over the diameter, up to which a ball of the strip stands where one of a lead would
-_THERE = 0.1
-#: difference of transmitted and reflected energy from what comes, over that, up to which it is
-#: rounding
+#: distance, over the diameter, up to which a ball of the strip stands in the place of one of a lead
+_SAME_SITE = 0.1
+#: imbalance of transmitted and reflected energy, over the energy that comes, up to which it counts
+#: as rounding
 _BALANCED = 1e-6
 #: most steps of the fit of a fall; each changes logarithms by one at most
 _ROUNDS = 60
-#: last change of its logarithms
+#: last change of the logarithms in a fit
 _SETTLED = 1e-9
-#: part of the product of its curvatures along level and rate, below which the two are not told
-#: apart
+#: determinant of the curvatures of a fit, over their product along level and rate, below which the
+#: two are not told apart
 _SINGULAR = 1e-12
 #: largest logarithm of an energy, up or down
 _FAR = 300.0
@@ -130,67 +130,64 @@ def transmission(
     PrecisionError : a frequency at the very edge of a band, or where without losses the two parts
         do not add up, to 1e-6, to what comes.
     """
-    at = frequency_array("frequencies", frequencies, "above zero")
-    leads = [_Lead.of(one, axis, q) for one in (left, right)]
+    hertz = frequency_array("frequencies", frequencies, "above zero")
+    leads = [_Lead.of(source, axis, q) for source in (left, right)]
     first, last = leads
-    require_bloch_memory(at.size, max(lead.space.size for lead in leads))
+    require_bloch_memory(hertz.size, max(lead.space.size for lead in leads))
     strip = given_network(
         last.space.network.cut(axis, last.space.reach + 1) if middle is None else middle
     )
     operator = WaveOperator(strip)
     damped = ContactDamping.of(strip, damping, loss_factor)
-    if (
-        len(
-            {
-                (one.name, one.letters)
-                for one in (first.space.motions, last.space.motions, operator.motions)
-            }
-        )
-        > 1
-    ):
-        what = "the motions of the balls differ between the leads and the strip"
+    motions = (first.space.motions, last.space.motions, operator.motions)
+    if len({(kind.name, kind.letters) for kind in motions}) > 1:
+        fault = "the motions of the balls differ between the leads and the strip"
         raise InputError(
-            what, "A wave would have no motion to go on with", "Use the same motions, and friction"
+            fault, "A wave would have no motion to go on with", "Use the same motions, and friction"
         )
     if strip.prestress and strip.tangential_force is not None and np.any(strip.tangential_force):
         raise InputError(
             "the strip has static tangential forces", "With prestress, they have no potential"
         )
     ends = [lead.fit(operator, lower=lead is first) for lead in leads]
-    omega = 2.0 * np.pi * at
+    omega = 2.0 * np.pi * hertz
     waves = [
         find_bloch_waves(lead.blocks, omega**2, lead.space.size // lead.space.reach)
         for lead in leads
     ]
     phase = np.exp(2.0j * np.pi * (strip.shift[:, : len(first.q)] @ first.q))
-    parts = [
-        operator.weigh(one, phase).tocsc()
-        for one in (None, damped.losses, damped.times)[: 1 if damped.is_none else 3]
-    ]
-    found = []
-    for place, w in enumerate(omega):
-        matrix = sum(((-1j, -1j * w)[n] * one for n, one in enumerate(parts[1:])), parts[0])
-        found.append(_scatter(w**2, matrix, leads, ends, [one[place] for one in waves]))
-    modes = np.array([one.shape for _, one in found])[:, ::-1]
+    springs = operator.weigh(None, phase).tocsc()
+    if not damped.is_none:
+        losses = operator.weigh(damped.losses, phase).tocsc()
+        dashpots = operator.weigh(damped.times, phase).tocsc()
+    scattered = []
+    for row, w in enumerate(omega):
+        matrix = springs
+        if not damped.is_none:
+            matrix = springs + -1j * losses + -1j * w * dashpots
+        waves_of_leads = [waves_of_lead[row] for waves_of_lead in waves]
+        scattered.append(_scatter(w**2, matrix, leads, ends, waves_of_leads))
+    modes = np.array([passed.shape for _, passed in scattered])[:, ::-1]
     most = int(modes.max(initial=0))
-    back, through = (np.zeros((len(at), most, most), complex) for _ in range(2))
-    numbers = np.zeros((len(at), most))
-    for place, (sent, passed) in enumerate(found):
-        back[place, : len(sent), : len(sent)] = sent
-        through[place, : len(passed), : passed.shape[1]] = passed
-        runs = waves[0][place][0]
-        numbers[place, : runs.running] = first.space.wavenumbers(
-            runs.factors[: runs.running], first.q
-        ).real
-    reflected, transmitted = (np.sum(np.abs(one) ** 2, axis=1) for one in (back, through))
+    back = np.zeros((len(hertz), most, most), complex)
+    through = np.zeros((len(hertz), most, most), complex)
+    wavenumbers = np.zeros((len(hertz), most))
+    for row, (sent, passed) in enumerate(scattered):
+        back[row, : len(sent), : len(sent)] = sent
+        through[row, : len(passed), : passed.shape[1]] = passed
+        incoming = waves[0][row][0]
+        n = incoming.running
+        wavenumbers[row, :n] = first.space.wavenumbers(incoming.factors[:n], first.q).real
+    reflected = np.sum(np.abs(back) ** 2, axis=1)
+    transmitted = np.sum(np.abs(through) ** 2, axis=1)
     count = np.maximum(modes[:, 0], 1)
     if damped.is_none:
-        come = np.arange(most) < modes[:, :1]
-        lost = np.max(np.abs(transmitted + reflected - come), axis=1, initial=0.0)
-        if np.any(lost > _BALANCED):
-            worst = int(np.argmax(lost))
-            what = (
-                f"at {write_quantity(float(at[worst]), 'Hz', 12)} what passes and what is sent"
+        running = np.arange(most) < modes[:, :1]
+        imbalance = np.max(np.abs(transmitted + reflected - running), axis=1, initial=0.0)
+        if np.any(imbalance > _BALANCED):
+            worst = int(np.argmax(imbalance))
+            fault = (
+                f"at {write_quantity(float(hertz[worst]), 'Hz', 12)} what passes and what is sent"
                 f" back differ from what comes"
             )
             why = (
@@ -198,20 +195,22 @@ def transmission(
                 " sharp resonance"
             )
             raise PrecisionError(
-                f"{what} by {lost[worst]:.1e} of it", why, "Shift the frequency by a millionth"
+                f"{fault} by {imbalance[worst]:.1e} of it",
+                why,
+                "Shift the frequency by a millionth",
             )
     layers = operator.balls.size / first.space.per_layer
     return Transmission(
-        at,
+        hertz,
         modes,
         transmitted.sum(axis=1) / count,
         reflected.sum(axis=1) / count,
         transmitted,
         reflected,
         through,
-        numbers,
+        wavenumbers,
         layers * first.space.height,
-        damped.find_warnings(float(at[-1])),
+        damped.find_warnings(float(hertz[-1])),
     )
 
 
@@ -242,75 +241,76 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     lengths.
 
     ``runs`` are of the same leads and frequencies, for each length at least two samples. E
-    exp(-L/l) is fitted to the squared sizes of mean amplitudes, without what their noise adds, with
-    the weights that this fall itself and the noise of all lengths together give. A line is fitted
+    exp(-L/l) is fitted to the squared sizes of mean amplitudes, less the variance of the means,
+    with weights from the fitted fall and from the noise of all lengths together. A line is fitted
     to the means of ln(total), with the weights of variances that grow as the length, too. Weights
-    from the scatter at each length would favour the lengths at which it is small by chance, and
-    make errors too small. Errors are standard errors, from the scatter over the samples of each
-    length.
+    from the scatter at each length would favour lengths whose scatter is small by chance, and make
+    errors too small. Errors are standard errors, from the scatter over the samples of each length.
 
     Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a
     length; for other frequencies or numbers of waves; and where nothing is transmitted.
     """
     given: Any = runs
-    known = isinstance(given, Sequence) and all(isinstance(one, Transmission) for one in given)
-    if not known or len({one.amplitudes.shape for one in runs}) != 1:
+    is_valid = isinstance(given, Sequence) and all(isinstance(run, Transmission) for run in given)
+    if not is_valid or len({run.amplitudes.shape for run in runs}) != 1:
         raise InputError(
             "runs are not transmissions with the same leads", mend="Give results of gp.transmission"
         )
     first = runs[0]
-    if any(
-        np.any(one.frequencies != first.frequencies) or np.any(one.modes != first.modes)
-        for one in runs
-    ):
-        raise InputError(
-            "runs have other frequencies or waves", mend="Give results of the same leads"
-        )
-    lengths, of_run = np.unique([one.length for one in runs], return_inverse=True)
+    for run in runs:
+        if np.any(run.frequencies != first.frequencies) or np.any(run.modes != first.modes):
+            raise InputError(
+                "runs have other frequencies or waves", mend="Give results of the same leads"
+            )
+    lengths, of_run = np.unique([run.length for run in runs], return_inverse=True)
     samples = np.bincount(of_run)
     if len(lengths) < 2 or samples.min() < 2:
-        what = f"there are {len(lengths)} lengths, with {samples.min()} samples or more"
-        raise InputError(what, "A fall and its error need two of each", "Give more runs")
+        fault = f"there are {len(lengths)} lengths, with {samples.min()} samples or more"
+        raise InputError(fault, "A fall and its error need two of each", "Give more runs")
     # (runs, n_f, m)
-    through = np.array([np.diagonal(one.amplitudes, axis1=1, axis2=2) for one in runs])
-    total = np.array([one.total for one in runs])
-    open_ways = np.arange(through.shape[2]) < first.modes.min(axis=1)[:, None]
-    if np.any(total[:, np.any(open_ways, axis=1)] <= 0.0) or not np.all(np.any(open_ways, axis=1)):
+    through = np.array([np.diagonal(run.amplitudes, axis1=1, axis2=2) for run in runs])
+    total = np.array([run.total for run in runs])
+    is_open = np.arange(through.shape[2]) < first.modes.min(axis=1)[:, None]
+    has_open = np.any(is_open, axis=1)
+    if np.any(total[:, has_open] <= 0.0) or not np.all(has_open):
         raise InputError(
             "nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"
         )
-    groups = [of_run == place for place in range(len(lengths))]
+    groups = [of_run == number for number in range(len(lengths))]
     falls = [
         _fit_energy(lengths, [through[group][:, f, m] for group in groups])
-        for f, m in np.argwhere(open_ways)
+        for f, m in np.argwhere(is_open)
     ]
-    rate, its_error = (np.ones(open_ways.shape) for _ in range(2))
-    rate[open_ways], its_error[open_ways] = np.array(falls).T
+    rate, rate_error = np.array(falls).T
+    path = np.zeros(is_open.shape)
+    path_error = np.zeros(is_open.shape)
+    path[is_open], path_error[is_open] = _invert(rate, rate_error, 1.0)
     logs = [np.log(total[group]) for group in groups]
     # the variance of ln(total) grows as the length, too
-    share = _fit_slope(lengths, samples / lengths)
-    fall = -np.tensordot(share, [one.mean(axis=0) for one in logs], 1)
-    scatter = [np.var(one, axis=0, ddof=1) / len(one) for one in logs]
-    error = np.sqrt(np.tensordot(share**2, scatter, 1))
+    shares = _fit_slope(lengths, samples / lengths)
+    fall = -np.tensordot(shares, [values.mean(axis=0) for values in logs], 1)
+    scatter = [np.var(values, axis=0, ddof=1) / len(values) for values in logs]
+    fall_error = np.sqrt(np.tensordot(shares**2, scatter, 1))
+    length, length_error = _invert(fall, fall_error, 2.0)
+    return ScatteringLengths(first.frequencies, path, path_error, length, length_error)
 
-    def invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
-        seen = rate > 0.0
-        inverse, share = (
-            np.divide(one, rate, out=np.full(rate.shape, np.inf), where=seen)
-            for one in (factor, error)
-        )
-        return inverse, inverse * share
 
-    path, path_error = (np.where(open_ways, each, 0.0) for each in invert(rate, its_error, 1.0))
-    return ScatteringLengths(first.frequencies, path, path_error, *invert(fall, error, 2.0))
+def _invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
+    """Return the length ``factor`` over the rate of a fall, and its error; infinite where nothing
+    falls.
+    """
+    falls = rate > 0.0
+    length = np.divide(factor, rate, out=np.full(rate.shape, np.inf), where=falls)
+    relative_error = np.divide(error, rate, out=np.full(rate.shape, np.inf), where=falls)
+    return length, length * relative_error
 
 
 def _fit_slope(x: Array, weights: Array) -> Array:
-    """Return (n,) what each value at ``x`` (n,) counts in the slope of the line that is fitted with
-    these weights.
+    """Return the shares (n,) of values at ``x`` (n,) in the slope of the line that is fitted to
+    them with these weights.
     """
-    away = x - np.average(x, weights=weights)
-    return np.asarray(weights * away / np.sum(weights * away**2))
+    offsets = x - np.average(x, weights=weights)
+    return np.asarray(weights * offsets / np.sum(weights * offsets**2))
 
 
 def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float]:
@@ -321,37 +321,38 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
     n of samples. It is a U statistic (W. Hoeffding, Ann. Math. Stat. 19, 293 (1948)), with the
     variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are the covariances of real and imaginary parts,
     and a is the variance along the mean. For weights C is that of all lengths together, the same in
-    all directions; for the error it is that at each length. Both take E from the fit, which is
-    repeated until it does not change (quasi-likelihood). The error is infinite where it goes on to
-    change: then nothing is seen but at the least length.
+    all directions; for the error C is that at each length. Both take E from the fit, which is
+    repeated until it does not change (quasi-likelihood). Where the fit goes on to change, the
+    signal is above the noise at the least length alone, and the error is infinite.
     """
-    count = np.array([len(one) for one in amplitudes], float)
-    mean = np.array([one.mean() for one in amplitudes])
+    count = np.array([len(values) for values in amplitudes], float)
+    mean = np.array([values.mean() for values in amplitudes])
     turned = [
-        one * np.conj(middle) / (abs(middle) or 1.0)
-        for one, middle in zip(amplitudes, mean, strict=True)
+        values * np.conj(middle) / (abs(middle) or 1.0)
+        for values, middle in zip(amplitudes, mean, strict=True)
     ]
-    spread = np.array([np.cov(one.real, one.imag) for one in turned])  # (lengths, 2, 2)
+    spread = np.array([np.cov(values.real, values.imag) for values in turned])  # (lengths, 2, 2)
     noise = np.trace(spread, axis1=1, axis2=2)
     common = 0.5 * float(np.average(noise, weights=count - 1.0))
     square = np.abs(mean) ** 2
     energy = square - noise / count
     pairs = count * (count - 1.0)
-    # the line through the logarithms of what was seen is where the fit begins
-    away = lengths - np.average(lengths, weights=count)
+    # the fit begins at the line through the logarithms
+    offsets = lengths - np.average(lengths, weights=count)
     rate = 0.0
-    seen = square > 0.0
-    if np.count_nonzero(seen) > 1:
-        rate = -float(_fit_slope(lengths[seen], (count * square)[seen]) @ np.log(square[seen]))
-    level = (
-        math.log(np.average(square, weights=count * np.exp(-np.clip(rate * away, -_FAR, _FAR))))
-        if seen.any()
-        else -_FAR
-    )
+    level = -_FAR
+    is_above = square > 0.0
+    if np.count_nonzero(is_above) > 1:
+        shares = _fit_slope(lengths[is_above], (count * square)[is_above])
+        rate = -float(shares @ np.log(square[is_above]))
+    if is_above.any():
+        weights = count * np.exp(-np.clip(rate * offsets, -_FAR, _FAR))
+        level = math.log(np.average(square, weights=weights))
     size = float(np.ptp(lengths))
     for _ in range(_ROUNDS):
-        fitted = np.exp(np.clip(level - rate * away, -_FAR, _FAR))
-        slopes = np.stack([fitted, -fitted * away / size])  # of what is fitted, over level and rate
+        fitted = np.exp(np.clip(level - rate * offsets, -_FAR, _FAR))
+        # derivatives of the fitted energies by level and rate
+        slopes = np.stack([fitted, -fitted * offsets / size])
         weight = 1.0 / (fitted / count + common / pairs)
         matrix = slopes * weight @ slopes.T
         if np.linalg.det(matrix) <= _SINGULAR * matrix[0, 0] * matrix[1, 1]:
@@ -362,10 +363,8 @@ def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float
         level = level + float(change[0])
         rate = rate + float(change[1]) / size
         if np.max(np.abs(change)) < _SETTLED:
-            variance = (
-                4.0 * spread[:, 0, 0] * fitted / count
-                + 2.0 * np.sum(spread**2, axis=(1, 2)) / pairs
-            )
+            noise_squares = np.sum(spread**2, axis=(1, 2))
+            variance = 4.0 * spread[:, 0, 0] * fitted / count + 2.0 * noise_squares / pairs
             return rate, math.sqrt(float(shares[1] ** 2 @ variance)) / size
     return rate, math.inf
 
@@ -382,7 +381,9 @@ class _Lead(NamedTuple):
         space = HalfSpace(given_network(source), axis)
         along = space.read_wavevector(q)
         square = (2.0 * np.pi * space.units.frequency) ** 2
-        return cls(space, along, Couplings(*(square * one for one in space.couplings(along))))
+        return cls(
+            space, along, Couplings(*(square * couplings for couplings in space.couplings(along)))
+        )
 
     def fit(self, operator: WaveOperator, lower: bool) -> Any:
         """Return S (size, size of the strip), sparse: the motions that a block of the lead has at
@@ -399,62 +400,71 @@ class _Lead(NamedTuple):
         count = operator.motions.count
         size = space.size // count
         cut = space.cut
-        theirs = np.flatnonzero(cut.moving)[:size]
-        what = f"the strip does not fit to the {'first' if lower else 'other'} lead"
+        block = np.flatnonzero(cut.moving)[:size]
+        misfit = f"the strip does not fit to the {'first' if lower else 'other'} lead"
         periods = strip.cell[np.flatnonzero(strip.pbc)][:, : strip.dimension]
-        d = float(2.0 * np.mean(cut.radii[theirs]))
         same = _SAME_PERIOD * np.max(np.abs(space.layers.cell), initial=0.0)
-        if periods.shape != space.layers.cell.shape or np.any(
-            np.abs(periods - space.layers.cell) > same
-        ):
+        has_period = periods.shape == space.layers.cell.shape
+        if not has_period or np.any(np.abs(periods - space.layers.cell) > same):
             why = "It must repeat along the layers as the lead does, and not across them"
-            raise InputError(what, why, "Give lead.cut(axis, layers), or a strip of the same width")
-        if len(operator.balls) >= size:
-            height = strip.positions[operator.balls, p]
-            beyond = (
-                strip.positions[:, p] - height.max()
-                if not lower
-                else height.min() - strip.positions[:, p]
+            raise InputError(
+                misfit, why, "Give lead.cut(axis, layers), or a strip of the same width"
             )
-            between = ~strip.moving & (beyond > np.where(np.isinf(strip.radii), 0.0, 0.6 * d))
-            if np.all(space.network.moving) and np.any(between):
-                raise InputError(
-                    what, "A floor or clamped balls stand between them", "Cut it with free edges"
-                )
+        if len(operator.balls) >= size:
+            self._require_free_end(strip, operator.balls, lower, misfit)
+            diameter = float(2.0 * np.mean(cut.radii[block]))
+            height = strip.positions[operator.balls, p]
             near = operator.balls[np.argsort(height if lower else -height, kind="stable")[:size]]
             places = strip.positions[near]
-            wanted = cut.positions[theirs]
-            # one of the balls stands for the first of the block
-            # (first, block, strip)
-            apart = places[None, None] - (wanted - wanted[0])[None, :, None] - places[:, None, None]
-            cells = np.rint(apart[..., :p] @ np.linalg.inv(periods[:, :p]))
-            apart[..., :p] -= cells @ periods[:, :p]
-            far = np.linalg.norm(apart, axis=-1)
-            best = np.argmin(far, axis=2)  # (first, block)
-            worst = np.take_along_axis(far, best[..., None], axis=2)[..., 0].max(axis=1)
-            worst[[np.unique(one).size < size for one in best]] = np.inf
-            # of several ways to fit, as where two kinds stand in turn, the one that leaves the
-            # frame of the lead as it is
-            vectors = np.concatenate([periods, space.layers.stack[None]])[:, : p + 1]
-            steps = (places - wanted[0])[:, : p + 1] @ np.linalg.inv(vectors)
-            moved = np.linalg.norm((steps - np.rint(steps)) @ vectors, axis=1)
-            chosen = int(np.argmin(np.where(worst <= _THERE * d, moved, np.inf)))
-            if worst[chosen] <= _THERE * d:
+            sites = cut.positions[block]
+            # each ball near the end may be the first of the block: (first, block, strip)
+            from_first = (sites - sites[0])[None, :, None]
+            vectors = places[None, None] - from_first - places[:, None, None]
+            cells = np.rint(vectors[..., :p] @ np.linalg.inv(periods[:, :p]))
+            vectors[..., :p] -= cells @ periods[:, :p]
+            distances = np.linalg.norm(vectors, axis=-1)
+            best = np.argmin(distances, axis=2)  # (first, block)
+            worst = np.take_along_axis(distances, best[..., None], axis=2)[..., 0].max(axis=1)
+            worst[[np.unique(balls).size < size for balls in best]] = np.inf
+            # of several fits, as where two kinds of balls alternate, the one that leaves the frame
+            # of the lead unchanged
+            frame = np.concatenate([periods, space.layers.stack[None]])[:, : p + 1]
+            steps = (places - sites[0])[:, : p + 1] @ np.linalg.inv(frame)
+            moved = np.linalg.norm((steps - np.rint(steps)) @ frame, axis=1)
+            chosen = int(np.argmin(np.where(worst <= _SAME_SITE * diameter, moved, np.inf)))
+            if worst[chosen] <= _SAME_SITE * diameter:
                 of_strip = near[best[chosen]]
                 cell = cells[chosen, np.arange(size), best[chosen]]
-                ratio = np.sqrt(cut.masses[theirs] / strip.masses[of_strip])
-                turn = np.sqrt(cut.inertias[theirs] / strip.inertias[of_strip])
+                ratio = np.sqrt(cut.masses[block] / strip.masses[of_strip])
+                turn = np.sqrt(cut.inertias[block] / strip.inertias[of_strip])
                 scale = np.where(operator.motions.is_rotation, turn[:, None], ratio[:, None])
                 entries = scale * np.exp(-2.0j * np.pi * (cell @ self.q))[:, None]
-                columns = np.searchsorted(operator.balls, of_strip)[:, None] * count + np.arange(
-                    count
-                )
+                first_columns = np.searchsorted(operator.balls, of_strip)[:, None] * count
+                columns = first_columns + np.arange(count)
                 rows = np.arange(size * count)
                 return csr_array(
                     (entries.ravel(), (rows, columns.ravel())), shape=(space.size, operator.size)
                 )
         why = f"Its outer balls do not stand where {size} balls of the lead's layers would"
-        raise InputError(what, why, "Begin and end it with layers like the lead's")
+        raise InputError(misfit, why, "Begin and end it with layers like the lead's")
+
+    def _require_free_end(
+        self, strip: ContactNetwork, balls: Index, lower: bool, misfit: str
+    ) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if a floor or clamped balls lie beyond
+        the ``balls`` that move.
+        """
+        p = len(self.space.layers.cell)
+        cut = self.space.cut
+        moving = np.flatnonzero(cut.moving)[: self.space.size // strip.ball_motions.count]
+        diameter = float(2.0 * np.mean(cut.radii[moving]))
+        heights = strip.positions[:, p] * (-1.0 if lower else 1.0)
+        beyond = heights - heights[balls].max()
+        least = np.where(np.isinf(strip.radii), 0.0, 0.6 * diameter)
+        if np.all(self.space.network.moving) and np.any(~strip.moving & (beyond > least)):
+            raise InputError(
+                misfit, "A floor or clamped balls stand between them", "Cut it with free edges"
+            )
 
 
 def _scatter(
@@ -469,28 +479,29 @@ def _scatter(
     """
     from scipy.sparse import csc_array, eye_array
 
-    (first, last), (lower, upper) = leads, ends
+    first, last = leads
+    lower, upper = ends
     (come, leave), (go, _) = waves
-    one = first.blocks
-    other = last.blocks
+    first_blocks = first.blocks
+    last_blocks = last.blocks
     reach = first.space.reach
     further = last.space.reach
-    # Green's functions of the outer blocks of the leads, whose contacts to the strip are there
-    back = np.linalg.inv(
-        w * np.eye(first.space.size) - one.inner - one.down @ leave.continue_by(-reach)
-    )
-    ahead = np.linalg.inv(
-        w * np.eye(last.space.size) - other.inner - other.up @ go.continue_by(further)
-    )
-    held = [one.head + one.down @ back @ one.up, other.tail + other.up @ ahead @ other.down]
+    # Green's functions of the outer blocks of the leads, with their contacts to the strip
+    inner = w * np.eye(first.space.size) - first_blocks.inner
+    back = np.linalg.inv(inner - first_blocks.down @ leave.continue_by(-reach))
+    inner = w * np.eye(last.space.size) - last_blocks.inner
+    ahead = np.linalg.inv(inner - last_blocks.up @ go.continue_by(further))
+    held = [
+        first_blocks.head + first_blocks.down @ back @ first_blocks.up,
+        last_blocks.tail + last_blocks.up @ ahead @ last_blocks.down,
+    ]
     for end, block in zip(ends, held, strict=True):
         matrix = matrix + end.conj().T @ csc_array(block) @ end
     shape = come.vectors[:, : come.running]
     factor = come.factors[: come.running] ** reach
-    pushed = one.up @ shape * factor
-    drive = lower.conj().T @ (one.down @ (shape - back @ pushed))
-    moved = factorise(w * eye_array(matrix.shape[0]) - matrix, pivot=PIVOT).solve(
-        np.asarray(drive, complex)
-    )
-    sent = leave.find_parts(back @ (one.up @ (lower @ moved) - pushed))
-    return sent, go.find_parts(ahead @ (other.down @ (upper @ moved)))
+    pushed = first_blocks.up @ shape * factor
+    drive = lower.conj().T @ (first_blocks.down @ (shape - back @ pushed))
+    factors = factorise(w * eye_array(matrix.shape[0]) - matrix, pivot=PIVOT)
+    moved = factors.solve(np.asarray(drive, complex))
+    sent = leave.find_parts(back @ (first_blocks.up @ (lower @ moved) - pushed))
+    return sent, go.find_parts(ahead @ (last_blocks.down @ (upper @ moved)))

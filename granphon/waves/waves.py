@@ -383,7 +383,7 @@ class Waves:
 
         Where the pulse has no time of flight, it is nan, and the warnings of the result say why.
         """
-        wanted = PulseSource(
+        request = PulseSource(
             frequency,
             direction,
             distance,
@@ -397,7 +397,7 @@ class Waves:
             planes=planes,
             frames=frames,
         )
-        found = transmit(
-            self.network, wanted, self._stable_operator if is_one_of(ends, ("periodic",)) else None
+        pulse = transmit(
+            self.network, request, self._stable_operator if is_one_of(ends, ("periodic",)) else None
         )
-        return replace(found, warnings=(*self.warnings, *found.warnings))
+        return replace(pulse, warnings=(*self.warnings, *pulse.warnings))

@@ -414,7 +414,7 @@ def test_filters_miss_no_mode(filters, disordered):
         found = plain(*arguments)
         kept = np.ones(found.omega.size, bool)
         kept[np.argmin(np.abs(found.omega / (2.0 * np.pi) - exact[lost]))] = bool(counted)
-        return mode_finder._Found(*(part[..., kept] for part in found))
+        return mode_finder._FoundModes(*(part[..., kept] for part in found))
 
     def count(*arguments):
         counted.append(missing(*arguments))
