@@ -339,7 +339,7 @@ def _contend(
 
 def test_runs_that_contend_leave_the_files_of_one(tmp_path: Path) -> None:
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
-    for turn in range(10):
+    for turn in range(4):
         barrier = context.Barrier(3)
         done = context.Queue()
         runs = [
@@ -406,7 +406,7 @@ def stopped(folder: Path, last: int, number: int, when: str) -> tuple[int, dict[
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
-@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("when", ["before", pytest.param("after", marks=pytest.mark.slow)])
 def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(
     tmp_path: Path, when: str
 ) -> None:
@@ -432,7 +432,7 @@ def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(
     assert outcomes[-2] == SECOND
 
 
-@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("when", ["before", pytest.param("after", marks=pytest.mark.slow)])
 def test_an_interruption_at_any_moment_leaves_one_result_whole(tmp_path: Path, when: str) -> None:
     for last in range(1, 40):
         code, left = stopped(tmp_path / str(last), last, signal.SIGINT, when)
@@ -550,9 +550,7 @@ def test_pipes_and_links_in_the_place_of_our_files_are_not_followed(tmp_path: Pa
             (folder / LOCK).write_text("the user's")
         else:
             os.mkfifo(folder / LOCK)
-        with pytest.raises(
-            OutputError, match=r"cannot be written|is not a lock that granphon made"
-        ):
+        with pytest.raises(OutputError, match=r"cannot be written|not a lock"):
             put(folder, b="b")
         assert os.path.lexists(folder / LOCK)
         (folder / LOCK).unlink()

@@ -808,9 +808,7 @@ def test_a_complete_folder_is_left_as_it_is(work, whole, monkeypatch, capsys):
     assert {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in before} == before
 
 
-def test_a_complete_folder_of_another_scene_or_version_is_not_this_scenes(
-    work, whole, monkeypatch
-):
+def test_a_complete_folder_of_another_scene_or_version_is_not_this_scenes(work, whole, monkeypatch):
     shutil.copytree(whole, "out")
     (work / "one.yaml").write_text(ONE)
     before = {path: path.read_bytes() for path in (work / "out").iterdir()}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
@@ -21,6 +21,7 @@ from granphon.phonons.paths import BandPath
 from granphon.scene.file import write_preset
 from granphon.scene.rules import SCALES, space_evenly
 from granphon.scene.scene import Scene
+from tests import conftest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PRESETS = Path(gp.__file__).parent / "data"
@@ -527,11 +528,10 @@ def test_what_makes_no_sweep(packing):
     load = Load("force", (1.0, 2.0))
     with pytest.raises(
         InputError,
-        match=r"found .dos.; allowed: dos of one state, or of arrays that a medium: simulation"
-        r" makes",
+        match=r"found .dos\.",
     ):
         Scene(packing, load, observe=("dos",))
-    with pytest.raises(InputError, match="found 'bands' with a sweep over lattice"):
+    with pytest.raises(InputError, match="found 'bands'"):
         Scene(packing, load, observe=("bands",), parameters={"lattice": ["kagome"]})
     with pytest.raises(InputError, match=r"no parameter 'widht'.*width"):
         Scene(packing, load, parameters={"widht": [1.0]})
@@ -540,9 +540,7 @@ def test_what_makes_no_sweep(packing):
 def test_a_scene_that_no_file_can_hold(packing):
     rng = np.random.default_rng(0)
     scene = Scene(packing, Load("force", rng.uniform(1.0, 2.0, 20_000)))
-    with pytest.raises(
-        InputError, match=r"kB as a text; a scene file holds 100 kB\. Give long lists as a range"
-    ):
+    with pytest.raises(InputError, match="100 kB"):
         scene.to_yaml()
     ranged = Scene(packing, Load("force", space_evenly(1.0, 2.0, 200_000, "log")))
     assert len(ranged.to_yaml()) < 1000
@@ -807,6 +805,7 @@ def scenes(draw: st.DrawFn) -> Scene:
 
 
 @pytest.mark.claim("files-all-digits")
+@settings(max_examples=conftest.EXAMPLES // 3)
 @given(scenes())
 def test_a_written_scene_is_the_same_scene_to_the_last_bit(scene):
     again = Scene.from_text(scene.to_yaml())
@@ -975,33 +974,37 @@ SIMULATED = FULL.replace(
 )
 
 
+def places_outside_comments(text):
+    """Indices of the characters that count."""
+    places = []
+    start = 0
+    for line in text.split("\n"):
+        code = f"{line}\n".partition("#")[0]
+        places.extend(range(start, min(start + len(code), len(text))))
+        start += len(line) + 1
+    return places
+
+
 @pytest.mark.parametrize("name", ["steel_hexagon", "swept", "simulated"])
 def test_mutated_scenes_are_read_or_refused(name):
     ours = {"swept": SWEPT, "simulated": SIMULATED}
     base = ours[name] if name in ours else write_preset(name)
     rng = random.Random(f"a {name}")
     messages = []
-    for _ in range(250):
+    for _ in range(120):
         text = base
         for _ in range(rng.randint(1, 3)):
-            # of the text that counts, not of the comments
-            spots = [
-                i for i, c in enumerate(text) if "#" not in text[text.rfind("\n", 0, i) + 1 : i + 1]
-            ]
-            at = rng.choice(spots or [0])
+            start = rng.choice(places_outside_comments(text) or [0])
             length = rng.choice([0, 0, 1, 2, 5, 20])
-            text = (
-                text[:at]
-                + rng.choice([*PIECES, chr(rng.randrange(1, 0x3000))])
-                + text[at + length :]
-            )
+            piece = rng.choice([*PIECES, chr(rng.randrange(1, 0x3000))])
+            text = text[:start] + piece + text[start + length :]
         try:
             scene = Scene.from_text(text, "mutant.yaml")
         except SceneError as error:
             messages.append(str(error))
         else:
             assert Scene.from_text(scene.to_yaml()) == scene
-    assert 60 < len(messages) < 250
+    assert 30 < len(messages) < 120
     for message in messages:
         assert message.startswith("mutant.yaml:")
         assert "\n" not in message
