@@ -970,27 +970,32 @@ def test_finite_overlap_reaches_every_result(work):
     np.testing.assert_array_equal(result.bands.frequencies, expected.frequencies)
 
 
-def test_run_and_plot_draw_figures(work, capsys):
+def test_plot_draws_the_figure_of_a_run(work, capsys):
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    assert main(["run", "scene.yaml", "-o", "out", "--quiet", "--no-figures"]) == 0
+    assert main(["plot", "out"]) == 0
+    assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
+    capsys.readouterr()
+    assert main(["plot", "out"]) == 1
+    assert "already holds bands.png" in one_error(capsys)
+    assert main(["plot", "out", "-o", "both.xyz"]) == 2
+    assert "format" in one_error(capsys)
+    (work / "out" / "band.yaml").write_text("broken: [")
+    assert main(["plot", "out", "-o", "again.pdf"]) == 2
+    assert "band.yaml" in one_error(capsys)
+    assert tree(work) == {"scene.yaml", "out"} | {f"out/{name}" for name in tree(work / "out")}
+
+
+@pytest.mark.slow
+def test_runs_and_plots_draw_figures_of_several_formats(work, capsys):
     (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
     assert main(["run", "scene.yaml", "-o", "out", "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
     assert {name for name in tree(work / "out") if name.endswith(".png")} == {"bands.png"}
-    assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
-    assert main(["plot", "out"]) == 1
-    assert "already holds bands.png" in one_error(capsys)
     assert main(["plot", "out", "--force"]) == 0
     assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
     assert main(["plot", "out", "--asymptotes", "-o", "figures/both.pdf"]) == 0
     assert (work / "figures" / "both.pdf").read_bytes().startswith(b"%PDF")
-    capsys.readouterr()
-    assert main(["plot", "out", "-o", "both.xyz"]) == 2
-    assert "names no figure format" in one_error(capsys)
-    (work / "out" / "band.yaml").write_text("broken: [")
-    assert main(["plot", "out", "-o", "again.pdf"]) == 2
-    assert "not a band.yaml written by granphon" in one_error(capsys)
-    assert tree(work) == {"scene.yaml", "out", "figures", "figures/both.pdf"} | {
-        f"out/{name}" for name in tree(work / "out")
-    }
 
 
 def test_plot_of_nothing(work, capsys):
@@ -1218,10 +1223,8 @@ def test_without_a_word_the_command_shows_its_help(capsys):
 def test_the_module_is_the_command(work):
     failed = command("run", "nothing.yaml", "-o", "more")
     assert failed.returncode == 2
-    assert (
-        failed.stderr
-        == "granphon: error: nothing.yaml: there is no such file. 'granphon init' writes one.\n"
-    )
+    assert failed.stderr.startswith("granphon: error: nothing.yaml: ")
+    assert failed.stderr.count("\n") == 1
     assert failed.stdout == ""
 
 
@@ -1362,10 +1365,11 @@ def test_progress_on_a_real_terminal_leaves_stdout_alone(work):
     assert b"longitudinal velocity" in out
 
 
-def test_a_closed_stdout_is_no_failure(work):
-    code = "import sys; sys.stdout = None\nfrom granphon.cli.commands import main\nsys.exit(main(['check', 'scene.yaml']))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
+def test_a_closed_stdout_is_no_failure(work, monkeypatch, capsys):
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", None)
+        assert main(["check", "scene.yaml"]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_names_of_files_do_not_command_the_terminal(work, capsys):
