@@ -12,6 +12,8 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Generator, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -19,6 +21,12 @@ import pytest
 #: s of processor that a default case may take where the budget is held
 LIMIT = 1.0
 IS_HELD = os.environ.get("GRANPHON_TEST_BUDGET") == "1"
+
+_SCENE = """
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm}
+load: {force: 1 N}
+"""
 
 #: test functions that alone guard a subject, and the subject, which costs more than the budget
 GUARDS: Mapping[str, str] = {}
@@ -77,14 +85,15 @@ def require_budget(item: pytest.Item, what: str, spent: float) -> None:
 
 
 def warm_up() -> float:
-    """Pay what a process pays once: imports, loops that Numba compiles, the first figure. Return
-    the seconds of processor.
+    """Pay what a process pays once: imports, loops that Numba compiles, the first figure, the first
+    scene. Return the seconds of processor.
     """
     start = measure_processor_time()
     import matplotlib.pyplot as plt
     import numpy as np
 
     import granphon as gp
+    from granphon.cli.commands import main
 
     figure, axes = plt.subplots()
     axes.plot([0.0, 1.0], [0.0, 1.0], label="line")
@@ -100,4 +109,8 @@ def warm_up() -> float:
         for geometry in ("lattice", "exact"):
             waves = gp.NonlinearWaves(network, geometry=geometry, friction_coefficient=0.2)
             waves.run(1e-7, velocities=velocities, frames=2)
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "scene.yaml").write_text(_SCENE, encoding="utf-8")
+        out = str(Path(folder) / "out")
+        assert main(["run", str(Path(folder) / "scene.yaml"), "-o", out, "-q"]) == 0
     return measure_processor_time() - start

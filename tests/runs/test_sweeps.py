@@ -1381,7 +1381,7 @@ NUMBERS = st.sampled_from(["<f8", "<i8", "<c16", "?", "<f4", "|u1", "<U3", "|S2"
 
 @given(
     layout=st.dictionaries(
-        st.from_regex(r"[a-z_.]{1,5}", fullmatch=True),
+        st.text("abcxyz_.", min_size=1, max_size=5),
         st.tuples(NUMBERS, st.lists(st.integers(0, 3), max_size=3)),
         min_size=1,
         max_size=4,

@@ -181,7 +181,7 @@ def test_a_single_state_has_a_figure(tmp_path):
 
 def test_the_figure_of_a_single_state_is_drawn_from_its_files(tmp_path):
     chain("10 N", 4, "0.1 m/s", "20 us", 5).run(tmp_path, figures=False)
-    assert 'id="balls"' in redraw(tmp_path, tmp_path / "other.svg").read_text()
+    assert "Force" in redraw(tmp_path, tmp_path / "other.svg").read_text()
 
 
 def test_balls_that_may_go_anywhere_by_steps_that_keep_the_energy(tmp_path):
@@ -299,15 +299,15 @@ def test_a_shaken_floor_moves_the_balls(tmp_path):
     ],
 )
 def test_crystals_move_by_their_own_law(law, same, tmp_path):
-    one = scene(CRYSTAL.replace("0.5 ms", "0.3 ms"), LAW=law)
+    one = scene(CRYSTAL.replace("0.5 ms", "0.2 ms"), LAW=law)
     motion = one.run(tmp_path / "run", figures=False).waves.motion
     crystal = one.packing.crystal
     network = one.state().network.cut(0, 10)
     velocities = np.zeros((20, 3))
     velocities[0, 0] = 0.1
-    assert motion == gp.NonlinearWaves(network, crystal).run(3e-4, velocities=velocities)
+    assert motion == gp.NonlinearWaves(network, crystal).run(2e-4, velocities=velocities)
     if same is not None:
-        found = gp.NonlinearWaves(network, same).run(3e-4, velocities=velocities)
+        found = gp.NonlinearWaves(network, same).run(2e-4, velocities=velocities)
         assert_allclose(motion.forces, found.forces, rtol=1e-9, atol=1e-9)
     own = crystal.law_of(0, 1)[0]
     moved = motion.displacements[:, :, 0]
