@@ -50,12 +50,12 @@ def test_an_observable_that_fails_is_named_and_breaks_nothing_else(tmp_path):
         data["twice"], 2.0 * np.tile(data["force"].values[:, None], (1, 2))
     )
     told = data.attrs["warnings"]
-    assert "the observable 'broken' fails: ZeroDivisionError: no such thing; it is left out" in told
-    assert "the observable 'unknown' is not known (nan) at 2 of 2 loads" in told
-    assert "'crooked' fails: ValueError: it has the shape (7,), and the load (2,)" in told
+    assert "'broken' fails: ZeroDivisionError" in told
+    assert "'unknown' is not known (nan) at 2 of 2" in told
+    assert "'crooked' fails: ValueError" in told
     bands = Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("twice",))
     assert bands.run(tmp_path / "one", figures=False).summary()["twice"] == 18.0
-    with pytest.raises(InputError, match=r"'broken' fails: ZeroDivisionError.*do not observe it"):
+    with pytest.raises(InputError, match="'broken' fails: ZeroDivisionError"):
         Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("broken",)).run(
             tmp_path / "two"
         )
@@ -114,11 +114,9 @@ load: {force: 10 N}
     (tmp_path / "scene.yaml").write_text(
         text.replace("LAW", "{soft: {part: 0.5 N, push: 2 N/m}}"), encoding="utf-8"
     )
-    with pytest.raises(InputError, match=r"part: found '0\.5 N'; allowed: a plain number"):
+    with pytest.raises(InputError, match=r"part: found '0\.5 N'"):
         Scene.from_yaml(tmp_path / "scene.yaml")
-    with pytest.raises(
-        InputError, match=r"the contact law 'jkr' has numbers: adhesion. Give it as JKR"
-    ):
+    with pytest.raises(InputError, match=r"'jkr' .*adhesion"):
         gp.Crystal.on("chain", [ball], law="jkr")
 
 
@@ -138,11 +136,9 @@ def test_a_lattice_and_a_medium_are_known_to_sweeps():
         data["longitudinal"].values, data["longitudinal"].values.flat[0], rtol=1e-13
     )
     assert triangular is LATTICES["triangular"]
-    with pytest.raises(InputError, match="the medium 'ema' exists already, of granphon"):
+    with pytest.raises(InputError, match=r"'ema' exists .*granphon"):
         gp.register_medium(type("Other", (gp.AveragedLattice,), {"name": "ema"}))
-    with pytest.raises(
-        InputError, match=r"the medium 'equal' exists already, of the program\. Give another name"
-    ):
+    with pytest.raises(InputError, match=r"'equal' exists .*program"):
         gp.register_medium(type("Again", (Equal,), {"name": "equal"}))
 
 
@@ -175,24 +171,18 @@ def test_only_the_same_is_registered_twice():
         ),
         lambda: gp.register_observable("mine", "1", "one", lambda of: 2.0),
     ):
-        with pytest.raises(
-            InputError, match=r"'mine' exists already, of the program\. Give another name"
-        ):
+        with pytest.raises(InputError, match=r"'mine' exists .*program"):
             register()
 
 
 def test_a_reader_that_fails_is_named():
     gp.register_reader("dem", lambda path: {"no": path})
     gp.register_reader("wrong", lambda path: path.nothing)
-    with pytest.raises(
-        InputError, match=r"the reader 'dem' returns .* Let it return a granphon.ContactNetwork"
-    ):
+    with pytest.raises(InputError, match=r"'dem' .*ContactNetwork"):
         gp.ContactNetwork.read("dem", "file")
-    with pytest.raises(InputError, match=r"the reader 'wrong' fails: AttributeError"):
+    with pytest.raises(InputError, match="'wrong' fails: AttributeError"):
         gp.ContactNetwork.read("wrong", __file__)
-    with pytest.raises(
-        InputError, match="program: found 'yade'; allowed: tables, lammps, dem, wrong"
-    ):
+    with pytest.raises(InputError, match=r"'yade'.* dem, wrong"):
         gp.ContactNetwork.read("yade", "file")
 
 

@@ -93,9 +93,7 @@ def test_what_is_no_real_number_is_refused_and_nothing_else_said(values, words):
 
 @pytest.mark.skipif(np.finfo(np.longdouble).maxexp <= 1024, reason="no wider float here")
 def test_wider_floats_that_are_too_large_are_refused():
-    with pytest.raises(
-        InputError, match="which is too large; allowed: what double precision can hold"
-    ):
+    with pytest.raises(InputError, match="double precision"):
         real_array("x", np.longdouble("1e4000"))
     assert real_array("x", np.longdouble("inf")) == np.inf
 
@@ -171,9 +169,7 @@ def test_every_border_refuses_what_it_cannot_take(call, pair):
 @pytest.mark.parametrize("shape", [(3,), (2, 3), (4, 1)])
 def test_wave_vectors_are_pairs(shape):
     for find in (LATTICE.frequencies, LATTICE.modes, LATTICE.dynamical_matrix):
-        with pytest.raises(
-            InputError, match=r"the wave vectors have the shape .* Give an array \(n_q, 2\)"
-        ):
+        with pytest.raises(InputError, match=r"shape .*\(n_q, 2\)"):
             find(np.ones(shape))
     with pytest.raises(InputError, match="the fractions have the shape"):
         LATTICE.wavevectors(np.ones(4))
@@ -351,5 +347,5 @@ def test_a_message_is_one_line():
     assert message("a  b", "c\n   d") == "a  b. c d."  # spaces of a path stay
     # and the dots of what was cut off
     assert message("a is Packing(1, ...", "b. ", "c?") == "a is Packing(1, ... b. c?"
-    with pytest.raises(InputError, match=r"Give a granphon\.Uniform, Normal, Discrete or Measured"):
+    with pytest.raises(InputError, match=r"Uniform, .*Measured"):
         gp.Packing(gp.Material(1e9, 0.2, 1e3), 1e-3, spread=2e-6)

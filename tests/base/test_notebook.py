@@ -391,12 +391,10 @@ def test_what_has_no_picture_is_one_clear_error():
     ):
         with pytest.raises(
             InputError,
-            match=r"has no default picture\. Give bands .*, a density of states, a sweep",
+            match=r"picture.*sweep",
         ):
             gp.plot(wrong)
-    with pytest.raises(
-        InputError, match=r"1\.0 shares no figure with others\. Give sweeps, fits, bands"
-    ):
+    with pytest.raises(InputError, match=r"1\.0 .*sweeps"):
         gp.plot([1.0])
 
 

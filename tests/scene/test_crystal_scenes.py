@@ -214,10 +214,10 @@ def test_lattices_of_one_name_cannot_be_swept(steel):
     one, other = (
         gp.Lattice("mine", cell=cell) for cell in (np.eye(3), math.sqrt(0.5) * (1.0 - np.eye(3)))
     )
-    with pytest.raises(InputError, match="two lattices of the sweep have the name 'mine'"):
+    with pytest.raises(InputError, match="'mine'"):
         gp.sweep(gp.Packing(steel, 8e-3, lattice="fcc"), force=[1.0], lattice=[one, other])
     blocks = ("[[1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[[1, 0, 0], [0, 1, 0], [0, -1, 1]]")
-    with pytest.raises(SceneError, match=r"sweep.lattice: .* Give each a name of its own"):
+    with pytest.raises(SceneError, match=r"sweep.lattice: .*name"):
         read(
             "lattice: fcc",
             rest=f"sweep: {{lattice:"
@@ -227,9 +227,9 @@ def test_lattices_of_one_name_cannot_be_swept(steel):
 
 def test_a_lattice_of_a_known_name_must_have_its_cell():
     for cell in ("[[1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[[1, 0], [0, 1]]"):
-        with pytest.raises(SceneError, match=r"packing.lattice: .*'fcc'.*Give yours another name"):
+        with pytest.raises(SceneError, match=r"packing.lattice: .*'fcc'.*name"):
             read(f"lattice: {{name: fcc, cell: {cell}}}")
-    with pytest.raises(SceneError, match=r"packing.lattice.name: found .*; allowed: a name"):
+    with pytest.raises(SceneError, match=r"packing.lattice.name: "):
         read("lattice: {name: '', cell: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}")
 
 
@@ -406,12 +406,10 @@ def test_mistakes_in_python(steel):
         Scene(gp.Packing(steel, 8e-3), Load("force", 1.0), band=BandPath.parse("0 0 0 1/2 1/2 1/2"))
     with pytest.raises(
         InputError,
-        match="lattices of different dimension in one sweep: square, in a plane, and fcc, in space",
+        match=r"dimension.*square.*fcc",
     ):
         gp.sweep(packing, force=1.0, lattice=["fcc", "square"])
-    with pytest.raises(
-        InputError, match="bands cannot be swept over friction, motions or lattices"
-    ):
+    with pytest.raises(InputError, match=r"bands .*motions"):
         gp.sweep(gp.Packing(steel, 8e-3), force=1.0, bands="GK", motions=["in_plane", "all"])
 
 
@@ -500,14 +498,11 @@ def test_a_mechanism_has_bands_and_says_why_it_has_no_velocities(tmp_path):
     result = scene.run(tmp_path / "out", figures=False)
     assert result.velocities is None
     assert result.bands.frequencies.shape == (3, 3, 2)
-    assert any(
-        text.startswith("velocities and moduli are left out: the lattice square is a mechanism")
-        for text in result.warnings
-    )
+    assert any(text.startswith("velocities and moduli ") for text in result.warnings)
     summary = read_summary(tmp_path / "out")
     assert "longitudinal" not in summary
     assert summary["warnings"] == list(result.warnings)
-    with pytest.raises(SceneError, match="found 'square'; allowed: a lattice that is rigid"):
+    with pytest.raises(SceneError, match=r"found 'square'.*rigid"):
         read("lattice: square, friction: false")
 
 
@@ -770,7 +765,7 @@ def test_fits_that_a_lattice_does_not_have(steel):
             gp.Packing(steel, 8e-3, lattice="fcc"), [1.0, 2.0, 4.0], [500.0, 560.0, 630.0], **more
         )
 
-    with pytest.raises(InputError, match="the fcc lattice has no transverse wave"):
+    with pytest.raises(InputError, match=r"fcc .*transverse"):
         fit(branch="transverse", parameters=("young_modulus",))
     with pytest.raises(InputError, match="three finite numbers"):
         fit(direction=(0, 1), parameters=("young_modulus",))
@@ -781,7 +776,7 @@ def test_fits_that_a_lattice_does_not_have(steel):
             [500.0, 560.0],
             direction=(1, 0, 0),
         )
-    with pytest.raises(InputError, match="cannot tell young_modulus and diameter apart"):
+    with pytest.raises(InputError, match="young_modulus and diameter"):
         fit(parameters=("young_modulus", "diameter"))
 
 
@@ -807,7 +802,7 @@ def test_the_command_line_fits_a_crystal(tmp_path, monkeypatch, capsys, steel):
     assert "width" not in out
     assert {"fit.yaml", "fit.csv", "fit.png"} <= {path.name for path in Path("out").iterdir()}
     assert main(["fit", "s.yaml", "data.csv", *asked, "--direction", "up"]) == 2
-    assert "--direction: found 'up'; allowed: numbers parted by spaces" in capsys.readouterr().err
+    assert "--direction: found 'up'" in capsys.readouterr().err
     Path("data.csv").write_text("pressure (N/m),velocity (m/s)\n1000,500\n2000,560\n")
     assert main(["fit", "s.yaml", "data.csv", *asked, "--direction", "1 1 0"]) == 2
     assert "force per area" in capsys.readouterr().err
@@ -840,16 +835,10 @@ def test_a_fit_takes_the_direction_of_its_scene(tmp_path, monkeypatch, capsys, s
     )
     code, _, err = fit("direction: [[1, 0, 0], [0, 0, 1]]")
     assert code == 2
-    assert (
-        "s.yaml has 2 directions. A fit takes sound along one direction. Name one by --direction"
-        in err
-    )
+    assert "s.yaml has 2 directions" in err
     Path("s.yaml").write_text(scene_text("lattice: hcp"))
     assert main(["fit", "s.yaml", "data.csv", "--no-width"]) == 2
-    assert (
-        "nothing is left to fit. --no-width keeps the spread. Leave it out, or give --parameter"
-        in capsys.readouterr().err
-    )
+    assert "--no-width" in capsys.readouterr().err
     code, out, err = fit("direction: [[1, 0, 0], [0, 0, 1]]", "--direction", "1 0 0")
     assert (code, "direction" in err) == (0, False)
     assert "211.65 GPa" in out
@@ -862,7 +851,7 @@ def test_a_sweep_says_which_branches_cost_nothing(steel):
         bands="GX",
         npoints=3,
     )
-    assert "3 of 6 branches vanish at every wave vector" in chain.attrs["warnings"]
+    assert "3 of 6 branches" in chain.attrs["warnings"]
     square = gp.sweep(
         gp.Packing(steel, 8e-3, lattice="square"), force=[1.0, 2.0], bands="GXM", npoints=3
     )
@@ -881,5 +870,5 @@ def test_a_scene_of_velocities_says_which_branches_cost_nothing(tmp_path):
         tmp_path / "out"
     )
     (text,) = result.warnings
-    assert text.startswith("3 of 6 branches vanish at every wave vector")
+    assert text.startswith("3 of 6 branches")
     assert read_summary(tmp_path / "out")["warnings"] == [text]

@@ -102,13 +102,13 @@ def test_sweeps_in_python_take_crystals():
     assert softer["bulk"].values[0, 0] == pytest.approx(
         [gp.moduli(one.at_pressure(1e5)).bulk for one in (other, crystal)]
     )
-    with pytest.raises(InputError, match=r"do not touch.*Make the crystal anew"):
+    with pytest.raises(InputError, match="touch"):
         gp.sweep(crystal, pressure=[1e5], **{"A.diameter": [0.019]})
     with pytest.raises(InputError, match=r"no parameter 'B\.mass'"):
         gp.sweep(crystal, pressure=[1e5], **{"B.mass": [0.019]})
-    with pytest.raises(InputError, match=r"no parameter 'A\.colour'. It has .*A\.young_modulus"):
+    with pytest.raises(InputError, match=r"'A\.colour'.*A\.young_modulus"):
         gp.sweep(crystal, pressure=[1e5], **{"A.colour": [1.0]})
-    with pytest.raises(InputError, match=r"the medium is 'ema'.*Take crystal"):
+    with pytest.raises(InputError, match=r"'ema'.*crystal"):
         gp.sweep(crystal, pressure=[1e5], media="ema")
     with pytest.raises(InputError, match="Balls of several kinds"):
         gp.sweep(gp.Packing(STEEL, 8e-3), force=[1.0], media="crystal")
@@ -252,7 +252,7 @@ def test_loads_of_crystals_are_refused_for_packings():
         "material: {young_modulus: 1 GPa, poisson_ratio: 0.3, density: 1 g/cm^3}\npacking:"
         " {diameter: 1 mm}\n"
     )
-    with pytest.raises(SceneError, match=r"load\.strain: found strain of a packing"):
+    with pytest.raises(SceneError, match=r"load\.strain: .*packing"):
         gp.Scene.from_text(packing + "load: {strain: [-1e-4, 0, 0]}\n")
 
 
