@@ -29,7 +29,29 @@ load: {force: 1 N}
 """
 
 #: test functions that alone guard a subject, and the subject, which costs more than the budget
-GUARDS: Mapping[str, str] = {}
+GUARDS: Mapping[str, str] = {
+    "tests/base/test_reading.py::test_a_sweep_without_a_digest_runs_nothing_that_stands_where_we_are": (
+        "a netCDF file that a process of its own opens first"
+    ),
+    "tests/base/test_results.py::test_every_result_comes_back_from_plain_data": (
+        "a result of every class, and its plain data"
+    ),
+    "tests/cli/test_cli.py::test_progress_on_a_real_terminal_leaves_stdout_alone": (
+        "progress on a terminal"
+    ),
+    "tests/runs/test_run.py::test_workers_end_with_the_command_and_what_they_have_finished_is_kept": (
+        "workers of a command that is killed"
+    ),
+    "tests/test_light.py::test_the_core_gives_the_same_numbers_on_numpy_and_scipy_alone": (
+        "the core without any other package"
+    ),
+    "tests/test_light.py::test_what_needs_an_absent_package_says_which_and_how_to_install_it": (
+        "what each absent package takes away"
+    ),
+    "tests/test_required.py::test_a_scene_calls_loads_and_writes_what_it_asks_and_nothing_else": (
+        "what a scene pays for, in processes of its own"
+    ),
+}
 
 
 def measure_processor_time() -> float:

@@ -262,7 +262,7 @@ def every(packing, results):
 
     force = np.array([1.0, 5.0, 20.0])
     spread = gp.Packing(packing.material, packing.diameter, gp.Uniform(2e-6))
-    medium = gp.DirectSimulation(spread, (8, 8), seed=1, samples=2, geometry="lattice")
+    medium = gp.DirectSimulation(spread, (4, 8), seed=1, samples=2, geometry="lattice")
     simulated = medium.at_force([1.0, 5.0])
     records = [SampleRecord.of(sample) for sample in simulated.samples]
     recorded = gp.SimulatedState.of(medium, records, Load("force", (1.0, 5.0)))
