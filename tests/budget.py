@@ -30,11 +30,14 @@ load: {force: 1 N}
 
 #: test functions that alone guard a subject, and the subject, which costs more than the budget
 GUARDS: Mapping[str, str] = {
+    "tests/base/test_notebook.py::test_asking_for_a_picture_loads_matplotlib_and_no_pyplot": (
+        "pictures without pyplot"
+    ),
     "tests/base/test_reading.py::test_a_sweep_without_a_digest_runs_nothing_that_stands_where_we_are": (
         "a netCDF file that a process of its own opens first"
     ),
-    "tests/base/test_results.py::test_every_result_comes_back_from_plain_data": (
-        "a result of every class, and its plain data"
+    "tests/base/test_results.py::test_every_class_of_results_is_made": (
+        "that plain data of every class of results are tested"
     ),
     "tests/cli/test_cli.py::test_progress_on_a_real_terminal_leaves_stdout_alone": (
         "progress on a terminal"
