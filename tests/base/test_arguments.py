@@ -104,7 +104,6 @@ def test_wider_floats_that_are_too_large_are_refused():
 BALLS = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
 STATE = gp.AveragedLattice(BALLS).at_force(18.0)
 LATTICE = gp.ContactLattice.of("triangular", 0.84)
-SAMPLE = gp.DirectSimulation(BALLS)
 FORCE = [2.0, 18.0]
 SPEED = [450.0, 700.0]
 
