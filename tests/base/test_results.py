@@ -268,7 +268,7 @@ def make_states(packing, results):
     assert recorded[1].samples == tuple(records[2:])
     assert recorded.sample[1] == records[2]
     sample = simulated.samples[0]
-    found = [*results.values(), results["moduli"].hill, simulated, *records[:1]]
+    found = [*results.values(), results["moduli"].hill, simulated]
     return [*found, sample, sample.equilibrium, sample.network]
 
 
@@ -383,7 +383,8 @@ def made(packing, results):
     @cache
     def make(group):
         found = GROUPS[group](packing, results)
-        found += [result.waves for result in found if hasattr(result, "waves")]
+        held = [getattr(result, "waves", None) for result in found]
+        found += [waves for waves in held if waves is not None]
         return {type(result): result for result in found}
 
     return make
