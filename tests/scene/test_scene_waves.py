@@ -59,7 +59,7 @@ def test_files_hold_what_the_library_finds(done):
 @pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_scene_at_a_low_load_gives_its_pulse(seed, tmp_path):
     text = (
-        HEAD.replace("5 N", "2 N") + f"medium: {{simulation: {{shape: [10, 40], seed: {seed}}}}}\n"
+        HEAD.replace("5 N", "2 N") + f"medium: {{simulation: {{shape: [20, 40], seed: {seed}}}}}\n"
     )
     scene = gp.Scene.from_text(
         text + "observe: [velocities, pulse]\npulse: {frequency: 5200 Hz, cycles: 2}\n"
