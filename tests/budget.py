@@ -12,6 +12,8 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Generator, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -20,8 +22,39 @@ import pytest
 LIMIT = 1.0
 IS_HELD = os.environ.get("GRANPHON_TEST_BUDGET") == "1"
 
+_SCENE = """
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm}
+load: {force: 1 N}
+"""
+
 #: test functions that alone guard a subject, and the subject, which costs more than the budget
-GUARDS: Mapping[str, str] = {}
+GUARDS: Mapping[str, str] = {
+    "tests/base/test_notebook.py::test_asking_for_a_picture_loads_matplotlib_and_no_pyplot": (
+        "pictures without pyplot"
+    ),
+    "tests/base/test_reading.py::test_a_sweep_without_a_digest_runs_nothing_that_stands_where_we_are": (
+        "a netCDF file that a process of its own opens first"
+    ),
+    "tests/base/test_results.py::test_every_class_of_results_is_made": (
+        "that plain data of every class of results are tested"
+    ),
+    "tests/cli/test_cli.py::test_progress_on_a_real_terminal_leaves_stdout_alone": (
+        "progress on a terminal"
+    ),
+    "tests/runs/test_run.py::test_workers_end_with_the_command_and_what_they_have_finished_is_kept": (
+        "workers of a command that is killed"
+    ),
+    "tests/test_light.py::test_the_core_gives_the_same_numbers_on_numpy_and_scipy_alone": (
+        "the core without any other package"
+    ),
+    "tests/test_light.py::test_what_needs_an_absent_package_says_which_and_how_to_install_it": (
+        "what each absent package takes away"
+    ),
+    "tests/test_required.py::test_a_scene_calls_loads_and_writes_what_it_asks_and_nothing_else": (
+        "what a scene pays for, in processes of its own"
+    ),
+}
 
 
 def measure_processor_time() -> float:
@@ -77,14 +110,15 @@ def require_budget(item: pytest.Item, what: str, spent: float) -> None:
 
 
 def warm_up() -> float:
-    """Pay what a process pays once: imports, loops that Numba compiles, the first figure. Return
-    the seconds of processor.
+    """Pay what a process pays once: imports, loops that Numba compiles, the first figure, the first
+    scene. Return the seconds of processor.
     """
     start = measure_processor_time()
     import matplotlib.pyplot as plt
     import numpy as np
 
     import granphon as gp
+    from granphon.cli.commands import main
 
     figure, axes = plt.subplots()
     axes.plot([0.0, 1.0], [0.0, 1.0], label="line")
@@ -100,4 +134,8 @@ def warm_up() -> float:
         for geometry in ("lattice", "exact"):
             waves = gp.NonlinearWaves(network, geometry=geometry, friction_coefficient=0.2)
             waves.run(1e-7, velocities=velocities, frames=2)
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "scene.yaml").write_text(_SCENE, encoding="utf-8")
+        out = str(Path(folder) / "out")
+        assert main(["run", str(Path(folder) / "scene.yaml"), "-o", out, "-q"]) == 0
     return measure_processor_time() - start

@@ -1030,6 +1030,7 @@ CASES = [
         "W of 1e-16 and 0.3 d, a* from 0.345 to 1e8, η of 0 and 4/3",
         1e-8,
         effective_medium,
+        slow=True,
     ),
     Case(
         "effective medium, uniform: stiffness",
@@ -1118,6 +1119,7 @@ CASES = [
         "all media, against each load alone",
         1e-10,
         sweeps,
+        slow=True,
     ),
 ]
 

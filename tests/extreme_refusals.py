@@ -30,12 +30,16 @@ END = "<!-- end -->"
 
 @dataclass(frozen=True)
 class Refusal:
-    """Each of ``attempts`` over ``reach`` raises ``error``, with nothing else said or returned."""
+    """Each of ``attempts`` over ``reach`` raises ``error``, with nothing else said or returned.
+
+    ``slow``: it takes more than half a second, and a test beside it shows the like.
+    """
 
     name: str
     reach: str
     error: type[errors.GranphonError]
     attempts: Callable[[], Iterable[Callable[[], Any]]]
+    slow: bool = False
 
 
 def unusable_balls() -> Iterable[Callable[[], Any]]:
@@ -219,6 +223,7 @@ REFUSALS = [
         "kagome lattice, η of 1e-18; sc, η of 1e8",
         errors.PrecisionError,
         loose_fields,
+        slow=True,
     ),
     Refusal(
         "effective media of lattices that hold no ball",

@@ -222,7 +222,13 @@ CALLS: dict[str, tuple[Callable[[], Callable[..., Any]], dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("name", CALLS)
+#: calls that take more than half a second, as some of anything is right
+LONG = ("fit_damping",)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in CALLS]
+)
 def test_anything_in_the_place_of_an_argument_gives_a_result_or_one_error(name: str) -> None:
     make, good = CALLS[name]
     call = make()

@@ -24,8 +24,7 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 #: of those that do not write a picture that stands still
 SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
-#: what takes more than a second and a half: simulations of many balls, and half spaces; the
-#: documentation runs them too
+#: what takes more than half a second of processor; the documentation runs these too
 LONG = {
     "cluster",
     "coherent_speckle",
@@ -38,11 +37,14 @@ LONG = {
     "fcc_and_hcp",
     "fit_width",
     "force_chains",
+    "friction",
+    "granular_chain",
     "hexagon_pulse",
     "hysteresis",
     "impact_on_hexagon",
     "iso_frequency",
     "ladder",
+    "membrane",
     "paper_figures6_7_8",
     "paper_figures9_10_11",
     "poisson_ratio",
@@ -56,6 +58,7 @@ LONG = {
     "soft_modes",
     "solitary_wave",
     "spectral_function",
+    "steel_bands",
     "surface_waves_fcc",
     "transfer_function",
     "transmission",

@@ -4,8 +4,7 @@ said when it fails.
 
 from __future__ import annotations
 
-import os
-import subprocess
+import re
 import sys
 from dataclasses import replace
 
@@ -15,6 +14,7 @@ import pytest
 import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
+from granphon.base import registry
 from granphon.base.errors import InputError
 from granphon.base.registry import Registry
 from granphon.observables.catalogue import CATALOGUE
@@ -50,12 +50,12 @@ def test_an_observable_that_fails_is_named_and_breaks_nothing_else(tmp_path):
         data["twice"], 2.0 * np.tile(data["force"].values[:, None], (1, 2))
     )
     told = data.attrs["warnings"]
-    assert "the observable 'broken' fails: ZeroDivisionError: no such thing; it is left out" in told
-    assert "the observable 'unknown' is not known (nan) at 2 of 2 loads" in told
-    assert "'crooked' fails: ValueError: it has the shape (7,), and the load (2,)" in told
+    assert "'broken' fails: ZeroDivisionError" in told
+    assert "'unknown' is not known (nan) at 2 of 2" in told
+    assert "'crooked' fails: ValueError" in told
     bands = Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("twice",))
     assert bands.run(tmp_path / "one", figures=False).summary()["twice"] == 18.0
-    with pytest.raises(InputError, match=r"'broken' fails: ZeroDivisionError.*do not observe it"):
+    with pytest.raises(InputError, match="'broken' fails: ZeroDivisionError"):
         Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("broken",)).run(
             tmp_path / "two"
         )
@@ -114,11 +114,9 @@ load: {force: 10 N}
     (tmp_path / "scene.yaml").write_text(
         text.replace("LAW", "{soft: {part: 0.5 N, push: 2 N/m}}"), encoding="utf-8"
     )
-    with pytest.raises(InputError, match=r"part: found '0\.5 N'; allowed: a plain number"):
+    with pytest.raises(InputError, match=r"part: found '0\.5 N'"):
         Scene.from_yaml(tmp_path / "scene.yaml")
-    with pytest.raises(
-        InputError, match=r"the contact law 'jkr' has numbers: adhesion. Give it as JKR"
-    ):
+    with pytest.raises(InputError, match=r"'jkr' .*adhesion"):
         gp.Crystal.on("chain", [ball], law="jkr")
 
 
@@ -138,11 +136,9 @@ def test_a_lattice_and_a_medium_are_known_to_sweeps():
         data["longitudinal"].values, data["longitudinal"].values.flat[0], rtol=1e-13
     )
     assert triangular is LATTICES["triangular"]
-    with pytest.raises(InputError, match="the medium 'ema' exists already, of granphon"):
+    with pytest.raises(InputError, match=r"'ema' exists .*granphon"):
         gp.register_medium(type("Other", (gp.AveragedLattice,), {"name": "ema"}))
-    with pytest.raises(
-        InputError, match=r"the medium 'equal' exists already, of the program\. Give another name"
-    ):
+    with pytest.raises(InputError, match=r"'equal' exists .*program"):
         gp.register_medium(type("Again", (Equal,), {"name": "equal"}))
 
 
@@ -175,24 +171,18 @@ def test_only_the_same_is_registered_twice():
         ),
         lambda: gp.register_observable("mine", "1", "one", lambda of: 2.0),
     ):
-        with pytest.raises(
-            InputError, match=r"'mine' exists already, of the program\. Give another name"
-        ):
+        with pytest.raises(InputError, match=r"'mine' exists .*program"):
             register()
 
 
 def test_a_reader_that_fails_is_named():
     gp.register_reader("dem", lambda path: {"no": path})
     gp.register_reader("wrong", lambda path: path.nothing)
-    with pytest.raises(
-        InputError, match=r"the reader 'dem' returns .* Let it return a granphon.ContactNetwork"
-    ):
+    with pytest.raises(InputError, match=r"'dem' .*ContactNetwork"):
         gp.ContactNetwork.read("dem", "file")
-    with pytest.raises(InputError, match=r"the reader 'wrong' fails: AttributeError"):
+    with pytest.raises(InputError, match="'wrong' fails: AttributeError"):
         gp.ContactNetwork.read("wrong", __file__)
-    with pytest.raises(
-        InputError, match="program: found 'yade'; allowed: tables, lammps, dem, wrong"
-    ):
+    with pytest.raises(InputError, match=r"'yade'.* dem, wrong"):
         gp.ContactNetwork.read("yade", "file")
 
 
@@ -201,31 +191,31 @@ def test_a_reader_that_fails_is_named():
     [
         (
             lambda: gp.register_observable("two words", "1", "x", len),
-            "the name 'two words'. Give a word",
+            "'two words'",
         ),
         (
             lambda: gp.register_observable("one", "furlongzz", "x", len),
-            "the unit 'furlongzz'. Give",
+            "'furlongzz'",
         ),
-        (lambda: gp.register_observable("one", "km/s", "x", len), "the unit 'km/s'. Give"),
-        (lambda: gp.register_observable("one", "1", 7, len), "the words 7. Give a text"),
+        (lambda: gp.register_observable("one", "km/s", "x", len), "'km/s'"),
+        (lambda: gp.register_observable("one", "1", 7, len), "words 7"),
         (lambda: gp.register_observable("one", "1", "x", 3), "3 finds no observable"),
         (lambda: gp.register_observable("one", "1", "x", len, cost="bands"), "cost: found 'bands'"),
         (
             lambda: gp.register_observable("force", "N", "x", len),
-            "the observable 'force' exists already",
+            "'force' exists",
         ),
         *(
             (
                 lambda name=name: gp.register_observable(name, "1", "x", len),
-                f"the name {name!r}. Give a word",
+                f"name {name!r}",
             )
             for name in ("load", "medium", "dos", "motion", "response_frequency")
         ),
         (lambda: gp.register_law("mine", object()), "is no contact law"),
         (lambda: gp.register_law("my law", Soft, part=""), "cannot have 'my law'"),
         (lambda: gp.register_law("mine", Soft, part="furlong"), "cannot have 'furlong'"),
-        (lambda: gp.register_law("mine", Soft), "'mine' is not made of nothing: missing"),
+        (lambda: gp.register_law("mine", Soft), "'mine' .*missing"),
         (lambda: gp.register_law("mine", Soft, other=""), "'mine' is not made of other"),
         (
             lambda: gp.register_lattice(gp.Lattice("nacl", ((1, 0), (0, 1)))),
@@ -243,69 +233,51 @@ def test_what_cannot_be_registered(register, told):
         register()
 
 
-def test_packages_add_by_entry_points_and_one_that_fails_is_named(tmp_path):
-    """In a process of its own: two plug-ins, the second of which fails after it has added
-    something.
+@pytest.fixture
+def plug_ins(tmp_path, monkeypatch):
+    """Two plug-ins of a package ``extra``, the second of which fails after it has added something;
+    what this process has loaded is loaded anew.
     """
-    (tmp_path / "good.py").write_text(
+    (tmp_path / "good_plug_in.py").write_text(
         "import granphon as gp\n"
         "def register():\n"
         "    gp.register_lattice(gp.Lattice('rows', ((1, 0), (0, 3**0.5)), ((0, 0), (0.5, 0.5))))\n"
-        "    gp.register_observable('twice', 'N', 'twice the force', lambda of: 2 *"
-        " of.state.force)\n"
+        "    gp.register_observable('twice', 'N', 'twice the force',"
+        " lambda of: 2 * of.state.force)\n"
     )
-    (tmp_path / "bad.py").write_text(
-        "import granphon as gp\ngp.register_law('half', gp.PowerLaw(2.0, 1e9))\nimport"
-        " no_such_module\n"
+    (tmp_path / "bad_plug_in.py").write_text(
+        "import granphon as gp\n"
+        "gp.register_law('half', gp.PowerLaw(2.0, 1e9))\n"
+        "import no_such_module\n"
     )
-    (tmp_path / "extra-1.0.dist-info").mkdir()
-    (tmp_path / "extra-1.0.dist-info" / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: extra\nVersion: 1.0\n"
+    description = tmp_path / "extra-1.0.dist-info"
+    description.mkdir()
+    (description / "METADATA").write_text("Metadata-Version: 2.1\nName: extra\nVersion: 1.0\n")
+    (description / "entry_points.txt").write_text(
+        "[granphon.plugins]\ngood = good_plug_in:register\nbad = bad_plug_in\n"
     )
-    (tmp_path / "extra-1.0.dist-info" / "entry_points.txt").write_text(
-        "[granphon.plugins]\ngood = good:register\nbad = bad\n"
-    )
-    code = """
-import granphon as gp, sys
-steel = gp.Material(211.65e9, 0.276, 7840.0)
-gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(1.0)
-assert "good" not in sys.modules  # what is not asked for is not loaded
-packing = gp.Packing(steel, 8e-3, lattice="rows")
-data = gp.sweep(packing, force=[1.0, 2.0], media=("ala",))
-print(data["twice"].values.ravel().tolist())
-ball = gp.Ball(steel, 1e-3)
-for call in (lambda: gp.Packing(steel, 8e-3, lattice="nothing"), lambda: gp.Crystal.on("fcc", [ball], law="half")):
-    try:
-        call()
-    except gp.GranphonError as error:
-        print(error)
-"""
-    code += """
-from granphon.__main__ import main
-sys.argv = ["granphon", "doctor"]
-main()
-"""
-    paths = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
-    run = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | {"PYTHONPATH": paths},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    values, lattice, law, *doctor = run.stdout.splitlines()
-    assert values == "[2.0, 4.0]"
-    why = (
-        "The plug-in bad of extra could not be loaded: ModuleNotFoundError: No module named"
-        " 'no_such_module'"
-    )
-    assert lattice.startswith(f"unknown lattice 'nothing'. {why}.")
-    assert "rows" in lattice
-    assert why in law
-    assert "'half'" in law
-    told = [line.split(maxsplit=5) for line in doctor if "the plug-in" in line]
-    assert [line[-1].split(":")[0] for line in told] == ["loaded", "failed"]
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(registry, "_loaded", {})
+    yield
+    for name in ("good_plug_in", "bad_plug_in"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.usefixtures("plug_ins")
+def test_packages_add_by_entry_points_and_one_that_fails_is_named(steel):
+    gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(1.0)
+    assert "good_plug_in" not in sys.modules  # what is not asked for is not loaded
+    packing = gp.Packing(steel, 8e-3, lattice="rows")
+    data = gp.sweep(packing, force=[1.0, 2.0], media=("ala",))
+    assert data["twice"].values.ravel().tolist() == [2.0, 4.0]
+    failure = r"bad of extra .*no_such_module"
+    with pytest.raises(InputError, match=f"'nothing'.*{failure}.*rows"):
+        gp.Packing(steel, 8e-3, lattice="nothing")
+    with pytest.raises(InputError, match="'half'") as caught:
+        gp.Crystal.on("fcc", [gp.Ball(steel, 1e-3)], law="half")
+    assert re.search(failure, str(caught.value))
+    loaded = {name: why for name, why in registry.load_plugins().items() if "extra" in name}
+    assert [why is None for why in loaded.values()] == [True, False]
 
 
 def test_every_table_is_a_registry():

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.base.errors import GranphonError
-from tests.conftest import only
+from tests.conftest import EXAMPLES, only
 from tests.extreme_cases import CASES, STEEL, Case, D, worst
 from tests.extreme_crystals import CRYSTALS
 from tests.extreme_refusals import REFUSALS, Refusal, printed, tables
@@ -33,7 +33,11 @@ def test_claims(case: Case) -> None:
 
 
 @pytest.mark.claim("extremes-refusals", "api-diameters", "api-simulation")
-@pytest.mark.parametrize("refusal", REFUSALS, ids=[refusal.name for refusal in REFUSALS])
+@pytest.mark.parametrize(
+    "refusal",
+    only([refusal for refusal in REFUSALS if not refusal.slow], REFUSALS),
+    ids=[refusal.name for refusal in REFUSALS],
+)
 def test_refusals(refusal: Refusal) -> None:
     attempts = list(refusal.attempts())
     assert attempts
@@ -73,7 +77,7 @@ def numbers(value: Any) -> Iterator[float]:
         yield value
 
 
-@settings(max_examples=300)
+@settings(max_examples=4 * EXAMPLES)
 @given(
     decades,
     decades,

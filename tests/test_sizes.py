@@ -107,5 +107,5 @@ def test_the_error_says_what_is_needed_and_what_is_there(available, fits, memory
     if fits:
         require_memory("numbers", 3e9, "Take fewer")
         return
-    with pytest.raises(InputError, match=r"numbers take 3 GB of memory.*2\.9 GB.*Take fewer"):
+    with pytest.raises(InputError, match=r"3 GB .*2\.9 GB"):
         require_memory("numbers", 3e9, "Take fewer")

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import granphon
+from tests.budget import GUARDS
 
 PACKAGE = Path(granphon.__file__).parent
 
@@ -151,6 +152,14 @@ def test_only_the_law_holds_its_exponents():
         if not path.relative_to(PACKAGE).as_posix().startswith(LAWFUL)
     ]
     assert set().union(*map(find_exponents, paths)) == set(NOT_HERTZ)
+
+
+def test_every_guard_of_the_budget_is_a_test_and_there_are_few():
+    for name in GUARDS:
+        path, _, function = name.partition("::")
+        text = (Path(__file__).parents[1] / path).read_text(encoding="utf-8")
+        assert f"\ndef {function}(" in text, name
+    assert len(GUARDS) <= 40
 
 
 # -- text that reads -------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ import math
 import warnings
 from decimal import Decimal
 from fractions import Fraction
+from functools import cache
 
 import numpy as np
 import pytest
@@ -93,9 +94,7 @@ def test_what_is_no_real_number_is_refused_and_nothing_else_said(values, words):
 
 @pytest.mark.skipif(np.finfo(np.longdouble).maxexp <= 1024, reason="no wider float here")
 def test_wider_floats_that_are_too_large_are_refused():
-    with pytest.raises(
-        InputError, match="which is too large; allowed: what double precision can hold"
-    ):
+    with pytest.raises(InputError, match="double precision"):
         real_array("x", np.longdouble("1e4000"))
     assert real_array("x", np.longdouble("inf")) == np.inf
 
@@ -105,10 +104,19 @@ def test_wider_floats_that_are_too_large_are_refused():
 BALLS = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
 STATE = gp.AveragedLattice(BALLS).at_force(18.0)
 LATTICE = gp.ContactLattice.of("triangular", 0.84)
-PHONONS = gp.Phonons(STATE)
-SAMPLE = gp.DirectSimulation(BALLS)
 FORCE = [2.0, 18.0]
 SPEED = [450.0, 700.0]
+
+
+@cache
+def find_phonons():
+    return gp.Phonons(STATE)
+
+
+@cache
+def fit_velocities():
+    return gp.fit_width(BALLS, FORCE, SPEED)
+
 
 #: what is called, and a pair of numbers that it takes
 BORDERS = {
@@ -120,9 +128,9 @@ BORDERS = {
     "lattice.dynamical_matrix": (lambda pair: LATTICE.dynamical_matrix([pair]), (0.1, 0.2)),
     "lattice.sound_velocities": (LATTICE.sound_velocities, (0.1, 0.2)),
     "lattice.elastic_tensor": (lambda pair: LATTICE.elastic_tensor(pair), (0.0, 0.001)),
-    "phonons.frequencies": (lambda pair: PHONONS.frequencies([pair]), (0.1, 0.2)),
-    "phonons.modes": (lambda pair: PHONONS.modes([pair]), (0.1, 0.2)),
-    "phonons.bands": (lambda pair: PHONONS.bands([[0.0, 0.0], pair], 3), (0.1, 0.2)),
+    "phonons.frequencies": (lambda pair: find_phonons().frequencies([pair]), (0.1, 0.2)),
+    "phonons.modes": (lambda pair: find_phonons().modes([pair]), (0.1, 0.2)),
+    "phonons.bands": (lambda pair: find_phonons().bands([[0.0, 0.0], pair], 3), (0.1, 0.2)),
     "sound_velocities": (lambda pair: gp.sound_velocities(STATE, pair), (0.1, 0.2)),
     "pulse_velocities": (lambda pair: gp.pulse_velocities(STATE, pair), (500.0, 800.0)),
     "pulse_velocities, direction": (lambda pair: gp.pulse_velocities(STATE, 1e3, pair), (0.1, 0.2)),
@@ -137,14 +145,13 @@ BORDERS = {
     "fit, velocity": (lambda pair: gp.fit_width(BALLS, FORCE, pair), SPEED),
     "fit, sigma": (lambda pair: gp.fit_width(BALLS, FORCE, SPEED, pair), (2.0, 3.0)),
     "fit, frequency": (lambda pair: gp.fit_width(BALLS, FORCE, SPEED, 5.0, pair), (10.0, 20.0)),
-    "fit.velocity_at": (lambda pair: FIT.velocity_at(pair), FORCE),
+    "fit.velocity_at": (lambda pair: fit_velocities().velocity_at(pair), FORCE),
     "harmonic_diameter": (lambda pair: harmonic_diameter(pair, 1.0), (1.0, 2.0)),
     "mindlin_reduction": (lambda pair: mindlin_reduction(pair, 10.0, 0.5), (1.0, 2.0)),
     "law.overlap": (BALLS.law.overlap, FORCE),
     "law.force": (BALLS.law.force, (1e-6, 2e-6)),
     "cell": (lambda pair: gp.Lattice("own", (pair, (0.0, 1.0))), (1.0, 0.0)),
 }
-FIT = gp.fit_width(BALLS, FORCE, SPEED)
 
 
 @pytest.mark.parametrize(("call", "pair"), BORDERS.values(), ids=BORDERS)
@@ -171,11 +178,9 @@ def test_every_border_refuses_what_it_cannot_take(call, pair):
 @pytest.mark.parametrize("shape", [(3,), (2, 3), (4, 1)])
 def test_wave_vectors_are_pairs(shape):
     for find in (LATTICE.frequencies, LATTICE.modes, LATTICE.dynamical_matrix):
-        with pytest.raises(
-            InputError, match=r"the wave vectors have the shape .* Give an array \(n_q, 2\)"
-        ):
+        with pytest.raises(InputError, match=r"shape .*\(n_q, 2\)"):
             find(np.ones(shape))
-    with pytest.raises(InputError, match="the fractions have the shape"):
+    with pytest.raises(InputError, match="shape"):
         LATTICE.wavevectors(np.ones(4))
 
 
@@ -273,11 +278,7 @@ TAKES_A_STATE = {
 @pytest.mark.parametrize("call", TAKES_A_STATE.values(), ids=TAKES_A_STATE)
 def test_what_is_no_state_is_refused(call):
     for wrong in (None, 1.0, "state", BALLS, np.array([1.0]), gp.AveragedLattice(BALLS), [STATE]):
-        said = (
-            r"^state is .* Give a ContactState|^there is no network of contacts in .* Give a|has"
-            r" no load.* medium\.at_force"
-        )
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=r"ContactState|network|medium\.at_force"):
             call(wrong)
 
 
@@ -289,9 +290,9 @@ TAKES_A_NAME = {
     "branches": lambda names: gp.pulse_velocities(
         STATE, 1e3, branches=["one"] if names is None else names
     ),
-    "labels": lambda names: PHONONS.bands("GKM", 3, ["one"] if names is None else names),
-    "path": lambda path: PHONONS.bands("GX" if path is None else path, 3),
-    "method": lambda name: PHONONS.dos((4, 4), method=name),
+    "labels": lambda names: find_phonons().bands("GKM", 3, ["one"] if names is None else names),
+    "path": lambda path: find_phonons().bands("GX" if path is None else path, 3),
+    "method": lambda name: find_phonons().dos((4, 4), method=name),
     "kind of load": lambda name: Load(name, 1.0),
 }
 
@@ -307,9 +308,9 @@ def test_names_come_as_a_text_a_list_or_an_array():
     for names in ("transverse", ["transverse"], ("transverse",), np.array(["transverse"])):
         assert gp.pulse_velocities(STATE, 1e3, branches=names).branches == ("transverse",)
     for labels in ("GKM", ["G", "K", "M"], np.array(["G", "K", "M"])):
-        assert PHONONS.bands("GKM", 3, labels).labels == ("G", "K", "M")
+        assert find_phonons().bands("GKM", 3, labels).labels == ("G", "K", "M")
     with pytest.raises(InputError, match="labels: found"):
-        PHONONS.bands("GKM", 3, np.ma.array(["G", "K", "M"], mask=[0, 1, 0]))
+        find_phonons().bands("GKM", 3, np.ma.array(["G", "K", "M"], mask=[0, 1, 0]))
 
 
 def test_the_name_of_a_lattice_is_a_text():
@@ -351,5 +352,5 @@ def test_a_message_is_one_line():
     assert message("a  b", "c\n   d") == "a  b. c d."  # spaces of a path stay
     # and the dots of what was cut off
     assert message("a is Packing(1, ...", "b. ", "c?") == "a is Packing(1, ... b. c?"
-    with pytest.raises(InputError, match=r"Give a granphon\.Uniform, Normal, Discrete or Measured"):
+    with pytest.raises(InputError, match=r"Uniform, .*Measured"):
         gp.Packing(gp.Material(1e9, 0.2, 1e3), 1e-3, spread=2e-6)

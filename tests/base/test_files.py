@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from granphon.base.errors import InputError, SceneError
@@ -18,6 +18,7 @@ from granphon.base.text import (
     versions,
     write_float,
 )
+from tests.conftest import EXAMPLES
 
 # -- reading ---------------------------------------------------------------------------------------
 
@@ -311,6 +312,7 @@ plain = st.recursive(
 )
 
 
+@settings(max_examples=EXAMPLES // 3)
 @example({"a: b": 1, "yes": {"#": [{"": None}]}})
 @given(st.dictionaries(keys, plain, min_size=1, max_size=4))
 def test_dumped_yaml_is_read_back_by_another_reader(data: dict[str, object]) -> None:

@@ -6,6 +6,7 @@ import importlib
 import math
 import pkgutil
 from dataclasses import fields
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
@@ -110,21 +111,23 @@ def test_the_table_of_every_class_of_results_is_well_formed(monkeypatch):
         gp.SpectralFunction,
         gp.ContactNetwork,
     } <= set(kinds)
+    packing = gp.Packing(STEEL, 8e-3)
+    crystal = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)])
     for kind in kinds:
         names = [field.name for field in fields(kind)]
         # properties are those of true results, see below
         monkeypatch.setattr(kind, "_notebook_fields", ())
-        for shift in range(len(VALUES)):
+        for shift in range(0, len(VALUES), 3):
             made: Any = object.__new__(kind)
             given = {name: VALUES[(n + shift) % len(VALUES)] for n, name in enumerate(names)}
             # by these some classes find their units
             needed = {
-                "packing": gp.Packing(STEEL, 8e-3),
+                "packing": packing,
                 "tensor": np.eye(3),
                 "parameters": ("damping" if "loss_factor" in names else "width",),
             }
             needed["quantity"] = "velocity"
-            needed["crystal"] = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)])
+            needed["crystal"] = crystal
             for name, value in (
                 given | {name: value for name, value in needed.items() if name in names}
             ).items():
@@ -290,78 +293,82 @@ def simulated():
     return gp.DirectSimulation(packing, shape=(12, 12)).at_force(50.0)
 
 
+def send_pulse(state):
+    top = gp.Phonons(state).bands("GKMG", npoints=5).frequencies.max()
+    return gp.Waves(state.sample).transmit(0.2 * float(top), (1, 0), 3 * state.packing.diameter, 2)
+
+
+def find_path(state):
+    return find_path_spectra(
+        gp.Waves(state.sample),
+        gp.ContactLattice.of("triangular", state.packing.mindlin_ratio),
+        state.scales,
+        [np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])],
+        ["G", "M"],
+        points=7,
+        polarisations=["longitudinal"],
+    )
+
+
+def find_spectral_function(state):
+    waves = gp.Waves(state.sample)
+    return waves.spectral_function(waves.nearest_wavevectors([[80.0, 0.0], [160.0, 0.0]]))
+
+
+#: results of a simulated state that have a default picture, and the number of its panels
+PICTURES = {
+    "bands": (lambda state: gp.Phonons(state).bands("GKMG", npoints=5), 1),
+    "density of states": (lambda state: gp.Phonons(state).dos((4, 4), points=30), 1),
+    "sweep": (lambda state: gp.sweep(state.packing, force=[1.0, 10.0], media=["afa"]), 2),
+    "fit": (
+        lambda state: gp.fit_width(
+            state.packing, [2.0, 5.0, 9.0, 18.0], [465.0, 603.0, 681.0, 774.0], medium="afa"
+        ),
+        2,
+    ),
+    "spectra along a path": (find_path, 1),
+    "spectral function": (find_spectral_function, 1),
+    "density of states of a sample": (lambda state: gp.Waves(state.sample).dos(), 1),
+    "pulse": (send_pulse, 2),
+    "simulated state": (lambda state: state, 2),
+}
+
+
 @pytest.fixture(scope="module")
 def results(simulated):
-    """Results with a default picture, and the number of panels of it."""
-    packing = simulated.packing
-    phonons = gp.Phonons(simulated)
-    waves = gp.Waves(simulated.sample)
-    bands = phonons.bands("GKMG", npoints=5)
-    top = float(bands.frequencies.max())
-    force = np.array([2.0, 5.0, 9.0, 18.0])
-    return {
-        "bands": (bands, 1),
-        "density of states": (phonons.dos((4, 4), points=30), 1),
-        "sweep": (gp.sweep(packing, force=[1.0, 10.0], media=["afa"]), 2),
-        "fit": (
-            gp.fit_width(packing, force, np.array([465.0, 603.0, 681.0, 774.0]), medium="afa"),
-            2,
-        ),
-        "spectra along a path": (
-            find_path_spectra(
-                waves,
-                gp.ContactLattice.of("triangular", packing.mindlin_ratio),
-                simulated.scales,
-                [np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])],
-                ["G", "M"],
-                points=7,
-                polarisations=["longitudinal"],
-            ),
-            1,
-        ),
-        "spectral function": (
-            waves.spectral_function(waves.nearest_wavevectors([[80.0, 0.0], [160.0, 0.0]])),
-            1,
-        ),
-        "density of states of a sample": (waves.dos(), 1),
-        "pulse": (waves.transmit(0.2 * top, (1, 0), 3 * packing.diameter, 2), 2),
-        "simulated state": (simulated, 2),
-    }
+    """Finds each of these results once."""
+    return cache(lambda name: PICTURES[name][0](simulated))
 
 
-def test_a_result_has_a_default_picture(results):
-    for result, count in results.values():
-        figure = gp.plot(result)
-        drawn = panels(figure)
-        assert len(drawn) == count
-        assert all(ax.lines or ax.collections or ax.patches or ax.images for ax in drawn)
-        png, size = figure._repr_png_()
-        assert png.startswith(b"\x89PNG")
-        assert size["width"] == round(120 * figure.get_size_inches()[0])
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_result_has_a_default_picture(results, name):
+    figure = gp.plot(results(name))
+    drawn = panels(figure)
+    assert len(drawn) == PICTURES[name][1]
+    assert all(ax.lines or ax.collections or ax.patches or ax.images for ax in drawn)
+    png, size = figure._repr_png_()
+    assert png.startswith(b"\x89PNG")
+    assert size["width"] == round(120 * figure.get_size_inches()[0])
 
 
 def test_the_table_of_a_fit_has_the_width_and_its_error(results):
-    fit, _ = results["fit"]
+    fit = results("fit")
     found = read(fit._repr_html_())
     assert found["width"] == (f"{fit.width:.6g}", "m")
     assert found["stderr"] == (f"{fit.stderr:.6g}", "m")
 
 
 def test_a_picture_takes_the_options_of_its_function(results):
-    bands, _ = results["bands"]
+    bands = results("bands")
     assert gp.plot(bands, title="steel").get_suptitle() == "steel"
-    dataset, _ = results["sweep"]
+    dataset = results("sweep")
     assert gp.plot(dataset, variable="bulk").axes[0].get_ylabel().startswith("Bulk")
-    said = (
-        r"bands_figure has no option colour, size\. It has dos, asymptotes, gaps, bulk, edges,"
-        r" title"
-    )
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=r"colour, size.*asymptotes"):
         gp.plot(bands, colour="red", size=3)
 
 
 def test_a_spectral_function_is_drawn_at_its_wave_vectors(results):
-    spectrum, _ = results["spectral function"]
+    spectrum = results("spectral function")
     (ax,) = gp.plot(spectrum).axes
     lines = ax.get_lines()
     assert len(lines) == len(spectrum.q) == 2
@@ -384,20 +391,17 @@ def test_what_has_no_picture_is_one_clear_error():
     ):
         with pytest.raises(
             InputError,
-            match=r"has no default picture\. Give bands .*, a density of states, a sweep",
+            match=r"picture.*sweep",
         ):
             gp.plot(wrong)
-    with pytest.raises(
-        InputError, match=r"1\.0 shares no figure with others\. Give sweeps, fits, bands"
-    ):
+    with pytest.raises(InputError, match=r"1\.0 .*sweeps"):
         gp.plot([1.0])
 
 
 def test_asking_for_a_picture_loads_matplotlib_and_no_pyplot():
     code = (
         "import sys\nimport granphon as gp\ngp.plot\nassert 'matplotlib' not in sys.modules\n"
-        "state = gp.AveragedLattice(gp.Packing(gp.Material(70e9, 0.22, 2500.0),"
-        " 1e-3)).at_force(1.0)\n"
-        "gp.plot(gp.Phonons(state).bands(npoints=3))._repr_png_()"
+        "ball = gp.Ball(gp.Material(70e9, 0.22, 2500.0), 1e-3)\n"
+        "gp.plot(gp.Crystal.on('chain', [ball]).at_force(1.0))._repr_png_()"
     )
     assert "matplotlib.pyplot" not in loaded_after(code)

@@ -47,6 +47,7 @@ from granphon.cli.commands import main
 from granphon.fits.measurements import Measurements
 from granphon.runs import dataset
 from granphon.runs.store import Store, _seal, encode
+from tests.conftest import one_error
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 PACKING = gp.Packing(STEEL, 8e-3)
@@ -70,6 +71,12 @@ LOADERS = {
 }
 #: those that granphon writes with a digest
 SEALED = ["phonopy file", "bands", "density of states"]
+
+
+@pytest.fixture
+def opened_here(monkeypatch):
+    """Sound files without a digest, which this process opens without a trial in another one."""
+    monkeypatch.setattr(dataset, "_try_elsewhere", lambda *_: None)
 
 
 @pytest.fixture(scope="module")
@@ -189,7 +196,7 @@ def test_pickles_and_formulas_are_only_bytes(written, tmp_path, kind):
     assert not marker.exists()
 
 
-def test_a_pickle_inside_a_netcdf_file_stays_bytes(written, tmp_path):
+def test_a_pickle_inside_a_netcdf_file_stays_bytes(written, tmp_path, opened_here):
     marker = tmp_path / "ran"
     raw = np.frombuffer(pickle.dumps(Bomb(marker)), np.uint8)
     dataset = gp.load_sweep(written / "sweep.nc").assign(code=("byte", raw)).assign_attrs(code=raw)
@@ -200,7 +207,7 @@ def test_a_pickle_inside_a_netcdf_file_stays_bytes(written, tmp_path):
 
 
 @pytest.mark.parametrize("how", ["external link", "external storage", "virtual"])
-def test_a_netcdf_file_reads_no_other_file(written, tmp_path, how):
+def test_a_netcdf_file_reads_no_other_file(written, tmp_path, opened_here, how):
     import h5py
 
     gp.load_sweep(written / "sweep.nc").to_netcdf(tmp_path / "sweep.nc", engine="h5netcdf")
@@ -219,14 +226,14 @@ def test_a_netcdf_file_reads_no_other_file(written, tmp_path, how):
             layout = h5py.VirtualLayout((3,), float)
             layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "secret", (3,))
             file.create_virtual_dataset("secret", layout)
-    with pytest.raises(InputError, match="refers to another file"):
+    with pytest.raises(InputError, match="another file"):
         gp.load_sweep(tmp_path / "sweep.nc")
     # nor one that whoever made it has given a digest
     raw = (tmp_path / "sweep.nc").read_bytes()
     (tmp_path / "sweep.nc").write_bytes(
         raw + dataset._TRAILER + hashlib.sha256(raw).hexdigest().encode()
     )
-    with pytest.raises(InputError, match="refers to another file"):
+    with pytest.raises(InputError, match="another file"):
         gp.load_sweep(tmp_path / "sweep.nc")
 
 
@@ -339,9 +346,7 @@ def test_supercells_that_granphon_does_not_write_are_refused(written, tmp_path, 
     path.write_text(
         "\n".join([*lines[: place + 1], *(f"- {row}" for row in rows), *lines[place + 4 :]])
     )
-    with pytest.raises(
-        InputError, match=r"supercell_matrix is not that of|Its force constants of shape"
-    ):
+    with pytest.raises(InputError, match=r"supercell_matrix|force constants"):
         gp.load_phonopy(path)
 
 
@@ -363,7 +368,7 @@ def test_a_text_is_known_by_its_digest(written, tmp_path, kind):
     path.write_text(
         "".join(line for line in good.splitlines(keepends=True) if "sha256" not in line)
     )
-    with pytest.warns(UnverifiedFileWarning, match=f"{name} carries no digest") as caught:
+    with pytest.warns(UnverifiedFileWarning, match=f"{name} .*digest") as caught:
         found = read(path)
     assert numbers(found) == expected[1]
     assert caught[0].filename == __file__
@@ -374,10 +379,10 @@ def test_a_text_is_known_by_its_digest(written, tmp_path, kind):
         if c == "7" and "sha256" not in good[good.rfind("\n", 0, n) : n]
     ]
     path.write_text(good[: digits[-1]] + "8" + good[digits[-1] + 1 :])
-    with pytest.raises(InputError, match="was damaged, or edited after granphon wrote it"):
+    with pytest.raises(InputError, match="damaged"):
         read(path)
     path.write_text(good.replace("sha256 of all", "sha256 of  all"))
-    with pytest.raises(InputError, match="was damaged"):
+    with pytest.raises(InputError, match="damaged"):
         read(path)
 
 
@@ -390,10 +395,8 @@ def test_a_file_of_another_schema_is_refused(written, tmp_path, kind, number):
     (tmp_path / name).write_text(seal(text.replace(told, told[:-1] + number).split("\n")[:-1]))
     with pytest.raises(InputError) as caught:
         read(tmp_path / name)
-    assert str(caught.value) == (
-        f"{tmp_path / name} has the schema {number}. granphon {gp.__version__} reads and"
-        f" writes schema 1. Read it with the version that wrote it, or make it again."
-    )
+    assert f"{tmp_path / name} has the schema {number}. " in str(caught.value)
+    assert "writes schema 1. " in str(caught.value)
 
 
 def test_sealing_a_text(tmp_path):
@@ -441,7 +444,7 @@ def test_a_digest_of_plain_data_survives_json_and_yaml():
         "[]",
     ]
     assert len({digest(one) for one in different}) == len(different)
-    with pytest.raises(InputError, match="plain data cannot hold a object"):
+    with pytest.raises(InputError, match="object"):
         digest([object()])
 
 
@@ -459,7 +462,7 @@ def test_a_whole_number_has_the_digest_of_the_float_that_equals_it(whole):
 def test_a_whole_number_of_more_digits_than_python_converts_is_refused(read):
     with pytest.raises(
         InputError,
-        match=r"^file:2\b.*found a whole number of 5000 digits; allowed: .* 640 digits at most",
+        match=r"^file:2\b.*5000 digits.*640",
     ):
         read(f"y: 1\nx: -{'7' * 5000}", "file")
 
@@ -475,68 +478,65 @@ def test_a_whole_number_of_more_digits_than_python_converts_is_refused(read):
 )
 def test_a_scene_refuses_a_whole_number_of_many_digits(digits, line):
     nines = "9" * digits
-    with pytest.raises(SceneError, match=r"^x:4: .*found .*(too large|640 digits at most)"):
+    with pytest.raises(SceneError, match=r"^x:4: .*(large|640)"):
         gp.Scene.from_text(SCENE + line.format(nines) + "\n", "x")
 
 
-def test_a_sweep_is_known_by_two_digests(written, tmp_path):
-    path, whole = tmp_path / "sweep.nc", (written / "sweep.nc").read_bytes()
-    expected = gp.load_sweep(written / "sweep.nc")
-    # the library that writes it anew keeps that of the numbers
+def test_a_sweep_is_known_by_two_digests(written, tmp_path, opened_here):
+    path = tmp_path / "sweep.nc"
+    # the library that writes the file anew keeps the digest of the numbers
     import netCDF4
 
     xarray.load_dataset(written / "sweep.nc", engine="netcdf4").to_netcdf(path, engine="netcdf4")
     with netCDF4.Dataset(path, "a") as file:
         file.history = "somebody looked at it"
-    assert gp.load_sweep(path).drop_attrs(deep=False).identical(expected.drop_attrs(deep=False))
+    expected = gp.load_sweep(written / "sweep.nc").drop_attrs(deep=False)
+    assert gp.load_sweep(path).drop_attrs(deep=False).identical(expected)
     with netCDF4.Dataset(path, "a") as file:
         file["longitudinal"][0] = file["longitudinal"][0] * 1.0000001
-    with pytest.raises(InputError, match=r"was damaged, or edited.*attribute granphon_sha256"):
+    with pytest.raises(InputError, match=r"damaged.*granphon_sha256"):
         gp.load_sweep(path)
-    # and damage is found before HDF5 sees the file
+
+
+def test_damage_is_found_before_hdf5_sees_a_sweep(written, tmp_path):
+    path = tmp_path / "sweep.nc"
+    whole = (written / "sweep.nc").read_bytes()
     for place in (100, len(whole) // 2, len(whole) - 200, len(whole) - 1):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-        with pytest.raises(InputError, match=r"was damaged, or edited.*at its end"):
+        with pytest.raises(InputError, match=r"damaged.*at its end"):
             gp.load_sweep(path)
-    # a file without a digest
+
+
+def test_a_sweep_without_a_digest_is_read_with_a_warning(written, tmp_path, opened_here):
+    path = tmp_path / "sweep.nc"
+    expected = gp.load_sweep(written / "sweep.nc")
     expected.to_netcdf(
         path,
         engine="h5netcdf",
         encoding={name: {"_FillValue": None} for name in expected.variables},
     )
-    with pytest.warns(UnverifiedFileWarning, match=r"sweep\.nc carries no digest"):
+    with pytest.warns(UnverifiedFileWarning, match=r"sweep\.nc .*digest"):
         assert gp.load_sweep(path).identical(expected)
 
 
 @pytest.mark.parametrize(
     ("name", "value", "told"),
     [
-        *(
-            ("longitudinal", value, "longitudinal, of which one is")
-            for value in (math.nan, 0.0, 1e305)
-        ),
-        *(("force", value, "force, of which one is") for value in (math.inf, -1.0)),
-        (
-            "contact_fraction",
-            -0.1,
-            "contact_fraction, of which one is -0.1; allowed: zero or above",
-        ),
-        ("overlap", math.nan, "overlap, of which one is nan; allowed: finite"),
-        ("transverse", "fast", "transverse, which are no numbers"),
-        ("media", "[[[", "its attribute media is '[[[', which is no JSON list"),
-        ("packing", "[]", "its attribute packing is '[]', which is no JSON mapping"),
+        *(("longitudinal", value, "longitudinal") for value in (math.nan, 0.0, 1e305)),
+        *(("force", value, "force") for value in (math.inf, -1.0)),
+        ("contact_fraction", -0.1, "contact_fraction, .* -0.1"),
+        ("overlap", math.nan, "overlap, .* nan"),
+        ("transverse", "fast", "transverse, .*numbers"),
+        ("media", "[[[", r"media .*'\[\[\['.* list"),
+        ("packing", "[]", r"packing .*'\[\]'.* mapping"),
         ("exponent_error", math.nan, None),
         ("reduced_force", math.inf, None),
         ("overlap", -1e-7, None),
     ],
 )
-def test_a_sweep_without_a_digest_makes_sense(written, tmp_path, monkeypatch, name, value, told):
-    # the file is sound: only its numbers are not
-    monkeypatch.setattr(dataset, "_try_elsewhere", lambda *_: None)
-    path, sweep = (
-        tmp_path / "sweep.nc",
-        xarray.load_dataset(written / "sweep.nc", engine="h5netcdf"),
-    )
+def test_a_sweep_without_a_digest_makes_sense(written, tmp_path, opened_here, name, value, told):
+    path = tmp_path / "sweep.nc"
+    sweep = xarray.load_dataset(written / "sweep.nc", engine="h5netcdf")
     del sweep.attrs[dataset.DIGEST]
     if name in sweep.attrs:
         sweep.attrs[name] = value
@@ -550,10 +550,8 @@ def test_a_sweep_without_a_digest_makes_sense(written, tmp_path, monkeypatch, na
     if told is None:
         assert outcome(gp.load_sweep, path)[0] == "unverified"
     else:
-        with pytest.raises(InputError) as caught:
+        with pytest.raises(InputError, match=f"{path} .*damaged: .*{told}"):
             gp.load_sweep(path)
-        assert str(caught.value).startswith(f"{path} is damaged: ")
-        assert told in str(caught.value)
 
 
 def test_a_sweep_without_a_digest_runs_nothing_that_stands_where_we_are(
@@ -575,9 +573,9 @@ def test_a_sweep_without_a_digest_cannot_stop_us(written, tmp_path, monkeypatch)
     path = tmp_path / "sweep.nc"
     path.write_bytes(whole[:-101])  # HDF5's own part
     for trial, words in (
-        ("import time; time.sleep(1000)", "has not opened it in 1 seconds"),
+        ("import time; time.sleep(1000)", "1 seconds"),
         ("import os; os.kill(os.getpid(), 11)", "it crashes"),
-        ("raise ValueError('tripped')", "HDF5 fails on it: ValueError: tripped"),
+        ("raise ValueError('tripped')", "HDF5.* tripped"),
         ("", "it crashes"),
     ):
         with monkeypatch.context() as patched:
@@ -617,11 +615,11 @@ def test_the_command_line_tells_it_in_a_line(written, tmp_path, capsys, monkeypa
     Path("dos.csv").write_text("".join(line for line in text if "sha256" not in line))
     assert main(["plot", "."]) == 0
     error = capsys.readouterr().err
-    assert error.startswith("granphon: warning: dos.csv carries no digest.")
+    assert error.startswith("granphon: warning: dos.csv ")
     assert error.count("\n") == 1
     Path("dos.csv").write_text("".join(text).replace("0.0,", "0.1,", 1))
     assert main(["plot", ".", "--force"]) == 2
-    assert capsys.readouterr().err.startswith("granphon: error: dos.csv was damaged")
+    assert "damaged" in one_error(capsys)
 
 
 def edit_bands(change):
@@ -650,33 +648,33 @@ def mode(data):
         (
             "bands",
             edit_bands(lambda data: mode(data).update(frequency=-1.0)),
-            "a frequency is below zero",
+            "below zero",
         ),
-        ("bands", edit_bands(lambda data: mode(data).update(frequency=1e300)), "do not ascend"),
+        ("bands", edit_bands(lambda data: mode(data).update(frequency=1e300)), "ascend"),
         (
             "bands",
             edit_bands(lambda data: data["phonon"][2]["band"][-1].update(frequency=1e300)),
-            "far above those of the",
+            "far above",
         ),
         (
             "bands",
             edit_bands(lambda data: mode(data).update(frequency="hello")),
-            "It has 'hello' under frequency, where a",
+            "'hello' .*frequency",
         ),
         (
             "bands",
             edit_bands(lambda data: mode(data)["eigenvector"][0][0].__setitem__(0, 7.0)),
-            "has not the length one",
+            "length",
         ),
         (
             "bands",
             edit_bands(lambda data: mode(data)["eigenvector"].pop()),
-            "of eigenvector are not equally many",
+            "eigenvector",
         ),
         (
             "bands",
             edit_bands(lambda data: data.update(nqpoint=99999999999)),
-            "nqpoint (99999999999)",
+            r"nqpoint \(99999999999\)",
         ),
         ("bands", edit_bands(lambda data: data.update(segment_nqpoint=[-7, 4])), "segment_nqpoint"),
         ("bands", edit_bands(lambda data: data.update(segment_nqpoint=[0, 8])), "segment_nqpoint"),
@@ -684,7 +682,7 @@ def mode(data):
         (
             "bands",
             edit_bands(lambda data: data["phonon"][3].update(distance=9.0)),
-            "the distances along the path do not",
+            "distances",
         ),
         (
             "bands",
@@ -694,39 +692,39 @@ def mode(data):
         (
             "bands",
             edit_bands(lambda data: data["granphon"].update(coordinates=["x"])),
-            "its coordinates of a ball",
+            "coordinates",
         ),
         (
             "bands",
             edit_bands(lambda data: data["points"][0].update(coordinates=["x"])),
-            "It has 'x' under coordinates",
+            "'x' .*coordinates",
         ),
         (
             "bands",
             edit_bands(lambda data: data.update(natom=2)),
-            "Its key natom is 2, and it has 1 points",
+            "natom .*2.* 1 ",
         ),
-        ("bands", edit_bands(lambda data: data.pop("granphon")), "It lacks the key 'granphon'"),
+        ("bands", edit_bands(lambda data: data.pop("granphon")), "'granphon'"),
         (
             "bands",
             edit_bands(lambda data: data.update(phonon=3)),
-            "A number, a list or a block of keys stands",
+            "a block",
         ),
-        ("density of states", swap_rows, "the frequencies do not ascend"),
+        ("density of states", swap_rows, "ascend"),
         (
             "density of states",
             lambda text: text.replace("\n0.0,", "\n-1.0,", 1),
-            "a frequency is below zero",
+            "below zero",
         ),
         (
             "density of states",
             lambda text: text.replace("\n0.0,", "\nhello,", 1),
-            "found 'hello', where a number is needed",
+            "'hello'",
         ),
         (
             "phonopy file",
             lambda text: text.replace("granphon:", "granphone:", 1),
-            "It lacks the key 'granphon'",
+            "'granphon'",
         ),
     ],
 )
@@ -735,12 +733,9 @@ def test_a_text_without_a_digest_makes_sense(written, tmp_path, kind, edit, told
     whole = read_sealed(written / name)[0]
     path = tmp_path / name
     path.write_text(edit(whole).replace("NaN", ".nan"))
-    with pytest.raises(InputError) as caught:
+    what = kind if kind == "density of states" else name
+    with pytest.raises(InputError, match=f"{path} .*{what}.* granphon.*{told}"):
         read(path)
-    assert str(caught.value).startswith(
-        f"{path} is not a {name if kind != 'density of states' else kind} written by granphon."
-    )
-    assert told in str(caught.value)
 
 
 # -- damage ----------------------------------------------------------------------------------------
@@ -800,25 +795,39 @@ def test_damaged_texts_never_give_other_numbers_and_without_a_digest_no_foreign_
         assert outcome(read, tmp_path / name)[0] in ("error", "unverified")
 
 
-def test_a_damaged_sweep_never_gives_other_numbers(written, tmp_path):
-    # those whose trailer is gone take a process each
-    sound = [seed for seed in range(60) if self_standing((written / "sweep.nc").read_bytes(), seed)]
-    counts = after_damage(
-        "sweep", written, tmp_path, [*sound, *(s for s in range(8) if s not in sound)]
-    )
-    assert counts["error"] > 30
+@pytest.mark.parametrize(
+    ("has_trailer", "count"),
+    # a file whose trailer is gone is tried in another process
+    [(True, 60), pytest.param(False, 40, marks=pytest.mark.slow)],
+)
+def test_a_damaged_sweep_never_gives_other_numbers(written, tmp_path, has_trailer, count):
+    whole = (written / "sweep.nc").read_bytes()
+    seeds = [seed for seed in range(count) if keeps_trailer(whole, seed) == has_trailer]
+    counts = after_damage("sweep", written, tmp_path, seeds)
+    assert counts["error"] > 0.6 * len(seeds) > 0
 
 
-def self_standing(raw, seed):
+def keeps_trailer(raw, seed):
     """Whether the trailer is still where it belongs after this damage."""
     return damages(raw, random.Random(seed))[-101:-64] == raw[-101:-64]
 
 
+def test_a_failure_of_hdf5_is_one_line_of_the_command(written, tmp_path, monkeypatch, capsys):
+    raw = bytearray((written / "sweep.nc").read_bytes()[:-101])
+    raw[300:1200] = bytes(900)  # the head, behind which no trailer stands
+    (tmp_path / "sweep.nc").write_bytes(raw)
+    trial = "import io, sys, h5py; h5py.File(io.BytesIO(sys.stdin.buffer.read()))['force']"
+    monkeypatch.setattr(dataset, "_TRIAL", trial)
+    assert main(["plot", str(tmp_path)]) == 2
+    assert "HDF5" in one_error(capsys)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start", "said", "seconds"),
     [
-        (300, "HDF5 fails on it", dataset.TRIAL_SECONDS),
-        # with this one HDF5 is busy for minutes, or until the process that tries it is stopped
+        (300, "HDF5 fails", dataset.TRIAL_SECONDS),
+        # with these zeros HDF5 is busy for minutes, or until the process that tries it is stopped
         pytest.param(600, "cannot be read", 3.0, marks=pytest.mark.exhaustive),
     ],
 )

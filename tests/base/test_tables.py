@@ -189,7 +189,7 @@ def test_files_that_cannot_be_read(tmp_path):
     ):
         with pytest.raises(InputError, match="cannot be read"):
             Table.read(path)
-    with pytest.raises(InputError, match="csv:2 cannot be split into columns"):
+    with pytest.raises(InputError, match=r"csv:2 .*columns"):
         Table.read(tmp_path / "wide.csv")
 
 
@@ -303,9 +303,7 @@ def test_of_such_a_file_the_error_says_how_many_columns_and_which_heading():
 
 def test_a_table_of_quantities_is_quoted_wherever_it_was_named():
     table = Table.parse("lot.csv", b"ball,diameter (mm)\n1,wide\n", quoted=False)
-    with pytest.raises(
-        InputError, match=r"lot\.csv:2: diameter: found 'wide', where a number is needed"
-    ):
+    with pytest.raises(InputError, match=r"lot\.csv:2: diameter: .*'wide'"):
         table.column("diameter", LENGTH)
 
 

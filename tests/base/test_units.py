@@ -55,9 +55,7 @@ def test_units_of_hertz(frequency, name, hertz):
 
 
 def test_a_unit_of_hertz_that_is_none():
-    with pytest.raises(
-        InputError, match=r"'khz' is no decimal unit of hertz. Use one of yHz, .*, Hz, kHz, .*, YHz"
-    ):
+    with pytest.raises(InputError, match=r"'khz' .*kHz"):
         HertzPrefix.named("khz")
 
 
@@ -185,7 +183,7 @@ def test_a_width_whose_units_are_above_the_floating_range():
     for name, power in (("energy", 5), ("force", 3)):
         with pytest.raises(
             InputError,
-            match=rf"1e\+200 m is beyond double precision. c W\^\({power}/2\) .* smaller width",
+            match=rf"1e\+200 m .*\({power}/2\)",
         ):
             getattr(units, name)
 

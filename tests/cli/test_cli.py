@@ -15,30 +15,10 @@ from granphon.base.errors import FileExistsInRunError
 from granphon.base.progress import Silent, Terminal, on_stderr, silent
 from granphon.base.staging import LIST
 from granphon.cli.commands import main
-from granphon.scene.file import FIELDS
 from granphon.scene.scene import Scene, expected_files
 from tests.conftest import one_error
+from tests.scene.mistakes import MISTAKES, SCENE
 
-SCENE = """\
-schema: 1
-material:
-  young_modulus: 211.65 GPa
-  poisson_ratio: 0.276
-  density: 7840 kg/m^3
-packing:
-  lattice: triangular
-  diameter: 8 mm
-  friction: true
-load:
-  force: 18.446 N
-medium: ala
-observe: [velocities]
-phonopy:
-  band: 0 0 0 1/3 1/3 0 1/2 0 0 0 0 0
-  band_labels: G K M G
-  band_points: 11
-  mesh: 8 8 1
-"""
 SPECTRA = SCENE.replace("[velocities]", "[velocities, bands, dos]")
 
 
@@ -54,799 +34,17 @@ def tree(folder: Path) -> set[str]:
 
 # -- every mistake in a scene is one clear error --------------------------------------------------------------------
 
-LENGTHS = "a length above zero with its unit, such as '8 mm' (m, cm, mm, um, nm, inch)"
-TOP = ", ".join(dict.fromkeys(field.key.partition(".")[0] for field in FIELDS))
-ONE = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
-FORCES = "a force above zero with its unit"
 
-#: what is replaced, by what; line and key; what was found; what is allowed; the suggestion
-MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
-    # keys
-    "misspelt block": (
-        "material:",
-        "materal:",
-        2,
-        "materal",
-        "an unknown key",
-        TOP,
-        "Did you mean 'material'?",
-    ),
-    "misspelt key in packing": (
-        "diameter:",
-        "diametre:",
-        8,
-        "packing.diametre",
-        "an unknown key",
-        "lattice, diameter, spread, friction, finite_overlap",
-        "Did you mean 'diameter'?",
-    ),
-    "key in the wrong block": (
-        "medium: ala",
-        "diameter: 8 mm",
-        12,
-        "diameter",
-        "an unknown key",
-        TOP,
-        "belongs under 'packing'",
-    ),
-    "key too deep": (
-        "  lattice: triangular",
-        "  medium: ala",
-        7,
-        "packing.medium",
-        "an unknown key",
-        "lattice",
-        "the top level",
-    ),
-    "merge key": ("medium: ala", "<<: {}", 12, "<<", "an unknown key", TOP, ""),
-    "duplicate key": (
-        "  friction: true",
-        "  diameter: 9 mm",
-        9,
-        "packing.diameter",
-        "the key twice (first on line 8)",
-        "each key once",
-        "Remove",
-    ),
-    "missing key": (
-        "  diameter: 8 mm\n",
-        "",
-        6,
-        "packing.diameter",
-        "nothing, and it has no default",
-        LENGTHS,
-        "",
-    ),
-    "empty block": ("  force: 18.446 N\n", "", 10, "load", "nothing", "a block of keys: force", ""),
-    # quantities
-    "no unit": (
-        "8 mm",
-        "8",
-        8,
-        "packing.diameter",
-        "8, without a unit",
-        LENGTHS,
-        "Write the unit too",
-    ),
-    "stress for a linear pressure": (
-        "force: 18.446 N",
-        "pressure: 4 kPa",
-        11,
-        "load.pressure",
-        "'4 kPa', whose unit is not a unit of force per length",
-        "N/m, kN/m",
-        "",
-    ),
-    "half of a number": (
-        "211.65 GPa",
-        "7,0 GPa",
-        3,
-        "material.young_modulus",
-        "'7,0 GPa'",
-        "GPa",
-        "",
-    ),
-    "misspelt unit": (
-        "GPa",
-        "Gpa",
-        3,
-        "material.young_modulus",
-        "'211.65 Gpa', whose unit",
-        "GPa",
-        "Did you mean '211.65 GPa'?",
-    ),
-    "many digits": (
-        "18.446 N",
-        f"{'1' * 5000} N",
-        11,
-        "load.force",
-        "a text of 5002 letters",
-        "in 100 letters at most",
-        "",
-    ),
-    "far point of the band": (
-        "0 0 0 1/3",
-        "0 0 0 1e9",
-        15,
-        "phonopy.band",
-        "'1e9' in '0 0 0 1e9 1/3 0",
-        "a plain number from -1000 to 1000",
-        "",
-    ),
-    "empty value": ("8 mm", "", 8, "packing.diameter", "nothing", LENGTHS, ""),
-    "nan": (
-        "8 mm",
-        "nan mm",
-        8,
-        "packing.diameter",
-        "'nan mm', which is not a finite number",
-        LENGTHS,
-        "",
-    ),
-    "huge": (
-        "8 mm",
-        "1e9999 mm",
-        8,
-        "packing.diameter",
-        "'1e9999 mm', which is not a finite number",
-        LENGTHS,
-        "",
-    ),
-    "zero size": ("8 mm", "0 mm", 8, "packing.diameter", "'0 mm', which is zero", LENGTHS, ""),
-    "a modulus beyond double precision": (
-        "211.65 GPa",
-        "1e300 Pa",
-        3,
-        "material.young_modulus",
-        "'1e300 Pa'",
-        "a ball that double precision can hold",
-        "balls of 0.008 m of 1e+300 Pa and 7840 kg/m^3 are beyond double precision",
-    ),
-    "a ball beyond double precision": (
-        "8 mm",
-        "1e-150 m",
-        8,
-        "packing.diameter",
-        "'1e-150 m'",
-        "double precision",
-        "",
-    ),
-    # numbers
-    "Poisson ratio too large": (
-        "0.276",
-        "0.51",
-        4,
-        "material.poisson_ratio",
-        "0.51",
-        "-1 < poisson_ratio <= 0.5",
-        "not stable",
-    ),
-    "number with underscores": (
-        "points: 11",
-        "points: 1_1",
-        17,
-        "phonopy.band_points",
-        "'1_1'",
-        "a whole number from 2",
-        "",
-    ),
-    "newer schema": ("schema: 1", "schema: 2", 1, "schema", "2", "1.", "newer granphon"),
-    # loads
-    "tensile load": (
-        "18.446 N",
-        "-18.446 N",
-        11,
-        "load.force",
-        "'-18.446 N', which is tensile",
-        FORCES,
-        "",
-    ),
-    "zero load": ("18.446 N", "0 N", 11, "load.force", "'0 N', which is zero", FORCES, ""),
-    "overlap of the diameter": (
-        "force: 18.446 N",
-        "overlap: 8 mm",
-        11,
-        "load.overlap",
-        "'8 mm'",
-        "can carry",
-        "Lower the load",
-    ),
-    "force that crushes": (
-        "18.446 N",
-        "1 TN",
-        11,
-        "load.force",
-        "'1 TN'",
-        "a load that the balls can carry",
-        "Lower the load",
-    ),
-    "two loads": (
-        "  force: 18.446 N",
-        "  force: 18.446 N\n  overlap: 1 um",
-        10,
-        "load",
-        "force and overlap",
-        ONE,
-        "Remove all but one",
-    ),
-    "side force alone": (
-        "force: 18.446 N",
-        "side_force: 990 N",
-        10,
-        "load",
-        "side_force alone",
-        ONE,
-        "",
-    ),
-    "half a ball": (
-        "force: 18.446 N",
-        "side_force: 1 N\n  balls_per_side: 0.5",
-        12,
-        "load.balls_per_side",
-        "0.5",
-        "a whole number from 1",
-        "",
-    ),
-    "no load in a list": (
-        "18.446 N",
-        "[]",
-        11,
-        "load.force",
-        "an empty list",
-        "a list of one or more values",
-        "",
-    ),
-    "one of many loads": (
-        "18.446 N",
-        "[1 N, 2 kg]",
-        11,
-        "load.force.1",
-        "'2 kg', whose unit is not a unit of force",
-        FORCES,
-        "'2 kgf'",
-    ),
-    "load without a kind": (
-        "force: 18.446 N",
-        "{from: 1 N, to: 9 N}",
-        10,
-        "load",
-        "without the kind of load",
-        ONE,
-        "'force:'",
-    ),
-    "range without points": (
-        "18.446 N",
-        "{from: 1 N, to: 9 N}",
-        11,
-        "load.force.points",
-        "nothing, and it has no default",
-        "a whole number",
-        "",
-    ),
-    "range of too many points": (
-        "18.446 N",
-        "{from: 1 N, to: 9 N, points: 200001}",
-        11,
-        "load.force.points",
-        "200001",
-        "200000",
-        "",
-    ),
-    "range of one point": (
-        "18.446 N",
-        "{from: 1 N, to: 9 N, points: 1}",
-        11,
-        "load.force.points",
-        "1 for the range from 1 N",
-        "1 if",
-        "",
-    ),
-    "range on an unknown scale": (
-        "18.446 N",
-        "{from: 1 N, to: 9 N, points: 3, scale: logarithmic}",
-        11,
-        "load.force.scale",
-        "'logarithmic'",
-        "log, linear",
-        "",
-    ),
-    "range that crushes": (
-        "18.446 N",
-        "{from: 1 N, to: 1 TN, points: 3}",
-        11,
-        "load.force.to",
-        "'1 TN'",
-        "balls can carry",
-        "Lower",
-    ),
-    "log range from below zero": (
-        "force: 18.446 N",
-        "overlap: {from: -1 um, to: 1 um, points: 3}",
-        11,
-        "load.overlap",
-        "a log range from -1 um to 1 um",
-        "values above zero",
-        "Write scale: linear",
-    ),
-    "negative overlap of equal balls": (
-        "force: 18.446 N",
-        "overlap: -1 um",
-        11,
-        "load.overlap",
-        "'-1 um'",
-        "can carry",
-        "tensile",
-    ),
-    "overlap at which no balls touch": (
-        "friction: true\nload:\n  force: 18.446 N\nmedium: ala",
-        "spread: {uniform: 2 um}\nload:\n  overlap: [1 um, -1.1 um]",
-        11,
-        "load.overlap.1",
-        "'-1.1 um'",
-        "can carry",
-        "no balls touch",
-    ),
-    "force below what a medium is solved for": (
-        "friction: true\nload:\n  force: 18.446 N\nmedium: ala",
-        "spread: {uniform: 2 um}\nload:\n  force: 1 nN",
-        11,
-        "load.force",
-        "'1 nN'",
-        "can carry",
-        "Raise the load",
-    ),
-    # names
-    "unknown medium": (
-        "medium: ala",
-        "medium: emma",
-        12,
-        "medium",
-        "'emma'",
-        "ala, afa, ema",
-        "Did you mean 'ema'?",
-    ),
-    "unknown option of a medium": (
-        "medium: ala",
-        "medium: {ema: {tol: 1}}",
-        12,
-        "medium.ema.tol",
-        "an unknown key",
-        "local_field",
-        "",
-    ),
-    "value of an option": (
-        "medium: ala",
-        "medium: {ema: {local_field: papr}}",
-        12,
-        "medium.ema.local_field",
-        "'papr'",
-        "computed, paper",
-        "'paper'?",
-    ),
-    "options that are no block": (
-        "medium: ala",
-        "medium: {ema: paper}",
-        12,
-        "medium.ema",
-        "'paper'",
-        "a block of keys: local_field",
-        "",
-    ),
-    "misspelt option of a simulation": (
-        "medium: ala",
-        "medium:\n  simulation:\n    shape: 16 16\n    sampels: 4",
-        15,
-        "medium.simulation.sampels",
-        "an unknown key",
-        "shape, seed, samples",
-        "Did you mean 'samples'?",
-    ),
-    "shape of three": (
-        "medium: ala",
-        "medium: {simulation: {shape: 16 16 1}}",
-        12,
-        "medium.simulation.shape",
-        "'16 16 1'",
-        "two whole numbers from 1",
-        "such as 128 128",
-    ),
-    "seed that is none": (
-        "medium: ala",
-        "medium: [ala, simulation: {seed: -1}]",
-        12,
-        "medium.1.simulation.seed",
-        "-1",
-        "a whole number from 0",
-        "",
-    ),
-    "simulation with finite overlap": (
-        "  friction: true\nload:\n  force: 18.446 N\nmedium: ala",
-        "  finite_overlap: true\nload:\n  force: 9 N\nmedium: [ala, {simulation: {geometry: lattice}}]",
-        9,
-        "packing.finite_overlap",
-        "true",
-        "false, with a simulation",
-        "Leave finite_overlap out",
-    ),
-    "simulation of another lattice": (
-        "lattice: triangular\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N\nmedium: ala",
-        "lattice: square\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N\nmedium: simulation",
-        12,
-        "medium",
-        "'simulation'",
-        "a medium for the",
-        "the square lattice is not simulated",
-    ),
-    "two media in a block": (
-        "medium: ala",
-        "medium: {ala: , ema: }",
-        12,
-        "medium",
-        "a block of keys",
-        "ala, afa, ema",
-        "",
-    ),
-    "medium twice": (
-        "medium: ala",
-        "medium: [ema, afa, ema]",
-        12,
-        "medium",
-        "'ema' twice",
-        "each once",
-        "",
-    ),
-    "unknown lattice": (
-        "triangular",
-        "triangle",
-        7,
-        "packing.lattice",
-        "'triangle'",
-        "chain, triangular, square",
-        "'triangular'?",
-    ),
-    "unknown observable": (
-        "[velocities]",
-        "[velocity]",
-        13,
-        "observe",
-        "'velocity'",
-        "velocities, bands, gaps, dos",
-        "'velocities'?",
-    ),
-    "observable without a list": (
-        "[velocities]",
-        "dos",
-        13,
-        "observe",
-        "'dos'",
-        "a list of",
-        "Did you mean [dos]?",
-    ),
-    "yes for true": (
-        "friction: true",
-        "friction: yes",
-        9,
-        "packing.friction",
-        "'yes'",
-        "true or false",
-        "Did you mean true?",
-    ),
-    # spreads
-    "empty spread": (
-        "friction: true",
-        "spread:",
-        9,
-        "packing.spread",
-        "nothing",
-        "exactly one of uniform",
-        "Leave spread out",
-    ),
-    "width in per cent": (
-        "friction: true",
-        "spread: {uniform: 1 %}",
-        9,
-        "packing.spread.uniform",
-        "'1 %', whose unit is not a unit of length",
-        "a length, zero or above",
-        "1 % of 8 mm is 80 um: write '80 um'.",
-    ),
-    "swept width in per cent": (
-        "medium: ala",
-        "sweep: {width: [1 um, 0.5 percent]}",
-        12,
-        "sweep.width.1",
-        "'0.5 percent'",
-        "a length, zero or above",
-        "0.5 % of 8 mm is 40 um: write '40 um'.",
-    ),
-    "spread without a kind": (
-        "friction: true",
-        "spread: 2 um",
-        9,
-        "packing.spread",
-        "'2 um'",
-        "exactly one of",
-        "{uniform: 2 um}?",
-    ),
-    "misspelt spread": (
-        "friction: true",
-        "spread: {unifrom: 2 um}",
-        9,
-        "packing.spread.unifrom",
-        "an unknown key",
-        "uniform, normal",
-        "'uniform'?",
-    ),
-    "spread wider than the balls": (
-        "friction: true",
-        "spread: {uniform: 17 mm}",
-        9,
-        "packing.spread.uniform",
-        "'17 mm'",
-        "all above zero",
-        "smaller spread",
-    ),
-    "normal without a width": (
-        "friction: true",
-        "spread: {normal: {cutoff: 3}}",
-        9,
-        "packing.spread.normal.std",
-        "nothing",
-        "a length, zero or above",
-        "",
-    ),
-    "cutoff too large": (
-        "friction: true",
-        "spread: {normal: {std: 1 um, cutoff: 11}}",
-        9,
-        "packing.spread.normal.cutoff",
-        "11",
-        "from 0.001 to 10",
-        "",
-    ),
-    "discrete without fractions": (
-        "friction: true",
-        "spread: {discrete: {diameters: [8 mm]}}",
-        9,
-        "packing.spread.discrete.fractions",
-        "nothing",
-        "one or more fractions",
-        "",
-    ),
-    "one diameter for a list": (
-        "friction: true",
-        "spread: {measured: {diameters: 8 mm}}",
-        9,
-        "packing.spread.measured.diameters",
-        "'8 mm'",
-        "a list of",
-        "",
-    ),
-    "fractions that are too few": (
-        "friction: true",
-        "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [1]}}",
-        9,
-        "packing.spread.discrete.fractions",
-        "[1.0]",
-        "one fraction for each diameter",
-        "2 diameters and 1 fractions",
-    ),
-    "fractions of another sum": (
-        "friction: true",
-        "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [0.5, 0.6]}}",
-        9,
-        "packing.spread.discrete.fractions",
-        "[0.5, 0.6]",
-        "with the sum 1",
-        "Divide them by their sum",
-    ),
-    "another mean": (
-        "friction: true",
-        "spread: {discrete: {diameters: [7 mm, 9.1 mm], fractions: [0.5, 0.5]}}",
-        9,
-        "packing.spread.discrete",
-        "a block of keys",
-        "diameters about the packing's",
-        "Give the mean, 0.00805",
-    ),
-    "no such table": (
-        "friction: true",
-        "spread: {measured: no.csv}",
-        9,
-        "packing.spread.measured",
-        "'no.csv'",
-        "a table with a column",
-        "cannot be read",
-    ),
-    "no name of a table": (
-        "friction: true",
-        "spread: {measured: }",
-        9,
-        "packing.spread.measured",
-        "nothing",
-        "a name",
-        "",
-    ),
-    # sweeps
-    "misspelt parameter": (
-        "medium: ala",
-        "sweep: {widht: [1 um]}",
-        12,
-        "sweep.widht",
-        "an unknown key",
-        "young_modulus, poisson_ratio",
-        "'width'?",
-    ),
-    "sweep without values": (
-        "medium: ala",
-        "sweep: {friction: true}",
-        12,
-        "sweep.friction",
-        "true",
-        "a list of one or more values",
-        "",
-    ),
-    "one of the values of a sweep": (
-        "medium: ala",
-        "sweep: {width: [1 um, 2]}",
-        12,
-        "sweep.width.1",
-        "2, without a unit",
-        "length",
-        "",
-    ),
-    "value that makes no packing": (
-        "medium: ala",
-        "sweep: {width: [1 um, 20 mm]}",
-        12,
-        "sweep.width.1",
-        "'20 mm'",
-        "that the packing can have",
-        "smaller spread",
-    ),
-    "mechanism in a sweep": (
-        "medium: ala",
-        "sweep: {friction: [true, false], lattice: [triangular, kagome]}",
-        12,
-        "sweep.lattice",
-        "'kagome'",
-        "a lattice that is rigid",
-        "lattice = kagome",
-    ),
-    "load that one packing of a sweep cannot carry": (
-        "  force: 18.446 N\nmedium: ala",
-        "  overlap: -0.4 um\nmedium: ala\nsweep: {width: [2 um, 0.5 um]}",
-        11,
-        "load.overlap",
-        "'-0.4 um'",
-        "balls can carry",
-        "width = 2e-06 m",
-    ),
-    "density of states of a sweep": (
-        "  force: 18.446 N\nmedium: ala\nobserve: [velocities]",
-        "  force: [1 N, 2 N]\nmedium: ala\nobserve: [dos]",
-        13,
-        "observe",
-        "'dos'",
-        "dos of one state, or of arrays that a medium: simulation makes",
-        "Take medium: simulation",
-    ),
-    "bands of a sweep over friction": (
-        "medium: ala\nobserve: [velocities]",
-        "sweep: {friction: [true, false]}\nobserve: [bands]",
-        13,
-        "observe",
-        "'bands'",
-        "velocities, as the branches differ",
-        "Make a scene of each",
-    ),
-    # phonopy
-    "band leaves the plane": (
-        "1/3 1/3 0",
-        "1/3 1/3 1/2",
-        15,
-        "phonopy.band",
-        "third number that is not 0",
-        "three numbers",
-        "layer",
-    ),
-    "band with a word": (
-        "1/3 1/3 0",
-        "1/3 K 0",
-        15,
-        "phonopy.band",
-        "'K' in '0 0 0 1/3 K 0",
-        "three numbers or fractions",
-        "",
-    ),
-    "labels that do not match": (
-        "G K M G",
-        "G K M",
-        16,
-        "phonopy.band_labels",
-        "3 labels",
-        "4, one for each point",
-        "",
-    ),
-    "mesh out of the plane": (
-        "8 8 1",
-        "8 8 8",
-        18,
-        "phonopy.mesh",
-        "whose third number is 8",
-        "such as 64 64 1",
-        "one layer",
-    ),
-    "mesh of nothing": ("8 8 1", "0 8 1", 18, "phonopy.mesh", "'0 8 1'", "from 1 to 4096", ""),
-    # the text itself
-    "broken YAML": ("medium: ala", "medium: [ala", 13, "", "broken YAML", "YAML", ""),
-    "tab": ("  force", "\tforce", 11, "", "broken YAML", "YAML", "Indent with spaces"),
-    "object tag": (
-        "18.446 N",
-        "!!python/object/apply:os.getcwd []",
-        11,
-        "load.force",
-        "the tag",
-        "plain values",
-        "Leave the tag out",
-    ),
-    "alias": (
-        "medium: ala",
-        "medium: &a ala",
-        12,
-        "medium",
-        "an anchor or alias",
-        "plain values",
-        "Write the value out",
-    ),
-    "control character": ("ala", "a\x07la", 12, "", "the character '\\x07'", "printable text", ""),
-    "empty file": (SCENE, "", 1, "", "an empty text", "a scene", "granphon init"),
-    "a list": (SCENE, "- a\n- b\n", 1, "", "a list", TOP, ""),
-    "two documents": (
-        "medium: ala",
-        "---\nmedium: ala",
-        12,
-        "",
-        "a second document",
-        "one document",
-        "",
-    ),
-    # what no lattice of this kind can do
-    "mechanism": (
-        "triangular\n  diameter: 8 mm\n  friction: true",
-        "square\n  diameter: 8 mm\n  friction: false",
-        7,
-        "packing.lattice",
-        "'square'",
-        "a lattice that is rigid",
-        "Use friction",
-    ),
-    "frame around squares": (
-        "triangular\n  diameter: 8 mm\n  friction: true\nload:\n  force: 18.446 N",
-        "square\n  diameter: 8 mm\n  friction: true\nload:\n  side_force: 9 N\n  balls_per_side: 3",
-        11,
-        "load.side_force",
-        "a side_force",
-        "on the triangular lattice only",
-        "",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", MISTAKES)
+@pytest.mark.parametrize("name", ["misspelt block", "no unit", "mechanism"])
 def test_mistakes_in_a_scene(work, capsys, name):
-    old, new, line, key, found, allowed, suggestion = MISTAKES[name]
-    assert SCENE.count(old) == 1
-    (work / "scene.yaml").write_text(SCENE.replace(old, new), encoding="utf-8")
+    text, place, *words = MISTAKES[name]
+    (work / "scene.yaml").write_text(text, encoding="utf-8")
     before = tree(work)
     assert main(["run", "scene.yaml", "-o", "out"]) == 2
-    text = one_error(capsys)
-    assert text.startswith(f"scene.yaml:{line}: {key + ': ' if key else ''}"), text
-    head, _, tail = text.partition("; allowed: ")
-    assert "found " in head or "broken YAML" in head
-    assert found in head
-    assert allowed in tail
-    assert suggestion in tail if suggestion else "Did you mean" not in tail
+    error = one_error(capsys)
+    assert error.startswith(f"scene.yaml:{place}")
+    for word in words:
+        assert word in error
     assert tree(work) == before
 
 
@@ -881,7 +79,7 @@ def test_run_writes_velocities(work, capsys):
     out, err = capsys.readouterr()
     assert err == ""
     assert "longitudinal velocity 790.96 m/s" in out
-    assert "Wrote scene.yaml, summary.yaml, sweep.nc, sweep.csv into new/out" in out
+    assert "scene.yaml, summary.yaml, sweep.nc, sweep.csv into new/out" in out
     assert tree(work / "new") == {"out", *(f"out/{name}" for name in ALONE)}
     assert Scene.from_yaml("new/out/scene.yaml") == Scene.from_yaml("scene.yaml")
     summary = yaml.safe_load(Path("new/out/summary.yaml").read_text())
@@ -970,27 +168,32 @@ def test_finite_overlap_reaches_every_result(work):
     np.testing.assert_array_equal(result.bands.frequencies, expected.frequencies)
 
 
-def test_run_and_plot_draw_figures(work, capsys):
+def test_plot_draws_the_figure_of_a_run(work, capsys):
+    (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
+    assert main(["run", "scene.yaml", "-o", "out", "--quiet", "--no-figures"]) == 0
+    assert main(["plot", "out"]) == 0
+    assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
+    capsys.readouterr()
+    assert main(["plot", "out"]) == 1
+    assert "already holds bands.png" in one_error(capsys)
+    assert main(["plot", "out", "-o", "both.xyz"]) == 2
+    assert "format" in one_error(capsys)
+    (work / "out" / "band.yaml").write_text("broken: [")
+    assert main(["plot", "out", "-o", "again.pdf"]) == 2
+    assert "band.yaml" in one_error(capsys)
+    assert tree(work) == {"scene.yaml", "out"} | {f"out/{name}" for name in tree(work / "out")}
+
+
+@pytest.mark.slow
+def test_runs_and_plots_draw_figures_of_several_formats(work, capsys):
     (work / "scene.yaml").write_text(SPECTRA, encoding="utf-8")
     assert main(["run", "scene.yaml", "-o", "out", "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
     assert {name for name in tree(work / "out") if name.endswith(".png")} == {"bands.png"}
-    assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
-    assert main(["plot", "out"]) == 1
-    assert "already holds bands.png" in one_error(capsys)
     assert main(["plot", "out", "--force"]) == 0
     assert (work / "out" / "bands.png").read_bytes().startswith(b"\x89PNG")
     assert main(["plot", "out", "--asymptotes", "-o", "figures/both.pdf"]) == 0
     assert (work / "figures" / "both.pdf").read_bytes().startswith(b"%PDF")
-    capsys.readouterr()
-    assert main(["plot", "out", "-o", "both.xyz"]) == 2
-    assert "names no figure format" in one_error(capsys)
-    (work / "out" / "band.yaml").write_text("broken: [")
-    assert main(["plot", "out", "-o", "again.pdf"]) == 2
-    assert "not a band.yaml written by granphon" in one_error(capsys)
-    assert tree(work) == {"scene.yaml", "out", "figures", "figures/both.pdf"} | {
-        f"out/{name}" for name in tree(work / "out")
-    }
 
 
 def test_plot_of_nothing(work, capsys):
@@ -1025,7 +228,7 @@ def test_plot_leaves_out_nothing_that_the_run_wrote(work, capsys):
     for name in ("summary.yaml", "dos.csv", "sweep.nc"):  # as a copy without hidden files
         (work / "copy" / name).write_bytes((work / "out" / name).read_bytes())
     assert main(["plot", "copy"]) == 2
-    assert "copy holds no band.yaml, though a run wrote it there." in one_error(capsys)
+    assert "no band.yaml" in one_error(capsys)
     (work / "copy" / "band.yaml").write_bytes(whole)
     assert main(["plot", "copy"]) == 0
     assert tree(work / "copy") == {"summary.yaml", "dos.csv", "sweep.nc", "band.yaml", "bands.png"}
@@ -1047,10 +250,7 @@ def test_an_existing_result_is_not_overwritten(work, capsys):
     capsys.readouterr()
     (work / "out" / "summary.yaml").write_text("mine")
     assert main(["run", "scene.yaml", "-o", "out", "--force"]) == 1
-    assert (
-        "it has been changed since. Such a file is never replaced, not even with --force"
-        in one_error(capsys)
-    )
+    assert "changed" in one_error(capsys)
     assert (work / "out" / "summary.yaml").read_text() == "mine"
 
 
@@ -1063,10 +263,7 @@ def test_a_failing_computation_leaves_nothing(work, capsys):
     assert main(["run", "scene.yaml", "-o", "new/out"]) == 2
     told = one_error(capsys)
     assert "negative" in told
-    assert (
-        ": packing.finite_overlap: found true; allowed: false where the lattice buckles; the lattice"
-        in told
-    )
+    assert ": packing.finite_overlap: found true" in told
     assert tree(work) == {"scene.yaml"}
     assert main(["check", "scene.yaml"]) == 2
     assert one_error(capsys) == told
@@ -1124,7 +321,7 @@ def test_init_does_not_overwrite(work, capsys):
     assert "already holds scene.yaml" in one_error(capsys)
     # nor with --force, unless it is as another "init" has written it
     assert main(["init", "--force"]) == 1
-    assert "there is no record that granphon wrote it" in one_error(capsys)
+    assert "no record" in one_error(capsys)
     assert (work / "scene.yaml").read_text() == SCENE
     (work / "scene.yaml").unlink()
     assert main(["init", "--preset", "hydrogel"]) == 0
@@ -1132,10 +329,7 @@ def test_init_does_not_overwrite(work, capsys):
     assert "glass" in (work / "scene.yaml").read_text()
     capsys.readouterr()
     assert main(["init", "other.yaml", "--preset", "hidrogel"]) == 2
-    assert (
-        "allowed: steel_hexagon, steel_spread, glass, hydrogel, chain, membrane, fcc, hcp, diatomic. Did you mean 'hydrogel'"
-        in one_error(capsys)
-    )
+    assert "'hydrogel'" in one_error(capsys)
     assert tree(work) == {"scene.yaml"}
 
 
@@ -1218,10 +412,8 @@ def test_without_a_word_the_command_shows_its_help(capsys):
 def test_the_module_is_the_command(work):
     failed = command("run", "nothing.yaml", "-o", "more")
     assert failed.returncode == 2
-    assert (
-        failed.stderr
-        == "granphon: error: nothing.yaml: there is no such file. 'granphon init' writes one.\n"
-    )
+    assert failed.stderr.startswith("granphon: error: nothing.yaml: ")
+    assert failed.stderr.count("\n") == 1
     assert failed.stdout == ""
 
 
@@ -1362,10 +554,11 @@ def test_progress_on_a_real_terminal_leaves_stdout_alone(work):
     assert b"longitudinal velocity" in out
 
 
-def test_a_closed_stdout_is_no_failure(work):
-    code = "import sys; sys.stdout = None\nfrom granphon.cli.commands import main\nsys.exit(main(['check', 'scene.yaml']))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
+def test_a_closed_stdout_is_no_failure(work, monkeypatch, capsys):
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", None)
+        assert main(["check", "scene.yaml"]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_names_of_files_do_not_command_the_terminal(work, capsys):

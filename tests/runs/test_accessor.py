@@ -96,22 +96,18 @@ def test_what_is_not_in_si_is_refused(swept):
         ):
             with pytest.raises(
                 InputError,
-                match=r"numbers in (kilonewton|kN); allowed: numbers in SI units\. Give plain",
+                match=r"(kilonewton|kN).*SI",
             ):
                 medium.at_force(force)
         medium.at_force(20.0 * unit.N)
         medium.at_force(swept["force"])
     slow = swept.assign(longitudinal=swept.pint.quantify()["longitudinal"].pint.to("km/s"))
     for data in (slow, slow.pint.dequantify()):
-        with pytest.raises(
-            InputError, match=r"longitudinal of the data set is in kilometer / second.*\.pint\.to"
-        ):
+        with pytest.raises(InputError, match=r"longitudinal .*kilometer .*\.pint\.to"):
             data.granphon.plot()
-    with pytest.raises(
-        InputError, match="velocity: found numbers in kilometer / second; allowed: numbers in m/s"
-    ):
+    with pytest.raises(InputError, match=r"velocity: .*kilometer .*m/s"):
         swept.granphon.fit(swept["force"], slow["longitudinal"].sel(medium="ema"))
-    with pytest.raises(InputError, match="force: found numbers in m; allowed: numbers in N"):
+    with pytest.raises(InputError, match=r"force: .* m; .* N"):
         swept.granphon.fit(
             swept["overlap"].sel(medium="ema"), swept["longitudinal"].sel(medium="ema")
         )

@@ -30,7 +30,6 @@ from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers
-from granphon.scene.redraw import redraw
 from granphon.scene.scene import (
     RESULT_FILES,
     WORK_FILE,
@@ -39,18 +38,19 @@ from granphon.scene.scene import (
     expected_files,
     is_complete,
 )
-from tests.conftest import only
+from tests.conftest import one_error
+from tests.runs.calls import end_within_a_result, raise_unpicklable
 from tests.runs.conftest import full_disk
 
 SWEEP = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
 packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}
-load: {force: {from: 2 N, to: 20 N, points: 6}}
+load: {force: {from: 2 N, to: 20 N, points: 3}}
 medium: [ala, afa, ema]
 sweep: {width: [1 um, 2 um]}
 """
 ONE = (
-    SWEEP.replace("{from: 2 N, to: 20 N, points: 6}", "3 N")
+    SWEEP.replace("{from: 2 N, to: 20 N, points: 3}", "3 N")
     .replace("[ala, afa, ema]", "ema")
     .replace("sweep", "# sweep")
 )
@@ -70,6 +70,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The result of that scene, carried out in one go."""
     folder = tmp_path_factory.mktemp("whole")
     Scene.from_text(SWEEP).run(folder / "out")
+    assert listed(folder / "out") == ALL
+    assert (folder / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
     return folder / "out"
 
 
@@ -138,9 +140,11 @@ def test_balls_that_differ_have_a_summary_of_their_own(work, capsys):
 
 def test_a_load_below_the_range_of_the_medium_is_a_warning(work, capsys):
     (work / "scene.yaml").write_text(ONE.replace("3 N", "1 N"))
-    told = "granphon: warning: ema is not reliable below 1.592 N: the contact force is 1 N.\n"
     assert main(["check", "scene.yaml"]) == 0
-    assert capsys.readouterr().err == told
+    told = capsys.readouterr().err
+    assert told.startswith("granphon: warning: ema ")
+    assert "1.592 N" in told
+    assert told.count("\n") == 1
     assert main(["run", "scene.yaml", "-o", "out"]) == 0
     assert capsys.readouterr().err == told
     got = summary("out")
@@ -151,27 +155,31 @@ def test_a_load_below_the_range_of_the_medium_is_a_warning(work, capsys):
 
 # -- simulations -----------------------------------------------------------------------------------
 
-SAMPLES = ONE.replace("medium: ema", "medium: {simulation: {shape: 8 8, samples: 4}}")
+SAMPLES = ONE.replace("medium: ema", "medium: {simulation: {shape: 4 4, samples: 2}}")
 SIMULATED = ONE.replace("medium: ema", "medium: {simulation: {shape: 16 16, seed: 4, samples: 3}}")
 
 
 @pytest.mark.parametrize(
-    ("kind", "value"),
-    only(
-        [("overlap", "0.4 um")], [("force", "3 N"), ("pressure", "600 N/m"), ("overlap", "0.4 um")]
-    ),
+    ("kind", "value", "figures"),
+    [
+        ("overlap", "0.4 um", []),
+        pytest.param("force", "3 N", ["forces.png"], marks=pytest.mark.slow),
+        pytest.param("pressure", "600 N/m", ["forces.png"], marks=pytest.mark.slow),
+    ],
 )
-def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, value):
+def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, value, figures):
     text = SIMULATED.replace("force: 3 N", f"{kind}: {value}")
+    text = text.replace("16 16", "8 8").replace("samples: 3", "samples: 2")
     (work / "scene.yaml").write_text(text)
-    assert main(["run", "scene.yaml", "-o", "out"]) == 0
+    words = [] if figures else ["--no-figures"]
+    assert main(["run", "scene.yaml", "-o", "out", *words]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    assert listed(work / "out") == {*NUMBERS, "sample.extxyz", "forces.png"}
-    assert set(expected_files(Scene.from_text(text))) == listed(work / "out")
+    assert listed(work / "out") == {*NUMBERS, "sample.extxyz", *figures}
+    assert set(expected_files(Scene.from_text(text))) == listed(work / "out") | {"forces.png"}
     scene = Scene.from_yaml("out/scene.yaml")
     assert scene == Scene.from_text(text)
-    medium = gp.DirectSimulation(scene.packing, (16, 16), seed=4, samples=3)
+    medium = gp.DirectSimulation(scene.packing, (8, 8), seed=4, samples=2)
     state = getattr(medium, f"at_{kind}")(scene.load.values[0])
     got = summary("out")
     velocities = gp.sound_velocities(state)
@@ -202,15 +210,16 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     assert f"{given}_error" not in got
     assert "contact_force_fluctuation" in got
     assert set(got["units"]) >= set(expected) - {"regime"}
-    assert got["medium"] == "simulation(samples=3, seed=4, shape=16 16)"
+    assert got["medium"] == "simulation(samples=2, seed=4, shape=8 8)"
     assert (got["ok"], got["warnings"]) == (True, [])
     assert "ase" in got["versions"]
-    assert (work / "out" / "forces.png").read_bytes().startswith(b"\x89PNG")
+    for name in figures:
+        assert (work / "out" / name).read_bytes().startswith(b"\x89PNG")
     # the sample is read by ASE
     atoms = ase.io.read("out/sample.extxyz")
     sample = state.sample
     d = scene.packing.diameter
-    assert (sample.seed, len(atoms), atoms.pbc.tolist()) == (4, 256, [True, True, False])
+    assert (sample.seed, len(atoms), atoms.pbc.tolist()) == (4, 64, [True, True, False])
     np.testing.assert_allclose(
         2.0 * d * atoms.get_array("radius"), sample.diameters.ravel(), atol=1e-14 * d
     )
@@ -223,15 +232,11 @@ def test_spectra_of_a_simulation_say_what_they_are(work, capsys):
     text = SAMPLES + "observe: [bands, dos]\nphonopy: {band_points: 3, mesh: 4 4 1}\n"
     (work / "scene.yaml").write_text(text)
     assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
-    told = (
-        "granphon: warning: bands and densities of states are those of a regular lattice with the"
-        " mean stiffness"
-    )
-    err = capsys.readouterr().err
-    assert err.startswith(told)
-    assert "sample_dos" in err
+    (warning,) = summary("out")["warnings"]
+    assert "regular lattice" in warning
+    assert "sample_dos" in warning
+    assert warning in capsys.readouterr().err
     assert "longitudinal" not in summary("out")
-    assert summary("out")["warnings"][0].startswith("bands and densities of states")
     state = Scene.from_text(text).state()
     result = gp.Bands.read("out/band.yaml")
     expected = gp.Phonons(state).bands("GKMG", npoints=3).frequencies
@@ -246,9 +251,9 @@ def test_without_friction_or_of_one_sample_there_is_no_error(work):
     assert [name for name in result.summary() if name.endswith("_error")] == ["exponent_error"]
     # but for one that is said not to be known
     assert math.isnan(result.summary()["exponent_error"])
-    assert result.warnings == (
-        "the standard error of the exponent is not known (nan) from one sample: take two or more",
-    )
+    (warning,) = result.warnings
+    assert "exponent" in warning
+    assert "nan" in warning
     assert math.isnan(summary("out")["exponent_error"])
     equal = Scene.from_text(text.replace(", spread: {uniform: 2.04 um}", "")).run(
         "equal", figures=False
@@ -276,7 +281,7 @@ def test_check_says_what_a_simulation_will_take(work, capsys):
         assert re.search(rf"  will take +{re.escape(cost.text)} on one processor\n", out)
         assert f"simulation of 256 balls, {count} equilibria: about 145 MB and " in out
     # of the medium that is solved in a moment, limits are told
-    assert err.startswith("granphon: warning: ema is not reliable below ")
+    assert err.startswith("granphon: warning: ema ")
     assert err.count("\n") == 1
 
 
@@ -287,49 +292,57 @@ def test_a_long_simulation_is_announced(work, capsys, monkeypatch):
     for quiet in ([], ["-q"]):
         assert main(["run", "scene.yaml", "-o", "out", *quiet]) == 130
         *told, last = capsys.readouterr().err.splitlines()
-        assert last == "granphon: error: interrupted; no result was written."
+        assert last.startswith("granphon: error: interrupted")
         assert told == (
             [] if quiet else [f"granphon: {Scene.from_text(text).cost().text} on one processor"]
         )
 
 
-def test_samples_of_a_sweep_are_shared_by_workers_and_resumed(work, monkeypatch, capsys):
-    text = SIMULATED.replace("3 N", "[9 N, 5 N]").replace("16 16", "8 8")
-    (work / "scene.yaml").write_text(text)
+SAMPLED = SIMULATED.replace("3 N", "[9 N, 5 N]")
+
+
+@pytest.mark.slow
+def test_samples_of_a_sweep_are_shared_by_workers(work):
+    (work / "scene.yaml").write_text(SAMPLED.replace("16 16", "8 8"))
     run = ["run", "scene.yaml", "-q", "--no-figures", "-o"]
     assert main([*run, "one"]) == 0
     assert main([*run, "two", "--workers", "2"]) == 0
-    one = load_sweep("one/sweep.nc")
-    assert one.identical(load_sweep("two/sweep.nc"))
+    assert load_sweep("one/sweep.nc").identical(load_sweep("two/sweep.nc"))
     assert (work / "one" / "sweep.csv").read_text() == (work / "two" / "sweep.csv").read_text()
-    assert "longitudinal_error (m/s)" in (work / "one" / "sweep.csv").read_text().splitlines()[0]
+
+
+def test_a_sweep_goes_on_in_the_midst_of_a_sample(work, monkeypatch, capsys):
+    text = SAMPLED.replace("16 16", "4 4").replace("samples: 3", "samples: 2")
+    (work / "scene.yaml").write_text(text)
+    run = ["run", "scene.yaml", "-q", "--no-figures", "-o", "out"]
     with monkeypatch.context() as patch:
-        begun = interrupted_after(3, patch, KeyboardInterrupt())
-        assert main([*run, "cut"]) == 130
-    told = "simulation(samples=3, seed=4, shape=8 8), seed "
-    assert begun == [f"{told}{seed}" for seed in (4, 4, 5, 5)]
-    assert capsys.readouterr().err.endswith("are kept: run the same command again to continue.\n")
+        begun = interrupted_after(1, patch, KeyboardInterrupt())
+        assert main(run) == 130
+    sample = "simulation(samples=2, seed=4, shape=4 4), seed "
+    assert begun == [f"{sample}{seed}" for seed in (4, 4)]
+    assert "kept" in one_error(capsys)
     with monkeypatch.context() as patch:
         begun = interrupted_after(99, patch, KeyboardInterrupt())
-        assert main([*run, "cut"]) == 0
-    # in the middle of a sample
-    assert begun == [f"{told}{seed}" for seed in (5, 6, 6)]
-    assert one.identical(load_sweep("cut/sweep.nc"))
+        assert main(run) == 0
+    assert begun == [f"{sample}{seed}" for seed in (4, 5, 5)]
+    assert load_sweep("out/sweep.nc").identical(Scene.from_text(text).sweep())
+    head = (work / "out" / "sweep.csv").read_text().splitlines()[0]
+    assert "longitudinal_error (m/s)" in head
 
 
 # -- many ------------------------------------------------------------------------------------------
 
 
 def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
-    assert main(["run", "scene.yaml", "-o", "new/out"]) == 0
+    assert main(["run", "scene.yaml", "-o", "new/out", "--no-figures"]) == 0
     out, err = capsys.readouterr()
-    assert "36" in out
-    assert "Wrote scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png into new/out" in out
-    assert listed(work / "new" / "out") == ALL
+    assert "18" in out
+    assert "scene.yaml, summary.yaml, sweep.nc, sweep.csv into new/out" in out
+    assert listed(work / "new" / "out") == NUMBERS
     scene = Scene.from_yaml("scene.yaml")
     assert Scene.from_yaml("new/out/scene.yaml") == scene
     saved = load_sweep("new/out/sweep.nc")
-    force = np.geomspace(2.0, 20.0, 6)
+    force = np.geomspace(2.0, 20.0, 3)
     direct = sweep(scene.packing, force=force, media=("ala", "afa", "ema"), width=[1e-6, 2e-6])
     assert saved.identical(direct)
     for width, packing in ((1e-6, gp.Uniform(1e-6)), (2e-6, gp.Uniform(2e-6))):
@@ -339,8 +352,8 @@ def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
         one = saved.sel(medium="ema", width=width)
         np.testing.assert_array_equal(one["longitudinal"], gp.sound_velocities(state).longitudinal)
     got = summary("new/out")
-    assert got["sizes"] == {"load": 6, "medium": 3, "width": 2}
-    assert (got["states"], got["medium"]) == (36, ["ala", "afa", "ema"])
+    assert got["sizes"] == {"load": 3, "medium": 3, "width": 2}
+    assert (got["states"], got["medium"]) == (18, ["ala", "afa", "ema"])
     assert got["force"] == [2.0, 20.0]
     assert got["longitudinal"] == [
         float(direct["longitudinal"].min()),
@@ -350,9 +363,8 @@ def test_a_sweep_is_the_data_set_of_the_library(work, capsys):
     assert got["valid"] is False
     told = [f"granphon: warning: {text}" for text in got["warnings"]]
     assert err.splitlines() == told
-    assert told[0].startswith("granphon: warning: ala, width = 1e-06 m: ala is not reliable below ")
+    assert told[0].startswith("granphon: warning: ala, width = 1e-06 m: ")
     assert set(got["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf"}
-    assert (work / "new" / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
 
 
 def result_material(result: RunResult) -> gp.Material:
@@ -367,20 +379,20 @@ def result_material(result: RunResult) -> gp.Material:
 
 def test_a_parameter_with_one_value_makes_a_sweep_of_one(work):
     text = SWEEP.replace("[1 um, 2 um]", "[2 um]").replace(
-        "{from: 2 N, to: 20 N, points: 6}", "3 N"
+        "{from: 2 N, to: 20 N, points: 3}", "3 N"
     )
     text = text.replace("[ala, afa, ema]", "ema")
-    result = Scene.from_text(text).run("out")
-    assert listed(work / "out") == ALL
+    result = Scene.from_text(text).run("out", figures=False)
+    assert listed(work / "out") == NUMBERS
     assert result.dataset["longitudinal"].shape == (1, 1, 1)
     assert result.summary()["sizes"] == {"load": 1, "medium": 1, "width": 1}
-    with pytest.raises(InputError, match=r"that of a sweep.*Take its dataset"):
+    with pytest.raises(InputError, match=r"sweep.*dataset"):
         _ = result.state
 
 
 def test_finite_overlap_and_bands_reach_a_sweep(work):
     text = SWEEP.replace("{uniform: 2.04 um}", "{uniform: 2.04 um}, finite_overlap: true").replace(
-        "points: 6", "points: 2"
+        "points: 3", "points: 2"
     )
     text += (
         "observe: [velocities, bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_labels: Gamma K,"
@@ -399,10 +411,8 @@ def test_finite_overlap_and_bands_reach_a_sweep(work):
 
 
 def test_a_sweep_over_two_parameters_has_a_figure_of_both(work):
-    result = Scene.from_text(SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")).run(
-        "out"
-    )
-    assert "sweep.png" in listed(work / "out")
+    text = SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")
+    result = Scene.from_text(text).run("out", figures=False)
     texts = [text.get_text() for text in gp.plot(result).legends[0].get_texts()]
     assert (
         sum("W = 1 µm" in text for text in texts)
@@ -457,7 +467,7 @@ def test_force_never_replaces_what_the_run_reads(work, capsys):
     before = measured_scene(work)
     for words in (["-o", "."], ["-o", ".", "--force"], ["-o", str(work), "--force"]):
         assert main(["run", "scene.yaml", *words]) == 1
-        assert "is read by this run, and would be overwritten" in capsys.readouterr().err
+        assert "is read" in capsys.readouterr().err
     assert (work / "scene.yaml").read_bytes() + (work / "diameters.csv").read_bytes() == before
     assert listed(work) == {"scene.yaml", "diameters.csv"}
 
@@ -470,7 +480,7 @@ def test_a_result_that_is_read_again_is_not_removed_as_old(work):
     )
     again = Scene.from_yaml("again.yaml")
     assert [path.name for path in again.origin.inputs] == ["again.yaml", "diameters.csv"]
-    with pytest.raises(FileExistsInRunError, match="is read by this run"):
+    with pytest.raises(FileExistsInRunError, match="is read"):
         again.run("out", force=True)
     swept = Scene.from_text(
         SWEEP.replace("width: [1 um, 2 um]", "spread: [{measured: out/diameters.csv}]")
@@ -481,19 +491,19 @@ def test_a_result_that_is_read_again_is_not_removed_as_old(work):
 def test_a_folder_has_one_run_at_a_time(work, capsys):
     with ResultFiles("out", ["x"]).open():
         assert main(["run", "scene.yaml", "-o", "out"]) == 1
-    assert "another run is writing into out" in capsys.readouterr().err
+    assert "writing into out" in capsys.readouterr().err
     assert not (work / "out").exists()
     Scene.from_text(ONE).run("out")
     with ResultFiles(
         "out", [], force=True
     ).open():  # nor is a figure drawn beside a result that is being written
         assert main(["plot", "out", "--force"]) == 1
-    assert "another run is writing into out" in capsys.readouterr().err
+    assert "writing into out" in capsys.readouterr().err
     # the working folder is named by its path
     (work / "scene.yaml").rename(work / "one.yaml")
     with ResultFiles(".", ["x"]).open():
         assert main(["run", "one.yaml", "-o", "."]) == 1
-    assert f"another run is writing into {work.resolve()}. Two runs" in capsys.readouterr().err
+    assert f"writing into {work.resolve()}" in capsys.readouterr().err
     (work / "summary.yaml").write_text("mine")
     assert main(["run", "one.yaml", "-o", "."]) == 1
     assert f"{work.resolve()} already holds summary.yaml" in capsys.readouterr().err
@@ -520,7 +530,7 @@ def test_a_figure_that_fails_is_a_warning_and_the_numbers_are_there(work, capsys
     assert set(written["files"]) == listed(work / "out")
     assert main(["plot", "out"]) == 1
     out, err = capsys.readouterr()
-    assert err.startswith("granphon: error: bands.png could not be drawn")
+    assert err.startswith("granphon: error: bands.png ")
     assert err.count("\n") == 1
 
 
@@ -532,7 +542,7 @@ FIT = "force (N),velocity (m/s)\n" + "".join(
 @pytest.mark.parametrize(
     ("words", "numbers"),
     [
-        (("run", "scene.yaml", "-o", "out", "-q"), "dos.csv"),
+        pytest.param(("run", "scene.yaml", "-o", "out", "-q"), "dos.csv", marks=pytest.mark.slow),
         pytest.param(
             ("fit", "scene.yaml", "data.csv", "-o", "out"), "fit.yaml", marks=pytest.mark.exhaustive
         ),
@@ -555,29 +565,55 @@ def test_settings_that_keep_matplotlib_from_being_imported_leave_the_numbers(wor
 
     done = granphon(*words)
     assert done.returncode == 0
-    (told,) = [line for line in done.stderr.splitlines() if "could not be drawn" in line]
-    assert told.startswith("granphon: warning: ")
-    assert "matplotlib cannot be imported" in told
-    assert str(work / "rc") in told
+    (warning,) = [line for line in done.stderr.splitlines() if "drawn" in line]
+    assert warning.startswith("granphon: warning: ")
+    assert str(work / "rc") in warning
     assert "Traceback" not in done.stderr
     assert (work / "out" / numbers).is_file()
     assert not list((work / "out").glob("*.png"))
     if words[0] == "run":
         done = granphon("plot", "out")
         assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-        assert done.stderr.startswith("granphon: error: matplotlib cannot be imported: ")
+        assert done.stderr.startswith("granphon: error: matplotlib ")
 
 
-def test_a_result_of_another_kind_is_replaced_as_a_whole(work, whole):
+def test_settings_that_keep_matplotlib_from_being_imported_are_named(work):
+    (work / "rc").write_bytes(b"\xff\xfe\x00")
+    done = subprocess.run(
+        [sys.executable, "-c", "import granphon.figures.scales"],
+        env=os.environ | {"MATPLOTLIBRC": str(work / "rc")},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    error = done.stderr.splitlines()[-1]
+    assert "FigureError" in error
+    assert str(work / "rc") in error
+
+
+#: kinds of scenes with their files and pictures
+KINDS_OF_RESULTS = {
+    "samples": (SAMPLES, {*NUMBERS, "sample.extxyz"}, {"forces.png"}),
+    "one state": (ONE, NUMBERS, set()),
+    "sweep": (SWEEP, NUMBERS, {"sweep.png"}),
+}
+
+
+@pytest.mark.parametrize(
+    ("kinds", "figures"),
+    [
+        (["samples"], False),
+        (["one state"], False),
+        pytest.param([*KINDS_OF_RESULTS], True, marks=pytest.mark.slow),
+    ],
+)
+def test_a_result_of_another_kind_is_replaced_as_a_whole(work, whole, kinds, figures):
     shutil.copytree(whole, "out")
-    for text, files in (
-        (SAMPLES, {*NUMBERS, "sample.extxyz", "forces.png"}),
-        (ONE, NUMBERS),
-        (SWEEP, ALL),
-    ):
-        Scene.from_text(text).run("out", force=True)
-        assert listed(work / "out") == files
-        assert set(RESULT_FILES) >= files
+    for kind in kinds:
+        text, files, pictures = KINDS_OF_RESULTS[kind]
+        Scene.from_text(text).run("out", force=True, figures=figures)
+        assert listed(work / "out") == (files | pictures if figures else files)
+        assert set(RESULT_FILES) >= files | pictures
 
 
 # -- side by side, and cut off ---------------------------------------------------------------------
@@ -612,45 +648,28 @@ def test_a_worker_that_cannot_be_started_is_an_error(work, monkeypatch, capsys):
     monkeypatch.setattr("multiprocessing.process.BaseProcess.start", start)
     assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 1
     out, err = capsys.readouterr()
-    told = "worker process 1 cannot be started: no more processes. Take fewer --workers."
-    assert (out, err) == ("", f"granphon: error: {told}\n")
+    assert (out, err.count("\n")) == ("", 1)
+    for words in ("process 1 ", "no more processes", "--workers"):
+        assert words in err
     assert listed(work) == {"scene.yaml"}
-
-
-def fail_to_converge():
-    from scipy.sparse.linalg import ArpackNoConvergence
-
-    raise ArpackNoConvergence("none", np.zeros(0), np.zeros(0))
 
 
 def test_errors_come_back_from_workers_as_they_are():
     with Workers(2) as executor:
         assert list(executor.map(math.sqrt, [4.0, 9.0])) == [2.0, 3.0]
-        with pytest.raises(ValueError, match="math domain error") as caught:
+        with pytest.raises(ValueError, match="domain") as caught:
             executor.submit(math.sqrt, -1.0).result()
         assert "Traceback" in str(caught.value.__cause__)  # that of the worker process
         with pytest.raises(pickle.PicklingError, match="pickle"):  # what cannot come back
             executor.submit(eval, "lambda: 0").result()
-        with pytest.raises(RuntimeError, match=r"ArpackNoConvergence: .*none"):
+        with pytest.raises(RuntimeError, match=r"UnpicklableError: .*none"):
             # an error that cannot
-            executor.submit(fail_to_converge).result()
+            executor.submit(raise_unpicklable).result()
         with pytest.raises((AttributeError, pickle.PicklingError), match="local object"):
             # what cannot go there
             executor.submit(lambda: 0).result()
         assert executor.submit(abs, -1).result() == 1
     assert not multiprocessing.active_children()
-
-
-def end_within_a_result():
-    """End this process by force when half of the result is on its way."""
-    from multiprocessing.connection import Connection
-
-    def write_half(pipe, data):
-        os.write(pipe.fileno(), bytes(data[: len(data) // 2]))
-        os.kill(os.getpid(), signal.SIGKILL)
-
-    Connection._send = write_half
-    return bytes(1000)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals")
@@ -665,7 +684,9 @@ def test_a_worker_that_is_killed_in_the_middle_of_its_result_holds_nothing_up():
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize("moment", ["Process.start", "Process.kill"])
+@pytest.mark.parametrize(
+    "moment", ["Process.start", pytest.param("Process.kill", marks=pytest.mark.slow)]
+)
 def test_an_interruption_while_workers_come_and_go(work, monkeypatch, capsys, moment):
     before = signal.getsignal(signal.SIGTERM)
     name = moment.removeprefix("Process.")
@@ -682,10 +703,8 @@ def test_an_interruption_while_workers_come_and_go(work, monkeypatch, capsys, mo
     assert signal.getsignal(signal.SIGTERM) is before
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
-    told = (
-        "no result was written." if name == "start" else "out holds the whole result of this scene."
-    )
-    assert err == f"granphon: error: interrupted; {told}\n"
+    assert err.startswith("granphon: error: interrupted")
+    assert ("whole result" in err) == (name == "kill")
     assert listed(work) == {"scene.yaml"} | ({"out"} if name == "kill" else set())
 
 
@@ -718,10 +737,7 @@ def test_a_file_that_is_missing_is_named(work, whole, capsys):
     for option in ([], ["--resume"]):
         assert main(["run", "scene.yaml", "-o", "out", *option]) == 1
         err = capsys.readouterr().err
-        assert (
-            "sweep.png, but not sweep.csv, which granphon wrote there too. An existing result"
-            in err
-        )
+        assert "but not sweep.csv" in err
     assert (
         main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q", "--no-figures"]) == 0
     )
@@ -735,7 +751,7 @@ def test_a_file_that_is_missing_is_named(work, whole, capsys):
     [
         (
             SWEEP.replace("20 N", "21 N").replace("7840", "7841"),
-            "differ: force[1] is 3.16978638492",
+            "force[1] is 6.32455",
         ),
         (ONE, "other work"),
     ],
@@ -753,7 +769,7 @@ def test_another_scene_does_not_discard_what_a_sweep_has_finished(
         assert main(["run", "other.yaml", "-o", "out", *option]) == 1
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
-        for words in ("out/.granphon-sweep holds the finished part of other work", told, "--force"):
+        for words in ("out/.granphon-sweep ", told, "--force"):
             assert words in err
         assert {
             path: path.read_bytes() for path in (work / "out").rglob("*") if path.is_file()
@@ -776,32 +792,32 @@ def test_a_complete_folder_is_left_as_it_is(work, whole, monkeypatch, capsys):
     begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
     for scene, folder in (("scene.yaml", "out"), ("one.yaml", "single")):
         assert main(["run", scene, "-o", folder, "--resume"]) == 0
-        assert capsys.readouterr() == (
-            f"{folder} is complete: it holds the results of this scene. Nothing was computed.\n",
-            "",
-        )
+        out, err = capsys.readouterr()
+        assert out.startswith(f"{folder} is complete")
+        assert (out.count("\n"), err) == (1, "")
         assert main(["run", scene, "-o", folder, "--resume", "-q"]) == 0
         assert capsys.readouterr() == ("", "")
         assert main(["run", scene, "-o", folder]) == 1
         assert "already holds" in capsys.readouterr().err
-    scene = Scene.from_yaml("scene.yaml")
-    result = scene.run("out", resume=True)
-    assert result.dataset.identical(scene.sweep())
+    result = Scene.from_yaml("scene.yaml").run("out", resume=True)
+    assert not begun
+    assert result.dataset.identical(load_sweep(whole / "sweep.nc"))
     assert {path.name for path in result.files} == ALL
-    del begun[:]  # that was the comparison
-    # another scene, or what another version has made, is not this scene's result
+    assert {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in before} == before
+
+
+def test_a_complete_folder_of_another_scene_or_version_is_not_this_scenes(work, whole, monkeypatch):
+    shutil.copytree(whole, "out")
+    (work / "one.yaml").write_text(ONE)
+    before = {path: path.read_bytes() for path in (work / "out").iterdir()}
+    begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
     (work / "other.yaml").write_text(SWEEP.replace("20 N", "21 N"))
     assert main(["run", "other.yaml", "-o", "out", "--resume"]) == 1
     assert main(["run", "one.yaml", "-o", "out", "--resume"]) == 1
-    assert {path: path.read_bytes() for path in before} == {
-        path: data for path, (data, _) in before.items()
-    }
     monkeypatch.setattr("granphon.scene.scene.packages", lambda: {"granphon": "0.0.9"})
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     assert not begun
-    assert {path: path.stat().st_mtime_ns for path in before} == {
-        path: time for path, (_, time) in before.items()
-    }
+    assert {path: path.read_bytes() for path in before} == before
 
 
 def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch, capsys):
@@ -843,9 +859,9 @@ def test_a_sweep_that_cannot_be_written_is_not_computed_again(
     # the finished tasks and nothing else
     assert listed(work / "out") == {WORK_FILE}
     begun = interrupted_after(0, monkeypatch, error)
-    assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q", "--no-figures"]) == 0
     assert not begun
-    assert listed(work / "out") == ALL
+    assert listed(work / "out") == NUMBERS
     assert load_sweep("out/sweep.nc").identical(load_sweep(whole / "sweep.nc"))
 
 
@@ -870,7 +886,10 @@ if __name__ == "__main__":
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGKILL"])
+@pytest.mark.parametrize(
+    "kind",
+    ["SIGKILL", *(pytest.param(name, marks=pytest.mark.slow) for name in ("SIGINT", "SIGTERM"))],
+)
 @pytest.mark.claim("machines-lost")
 def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, kind):
     # more tasks than are under way
@@ -906,8 +925,9 @@ def test_workers_end_with_the_command_and_what_they_have_finished_is_kept(work, 
         assert err == ""  # nothing is said of semaphores left behind
     else:
         assert running.returncode == 130
-        kept = "The finished parts are kept: run the same command again to continue."
-        assert err == f"granphon: error: interrupted; no result was written. {kept}\n"
+        assert err.startswith("granphon: error: interrupted")
+        assert "kept" in err
+        assert err.count("\n") == 1
     # it may be killed while it writes
     assert listed(work / "out") - {f"{WORK_FILE}-journal"} == {WORK_FILE}
     with pytest.MonkeyPatch.context() as patch:
@@ -942,9 +962,9 @@ sys.exit(main())
 @pytest.mark.parametrize(
     ("moment", "which", "code", "told"),
     [
-        ("granphon.cli.commands", "SIGINT", 130, "interrupted."),
-        ("typer", "SIGTERM", 130, "interrupted."),
-        ("granphon.scene.scene", "SIGINT", 130, "interrupted; no result was written."),
+        ("granphon.cli.commands", "SIGINT", 130, "interrupted"),
+        ("typer", "SIGTERM", 130, "interrupted"),
+        pytest.param("granphon.scene.scene", "SIGINT", 130, "interrupted", marks=pytest.mark.slow),
         ("end", "SIGTERM", 2, None),
     ],
 )
@@ -953,7 +973,7 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
     command = [sys.executable, "moment.py", "check", "scene.yaml" if told else "not there.yaml"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (code, "", 1)
-    assert told is None or done.stderr == f"granphon: error: {told}\n"
+    assert told is None or done.stderr.startswith(f"granphon: error: {told}")
 
 
 @pytest.mark.parametrize(
@@ -985,7 +1005,8 @@ def test_an_interruption_after_the_exchange_says_that_the_result_is_there(
         patch.setattr(places[name], name, then)
         assert main(["run", "scene.yaml", "-o", "out", "--no-figures"]) == 130
     err = capsys.readouterr().err.splitlines()[-1]
-    assert err == "granphon: error: interrupted; out holds the whole result of this scene."
+    assert err.startswith("granphon: error: interrupted; out ")
+    assert "whole" in err
     assert main(["run", "scene.yaml", "-o", "out", "--no-figures", "--resume"]) == 0
     assert "out is complete" in capsys.readouterr().out
 
@@ -998,21 +1019,17 @@ def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
     run = ["run", "scene.yaml", "-q", "--no-figures", "-o"]
     assert main([*run, "whole"]) == 0
     with monkeypatch.context() as patch:
-        interrupted_after(2, patch, KeyboardInterrupt())
+        interrupted_after(1, patch, KeyboardInterrupt())
         assert main([*run, "out"]) == 130
-    kept = "The finished parts are kept: run the same command again to continue."
-    assert (
-        capsys.readouterr().err.splitlines()[-1]
-        == f"granphon: error: interrupted; no result was written. {kept}"
-    )
-    assert (listed(work / "out"), count_parts(work / "out")) == ({WORK_FILE}, 2)
+    assert "kept" in one_error(capsys)
+    assert (listed(work / "out"), count_parts(work / "out")) == ({WORK_FILE}, 1)
     (work / "other.yaml").write_text((work / "scene.yaml").read_text().replace("3 N", "4 N"))
     assert main(["run", "other.yaml", "-o", "out", "-q"]) == 1
-    assert "They differ: force[0] is 3.0 there, and 4.0 here" in capsys.readouterr().err
+    assert re.search(r"force\[0\] is 3\.0 .*4\.0 ", capsys.readouterr().err)
     with monkeypatch.context() as patch:
         begun = interrupted_after(99, patch, KeyboardInterrupt())
         assert main([*run, "out"]) == 0
-    assert [where.rpartition(", ")[2] for where in begun] == ["seed 2", "seed 3"]
+    assert [where.rpartition(", ")[2] for where in begun] == ["seed 1"]
     for name in listed(work / "whole"):
         assert (work / "out" / name).read_bytes() == (work / "whole" / name).read_bytes()
 
@@ -1024,17 +1041,13 @@ def test_what_is_no_mistake_in_the_scene_is_not_told_as_one(work, capsys):
     (work / "scene.yaml").write_text(SAMPLES)
     with full_disk():
         assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 1
-    told = (
-        "out/.granphon-sweep cannot be written: No space left on device. What was finished before"
-        " is kept. Free some space"
-    )
-    assert capsys.readouterr().err.startswith(
-        f"granphon: error: {told}, and run the same command again."
-    )
+    error = one_error(capsys)
+    assert error.startswith("out/.granphon-sweep ")
+    assert "No space left" in error
     assert not (work / "out").exists()
     (work / "scene.yaml").write_text(SAMPLES.replace("force: 3 N", "overlap: -1.05 um"))
     assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 2
-    assert "found '-1.05 um'; allowed: a load that the balls can carry" in capsys.readouterr().err
+    assert "'-1.05 um'" in one_error(capsys)
 
 
 HISTORY = ", seed: 5, friction_history: true, friction_coefficient: 0.3, step_tolerance: 1"
@@ -1045,7 +1058,7 @@ HISTORY = ", seed: 5, friction_history: true, friction_coefficient: 0.3, step_to
     [
         ("", "samples: 1"),
         ("finite_overlap: true, ", ", geometry: exact"),
-        ("", HISTORY + ", shear_response: partial_slip"),
+        pytest.param("", HISTORY + ", shear_response: partial_slip", marks=pytest.mark.slow),
         pytest.param(
             "finite_overlap: true, ", HISTORY + ", geometry: exact", marks=pytest.mark.exhaustive
         ),
@@ -1057,8 +1070,8 @@ HISTORY = ", seed: 5, friction_history: true, friction_coefficient: 0.3, step_to
 def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
     from granphon.runs.dataset import SweepRun
 
-    text = SAMPLES.replace("samples: 4", medium if "samples" in medium else "samples: 2" + medium)
-    text = text.replace("shape: 8 8, ", "") if "shape" in medium else text.replace("8 8", "4 4")
+    text = SAMPLES.replace("samples: 2", medium if "samples" in medium else "samples: 2" + medium)
+    text = text.replace("shape: 4 4, ", "") if "shape" in medium else text
     text = (
         text.replace(", spread: {uniform: 2.04 um}", "")
         if packing == "equal"
@@ -1112,7 +1125,7 @@ def test_what_is_damaged_is_not_complete(work, whole, capsys, name, damage):
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
-    assert f"out already holds {name}: granphon wrote it, and it has been changed since" in err
+    assert f"out already holds {name}: " in err
 
 
 # -- check and plot --------------------------------------------------------------------------------
@@ -1126,11 +1139,11 @@ def test_check_describes_a_sweep(work, capsys):
         "2.04 um\n",
         "2 N to 20 N\n",
         "averaged lattice, averaged force, effective medium\n",
-        "6 loads x 3 media x 2 values of width = 36 states",
+        "3 loads x 3 media x 2 values of width = 18 states",
         "scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png",
     ):
         assert expected in out
-    assert "granphon: warning: ala, width = 1e-06 m: ala is not reliable below " in err
+    assert "granphon: warning: ala, width = 1e-06 m: " in err
     assert listed(work) == {"scene.yaml"}
 
 
@@ -1152,14 +1165,16 @@ def test_many_warnings_are_cut_short(work, capsys):
     assert lines[-1] == "granphon: warning: and 5 more"
 
 
-def test_plot_draws_a_sweep_again(work, whole, capsys):
+def test_plot_draws_a_sweep_again(work, whole):
     shutil.copytree(whole, "out")
-    (work / "out" / "sweep.png").unlink()
-    assert main(["plot", "out"]) == 0
-    assert (work / "out" / "sweep.png").read_bytes().startswith(b"\x89PNG")
-    drawn = redraw("out", "contacts.png", variable="contact_fraction").read_bytes()
+    assert main(["plot", "out", "--variable", "contact_fraction", "-o", "contacts.png"]) == 0
+    drawn = (work / "contacts.png").read_bytes()
+    assert drawn.startswith(b"\x89PNG")
     assert drawn != (work / "out" / "sweep.png").read_bytes()
-    capsys.readouterr()
+
+
+def test_what_cannot_be_plotted_is_one_line(work, whole, capsys):
+    shutil.copytree(whole, "out")
     for words, found in (
         (["--variable", "contact_fracton"], "no variable 'contact_fracton'"),
         (["--asymptotes"], "holds a sweep"),

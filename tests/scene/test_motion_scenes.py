@@ -73,18 +73,20 @@ def chain(force, layers, speed, time, frames, **words):
 
 
 @pytest.mark.claim("solitary-wave")
-def test_a_solitary_wave_through_a_scene(tmp_path):
+@pytest.mark.parametrize("layers", [40, pytest.param(80, marks=pytest.mark.slow)])
+def test_a_solitary_wave_through_a_scene(layers, tmp_path):
     """V = 0.90553 d A^(1/3) m^(-1/2) F_m^(1/6), from the summary and the table of contacts."""
-    one = chain("1 nN", 80, "0.1 m/s", "2 ms", 2001)
-    result = one.run(tmp_path, figures=False)
+    tested = chain("1 nN", layers, "0.1 m/s", f"{25 * layers} us", 25 * layers + 1)
+    result = tested.run(tmp_path, figures=False)
     table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)
-    force = table["greatest_force_N"][40]
-    state = one.state()
+    force = table["greatest_force_N"][layers // 2]
+    state = tested.state()
     numbers = result.summary()
     coefficient = state.force / state.overlap**1.5
     wanted = 0.90553 * 8e-3 * coefficient ** (1 / 3) * state.packing.mass**-0.5 * force ** (1 / 6)
     assert_allclose([numbers["front_velocity"], numbers["peak_velocity"]], wanted, rtol=1e-4)
-    rise = np.polyfit(table["peak_s"][20:60], table["distance_m"][20:60], 1)[0]
+    middle = slice(layers // 4, 3 * layers // 4)
+    rise = np.polyfit(table["peak_s"][middle], table["distance_m"][middle], 1)[0]
     assert_allclose(rise, wanted, rtol=1e-4)
     assert (
         numbers["greatest_force"] == table["greatest_force_N"].max()
@@ -100,13 +102,19 @@ def test_a_solitary_wave_through_a_scene(tmp_path):
 
 @pytest.mark.claim("solitary-wave")
 @pytest.mark.parametrize(
-    ("speed", "low", "high"), [(None, 1.045, 1.055), ("0.12 m/s", 1.5, 2.0), ("0.3 m/s", 2.5, 4.5)]
+    ("layers", "speed", "low", "high"),
+    [
+        (80, "0.3 m/s", 2.5, 4.5),
+        pytest.param(140, None, 1.045, 1.055, marks=pytest.mark.slow),
+        pytest.param(140, "0.12 m/s", 1.5, 2.0, marks=pytest.mark.slow),
+        pytest.param(140, "0.3 m/s", 2.5, 4.5, marks=pytest.mark.slow),
+    ],
 )
-def test_pulses_of_a_pressed_chain_through_scenes(speed, low, high, tmp_path):
+def test_pulses_of_a_pressed_chain_through_scenes(layers, speed, low, high, tmp_path):
     """V/c of the long-wave theory at r = F_m/F_0, within 0.5 %; a weak pulse is sent by the
     displacement of its soliton.
     """
-    one = chain("10 N", 140, speed or "1 m/s", "1.7 ms", 851)
+    one = chain("10 N", layers, speed or "1 m/s", f"{12 * layers} us", 6 * layers + 1)
     sound = gp.sound_velocities(one.state()).longitudinal
     overlap = one.state().overlap
     if speed is None:
@@ -134,7 +142,7 @@ def test_pulses_of_a_pressed_chain_through_scenes(speed, low, high, tmp_path):
         one = gp.Scene.from_text(text.replace("'", ""))
     result = one.run(tmp_path, figures=False)
     table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)
-    r = table["greatest_force_N"][60] / 10.0
+    r = table["greatest_force_N"][3 * layers // 7] / 10.0
     wanted = np.sqrt(4.0 / 15.0 * (3.0 + 2.0 * r ** (5.0 / 3.0) - 5.0 * r ** (2.0 / 3.0))) / (
         r ** (2.0 / 3.0) - 1.0
     )
@@ -142,42 +150,54 @@ def test_pulses_of_a_pressed_chain_through_scenes(speed, low, high, tmp_path):
     assert_allclose(result.summary()["peak_velocity"] / sound, wanted, rtol=5e-3)
 
 
-def test_a_single_state_has_its_balls_tables_and_a_figure(tmp_path):
+def test_a_single_state_has_its_balls_and_tables(tmp_path):
     one = scene(PLANE, DRIVE="{balls: 2, impact: 0.2 m/s, direction: 0 1}")
-    result = one.run(tmp_path)
+    result = one.run(tmp_path, figures=False)
     files = {path.name for path in result.files}
-    assert {"motion.nc", "motion.csv", "motion_contacts.csv", "motion.png"} <= files
+    assert {"motion.nc", "motion.csv", "motion_contacts.csv"} <= files
     network = one.state().network.repeat((5, 1)).cut(1, 4, ("floor", "free"))
     velocities = np.zeros((network.n_balls, 3))
     velocities[2, 1] = 0.2
     waves = gp.NonlinearWaves(network, friction_coefficient=0.3, damping=1e-6)
     assert result.waves.motion == waves.run(4e-5, velocities=velocities, frames=21)
     table = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", names=True)
-    parts = [table[f"motion_{name}_J"] for name in ("translation", "rotation", "stored", "lost")]
-    assert_allclose(np.sum(parts, axis=0), table["motion_supplied_J"], rtol=2e-3)
-    assert result.summary()["energy_lost"] == parts[3][-1] > 0.0
+    energies = [table[f"motion_{name}_J"] for name in ("translation", "rotation", "stored", "lost")]
+    assert_allclose(np.sum(energies, axis=0), table["motion_supplied_J"], rtol=2e-3)
+    assert result.summary()["energy_lost"] == energies[3][-1] > 0.0
+    assert gp.Scene.from_text(one.to_yaml()) == one
+    assert gp.Scene.from_yaml(tmp_path / "scene.yaml") == one
+
+
+@pytest.mark.slow
+def test_a_single_state_has_a_figure(tmp_path):
+    one = scene(PLANE, DRIVE="{balls: 2, impact: 0.2 m/s, direction: 0 1}")
+    result = one.run(tmp_path)
+    assert "motion.png" in {path.name for path in result.files}
     assert redraw(tmp_path, force=True).name == "motion.png"
     # and not velocities
     assert 'id="balls"' in redraw(tmp_path, tmp_path / "other.svg").read_text()
     assert len(gp.plot(result).axes) == 5
-    again = gp.Scene.from_text(one.to_yaml())
-    assert again == one
-    assert gp.Scene.from_yaml(tmp_path / "scene.yaml") == one
+
+
+def test_the_figure_of_a_single_state_is_drawn_from_its_files(tmp_path):
+    chain("10 N", 4, "0.1 m/s", "20 us", 5).run(tmp_path, figures=False)
+    assert redraw(tmp_path, tmp_path / "other.svg").stat().st_size > 5000
 
 
 def test_balls_that_may_go_anywhere_by_steps_that_keep_the_energy(tmp_path):
     """Block ``motion`` reaches the true directions and the implicit scheme; both are those of the
     call.
     """
-    text = PLANE.replace("frames: 21", "frames: 5\n  geometry: exact\n  scheme: midpoint")
+    text = PLANE.replace("frames: 21", "frames: 3\n  geometry: exact\n  scheme: midpoint")
+    text = text.replace("repeat: 5 1", "repeat: 2 1").replace("duration: 40 us", "duration: 8 us")
     one = scene(text, DRIVE="{balls: 2, impact: 2 m/s, direction: 0 1}")
     result = one.run(tmp_path, figures=False)
-    network = one.state().network.repeat((5, 1)).cut(1, 4, ("floor", "free"))
+    network = one.state().network.repeat((2, 1)).cut(1, 4, ("floor", "free"))
     velocities = np.zeros((network.n_balls, 3))
     velocities[2, 1] = 2.0
     waves = gp.NonlinearWaves(network, friction_coefficient=0.3, damping=1e-6, geometry="exact")
     assert result.waves.motion == waves.run(
-        4e-5, velocities=velocities, frames=5, scheme="midpoint"
+        8e-6, velocities=velocities, frames=3, scheme="midpoint"
     )
     numbers = result.summary()
     kept = sum(numbers[f"energy_{name}"] for name in ("translation", "rotation", "stored", "lost"))
@@ -197,16 +217,15 @@ def test_balls_that_have_met_are_in_the_table_of_contacts(tmp_path):
     assert_allclose(table["greatest_force_N"], motion.peaks()[1])
 
 
-def test_a_sweep_has_the_numbers_of_single_runs(tmp_path):
-    loads = chain("[1 N, 20 N]", 30, "0.1 m/s", "0.5 ms", 401)
-    data = loads.run(tmp_path).dataset
-    assert {"sweep.png", "motion.png", "motion.csv"} <= {path.name for path in tmp_path.iterdir()}
+@pytest.mark.parametrize(
+    ("layers", "time", "figures"),
+    [(12, "0.2 ms", False), pytest.param(30, "0.5 ms", True, marks=pytest.mark.slow)],
+)
+def test_a_sweep_has_the_numbers_of_single_states(layers, time, figures, tmp_path):
+    loads = chain("[1 N, 20 N]", layers, "0.1 m/s", time, 401)
+    data = loads.run(tmp_path, figures=figures).dataset
     for index, force in enumerate(("1 N", "20 N")):
-        alone = (
-            chain(force, 30, "0.1 m/s", "0.5 ms", 401)
-            .run(tmp_path / force[:2], figures=False)
-            .dataset
-        )
+        alone = chain(force, layers, "0.1 m/s", time, 401).sweep()
         for name in (
             "front_velocity",
             "peak_velocity",
@@ -215,25 +234,27 @@ def test_a_sweep_has_the_numbers_of_single_runs(tmp_path):
             "motion_force",
         ):
             np.testing.assert_array_equal(data[name].values[index], alone[name].values[0])
-    assert redraw(tmp_path, tmp_path / "motion.pdf").exists()
-    assert draw_sweep(data, "sweep.png").axes[0].get_ylabel() == "Peak velocity (m/s)"
+    files = {path.name for path in tmp_path.iterdir()}
+    assert "motion.csv" in files
+    assert ({"sweep.png", "motion.png"} <= files) == figures
+    if figures:
+        assert redraw(tmp_path, tmp_path / "motion.pdf").exists()
+        assert draw_sweep(data, "sweep.png").axes[0].get_ylabel() == "Peak velocity (m/s)"
 
 
 def test_what_diffuses_has_no_velocity(tmp_path):
     """Dashpots that are far stronger than springs let the force diffuse, t ~ x^2: no front is read
     from that.
     """
-    one = chain("10 N", 20, "1 mm/s", "0.02 ms", 201)
+    one = chain("10 N", 12, "1 mm/s", "0.01 ms", 101)
     text = re.sub(r"(\n  damping: ).*", r"\g<1>1 ms", one.to_yaml())
     data = gp.Scene.from_text(text).run(tmp_path, figures=False).dataset
     assert "front_velocity" not in data
-    assert "no straight line" in data.attrs["warnings"]
+    assert "straight" in data.attrs["warnings"]
 
 
-def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):
-    """A force over time, from a table or as lists, and a displacement of the floor; the work is
-    what the balls have.
-    """
+def test_a_force_pushes_and_tables_give_the_work(tmp_path):
+    """A force over time, from a table or as lists; the work is what the balls have."""
     times = np.linspace(0.0, 2e-5, 51)
     push = 3.0 * np.sin(np.pi * times / 2e-5) ** 2
     (tmp_path / "push.csv").write_text(
@@ -251,6 +272,9 @@ def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):
     numbers = result.summary()
     kept = sum(numbers[f"energy_{name}"] for name in ("translation", "rotation", "stored", "lost"))
     assert_allclose(kept, numbers["energy_supplied"], rtol=2e-3)
+
+
+def test_a_shaken_floor_moves_the_balls(tmp_path):
     floor = scene(
         PLANE,
         DRIVE="{balls: lower, shaker: {amplitude: 20 nm, frequency: 50 kHz, ramp: 1}, direction: 0"
@@ -270,20 +294,20 @@ def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):
     [
         ("hertz", gp.Hertz()),
         ("{power: {exponent: 2, coefficient: 1e12}}", gp.PowerLaw(2.0, 1e12)),
-        ("{dmt: {adhesion: 0.5 J/m^2}}", None),
+        pytest.param("{dmt: {adhesion: 0.5 J/m^2}}", None, marks=pytest.mark.slow),
         ("{A A: hertz, A B: {jkr: {adhesion: 9 J/m^2}}, B B: hertz}", None),
     ],
 )
 def test_crystals_move_by_their_own_law(law, same, tmp_path):
-    one = scene(CRYSTAL, LAW=law)
+    one = scene(CRYSTAL.replace("0.5 ms", "0.2 ms"), LAW=law)
     motion = one.run(tmp_path / "run", figures=False).waves.motion
     crystal = one.packing.crystal
     network = one.state().network.cut(0, 10)
     velocities = np.zeros((20, 3))
     velocities[0, 0] = 0.1
-    assert motion == gp.NonlinearWaves(network, crystal).run(5e-4, velocities=velocities)
+    assert motion == gp.NonlinearWaves(network, crystal).run(2e-4, velocities=velocities)
     if same is not None:
-        found = gp.NonlinearWaves(network, same).run(5e-4, velocities=velocities)
+        found = gp.NonlinearWaves(network, same).run(2e-4, velocities=velocities)
         assert_allclose(motion.forces, found.forces, rtol=1e-9, atol=1e-9)
     own = crystal.law_of(0, 1)[0]
     moved = motion.displacements[:, :, 0]
@@ -294,8 +318,8 @@ def test_crystals_move_by_their_own_law(law, same, tmp_path):
     assert not np.any((motion.forces != 0.0) & (overlap < own.least_overlap * (1.0 + 1e-6)))
 
 
-@pytest.mark.parametrize("edges", ["free", "clamped free"])
-def test_what_repeats_nowhere_moves_and_responds(edges, tmp_path):
+@pytest.mark.parametrize("edges", ["free", pytest.param("clamped free", marks=pytest.mark.slow)])
+def test_what_repeats_nowhere_moves_and_responds(edges):
     """A chain that is cut in the crystal, under two loads, with the law of the crystal."""
     text = CRYSTAL.replace(
         "motions:", f"cut: {{axis: 0, layers: 5, edges: {edges}}}, motions:"
@@ -304,7 +328,7 @@ def test_what_repeats_nowhere_moves_and_responds(edges, tmp_path):
     text = text.replace("[motion]", "[motion, response]")
     text += "response: {frequencies: [1 kHz, 2 kHz], source: 9 x, receiver: 4 x}\n"
     one = scene(text, LAW="{power: {exponent: 2, coefficient: 1e12}}")
-    data = one.run(tmp_path).dataset
+    data = one.sweep()
     state = one.packing.crystal.at_force([5.0, 10.0])[1]
     assert not any(state.network.pbc)
     velocities = np.zeros((10, 3))
@@ -315,7 +339,7 @@ def test_what_repeats_nowhere_moves_and_responds(edges, tmp_path):
     assert_allclose(data["greatest_force"].values[1, 0], motion.forces.max(), rtol=1e-12)
     response = gp.Waves(state.network).response([1e3, 2e3], [(9, "x")], [(4, "x")])
     assert_allclose(data["receptance"].values[1, 0], np.abs(response.values), rtol=1e-12)
-    with pytest.raises(SceneError, match="'bands' of what repeats nowhere"):
+    with pytest.raises(SceneError, match="'bands'"):
         scene(text.replace("[motion, response]", "[bands]"), LAW="hertz")
 
 
@@ -324,9 +348,9 @@ def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
         "repeat: 5 1\n  cut: {axis: 1, layers: 4, edges: floor free}", "cut: {axis: 1, layers: 1}"
     )
     text = text.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 1 um}")
-    text += "medium: {simulation: {shape: 6 8, samples: 2}}\n"
+    text += "medium: {simulation: {shape: 4 6, samples: 2}}\n"
     one = scene(text, DRIVE="{balls: lower, impact: 0.1 m/s, direction: 0 1}")
-    result = one.run(tmp_path)
+    result = one.run(tmp_path, figures=False)
     numbers = result.summary()
     assert numbers["greatest_force_error"] > 0.0
     peaks = [
@@ -336,8 +360,7 @@ def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
                 .replace("samples: 2", "samples: 1")
                 .replace("seed: 0", f"seed: {seed}")
             )
-            .run(tmp_path / str(seed), figures=False)
-            .dataset["greatest_force"]
+            .sweep()["greatest_force"]
             .item()
         )
         for seed in (0, 1)
@@ -361,35 +384,35 @@ def test_a_clamped_layer_of_several_balls_is_moved_as_a_whole():
 @pytest.mark.parametrize(
     ("drive", "said"),
     [
-        ("{balls: 2}", "balls alone; allowed: exactly one of impact, shaker, force, displacement"),
+        ("{balls: 2}", "balls alone"),
         ("{balls: 2, impact: 1 m/s, force: push.csv}", "impact and force"),
-        ("{balls: 99, impact: 1 m/s}", "indices of balls, 0 to 20, each once"),
-        ("{balls: lower, impact: 1 m/s}", "an impact on a body that is held"),
+        ("{balls: 99, impact: 1 m/s}", "0 to 20"),
+        ("{balls: lower, impact: 1 m/s}", "impact .* held"),
         (
             "{balls: lower, force: {time: [0 s, 1 us], force: [0 N, 1 N]}}",
-            "a force acts on a body that is held",
+            "force .* held",
         ),
         (
             "[{balls: 2, shaker: {amplitude: 1 um, frequency: 1 kHz}}, {balls: 2, impact: 1 m/s}]",
-            "a body that is held or displaced",
+            "held or displaced",
         ),
-        ("{balls: 2, impact: 1 m/s, direction: 0 0 1}", "Balls move along x and y only"),
+        ("{balls: 2, impact: 1 m/s, direction: 0 0 1}", "x and y only"),
         (
             "{balls: 2, shaker: {amplitude: 1 nm, frequency: 1 THz}}",
-            "A period would have fewer than 10 steps",
+            "fewer than 10",
         ),
         ("{balls: middle, impact: 1 m/s}", "lower, upper"),
         ("{balls: 2, impact: 1 kg}", "velocity"),
         ("{balls: 2, impact: 1 m/s, direction: 0 0}", "not all zero"),
         (
             "{balls: 2, force: {time: [10.1 us, 10.2 us, 10.3 us], force: [0 N, 9 N, 0 N]}}",
-            "the table of a drive are lost",
+            "lost",
         ),
         ("{balls: 2, shaker: {amplitude: 1 um}}", "frequency"),
         ("{balls: 2, force: {time: [0 s, -1 us], force: [0 N, 1 N]}}", "negative"),
-        ("{balls: 2, force: {time: [1 us, 0 s], force: [0 N, 1 N]}}", "each after the one before"),
+        ("{balls: 2, force: {time: [1 us, 0 s], force: [0 N, 1 N]}}", "before"),
         ("{balls: 2, force: {time: [0 s, 1 us], force: [0 N]}}", "each with a value"),
-        ("{balls: 2, force: none.csv}", "a table with the columns time and force"),
+        ("{balls: 2, force: none.csv}", "time and force"),
         ("[]", "an empty list"),
     ],
 )
@@ -434,15 +457,13 @@ def test_an_impact_beyond_hertz_law_is_noted(tmp_path):
         TIME="20 us",
         FRAMES="11",
     ).run(tmp_path, figures=False)
-    assert any(
-        "the radius of a contact is" in one and "in the motion" in one for one in result.warnings
-    )
+    assert any("radius" in one and "motion" in one for one in result.warnings)
 
 
 def test_a_ball_that_flies_away_ends_the_run(tmp_path):
-    with pytest.raises(ConvergenceError, match="a ball has left its place"):
+    with pytest.raises(ConvergenceError, match="left"):
         chain("1 N", 4, "40 m/s", "2 ms", 11).run(tmp_path)
-    with pytest.raises(SceneError, match="motion with a block 'motion'"):
+    with pytest.raises(SceneError, match="'motion'"):
         gp.Scene.from_text(CHAIN[: CHAIN.index("motion:\n")].replace("FORCE", "1 N"))
 
 
@@ -450,7 +471,7 @@ def test_a_check_refuses_more_steps_than_a_run_makes():
     found = scene(
         PLANE.replace("duration: 40 us", "duration: 1 h"), DRIVE="{balls: 2, impact: 0.2 m/s}"
     )
-    with pytest.raises(InputError, match=r"motion: the run takes .* steps"):
+    with pytest.raises(InputError, match=r"motion: .* steps"):
         found.cost()
 
 
@@ -465,5 +486,5 @@ def test_a_wave_that_is_not_through_has_no_velocity(tmp_path):
             tmp_path, figures=False
         )
     assert "front_velocity" not in found.dataset
-    assert any("the front velocity is not known" in one for one in found.warnings)
+    assert any("front velocity" in one for one in found.warnings)
     assert not [one for one in said if "Polyfit" in str(one.message)]

@@ -66,7 +66,7 @@ def respond(network, **more):
 
 def test_the_driven_chain_has_its_closed_form(tmp_path):
     one = scene(CHAIN, FORCE="20 N")
-    result = one.run(tmp_path)
+    result = one.run(tmp_path, figures=False)
     network = one.state().network
     found = complex_of(result.dataset, "transmissibility")[0, 0]
     rate = np.sqrt(network.normal_stiffness[0] / network.masses[0])
@@ -78,35 +78,40 @@ def test_the_driven_chain_has_its_closed_form(tmp_path):
         exact = (np.cos((20.5 - place) * t) / floor).real
         assert_allclose(found[:, column], exact, rtol=1e-9, atol=1e-10 * np.max(np.abs(exact)))
     assert FREQUENCIES[-1] > rate / np.pi
-    # files, figures, and the scene that was run
-    assert {"response.csv", "response.png"} <= {path.name for path in result.files}
+    # files, and the scene that was run
+    assert "response.csv" in {path.name for path in result.files}
     table = np.genfromtxt(tmp_path / "response.csv", delimiter=",", names=True)
     assert_allclose(table["transmissibility_1"], np.abs(found).ravel(), rtol=1e-15)
     assert load_sweep(tmp_path / "sweep.nc").identical(result.dataset)
-    assert redraw(tmp_path, force=True).name == "response.png"
     assert gp.plot(result).axes[0].get_ylabel() == "Transmissibility (dB)"
     assert gp.Scene.from_text(one.to_yaml()) == one
 
 
-def test_a_sweep_over_loads_has_the_numbers_of_python_and_a_map(tmp_path):
-    forces = np.geomspace(2.0, 128.0, 3)
-    text = CHAIN.replace("quantity:", "loss_factor: 0.02\n  quantity:")
-    one = scene(text, FORCE="{from: 2 N, to: 128 N, points: 3}")
-    result = one.run(tmp_path)
-    found = complex_of(result.dataset, "transmissibility")[:, 0]
-    crystal = one.packing.crystal
-    for force, values in zip(forces, found, strict=True):
-        own = crystal.at_force(force).network.cut(0, 20, ("floor", "free"))
-        assert_allclose(values, respond(own, loss_factor=0.02).values, rtol=1e-12)
+LOSSY = CHAIN.replace("quantity:", "loss_factor: 0.02\n  quantity:")
+
+
+def test_a_sweep_over_loads_has_the_numbers_of_python():
+    swept = scene(LOSSY, FORCE="[2 N, 128 N]")
+    found = complex_of(swept.sweep(), "transmissibility")[:, 0]
+    networks = [
+        swept.packing.crystal.at_force(force).network.cut(0, 20, ("floor", "free"))
+        for force in (2.0, 128.0)
+    ]
+    for network, values in zip(networks, found, strict=True):
+        assert_allclose(values, respond(network, loss_factor=0.02).values, rtol=1e-12)
     # Hertz: frequencies go as f^(1/6), so that twice the frequency has the response at 64 times the
     # load
-    again = gp.Scene.from_text(
-        one.to_yaml().replace("400.0 Hz", "800.0 Hz").replace("14000.0 Hz", "28000.0 Hz")
+    doubled = gp.Scene.from_text(
+        swept.to_yaml().replace("400.0 Hz", "800.0 Hz").replace("14000.0 Hz", "28000.0 Hz")
     )
-    doubled = complex_of(again.run(tmp_path / "again", figures=False).dataset, "transmissibility")[
-        :, 0
-    ]
-    assert_allclose(doubled[-1], found[0], rtol=1e-8)
+    again = complex_of(doubled.sweep(), "transmissibility")[:, 0]
+    assert_allclose(again[-1], found[0], rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_sweep_over_loads_has_a_map(tmp_path):
+    result = scene(LOSSY, FORCE="{from: 2 N, to: 128 N, points: 3}").run(tmp_path)
+    assert "response.png" in {path.name for path in result.files}
     assert redraw(tmp_path, tmp_path / "response.pdf").name == "response.pdf"
 
 
@@ -118,57 +123,59 @@ crystal: {lattice: chain}
 load: {force: 20 N}
 observe: [response, motion]
 response:
-  frequencies: {from: 50 Hz, to: 11 kHz, points: 1500, scale: linear}
+  frequencies: {from: 50 Hz, to: 11 kHz, points: POINTS, scale: linear}
   source: plane
-  receiver: 39 x
+  receiver: BALL x
   damping: 1 us
   quantity: transmissibility
-  cut: {axis: 0, layers: 20, edges: floor floor}
+  cut: {axis: 0, layers: LAYERS, edges: floor floor}
 motion:
   duration: 100 us
   frames: 11
-  cut: {axis: 0, layers: 20, edges: floor floor}
+  cut: {axis: 0, layers: LAYERS, edges: floor floor}
   drive: {balls: 0, impact: 1 um/s}
 """
 
 
 @pytest.mark.claim("floor")
-@pytest.mark.claim("response-peaks")
 def test_the_floor_is_one_in_response_in_motion_and_in_the_crystal(tmp_path):
-    one = gp.Scene.from_text(TWO_KINDS)
-    result = one.run(tmp_path, figures=False)
-    network = one.packing.crystal.cut(0, 20, "floor").at_force(20.0).network
-    frequencies = np.linspace(50.0, 11e3, 1500)
+    chain = scene(TWO_KINDS, LAYERS="5", POINTS="100", BALL="9")
+    result = chain.run(tmp_path, figures=False)
+    network = chain.packing.crystal.cut(0, 5, "floor").at_force(20.0).network
     expected = gp.Waves(network).response(
-        frequencies, "plane", (39, "x"), damping=1e-6, quantity="transmissibility"
+        np.linspace(50.0, 11e3, 100), "plane", (9, "x"), damping=1e-6, quantity="transmissibility"
     )
     assert_allclose(result.dataset["transmissibility"].values[0, 0], expected.magnitude, rtol=1e-9)
     motion = result.waves.motion
-    floor = int(
-        np.flatnonzero((motion.network.i == 0) & np.isinf(motion.network.radii[motion.network.j]))[
-            0
-        ]
-    )
+    is_floor = (motion.network.i == 0) & np.isinf(motion.network.radii[motion.network.j])
+    (floor,) = np.flatnonzero(is_floor)[:1]
     change = motion.forces[:, floor] - motion.forces[0, floor]
     moved = np.abs(motion.displacements[:, 0, 0]) > 1e-12
-    own = network.normal_stiffness[(network.i == 0) & np.isinf(network.radii[network.j])]
+    (stiffness,) = network.normal_stiffness[(network.i == 0) & np.isinf(network.radii[network.j])]
     assert np.any(moved)
-    assert_allclose(change[moved] / -motion.displacements[moved, 0, 0], own[0], rtol=1e-4)
-    # the highest peak is narrower than the step, and told in full: as frequencies close to each
-    # other have it
-    numbers = result.summary()
+    assert_allclose(change[moved] / -motion.displacements[moved, 0, 0], stiffness, rtol=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.claim("response-peaks")
+def test_a_peak_that_is_narrower_than_the_step_is_told_in_full(tmp_path):
+    """As frequencies close to each other have it."""
+    chain = scene(TWO_KINDS, LAYERS="20", POINTS="1500", BALL="39")
+    numbers = chain.run(tmp_path, figures=False).summary()
+    network = chain.packing.crystal.cut(0, 20, "floor").at_force(20.0).network
+    frequencies = np.linspace(50.0, 11e3, 1500)
     near = numbers["peak_frequency"] * (1.0 + np.linspace(-1e-3, 1e-3, 2001))
-    dense = (
+    coarse, dense = (
         gp.Waves(network)
-        .response(near, "plane", (39, "x"), damping=1e-6, quantity="transmissibility")
+        .response(places, "plane", (39, "x"), damping=1e-6, quantity="transmissibility")
         .magnitude
+        for places in (frequencies, near)
     )
     assert_allclose(numbers["peak_transmissibility"], dense.max(), rtol=1e-5)
     assert_allclose(numbers["peak_frequency"], near[np.argmax(dense)], rtol=2e-6)
-    assert numbers["peak_transmissibility"] > 1.2 * expected.magnitude.max()
-    assert numbers["peaks"]["39 x"][0]["quality"] > 2.0 * numbers["peak_frequency"] / (
-        frequencies[1] - frequencies[0]
-    )
+    assert numbers["peak_transmissibility"] > 1.2 * coarse.max()
+    step = frequencies[1] - frequencies[0]
+    assert numbers["peaks"]["39 x"][0]["quality"] > 2.0 * numbers["peak_frequency"] / step
 
 
 def test_a_peak_that_is_not_resolved_has_no_height(tmp_path):
@@ -177,7 +184,7 @@ def test_a_peak_that_is_not_resolved_has_no_height(tmp_path):
     assert "peak_transmissibility" not in lossless.summary()
     assert any("narrower" in text for text in lossless.warnings)
     text = ARRAY.replace(
-        "[2 kHz, 5 kHz, 9 kHz]", "{from: 1 kHz, to: 12 kHz, points: 60, scale: linear}"
+        "[2 kHz, 5 kHz, 9 kHz]", "{from: 1 kHz, to: 12 kHz, points: 40, scale: linear}"
     )
     text = text.replace("[2 us, 1 us]\n  loss_factor: 0.01", "0 us\n  loss_factor: 1e-4")
     samples = scene(text, FORCE="20 N").run(tmp_path / "samples", figures=False)
@@ -218,11 +225,11 @@ def test_a_mode_by_itself_has_its_closed_form():
     )
 
 
-def test_samples_are_averaged_with_their_standard_error(tmp_path):
+def test_samples_are_averaged_with_their_standard_error():
     one = scene(ARRAY, FORCE="[20 N, 40 N]")
-    result = one.run(tmp_path)
-    found = complex_of(result.dataset, "mobility")[..., 0]
-    error = result.dataset["mobility_error"].values[..., 0]
+    data = one.sweep()
+    found = complex_of(data, "mobility")[..., 0]
+    error = data["mobility_error"].values[..., 0]
     every = []
     for sample in one.cases[0].case.medium.of(one.packing).at_force(40.0).samples:
         waves = gp.Waves(sample.network.cut(1, 1, "free"))
@@ -247,23 +254,22 @@ def test_a_lattice_that_is_cut_has_the_response_of_its_medium(tmp_path):
 
 def test_a_sweep_that_was_cut_off_goes_on(tmp_path):
     one = scene(
-        CHAIN.replace("load:", "sweep: {S.young_modulus: [150 GPa, 193 GPa, 210 GPa]}\nload:"),
+        CHAIN.replace("load:", "sweep: {S.young_modulus: [150 GPa, 210 GPa]}\nload:"),
         FORCE="20 N",
     )
-    whole = one.run(tmp_path / "whole", figures=False).dataset
+    whole = one.sweep()
     with pytest.raises(KeyboardInterrupt):
-        one.run(tmp_path / "parts", figures=False, progress=Meter(stop=2))
+        one.run(tmp_path / "parts", figures=False, progress=Meter(stop=1))
     rest = Meter()
     assert one.run(tmp_path / "parts", figures=False, progress=rest).dataset.identical(whole)
-    assert ("sweep", 3) in rest.steps
-    assert one.run(tmp_path / "parts", figures=False, resume=True).dataset.identical(whole)
+    assert ("sweep", 2) in rest.steps
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         (("response:\n", "direction: [1]\nvelocity:\n"), "velocity"),
-        (("source: plane", "source: 3 x"), "ball 3 of the source moves.*infinite mass"),
+        (("source: plane", "source: 3 x"), "ball 3 .*source"),
         (
             (
                 "source: plane\n  receiver: [19 x, 0 x]\n  quantity: transmissibility",
@@ -280,7 +286,7 @@ def test_a_sweep_that_was_cut_off_goes_on(tmp_path):
         (("source: plane", "source: plane\n  loss_factor: -0.1"), "zero or above"),
         (("source: plane", "source: plane\n  loss_factor: [0.1, 0.1, 0.1]"), "of normal motion"),
         (("receiver: [19 x, 0 x]", "receiver: 77 x"), "77"),
-        (("receiver: [19 x, 0 x]", "receiver: 7 y"), "Balls move along x only"),
+        (("receiver: [19 x, 0 x]", "receiver: 7 y"), "along x only"),
         (("receiver: [19 x, 0 x]", "receiver: 7"), "such as 12 x"),
         (("receiver: [19 x, 0 x]", "receiver: [7 x, 7 x]"), "once"),
         (("quantity: transmissibility", "quantity: transmission"), "transmissibility"),

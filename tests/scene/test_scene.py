@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
@@ -21,6 +21,7 @@ from granphon.phonons.paths import BandPath
 from granphon.scene.file import write_preset
 from granphon.scene.rules import SCALES, space_evenly
 from granphon.scene.scene import Scene
+from tests import conftest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PRESETS = Path(gp.__file__).parent / "data"
@@ -494,7 +495,7 @@ def test_an_error_of_a_value_within_a_range_is_placed_at_the_range():
     # the second of them is the first that is refused
     with pytest.raises(
         SceneError,
-        match=r"4: sweep\.width: found value 2 of 3 from '1 um' to '40 mm'; allowed: a value",
+        match=r"4: sweep\.width: .*2 of 3 .*'40 mm'",
     ):
         Scene.from_text(
             BALLS + "sweep: {width: {from: 1 um, to: 40 mm, points: 3, scale: linear}}\n",
@@ -504,7 +505,7 @@ def test_an_error_of_a_value_within_a_range_is_placed_at_the_range():
 
 def test_other_errors_of_a_sweep_are_their_own(tmp_path):
     scene = Scene.from_text(LISTED)
-    with pytest.raises(InputError, match=r"^sweep\.csv does not end in \.nc"):
+    with pytest.raises(InputError, match=r"^sweep\.csv .*\.nc"):
         scene.sweep(path="sweep.csv")
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError):
@@ -527,11 +528,10 @@ def test_what_makes_no_sweep(packing):
     load = Load("force", (1.0, 2.0))
     with pytest.raises(
         InputError,
-        match=r"found .dos.; allowed: dos of one state, or of arrays that a medium: simulation"
-        r" makes",
+        match=r"found .dos\.",
     ):
         Scene(packing, load, observe=("dos",))
-    with pytest.raises(InputError, match="found 'bands' with a sweep over lattice"):
+    with pytest.raises(InputError, match="found 'bands'"):
         Scene(packing, load, observe=("bands",), parameters={"lattice": ["kagome"]})
     with pytest.raises(InputError, match=r"no parameter 'widht'.*width"):
         Scene(packing, load, parameters={"widht": [1.0]})
@@ -540,9 +540,7 @@ def test_what_makes_no_sweep(packing):
 def test_a_scene_that_no_file_can_hold(packing):
     rng = np.random.default_rng(0)
     scene = Scene(packing, Load("force", rng.uniform(1.0, 2.0, 20_000)))
-    with pytest.raises(
-        InputError, match=r"kB as a text; a scene file holds 100 kB\. Give long lists as a range"
-    ):
+    with pytest.raises(InputError, match="100 kB"):
         scene.to_yaml()
     ranged = Scene(packing, Load("force", space_evenly(1.0, 2.0, 200_000, "log")))
     assert len(ranged.to_yaml()) < 1000
@@ -588,13 +586,11 @@ def test_zero_and_below_where_they_are_allowed():
     for text in ("0 um", "-0.0 um", "0e9 m"):
         assert WIDTH.read(text) == LOADS["overlap"].read(text) == 0.0
     assert LOADS["overlap"].read("-0.1 um") == -1e-7
-    with pytest.raises(
-        Refused, match=r"which is negative; allowed: a length, zero or above, with its unit"
-    ):
+    with pytest.raises(Refused, match=r"negative.*length"):
         WIDTH.read("-1 um")
-    with pytest.raises(Refused, match=r"which is tensile .*; allowed: a force above zero"):
+    with pytest.raises(Refused, match=r"tensile.*force"):
         LOADS["force"].read("-1 N")
-    with pytest.raises(Refused, match=r"; allowed: a length with its unit"):
+    with pytest.raises(Refused, match="length"):
         LOADS["overlap"].read("-1e-330 m")
 
 
@@ -675,9 +671,7 @@ def test_a_quantity_is_the_float_nearest_to_what_is_written(number, unit):
     ],
 )
 def test_what_is_no_length(text):
-    with pytest.raises(
-        Refused, match=r"^found .*; allowed: a length above zero with its unit, such as '8 mm'"
-    ):
+    with pytest.raises(Refused, match=r"^found .*length .*'8 mm'"):
         LENGTH.read(text)
 
 
@@ -807,6 +801,7 @@ def scenes(draw: st.DrawFn) -> Scene:
 
 
 @pytest.mark.claim("files-all-digits")
+@settings(max_examples=conftest.EXAMPLES // 3)
 @given(scenes())
 def test_a_written_scene_is_the_same_scene_to_the_last_bit(scene):
     again = Scene.from_text(scene.to_yaml())
@@ -860,9 +855,7 @@ def test_values_that_a_load_does_not_take(steel):
             Load(*arguments)
     with pytest.raises(InputError, match="whole number"):
         Load("side_force", 1.0, 0)
-    with pytest.raises(
-        InputError, match=r"the load has the shape \(1, 1\). Give one number, or a list"
-    ):
+    with pytest.raises(InputError, match=r"shape \(1, 1\)"):
         Scene(gp.Packing(steel, 8e-3), Load("force", [[1.0]]))
     with pytest.raises(InputError, match="hexagon"):
         Scene(gp.Packing(steel, 8e-3, lattice="square"), Load("side_force", 990.0, 31))
@@ -975,33 +968,37 @@ SIMULATED = FULL.replace(
 )
 
 
+def places_outside_comments(text):
+    """Indices of the characters that count."""
+    places = []
+    start = 0
+    for line in text.split("\n"):
+        code = f"{line}\n".partition("#")[0]
+        places.extend(range(start, min(start + len(code), len(text))))
+        start += len(line) + 1
+    return places
+
+
 @pytest.mark.parametrize("name", ["steel_hexagon", "swept", "simulated"])
 def test_mutated_scenes_are_read_or_refused(name):
     ours = {"swept": SWEPT, "simulated": SIMULATED}
     base = ours[name] if name in ours else write_preset(name)
     rng = random.Random(f"a {name}")
     messages = []
-    for _ in range(250):
+    for _ in range(120):
         text = base
         for _ in range(rng.randint(1, 3)):
-            # of the text that counts, not of the comments
-            spots = [
-                i for i, c in enumerate(text) if "#" not in text[text.rfind("\n", 0, i) + 1 : i + 1]
-            ]
-            at = rng.choice(spots or [0])
+            start = rng.choice(places_outside_comments(text) or [0])
             length = rng.choice([0, 0, 1, 2, 5, 20])
-            text = (
-                text[:at]
-                + rng.choice([*PIECES, chr(rng.randrange(1, 0x3000))])
-                + text[at + length :]
-            )
+            piece = rng.choice([*PIECES, chr(rng.randrange(1, 0x3000))])
+            text = text[:start] + piece + text[start + length :]
         try:
             scene = Scene.from_text(text, "mutant.yaml")
         except SceneError as error:
             messages.append(str(error))
         else:
             assert Scene.from_text(scene.to_yaml()) == scene
-    assert 60 < len(messages) < 250
+    assert 30 < len(messages) < 120
     for message in messages:
         assert message.startswith("mutant.yaml:")
         assert "\n" not in message
@@ -1066,12 +1063,10 @@ def test_of_very_many_packings_the_ends_are_looked_at(medium):
 def test_the_first_value_that_a_packing_cannot_have_is_named():
     with pytest.raises(
         SceneError,
-        match=r"<scene>:4: sweep.width.2: found '17 mm'; allowed: a value that the packing",
+        match=r"<scene>:4: sweep.width.2: found '17 mm'",
     ):
         Scene.from_text(BALLS + "sweep: {width: [1 um, 2 um, 17 mm, 18 mm, 3 um]}\n")
-    with pytest.raises(
-        SceneError, match=r"<scene>:4: sweep: width = 0.01 m, diameter = 0.004 m: the smallest ball"
-    ):
+    with pytest.raises(SceneError, match=r"<scene>:4: sweep: width = 0.01 m, diameter = 0.004 m: "):
         Scene.from_text(BALLS + "sweep: {width: [1 um, 10 mm, 2 um], diameter: [8 mm, 4 mm]}\n")
 
 
@@ -1115,9 +1110,7 @@ def test_what_needs_more_memory_than_is_available_is_refused_before_anything_is_
 ):
     scene = Scene.from_text(text)
     memory(4e8)
-    with pytest.raises(
-        SceneError, match=f"<scene>:{words}.*this machine has 0.4 GB of memory available. Take "
-    ):
+    with pytest.raises(SceneError, match=f"<scene>:{words}.*0.4 GB"):
         scene.run(tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -1146,7 +1139,7 @@ def test_what_takes_longer_than_any_run_is_refused_before_anything_is_done(
     memory(math.inf)
     with pytest.raises(
         SceneError,
-        match="<scene>:" + words % "and no run may take more than 10,000 days on one processor",
+        match="<scene>:" + words % "10,000 days",
     ):
         scene.run(tmp_path / "out")
     assert not (tmp_path / "out").exists()
