@@ -1,20 +1,12 @@
-"""The accuracy of each medium: its measured relative error at a load, from a table that comes with
-the package.
+"""The measured relative error of each medium at a load, from a table that comes with the package.
 
-``tests/benchmarks/accuracy.py`` makes the table, ``granphon/data/accuracy.json``. It compares the
-media with large samples of the disordered array. Each row of the table belongs to a lattice, a
-friction, a kind of distribution, a kind of load and a medium, and has an error for each reduced
-load: the largest relative error of the sound velocities and of the scale of frequencies
-(k/M)^(1/2), at that load or any higher one, of all distributions that were tried. To the errors a
-margin is added for what lies between these distributions and loads. The row of a simulation has the
-standard deviation of one ball instead; the error of a sample falls as the root of the number of its
-balls.
-
-The friction is that of the arrays that the media are compared with: at rest without friction, with
-contacts that resist slip under sound ("slip") or not ("none"), or loaded with a friction
-coefficient of 0.1 or more, by their response to sound ("stick", "slide", "partial_slip").
-
-On a line all contacts carry the same force, so that every medium is exact there.
+``tests/benchmarks/accuracy.py`` makes the table, ``granphon/data/accuracy.json``, from large
+samples of the disordered array. A row belongs to a lattice, the friction of the arrays, a kind of
+distribution, a kind of load and a medium. A row has for each reduced load the largest error of the
+sound velocities and of the scale of frequencies (k/M)^(1/2), at that load or any higher one; the
+row of a simulation has the standard deviation of one ball. The friction of arrays at rest is "none"
+or "slip": whether their contacts resist slip under sound. That of arrays loaded with friction is
+their response to sound.
 """
 
 from __future__ import annotations
@@ -35,7 +27,6 @@ from granphon.balls.loads import Load
 from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
 from granphon.media.loading import REST, FrictionHistory, reduce_load
 
 #: the media of the table, the cheapest first
@@ -43,21 +34,13 @@ AVERAGES = ("ala", "afa", "ema")
 SIMULATION = "simulation"
 #: number of standard deviations of a sample that count as the expected error of a simulation
 DEVIATIONS = 1.9
-#: schema number of the file
-_SCHEMA = 4
 
 
 @cache
 def read_table() -> Mapping[str, Any]:
     """Read the table that comes with the package, once."""
-    table: dict[str, Any] = json.loads(
-        (files("granphon") / "data" / "accuracy.json").read_text(encoding="utf-8")
-    )
-    if table["schema"] != _SCHEMA:
-        raise InputError(
-            f"accuracy.json has schema {table['schema']}, not {_SCHEMA}",
-            mend="Install granphon anew",
-        )
+    path = files("granphon") / "data" / "accuracy.json"
+    table: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return table
 
 
@@ -90,54 +73,37 @@ def explain_uncovered(packing: Packing, truth: FrictionHistory = REST) -> str | 
             f"none were measured on the {packing.structure.name} lattice{against}; they were on"
             f" these: {lattices}"
         )
-    if packing.structure.periods == 2 and packing.motions not in (None, IN_PLANE.name):
-        return "the errors are those of balls that move in the plane alone"
-    if packing.torsion or packing.bending:
-        return "the errors are those of contacts that resist neither twist nor rolling"
-    skewness, kurtosis = (
-        compute_form_coefficients(packing.spread.shape) if packing.spread else (0.0, 0.0)
-    )
+    shape = packing.spread.shape if packing.spread else None
+    skewness, kurtosis = compute_form_coefficients(shape) if shape else (0.0, 0.0)
     most = rows["most"]
-    if abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"]:
-        return (
-            f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis"
-            f" {kurtosis:.3g}; skewness is known up to {most['skewness']:.3g}, excess kurtosis up"
-            f" to {most['kurtosis']:.3g}"
-        )
-    return _explain_friction(packing.mindlin_ratio, truth, rows) if truth.is_loaded else None
-
-
-def _explain_friction(
-    mindlin_ratio: float, truth: FrictionHistory, rows: Mapping[str, Any]
-) -> str | None:
-    """Return the reason why errors against arrays loaded with this friction are not known."""
-    low, high = rows["mindlin_ratios"]
-    coefficient = truth.friction_coefficient
-    if mindlin_ratio == 0.0:
-        return "the balls resist no slip, so that no friction loads them"
-    if not low * (1.0 - 1e-9) <= mindlin_ratio <= high * (1.0 + 1e-9):
-        known = f"Mindlin ratios from {low:.3g} to {high:.3g}, not for {mindlin_ratio:.3g}"
-    elif coefficient is not None and coefficient < rows["friction_coefficient"]:
+    is_out_of_plane = packing.structure.periods == 2 and packing.motions not in (
+        None,
+        IN_PLANE.name,
+    )
+    reasons = {
+        "the errors are those of balls that move in the plane alone": is_out_of_plane,
+        "the errors are those of contacts that resist neither twist nor rolling": bool(
+            packing.torsion or packing.bending
+        ),
+        f"the distribution of diameters has skewness {skewness:.3g} and excess kurtosis"
+        f" {kurtosis:.3g}; they are known up to {most['skewness']:.3g} and"
+        f" {most['kurtosis']:.3g}": abs(skewness) > most["skewness"] or kurtosis > most["kurtosis"],
+    }
+    if truth.friction_coefficient is not None:
+        low, high = rows["mindlin_ratios"]
+        eta = packing.mindlin_ratio
         least = rows["friction_coefficient"]
-        known = f"friction coefficients from {least:g} on, not for {coefficient:g}"
-    elif truth.shear_response not in rows["errors"]:
-        responses = " and ".join(rows["errors"])
-        known = f"shear_response {responses} on this lattice, not for {truth.shear_response}"
-    else:
-        return None
-    return f"against arrays loaded with friction they were measured for {known}"
-
-
-def find_least_load(packing: Packing, kind: str, truth: FrictionHistory = REST) -> float:
-    """Return the least load from which errors are known: a* for the kind "overlap", f* for the
-    others.
-
-    It is zero where every medium is exact.
-    """
-    rows = find_rows(packing.structure, truth)
-    if rows is None or not packing.spread_matters:
-        return 0.0
-    return float(rows["loads"]["overlap" if kind == "overlap" else "force"][0])
+        measured = "against arrays loaded with friction they were measured for"
+        reasons |= {
+            f"{measured} Mindlin ratios from {low:.3g} to {high:.3g}, not for {eta:.3g}": not (
+                low * (1.0 - 1e-9) <= eta <= high * (1.0 + 1e-9)
+            ),
+            f"{measured} friction coefficients from {least:g} on, not for"
+            f" {truth.friction_coefficient:g}": truth.friction_coefficient < least,
+            f"{measured} shear_response {' and '.join(rows['errors'])} on this lattice, not for"
+            f" {truth.shear_response}": truth.shear_response not in rows["errors"],
+        }
+    return next((reason for reason, applies in reasons.items() if applies), None)
 
 
 def find_error(
@@ -147,11 +113,10 @@ def find_error(
     load.
 
     ``medium`` is one of :data:`AVERAGES`, or :data:`SIMULATION` for samples of the ``truth`` with
-    so many ``balls`` in all. The error is zero for equal balls and on a line, and +inf for packings
-    and truths that the table does not cover and below its least load. Above the greatest load of
-    the table the error falls as the square of the spread over the overlap, which is the law of high
-    loads; against arrays that respond with partial slip, whose contacts are softer by |T|/(3 mu f),
-    it falls as the spread over the overlap.
+    so many ``balls`` in all. The error is zero for equal balls and on a line, where every medium is
+    exact, and +inf for what the table does not cover. Above the greatest load of the table the
+    error falls as the square of the spread over the overlap, the law of high loads; with partial
+    slip, whose contacts are softer by |T|/(3 mu f), as the first power.
     """
     if not packing.spread_matters:
         return np.zeros(load.shape)
@@ -159,10 +124,12 @@ def find_error(
     if rows is None or explain_uncovered(packing, truth) is not None:
         return np.full(load.shape, np.inf)
     axis = "overlap" if load.kind == "overlap" else "force"
-    friction = "slip" if packing.mindlin_ratio else "none"
-    if truth.is_loaded:
-        friction = truth.shear_response
-    diameters = _classify(packing.spread.shape if packing.spread else None)
+    at_rest = "slip" if packing.mindlin_ratio else "none"
+    friction = truth.shear_response if truth.is_loaded else at_rest
+    shape = packing.spread.shape if packing.spread else None
+    is_normal = isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0
+    # errors of listed diameters peak where the contacts between two of the diameters open
+    diameters = "smooth" if is_normal or isinstance(shape, UniformShape) else "listed"
     loads = np.array(rows["loads"][axis])
     errors = np.array(rows["errors"][friction][diameters][axis][medium])
     reduced = np.maximum(reduce_load(packing, load), 0.0)
@@ -181,9 +148,11 @@ def find_error(
     return np.asarray(np.where(reduced >= loads[0], error, np.inf))
 
 
-def _classify(shape: Shape | None) -> str:
-    """Return the kind of a distribution in the table: errors of listed diameters peak where the
-    contacts between two of the diameters open.
+def find_least_load(packing: Packing, load: Load, truth: FrictionHistory = REST) -> float:
+    """Return the least a* of loads given as overlaps, or else f*, from which errors are known; zero
+    where every medium is exact.
     """
-    is_normal = isinstance(shape, NormalShape) and 2.0 <= shape.cutoff <= 6.0
-    return "smooth" if is_normal or isinstance(shape, UniformShape) else "listed"
+    rows = find_rows(packing.structure, truth)
+    if rows is None or not packing.spread_matters:
+        return 0.0
+    return float(rows["loads"]["overlap" if load.kind == "overlap" else "force"][0])

@@ -79,18 +79,14 @@ SIDES = {
 class AutoMedium(Medium[ContactState]):
     """The first medium whose expected error is within a tolerance.
 
-    The media are, in this order: the averaged lattice, the averaged force, the effective medium
-    (unless a list of diameters makes it slow), and simulations of one sample (seed 0) of more and
-    more balls, up to 1024 x 1024 on the triangular lattice, and to a cube of 96 diameters in fcc
-    and hcp. At high load the averaged lattice is taken, and below the load where the averages fail
-    an array of as many balls as the tolerance needs.
-
-    Errors are relative errors of velocities and frequencies at the given load, from
-    :mod:`granphon.media.accuracy`. They are measured against simulated arrays, the :attr:`truth`:
-    at rest without friction or, with ``friction_history``, loaded with friction from the default
-    start. The expected error of a simulation is 1.9 standard deviations of a sample. ``at_*`` take
-    scalars or arrays, and return the state of the first medium that is accurate enough at all of
-    these loads; :meth:`choose` chooses for each load.
+    At high load that is the averaged lattice, then the averaged force, then the effective medium
+    (unless a list of diameters makes it slow), and below the load where these fail a simulation of
+    one sample (seed 0) of as many balls as the tolerance needs: up to 1024 x 1024 on the triangular
+    lattice, and a cube of 96 diameters in fcc and hcp. Errors are relative errors of velocities and
+    frequencies, from :mod:`granphon.media.accuracy`, against simulated arrays, the :attr:`truth`.
+    The expected error of a simulation is 1.9 standard deviations of a sample. ``at_*`` take scalars
+    or arrays, and return the state of the first medium that is accurate enough at all of these
+    loads; :meth:`choose` chooses for each load.
 
     Parameters
     ----------
@@ -105,12 +101,8 @@ class AutoMedium(Medium[ContactState]):
     ------
     InputError : a tolerance that is not between 1e-12 and 0.99; a history without a friction
         coefficient, or the reverse. From ``at_*`` and :meth:`choose`: a load at which no medium is
-        within the tolerance (the message gives the smallest error available); a load below those
-        for which errors are known; a packing for which errors are not known, as on another lattice
-        than these (on a line every medium is exact), with torsion or bending, or with too skewed a
-        distribution; with a history on another lattice than the triangular one and fcc, for partial
-        slip in fcc, for friction coefficients below 0.1, and for balls without friction. From
-        ``at_*``: finite overlap, which a simulation does not offer.
+        within the tolerance (the message gives the smallest error available); a load, a packing or
+        a friction for which errors are not known. From ``at_*``: finite overlap.
     """
 
     name = "auto"
@@ -150,16 +142,11 @@ class AutoMedium(Medium[ContactState]):
         candidates, errors = self._find_errors(load)
         chosen = np.argmax(errors <= self.tolerance, axis=0)
         serving = []
-        for candidate in np.unique(chosen):
-            served = np.flatnonzero(chosen == candidate)
+        for index in np.unique(chosen):
+            served = np.flatnonzero(chosen == index)
             serving.append(
                 ServingMedium(
-                    candidates[candidate],
-                    served,
-                    self.packing,
-                    load[served],
-                    chosen_automatically=True,
-                    truth=self.truth,
+                    candidates[index], served, self.packing, load[served], True, self.truth
                 )
             )
         return serving
@@ -178,14 +165,12 @@ class AutoMedium(Medium[ContactState]):
         """Return the candidates and their expected relative errors (n_candidates, n_loads).
 
         Raises InputError if errors are not known, or if there is a load at which no candidate is
-        within the tolerance. The message says what can be had at the worst of the loads, whose
-        index is its ``load_index``.
+        within the tolerance; the ``load_index`` of the error is that of the worst load.
         """
         reason = explain_uncovered(self.packing, self.truth)
         if reason is not None:
-            raise InputError(
-                f"the errors of the media are not known here: {reason}", mend="Name a medium"
-            )
+            what = f"the errors of the media are not known here: {reason}"
+            raise InputError(what, mend="Name a medium")
         candidates = list_candidates(self.packing, self.truth)
         errors = np.array(
             [medium.expected_error(self.packing, load, self.truth) for medium in candidates]
@@ -193,31 +178,29 @@ class AutoMedium(Medium[ContactState]):
         least = np.min(errors, axis=0)
         worst = int(np.argmax(least))
         if least[worst] > self.tolerance:
-            raise self._refuse(load[worst], worst, float(least[worst]), candidates[-1])
+            error = self._explain_failure(load[worst], float(least[worst]), candidates[-1])
+            error.load_index = worst
+            raise error
         return candidates, errors
 
-    def _refuse(self, load: Load, index: int, least: float, largest: MediumChoice) -> InputError:
-        """Return the error for one of many loads at which no medium is within the tolerance."""
+    def _explain_failure(self, load: Load, least: float, largest: MediumChoice) -> InputError:
+        """Return the error for a load at which the ``least`` expected error is too large."""
         place = load.describe(self.packing.structure.periods)
         place += f" against {self.truth}" * self.truth.is_loaded
         if math.isfinite(least):
-            error = InputError(
+            return InputError(
                 f"no medium has an expected error of {self.tolerance:g} or less at {place}",
                 f"The smallest expected error there is {least:.2g}, of a simulation of"
                 f" {largest.of(self.packing).balls:,} balls",
                 "Raise the tolerance, or simulate more samples by hand",
             )
-        else:
-            name = "a*" if load.kind == "overlap" else "f*"
-            reduced = float(reduce_load(self.packing, load))
-            lowest = find_least_load(self.packing, load.kind, self.truth)
-            error = InputError(
-                f"the errors of the media are not known at {place}, {name} = {reduced:.3g}",
-                f"They are known from {name} = {lowest:g} on",
-                "Raise the load, or name a medium",
-            )
-        error.load_index = index
-        return error
+        name = "a*" if load.kind == "overlap" else "f*"
+        reduced = float(reduce_load(self.packing, load))
+        return InputError(
+            f"the errors of the media are not known at {place}, {name} = {reduced:.3g}",
+            f"They are known from {name} = {find_least_load(self.packing, load, self.truth):g} on",
+            "Raise the load, or name a medium",
+        )
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, in the one medium that is accurate enough for all values of
@@ -226,11 +209,8 @@ class AutoMedium(Medium[ContactState]):
         if read_finite_overlap(finite_overlap):
             raise no_finite_overlap(self.name)
         load = load.applied
-        state: ContactState = (
-            self.serving(load.kind, load.array)
-            .of(self.packing)
-            .at(load, finite_overlap=finite_overlap)
-        )
+        medium = self.serving(load.kind, load.array).of(self.packing)
+        state: ContactState = medium.at(load, finite_overlap=finite_overlap)
         return replace(state, chosen_automatically=True)
 
 
@@ -385,15 +365,11 @@ class MediumChoice:
         if not packing.spread_matters:
             return np.zeros(load.shape)
         settings = self.settings
-        has_other_history = self.simulates and self.history != against
-        leaves_out = against.is_loaded and settings.get("geometry") == LATTICE
-        is_known = self.simulates or self.name in AVERAGES
-        if (
-            not is_known
-            or has_other_history
-            or leaves_out
-            or settings.get("local_field") == "paper"
-        ):
+        is_known = self.name in AVERAGES and settings.get("local_field") != "paper"
+        if self.simulates:
+            leaves_out = against.is_loaded and settings["geometry"] == LATTICE
+            is_known = self.history == against and not leaves_out
+        if not is_known:
             return np.full(load.shape, np.inf)
         deficit = expect_shear_deficit(packing, load, against.is_loaded).reshape(load.shape)
         if self.simulates:
