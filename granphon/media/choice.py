@@ -191,7 +191,7 @@ class AutoMedium(Medium[ContactState]):
             return InputError(
                 f"no medium has an expected error of {self.tolerance:g} or less at {place}",
                 f"The smallest expected error there is {least:.2g}, of a simulation of"
-                f" {largest.of(self.packing).balls:,} balls",
+                f" {largest.of(self.packing).arrays[0].balls:,} balls",
                 "Raise the tolerance, or simulate more samples by hand",
             )
         name = "a*" if load.kind == "overlap" else "f*"
@@ -373,7 +373,7 @@ class MediumChoice:
             return np.full(load.shape, np.inf)
         deficit = expect_shear_deficit(packing, load, against.is_loaded).reshape(load.shape)
         if self.simulates:
-            simulation = self.of(packing)
+            (simulation,) = self.of(packing).arrays
             balls = simulation.balls * simulation.samples
             missing = find_left_out(deficit, simulation.geometry)
         else:
