@@ -1,9 +1,8 @@
 """The media by name, with their options, and the automatic choice of a medium, for scenes, sweeps
 and fits.
 
-The candidates among which an automatic medium takes the cheapest that is accurate enough are the
-media of the table of :mod:`granphon.media.accuracy`, the simulation with samples of many sizes.
-They are sorted by rough times.
+An automatic medium takes the first of its candidates that is accurate enough: the averaged lattice,
+the averaged force, the effective medium, and simulations of more and more balls.
 """
 
 from __future__ import annotations
@@ -34,9 +33,14 @@ from granphon.base.validation import (
     real_number,
     require,
 )
-from granphon.media.accuracy import FRICTIONLESS, accuracy
+from granphon.media.accuracy import (
+    AVERAGES,
+    explain_uncovered,
+    find_error,
+    find_least_load,
+    find_rows,
+)
 from granphon.media.arrangement import Balls, CrystalMedium
-from granphon.media.cost import estimate
 from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
 from granphon.media.loading import (
     HISTORY_OPTIONS,
@@ -66,34 +70,30 @@ T = TypeVar("T", bound=type)
 #: sides, in diameters, of the samples that an automatic medium chooses among, with two and with
 #: three periods
 SIDES = {
-    2: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024),
+    2: (16, 20, 24, 32, 40, 50, 64, 80, 100, 128, 160, 200, 256, 320, 400, 512, 640, 800, 1024),
     3: (8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96),
 }
-#: rough time of a simulation besides the time for its balls, s
-_SIMULATION_TIME = 0.04
-#: rough time for each ball of a simulation, s
-_BALL_TIME = 3e-6
 
 
 @dataclass(frozen=True)
 class AutoMedium(Medium[ContactState]):
-    """The cheapest medium whose expected error is within a tolerance.
+    """The first medium whose expected error is within a tolerance.
 
-    Errors are relative errors of velocities and frequencies at the given load, from
-    :mod:`granphon.media.accuracy`. They are measured against simulated arrays, the :attr:`truth`:
-    at rest without friction or, with ``friction_history``, loaded with friction from the default
-    start. The error that the directions of the lattice make at the W/d of the packing is added. A
-    simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the
-    triangular lattice, and a cube of 96 diameters in fcc and hcp. ``at_*`` take scalars or arrays,
-    and return the state of the one medium that is accurate enough at all of these loads;
-    :meth:`choose` chooses for each load.
+    At high load that is the averaged lattice, then the averaged force, then the effective medium
+    (unless a list of diameters makes it slow), and below the load where these fail a simulation of
+    one sample (seed 0) of as many balls as the tolerance needs: up to 1024 x 1024 on the triangular
+    lattice, and a cube of 96 diameters in fcc and hcp. Errors are relative errors of velocities and
+    frequencies, from :mod:`granphon.media.accuracy`, against simulated arrays, the :attr:`truth`.
+    The expected error of a simulation is 1.9 standard deviations of a sample. ``at_*`` take scalars
+    or arrays, and return the state of the first medium that is accurate enough at all of these
+    loads; :meth:`choose` chooses for each load.
 
     Parameters
     ----------
     packing : the balls.
     tolerance : largest expected relative error.
-    friction_history : whether the truth is samples loaded with friction. The choice is then among
-        the media without a history and the simulation with one.
+    friction_history : whether the truth is samples loaded with friction. The simulations are then
+        loaded with it.
     friction_coefficient, shear_response : of such a truth, as in
         :class:`~granphon.DirectSimulation`; a history needs the coefficient.
 
@@ -101,12 +101,8 @@ class AutoMedium(Medium[ContactState]):
     ------
     InputError : a tolerance that is not between 1e-12 and 0.99; a history without a friction
         coefficient, or the reverse. From ``at_*`` and :meth:`choose`: a load at which no medium is
-        within the tolerance (the message gives the smallest error available); a load below those
-        for which errors are known; a packing for which errors are not known, as on another lattice
-        than these (on a line every medium is exact), with torsion or bending, or with too skewed a
-        distribution; with a history on another lattice than the triangular one and fcc, for partial
-        slip in fcc, for friction coefficients below 0.1, and for balls without friction. From
-        ``at_*``: finite overlap, which a simulation does not offer.
+        within the tolerance (the message gives the smallest error available); a load, a packing or
+        a friction for which errors are not known. From ``at_*``: finite overlap.
     """
 
     name = "auto"
@@ -137,84 +133,74 @@ class AutoMedium(Medium[ContactState]):
         return require("AutoMedium", FrictionHistory.read, given)  # type: ignore[no-any-return]
 
     def choose(self, kind: str, loads: ArrayLike) -> list[ServingMedium]:
-        """Choose the cheapest sufficient medium for each load of a ``kind`` ("force", "pressure",
+        """Choose the first sufficient medium for each load of a ``kind`` ("force", "pressure",
         "overlap"; SI).
 
         Each medium that is chosen is one :class:`ServingMedium`; the cheapest comes first.
         """
         load = Load(kind, loads).flat
-        options, errors = self._find_errors(load)
-        first = np.argmax(errors <= self.tolerance, axis=0)
-        places = [np.flatnonzero(first == i) for i in range(len(options))]
-        return [
-            ServingMedium(
-                option,
-                place,
-                self.packing,
-                load[place],
-                chosen_automatically=True,
-                truth=self.truth,
+        candidates, errors = self._find_errors(load)
+        chosen = np.argmax(errors <= self.tolerance, axis=0)
+        serving = []
+        for index in np.unique(chosen):
+            served = np.flatnonzero(chosen == index)
+            serving.append(
+                ServingMedium(
+                    candidates[index], served, self.packing, load[served], True, self.truth
+                )
             )
-            for option, place in zip(options, places, strict=True)
-            if place.size
-        ]
+        return serving
 
     def serving(self, kind: str, loads: ArrayLike) -> MediumChoice:
-        """Return the cheapest medium that is accurate enough at all ``loads``.
+        """Return the first medium that is accurate enough at all ``loads``.
 
         They are of one ``kind``, "force" (N), "pressure" or "overlap" (m).
         """
-        options, errors = self._find_errors(Load(kind, loads).flat)
-        serves = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
-        # if no option serves every load, the largest simulation of the truth does: it is best
-        # wherever another would serve
-        return options[serves[0]] if serves.size else list_options(self.packing, self.truth)[-1]
+        candidates, errors = self._find_errors(Load(kind, loads).flat)
+        sufficient = np.flatnonzero(np.max(errors, axis=1) <= self.tolerance)
+        # if no candidate serves every load, the largest simulation comes nearest
+        return candidates[sufficient[0] if sufficient.size else -1]
 
     def _find_errors(self, load: Load) -> tuple[list[MediumChoice], Array]:
-        """Return the options, the cheapest first, and their expected relative errors (n_options,
-        n_loads).
+        """Return the candidates and their expected relative errors (n_candidates, n_loads).
 
-        Raises InputError if errors are not known, or if there is a load at which no option is
-        within the tolerance: it says what can be had at the worst of the loads, whose index is its
-        ``load_index``.
+        Raises InputError if errors are not known, or if there is a load at which no candidate is
+        within the tolerance; the ``load_index`` of the error is that of the worst load.
         """
-        packing = self.packing
-        truth = self.truth
-        if (why := accuracy().explain_uncovered(packing, truth)) is not None:
-            raise InputError(
-                f"the errors of the media are not known here: {why}", mend="Name a medium"
-            )
-        options = sort_options(packing, load, truth)
-        errors = np.array([option.expected_error(packing, load, truth) for option in options])
+        reason = explain_uncovered(self.packing, self.truth)
+        if reason is not None:
+            what = f"the errors of the media are not known here: {reason}"
+            raise InputError(what, mend="Name a medium")
+        candidates = list_candidates(self.packing, self.truth)
+        errors = np.array(
+            [medium.expected_error(self.packing, load, self.truth) for medium in candidates]
+        )
         least = np.min(errors, axis=0)
-        if np.all(least <= self.tolerance):
-            return options, errors
         worst = int(np.argmax(least))
-        structure = packing.structure
-        here = load[worst]
-        where = here.describe(structure.periods) + f" against {truth}" * truth.is_loaded
-        if np.isfinite(least[worst]):
-            what = f"no medium has an expected error of {self.tolerance:g} or less at {where}"
-            balls = (
-                math.prod(even_shape(structure, SIDES[structure.periods][-1])) * structure.n_balls
+        if least[worst] > self.tolerance:
+            error = self._explain_failure(load[worst], float(least[worst]), candidates[-1])
+            error.load_index = worst
+            raise error
+        return candidates, errors
+
+    def _explain_failure(self, load: Load, least: float, largest: MediumChoice) -> InputError:
+        """Return the error for a load at which the ``least`` expected error is too large."""
+        place = load.describe(self.packing.structure.periods)
+        place += f" against {self.truth}" * self.truth.is_loaded
+        if math.isfinite(least):
+            return InputError(
+                f"no medium has an expected error of {self.tolerance:g} or less at {place}",
+                f"The smallest expected error there is {least:.2g}, of a simulation of"
+                f" {largest.of(self.packing).arrays[0].balls:,} balls",
+                "Raise the tolerance, or simulate more samples by hand",
             )
-            why = (
-                f"The smallest expected error there is {least[worst]:.2g}, of a simulation of"
-                f" {balls:,} balls"
-            )
-            error = InputError(what, why, "Raise the tolerance, or simulate more samples by hand")
-        else:
-            name = "a*" if here.kind == "overlap" else "f*"
-            at = float(reduce_load(packing, here))
-            lowest = accuracy().least(packing, here.kind, truth)
-            what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
-            error = InputError(
-                what,
-                f"They are known from {name} = {lowest:g} on",
-                "Raise the load, or name a medium",
-            )
-        error.load_index = worst
-        raise error
+        name = "a*" if load.kind == "overlap" else "f*"
+        reduced = float(reduce_load(self.packing, load))
+        return InputError(
+            f"the errors of the media are not known at {place}, {name} = {reduced:.3g}",
+            f"They are known from {name} = {find_least_load(self.packing, load, self.truth):g} on",
+            "Raise the load, or name a medium",
+        )
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load, in the one medium that is accurate enough for all values of
@@ -223,11 +209,8 @@ class AutoMedium(Medium[ContactState]):
         if read_finite_overlap(finite_overlap):
             raise no_finite_overlap(self.name)
         load = load.applied
-        state: ContactState = (
-            self.serving(load.kind, load.array)
-            .of(self.packing)
-            .at(load, finite_overlap=finite_overlap)
-        )
+        medium = self.serving(load.kind, load.array).of(self.packing)
+        state: ContactState = medium.at(load, finite_overlap=finite_overlap)
         return replace(state, chosen_automatically=True)
 
 
@@ -369,45 +352,36 @@ class MediumChoice:
         """Return the expected relative error of velocities and frequencies, with the shape of the
         load.
 
-        It is +inf where the error is not known, for example if the history of friction is not that
-        of the truth. It is zero where every medium is exact: for equal balls, and on a line. That
-        of a simulation at rest without friction against arrays that were loaded with friction is
-        what these differ by, and the chance in its samples.
+        It is +inf where the error is not known, for example of a simulation whose history of
+        friction is not that of the arrays that it is compared ``against``. It is zero where every
+        medium is exact: for equal balls, and on a line.
 
-        The arrays of the truth have true directions at the W/d of the packing. The table was
-        measured at another W/d. Half of the relative difference of the shear modulus, which is the
-        difference of the transverse velocity, is added for the W/d of the packing. To the chance of
-        a simulation is added what its own directions leave out.
+        The arrays of the truth have true directions at the W/d of the packing, and those of the
+        table at another W/d. Half of the relative difference of the shear modulus, which is the
+        difference of the transverse velocity, is added to the error of an average. To that of a
+        simulation is added what its own directions leave out.
         """
         if not packing.spread_matters:
             return np.zeros(load.shape)
-        deficit = expect_shear_deficit(packing, load, against.is_loaded).reshape(load.shape)
-        known = accuracy()
-        own = self.history
-        options: Any = dict(self.options)
-        loaded_otherwise = own.is_loaded and (
-            own != against or options.get("geometry", EXACT) != EXACT
-        )
-        if (
-            self.name not in known.media()
-            or options.get("local_field") == "paper"
-            or loaded_otherwise
-        ):
+        settings = self.settings
+        is_known = self.name in AVERAGES and settings.get("local_field") != "paper"
+        if self.simulates:
+            leaves_out = against.is_loaded and settings["geometry"] == LATTICE
+            is_known = self.history == against and not leaves_out
+        if not is_known:
             return np.full(load.shape, np.inf)
-        ratio = known.ratio(packing, against)
-        elsewhere = 0.5 * np.abs(
-            deficit
-            - expect_shear_deficit(packing, load, against.is_loaded, ratio).reshape(load.shape)
-        )
-        if not self.simulates:
-            return known.error(self.name, packing, load, truth=against) + elsewhere
-        medium = DirectSimulation(packing, **options)
-        chance = known.error(self.name, packing, load, medium.balls * medium.samples, own)
-        if own == against:
-            return chance + 0.5 * find_left_out(deficit, medium.geometry)
-        rest = expect_shear_deficit(packing, load).reshape(load.shape)
-        apart = known.error(FRICTIONLESS, packing, load, truth=against) + elsewhere
-        return apart + chance + 0.5 * find_left_out(rest, medium.geometry)
+        deficit = expect_shear_deficit(packing, load, against.is_loaded).reshape(load.shape)
+        if self.simulates:
+            (simulation,) = self.of(packing).arrays
+            balls = simulation.balls * simulation.samples
+            missing = find_left_out(deficit, simulation.geometry)
+        else:
+            balls = 1
+            rows = find_rows(packing.structure, against)
+            ratio = rows["width_ratio"] if rows else 0.0
+            measured = expect_shear_deficit(packing, load, against.is_loaded, ratio)
+            missing = np.abs(deficit - measured.reshape(load.shape))
+        return find_error(self.name, packing, load, balls, against) + 0.5 * missing
 
     @property
     def simulates(self) -> bool:
@@ -593,49 +567,22 @@ class ServingMedium:
         return self.medium.expected_error(self.packing, self.load, self.truth).ravel()
 
 
-def list_options(packing: Packing, against: FrictionHistory = REST) -> list[MediumChoice]:
-    """Return the options of an :class:`AutoMedium`; the last is the largest simulation of the
-    truth.
+def list_candidates(packing: Packing, truth: FrictionHistory = REST) -> list[MediumChoice]:
+    """Return the media that an :class:`AutoMedium` chooses among, the cheapest first.
 
-    It is the most accurate one wherever several have a known error.
+    The last is the largest simulation of the ``truth``, the most accurate one. An effective medium
+    that is slow, as of a long list of diameters, is left out.
     """
     if not packing.spread_matters:
         return [MediumChoice(AveragedLattice.name)]  # exact for equal balls, and on a line
+    averages = [MediumChoice(name) for name in AVERAGES]
+    history = tuple(truth.options.items())
     structure = packing.structure
     shapes = [even_shape(structure, side) for side in SIDES[structure.periods]]
-    # samples at rest without friction cost less than those of a truth with it, and may differ from
-    # these by little
-    truths = dict.fromkeys((REST, against))
-    options = [MediumChoice(name) for name in accuracy().media() if name != DirectSimulation.name]
-    for truth in truths:
-        own = tuple(truth.options.items())
-        options += [
-            MediumChoice(DirectSimulation.name, (("shape", shape), *own)) for shape in shapes
-        ]
-    return options
-
-
-def sort_options(
-    packing: Packing, load: Load, against: FrictionHistory = REST
-) -> list[MediumChoice]:
-    """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
-
-    def rough_time(option: MediumChoice) -> float:
-        """Return the rough time at all values of the load, s; zero of media that only evaluate a
-        law.
-        """
-        medium = option.of(packing)
-        if isinstance(medium, DirectSimulation):
-            # at the least load, whose equilibrium takes longest; with a history at the greatest,
-            # which passes the others
-            decisive = np.argmax if medium.friction_history else np.argmin
-            return (
-                _SIMULATION_TIME
-                + _BALL_TIME * estimate(medium, load[int(decisive(load.array))]).work
-            )
-        return medium.seconds if isinstance(medium, EffectiveMedium) else 0.0
-
-    return sorted(list_options(packing, against), key=rough_time)
+    return [
+        *(medium for medium in averages if medium.of(packing).is_quick),
+        *(MediumChoice(DirectSimulation.name, (("shape", one), *history)) for one in shapes),
+    ]
 
 
 def even_shape(structure: Lattice, side: float) -> tuple[int, ...]:

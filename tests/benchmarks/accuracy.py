@@ -1,18 +1,18 @@
-"""What the media are worth: the table that ``medium: auto`` chooses by, and whether it keeps what
-it promises.
+"""What the media are worth: the table that ``medium: auto`` chooses by, and whether ``auto`` keeps
+what it promises.
 
-    python tests/benchmarks/accuracy.py [--write] [--held-back] [--lattice NAME] [--side N]
-    [--samples N]
+    python tests/benchmarks/accuracy.py [--write] [--held-back] [--loaded] [--lattice NAME]
 
-Without an option it does both: measures the errors again over the distributions and loads of the
-table (``--write`` writes them into ``granphon/data/accuracy.json``), then, on other distributions,
-loads and Poisson ratios, counts how often the error of what ``auto`` takes is within the one it
-expects (``--held-back`` does this alone). Everything is relative, and in reduced units: one
-diameter, width and modulus stand for all.
+Without an option the script measures the errors again, against arrays at rest without friction and
+against arrays loaded with friction, on every lattice of the table (``--write`` puts them into
+``granphon/data/accuracy.json``). ``--held-back`` instead tries the table of the package: on other
+distributions, loads, Poisson ratios and friction coefficients the script counts how often the
+medium that ``auto`` takes is within its tolerance. ``--lattice`` and ``--loaded`` choose a part.
+Everything is relative, and in reduced units: one diameter, width and modulus stand for all.
 
-Each lattice has a part of the table. In the plane errors are those of the longitudinal and
-transverse velocity, and of the scale of frequencies (k/M)^(1/2). In space they are those of all
-three velocities along each of :data:`DIRECTIONS`, and of that scale: the largest of them counts.
+Errors are those of the sound velocities and of the scale of frequencies (k/M)^(1/2): the largest of
+them counts. In the plane the velocities are the longitudinal and the transverse one; in space they
+are all three along each of :data:`DIRECTIONS`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import argparse
 import contextlib
 import itertools
 import json
+import math
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import granphon as gp
+from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedSample
 from granphon.array.sample import Sample
 from granphon.balls.diameters import Spread
 from granphon.balls.lattices import find_lattice
@@ -44,7 +46,7 @@ from granphon.dynamics.elasticity import (
     symmetrise,
     waves_of_tensor,
 )
-from granphon.media.accuracy import compute_form_coefficients
+from granphon.media.accuracy import SIMULATION, compute_form_coefficients
 from granphon.media.choice import even_shape
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
@@ -54,132 +56,36 @@ Array = NDArray[np.float64]
 DIAMETER = 8e-3
 WIDTH = 2e-6
 DATA = Path(gp.__file__).parent / "data" / "accuracy.json"
-#: media with the names of scenes, the cheapest first; a simulation is last
+#: media with the names of scenes, the cheapest first
 MEDIA = {"ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium}
 #: in space, Cartesian: in fcc along the edges, the diagonals of faces and of the cube; in hcp in
 #: the layers, across them, and between
 DIRECTIONS = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 1.0, 0.0), (1.0, 1.0, 1.0))
-#: of two kinds of balls the part of the larger ones; of three, a step apart, that of the middle
-#: ones
-LARGER = (0.2, 0.25, 0.33, 0.4, 0.5, 0.6, 0.67, 0.75, 0.8)
-MIDDLE = (0.2, 0.5, 0.65, 0.8)
-#: of distributions: two of their own, and whatever else
-FAMILIES = ("uniform", "normal", "any")
-#: part by which the table is above what was measured: loads, ratios and distributions between those
-#: of the table. Of listed diameters errors peak where contacts of a pair of kinds open: each counts
-#: at the loads next to its own as well
-MARGINS = {"uniform": 1.15, "normal": 1.15, "any": 1.3}
+#: kinds of distributions in the table, with the part by which errors of media are above the
+#: measured ones: for loads, ratios and distributions between those of the table
+MARGINS = {"smooth": 1.15, "listed": 1.3}
 #: stands for the error of a medium that has no answer
 FAILED = 10.0
+#: friction coefficients of loaded arrays, and the Poisson ratios of their balls
+COEFFICIENTS = (0.1, 0.2, 0.5, math.inf)
+LOADED_POISSON_RATIOS = (0.5, 0.0)
+#: seeds of the samples of the table, and of what is held back
+SEED = 10_000
+HELD_BACK_SEED = 20_000
+TOLERANCES = (0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 
 
-#: distributions that are held back, see :func:`other_shapes`
-OTHERS = (
-    "uniform",
-    "normal, cut at 2.5",
-    "normal, cut at 4",
-    "three kinds, as many of each",
-    "three kinds, 0.7 in the middle",
-    "three kinds, uneven",
-    "four kinds",
-    "two kinds, 0.3 of them larger",
-    "two kinds, 0.65 of them larger",
-    "triangle",
-    "a lot of 40 balls, lognormal",
-)
+# -- distributions ---------------------------------------------------------------------------------
 
 
-def three_digits(values: Iterable[float]) -> tuple[float, ...]:
-    return tuple(float(f"{x:.3g}") for x in values)
-
-
-class Scope(NamedTuple):
-    """What is measured of a lattice.
-
-    Attributes
-    ----------
-    forces, spacings : loads of the table, f* and a*.
-    poisson_ratios : that have the Mindlin ratios of the table, after zero: without friction.
-    left_out : distributions of :func:`shapes` that are not measured.
-    side, samples : of the samples: their sides in diameters, and their number.
-    held_back : distributions that are held back.
-    true_side, true_samples : the sides and number of samples for these.
-    loads, ratios : the number of loads and of ratios of stiffness at which they are tried.
-    largest : the largest side of a simulation that is tried there: its truth has many times more
-        balls.
-    """
-
-    forces: tuple[float, ...]
-    spacings: tuple[float, ...]
-    poisson_ratios: tuple[float, ...]
-    left_out: tuple[str, ...]
-    side: int
-    samples: int
-    held_back: tuple[str, ...]
-    true_side: int
-    true_samples: int
-    loads: int
-    ratios: int
-    largest: int
-
-
-_PLANE = Scope(
-    three_digits(np.geomspace(3e-3, 30.0, 37)),
-    three_digits(np.concatenate([np.geomspace(0.42, 1.6, 28)[:-1], np.geomspace(1.6, 10.0, 10)])),
-    (0.5, 0.3, 0.0, -0.999999999),
-    (),
-    36,
-    4,
-    OTHERS,
-    48,
-    6,
-    8,
-    3,
-    32,
-)
-_SPACE = Scope(
-    three_digits([*np.geomspace(3e-3, 3.0, 13), 10.0, 30.0]),
-    three_digits([*np.geomspace(0.4, 1.6, 15), 2.95, 5.43, 10.0]),
-    (0.5, 0.0, -0.999999999),
-    (
-        "normal, cut at 3",
-        "two kinds, 0.25 of them larger",
-        "two kinds, 0.4 of them larger",
-        "two kinds, 0.6 of them larger",
-        "two kinds, 0.75 of them larger",
-        "three kinds, 0.5 in the middle",
-        "three kinds, 0.8 in the middle",
-    ),
-    8,
-    6,
-    OTHERS[::2],
-    14,
-    3,
-    6,
-    2,
-    10,
-)
-#: the neighbours of a ball are as many in hcp as in fcc, and errors much the same: fewer
-#: distributions show this
-_LIKE_FCC = _SPACE._replace(
-    left_out=(
-        *_SPACE.left_out,
-        "normal, cut at 2",
-        "two kinds, 0.33 of them larger",
-        "two kinds, 0.67 of them larger",
-        "three kinds, 0.65 in the middle",
-    ),
-    samples=4,
-)
-SCOPES = {"triangular": _PLANE, "fcc": _SPACE, "hcp": _LIKE_FCC}
-
-
-def listed(x: Sequence[float], fractions: Sequence[float] | None = None) -> Spread:
+def listed(deviations: Sequence[float], fractions: Sequence[float] | None = None) -> Spread:
     """A list of deviations in arbitrary units, of mean zero and the width of all."""
-    shares = np.full(len(x), 1.0 / len(x)) if fractions is None else np.array(fractions)
-    off = np.array(x, float) - np.sum(shares * np.array(x))
-    off *= WIDTH / np.sqrt(12.0 * np.sum(shares * off**2))
-    return gp.Discrete(tuple((DIAMETER + off).tolist()), tuple(shares.tolist()))
+    shares = np.full(len(deviations), 1.0 / len(deviations))
+    if fractions is not None:
+        shares = np.array(fractions)
+    centred = np.array(deviations, float) - np.sum(shares * np.array(deviations))
+    centred *= WIDTH / np.sqrt(12.0 * np.sum(shares * centred**2))
+    return gp.Discrete(tuple((DIAMETER + centred).tolist()), tuple(shares.tolist()))
 
 
 def quantiles(count: int) -> Array:
@@ -190,24 +96,26 @@ def normal(cutoff: float) -> Spread:
     return gp.Normal(WIDTH / np.sqrt(12.0), cutoff)
 
 
+def two_kinds(larger: float) -> Spread:
+    """Balls of two diameters, of which a fraction is the larger one."""
+    return listed([0.0, 1.0], [1.0 - larger, larger])
+
+
+def three_kinds(middle: float) -> Spread:
+    """Balls of three diameters, of which a fraction is the middle one."""
+    return listed([-1.0, 0.0, 1.0], [0.5 - 0.5 * middle, middle, 0.5 - 0.5 * middle])
+
+
 def shapes() -> dict[str, Spread]:
-    """Distributions of the table; the first word is the family that they stand for, beside that of
-    "any".
-    """
+    """Distributions of the table."""
+    larger = (0.2, 0.25, 0.33, 0.4, 0.5, 0.6, 0.67, 0.75, 0.8)
     return {
         "uniform": gp.Uniform(WIDTH),
-        "normal, cut at 2": normal(2.0),
-        "normal, cut at 3": normal(3.0),
-        "normal, cut at 6": normal(6.0),
+        **{f"normal, cut at {cutoff:g}": normal(cutoff) for cutoff in (2.0, 3.0, 6.0)},
+        **{f"two kinds, {part:g} of them larger": two_kinds(part) for part in larger},
         **{
-            f"two kinds, {part:g} of them larger": listed([0.0, 1.0], [1.0 - part, part])
-            for part in LARGER
-        },
-        **{
-            f"three kinds, {part:g} in the middle": listed(
-                [-1.0, 0.0, 1.0], [0.5 - 0.5 * part, part, 0.5 - 0.5 * part]
-            )
-            for part in MIDDLE
+            f"three kinds, {part:g} in the middle": three_kinds(part)
+            for part in (0.2, 0.5, 0.65, 0.8)
         },
         "tail upwards": listed(-np.log(1.0 - quantiles(12))),
         "tail downwards": listed(np.log(1.0 - quantiles(12))),
@@ -217,29 +125,148 @@ def shapes() -> dict[str, Spread]:
 def other_shapes() -> dict[str, Spread]:
     """Distributions that are held back."""
     lot = np.random.default_rng(5).lognormal(0.0, 0.3, 40)
-    spreads = {
+    halves = np.sqrt(quantiles(8))
+    return {
         "uniform": gp.Uniform(WIDTH),
         "normal, cut at 2.5": normal(2.5),
         "normal, cut at 4": normal(4.0),
         "three kinds, as many of each": listed([-1.0, 0.0, 1.0]),
-        "three kinds, 0.7 in the middle": listed([-1.0, 0.0, 1.0], [0.15, 0.7, 0.15]),
+        "three kinds, 0.7 in the middle": three_kinds(0.7),
         "three kinds, uneven": listed([-1.0, 0.3, 1.0], [0.2, 0.5, 0.3]),
         "four kinds": listed([0.0, 1.0, 2.0, 3.0], [0.4, 0.3, 0.2, 0.1]),
-        "two kinds, 0.3 of them larger": listed([0.0, 1.0], [0.7, 0.3]),
-        "two kinds, 0.65 of them larger": listed([0.0, 1.0], [0.35, 0.65]),
-        "triangle": listed(
-            np.concatenate([np.sqrt(quantiles(8)) - 1.0, 1.0 - np.sqrt(quantiles(8))])
-        ),
+        "two kinds, 0.3 of them larger": two_kinds(0.3),
+        "two kinds, 0.65 of them larger": two_kinds(0.65),
+        "triangle": listed(np.concatenate([halves - 1.0, 1.0 - halves])),
         "a lot of 40 balls, lognormal": listed(lot),
     }
-    return {label: spreads[label] for label in OTHERS}
 
 
-def measured_shapes(lattice: str) -> dict[str, Spread]:
-    """Distributions of the table of a lattice."""
-    return {
-        label: spread for label, spread in shapes().items() if label not in SCOPES[lattice].left_out
-    }
+# -- what is measured ------------------------------------------------------------------------------
+
+
+def three_digits(values: Iterable[float]) -> tuple[float, ...]:
+    return tuple(float(f"{value:.3g}") for value in values)
+
+
+class Scope(NamedTuple):
+    """What is measured of a lattice against one kind of arrays.
+
+    Attributes
+    ----------
+    forces, spacings : loads of the table, f* and a*. At the least force no distribution has a
+        larger a* than the least spacing.
+    distributions : those of :func:`shapes` that are measured.
+    side, samples : of the samples: their sides in diameters, and their number.
+    held_back : distributions of :func:`other_shapes` that are held back.
+    true_side, true_samples : the sides and number of samples for these.
+    tried : least and greatest f* at which they are tried.
+    largest : the largest side of a simulation that is tried: its truth has many times more balls.
+    responses : responses to sound of loaded arrays.
+    """
+
+    forces: tuple[float, ...]
+    spacings: tuple[float, ...]
+    distributions: tuple[str, ...]
+    side: int
+    samples: int
+    held_back: tuple[str, ...]
+    true_side: int
+    true_samples: int
+    tried: tuple[float, float]
+    largest: int
+    responses: tuple[str, ...] = ()
+
+
+_ALL = tuple(shapes())
+_ALL_OTHERS = tuple(other_shapes())
+#: what is measured in fcc; the neighbours of a ball are as many in hcp, and errors much the same,
+#: so that fewer distributions show the errors there
+_FCC = (
+    "uniform",
+    "normal, cut at 2",
+    "normal, cut at 6",
+    "two kinds, 0.2 of them larger",
+    "two kinds, 0.33 of them larger",
+    "two kinds, 0.5 of them larger",
+    "two kinds, 0.67 of them larger",
+    "two kinds, 0.8 of them larger",
+    "three kinds, 0.2 in the middle",
+    "three kinds, 0.65 in the middle",
+    "tail upwards",
+    "tail downwards",
+)
+_FEW = tuple(name for name in _FCC if "0.33" not in name and "0.6" not in name)
+_HCP = tuple(name for name in _FEW if name != "normal, cut at 2")
+_LOADED = tuple(name for name in _FEW if not name.startswith("three"))
+_LOADED_HELD_BACK = (
+    "uniform",
+    "normal, cut at 2.5",
+    "two kinds, 0.3 of them larger",
+    "four kinds",
+    "a lot of 40 balls, lognormal",
+)
+_SPACE_FORCES = three_digits([*np.geomspace(3e-3, 3.0, 13), 10.0, 30.0])
+_SPACE_SPACINGS = three_digits([*np.geomspace(0.4, 1.6, 15), 2.95, 5.43, 10.0])
+#: against arrays at rest without friction
+REST_SCOPES = {
+    "triangular": Scope(
+        three_digits(np.geomspace(3e-3, 30.0, 37)),
+        three_digits([*np.geomspace(0.42, 1.6, 28)[:-1], *np.geomspace(1.6, 10.0, 10)]),
+        _ALL,
+        36,
+        4,
+        _ALL_OTHERS,
+        48,
+        6,
+        (3.1e-3, 60.0),
+        32,
+    ),
+    "fcc": Scope(
+        _SPACE_FORCES, _SPACE_SPACINGS, _FCC, 8, 6, _ALL_OTHERS[::2], 14, 3, (3.1e-3, 60.0), 10
+    ),
+    "hcp": Scope(
+        _SPACE_FORCES, _SPACE_SPACINGS, _HCP, 8, 4, _ALL_OTHERS[::2], 14, 3, (3.1e-3, 60.0), 10
+    ),
+}
+#: against arrays loaded with friction; below the least loads is the start of the loading
+LOADED_SCOPES = {
+    "triangular": Scope(
+        three_digits(np.geomspace(0.035, 10.0, 18)),
+        three_digits(np.geomspace(0.55, 5.0, 20)),
+        (*_LOADED, "three kinds, 0.2 in the middle"),
+        32,
+        4,
+        _LOADED_HELD_BACK,
+        40,
+        4,
+        (0.045, 8.0),
+        32,
+        SHEAR_RESPONSES,
+    ),
+    # above f* = 3 errors fall as powers of the load, for which its end is enough. With partial
+    # slip, a sample that is loaded in one go differs from one on a path of loads, in shorter steps,
+    # by more than its chance, which in space is small
+    "fcc": Scope(
+        three_digits([*np.geomspace(0.05, 3.0, 10), 10.0]),
+        three_digits([*np.geomspace(0.57, 2.5, 11), 5.0]),
+        _LOADED,
+        10,
+        4,
+        _LOADED_HELD_BACK,
+        10,
+        4,
+        (0.06, 8.0),
+        8,
+        ("slide", "stick"),
+    ),
+}
+#: Poisson ratios of arrays at rest, which have friction in their sound; their Mindlin ratios reach
+#: from the least to the greatest
+POISSON_RATIOS = {
+    "triangular": (0.5, 0.3, 0.0, -0.999999999),
+    "fcc": (0.5, 0.0, -0.999999999),
+    "hcp": (0.5, 0.0, -0.999999999),
+}
 
 
 def packing(spread: Spread, poisson_ratio: float | None, lattice: str = "triangular") -> gp.Packing:
@@ -280,190 +307,236 @@ def squares(state: SimulatedState) -> Array:
     return np.concatenate([waves.reshape(*waves.shape[:2], -1), k], axis=-1)
 
 
-class ReferenceModel:
-    """Samples of a distribution at some f*: mean, error and chance for each Poisson ratio, at given
-    force and overlap.
+class Samples(NamedTuple):
+    """How the samples of a truth are made: cells along each period, first seed, and number."""
 
-    ``shape`` are the numbers of cells of a sample. The table is measured in the directions of the
-    lattice, the limit of small width; ``auto`` adds what these leave out, so that what it promises
-    is held against the exact ``geometry``.
+    shape: tuple[int, ...]
+    seed: int
+    count: int
+
+
+class Truth(NamedTuple):
+    """Simulated arrays at some loads, with which media are compared.
+
+    Attributes
+    ----------
+    friction : word of the table for the friction of the arrays.
+    forces : the loads, f*.
+    state : the arrays at these loads.
     """
 
-    def __init__(
-        self,
-        lattice: str,
-        spread: Spread,
-        forces: Sequence[float],
-        shape: tuple[int, ...],
-        seed: int,
-        samples: int,
-        geometry: str = "lattice",
-    ) -> None:
-        self.lattice = lattice
-        self.spread = spread
-        self.forces = np.array(forces)
-        still = packing(spread, None, lattice)
-        self.simulation = gp.DirectSimulation(still, shape, seed, samples, geometry=geometry)
-        self.state = self.simulation.at_force(self.forces * unit(still))
+    friction: str
+    forces: Array
+    state: SimulatedState
 
     @property
-    def spacings(self) -> Array:
-        """a*."""
-        return np.asarray(self.state.reduced_spacing)
+    def balls(self) -> gp.Packing:
+        return self.state.packing
 
-    def state_of(self, poisson_ratio: float | None) -> SimulatedState:
-        """The samples as balls of this Poisson ratio; without friction for None."""
-        balls = packing(self.spread, poisson_ratio, self.lattice)
-        # the statics are the same in reduced units, whatever the friction
-        taken = tuple(Sample(balls, one.seed, one.equilibrium) for one in self.state.samples)
-        simulation = replace(self.simulation, packing=balls)
-        return SimulatedState.of(simulation, taken, Load("force", self.forces * unit(balls)))
+    def loads(self, kind: str) -> Array:
+        """The loads of a kind, "force" or "overlap", in SI."""
+        if kind == "force":
+            return np.asarray(self.forces * unit(self.balls))
+        return np.asarray(self.state.overlap)
 
-    def of(self, poisson_ratio: float | None) -> tuple[dict[str, tuple[Array, Array]], Array]:
-        """At given "force" and "overlap": relative chance of a sample and standard error, (n_loads,
-        n); and mean values.
+    def reduced(self, kind: str) -> Array:
+        """The loads of a kind, f* or a*."""
+        return self.forces if kind == "force" else np.asarray(self.state.reduced_spacing)
+
+    def chances(self, kind: str) -> Array:
+        """Relative standard deviation of the :func:`numbers` of a sample at given loads of a kind,
+        (n_loads, n).
         """
-        state = self.state_of(poisson_ratio)
-        at_force = squares(state)
-        overlap = state.over_samples(lambda sample: sample.overlap)
-        # slopes by the overlap along the loads, of the means of samples
-        log_force = np.log(self.forces)
-        slopes = np.gradient(np.mean(at_force, axis=1), log_force, axis=0)
-        slopes /= np.gradient(np.mean(overlap, axis=1), log_force)[:, None]
-        moved = (
-            at_force
-            + slopes[:, None] * (np.mean(overlap, axis=1, keepdims=True) - overlap)[..., None]
+        values = squares(self.state)
+        means = np.mean(values, axis=1)
+        if kind == "overlap":
+            # moved to the mean overlap of the samples by the slopes along the loads
+            overlap = self.state.over_samples(lambda sample: sample.overlap)
+            log_force = np.log(self.forces)
+            slopes = np.gradient(means, log_force, axis=0)
+            slopes /= np.gradient(np.mean(overlap, axis=1), log_force)[:, None]
+            missing = np.mean(overlap, axis=1, keepdims=True) - overlap
+            values = values + slopes[:, None] * missing[..., None]
+        return np.asarray(0.5 * np.std(values, axis=1, ddof=1) / np.mean(values, axis=1))
+
+
+def rest_truths(
+    lattice: str,
+    spread: Spread,
+    forces: Sequence[float],
+    samples: Samples,
+    poisson_ratios: Iterable[float | None],
+    geometry: str = "lattice",
+) -> Iterator[Truth]:
+    """Arrays at rest without friction, as balls of each Poisson ratio; without friction in their
+    sound for None.
+
+    The table is measured in the directions of the lattice, the limit of small width. ``auto`` adds
+    what these leave out, so that what it promises is held against the exact ``geometry``.
+    """
+    frictionless = packing(spread, None, lattice)
+    simulation = gp.DirectSimulation(
+        frictionless, samples.shape, samples.seed, samples.count, geometry=geometry
+    )
+    at_rest = simulation.at_force(np.array(forces) * unit(frictionless))
+    for ratio in poisson_ratios:
+        # the statics are the same in reduced units, whatever the friction
+        balls = packing(spread, ratio, lattice)
+        taken = tuple(Sample(balls, one.seed, one.equilibrium) for one in at_rest.samples)
+        load = Load("force", np.array(forces) * unit(balls))
+        state = SimulatedState.of(replace(simulation, packing=balls), taken, load)
+        yield Truth("none" if ratio is None else "slip", np.array(forces), state)
+
+
+def loaded_truths(
+    lattice: str,
+    spread: Spread,
+    forces: Sequence[float],
+    samples: Samples,
+    poisson_ratio: float,
+    coefficient: float,
+) -> Iterator[Truth]:
+    """Arrays loaded with a friction coefficient, with each response to sound that is measured."""
+    balls = packing(spread, poisson_ratio, lattice)
+    simulation = gp.DirectSimulation(
+        balls,
+        samples.shape,
+        samples.seed,
+        samples.count,
+        friction_history=True,
+        friction_coefficient=coefficient,
+        geometry="exact",
+    )
+    load = Load("force", np.array(forces) * unit(balls))
+    loaded = simulation.at(load)
+    for response in LOADED_SCOPES[lattice].responses:
+        taken = tuple(
+            PressedSample(balls, one.seed, one.equilibrium, response) for one in loaded.samples
         )
-        chance = {
-            kind: 0.5 * np.std(values, axis=1, ddof=1) / np.mean(values, axis=1)
-            for kind, values in (("force", at_force), ("overlap", moved))
-        }
-        count = np.sqrt(state.n_samples)
-        return {kind: (c, c / count) for kind, c in chance.items()}, numbers(state)
+        state = SimulatedState.of(replace(simulation, shear_response=response), taken, load)
+        yield Truth(response, np.array(forces), state)
 
 
-def load_of(kind: str, truth: ReferenceModel, balls: gp.Packing) -> Array:
-    return truth.forces * unit(balls) if kind == "force" else np.asarray(truth.state.overlap)
+# -- the table -------------------------------------------------------------------------------------
 
 
-def errors_of(
-    medium: gp.AveragedLattice | gp.AveragedForce | gp.EffectiveMedium,
-    kind: str,
-    loads: Array,
-    right: Array,
-    finite_overlap: bool = False,
-) -> Array:
+class Row(NamedTuple):
+    """Errors of a medium, or for a simulation the standard deviation of one ball, at loads f* or
+    a*.
+    """
+
+    friction: str
+    kind: str
+    medium: str
+    loads: Array
+    errors: Array
+
+
+def errors_of(medium: gp.LawMedium, kind: str, loads: Array, right: Array, finite: bool) -> Array:
     """(n_loads, n) relative; :data:`FAILED` where the medium knows no such load."""
-    out = np.full(right.shape, FAILED)
+    errors = np.full(right.shape, FAILED)
     for index, load in enumerate(loads.tolist()):
         with contextlib.suppress(gp.GranphonError):
-            found = numbers(getattr(medium, f"at_{kind}")(load, finite_overlap=finite_overlap))
-            out[index] = np.abs(found / right[index] - 1.0)
-    return out
+            values = numbers(medium.at(Load(kind, load), finite_overlap=finite))
+            errors[index] = np.abs(values / right[index] - 1.0)
+    return errors
 
 
-def measured(
-    lattice: str, spread: Spread, forces: Sequence[float], shape: tuple[int, ...], samples: int
-) -> Iterator[tuple[int, str, str, Array, Array]]:
-    """Place of eta, kind of load, medium, loads (f* or a*) and the largest error (or chance times
-    root of balls) there.
-    """
-    truth = ReferenceModel(lattice, spread, forces, shape, 10_000, samples)
-    for place, ratio in enumerate((None, *SCOPES[lattice].poisson_ratios)):
-        balls = packing(spread, ratio, lattice)
-        chances, right = truth.of(ratio)
-        for kind, (chance, error) in chances.items():
-            loads = truth.forces if kind == "force" else truth.spacings
+def measure(truths: Iterable[Truth], finite_overlap: bool) -> Iterator[Row]:
+    """The rows of each truth: the largest error, with twice the standard error of the truth."""
+    for truth in truths:
+        right = numbers(truth.state)
+        count = truth.state.n_samples
+        for kind in ("force", "overlap"):
+            chances = truth.chances(kind)
             for name, medium in MEDIA.items():
-                found = errors_of(medium(balls), kind, load_of(kind, truth, balls), right)
-                yield place, kind, name, loads, np.max(found + 2.0 * error, axis=1)
-            # a standard deviation of n samples is uncertain by 1/sqrt(2 n)
-            known = 1.0 + 1.0 / np.sqrt(2.0 * samples)
-            yield (
-                place,
-                kind,
-                "simulation",
-                loads,
-                known * np.max(chance, axis=1) * np.sqrt(truth.simulation.balls),
-            )
+                errors = errors_of(
+                    medium(truth.balls), kind, truth.loads(kind), right, finite_overlap
+                )
+                errors = np.max(errors + 2.0 * chances / math.sqrt(count), axis=1)
+                yield Row(truth.friction, kind, name, truth.reduced(kind), errors)
+            balls = truth.state.samples[0].equilibrium.deviations.size
+            of_one_ball = np.max(chances, axis=1) * math.sqrt(balls)
+            yield Row(truth.friction, kind, SIMULATION, truth.reduced(kind), of_one_ball)
 
 
-def _measured(
-    spread: Spread, lattice: str, shape: tuple[int, ...], samples: int
-) -> list[tuple[int, str, str, Array, Array]]:
-    """Of one distribution of the table, in a process of its own."""
-    return list(measured(lattice, spread, SCOPES[lattice].forces, shape, samples))
+def measure_shape(label: str, lattice: str, loaded: bool) -> list[Row]:
+    """All rows of one distribution."""
+    scope = (LOADED_SCOPES if loaded else REST_SCOPES)[lattice]
+    spread = shapes()[label]
+    samples = Samples(even_shape(find_lattice(lattice), scope.side), SEED, scope.samples)
+    if not loaded:
+        ratios = (None, *POISSON_RATIOS[lattice])
+        return list(measure(rest_truths(lattice, spread, scope.forces, samples, ratios), False))
+    rows = []
+    for ratio, mu in itertools.product(LOADED_POISSON_RATIOS, COEFFICIENTS):
+        rows += measure(loaded_truths(lattice, spread, scope.forces, samples, ratio, mu), True)
+    return rows
 
 
-def table(lattice: str, side: int, samples: int) -> dict[str, Any]:
-    """The part of a lattice in the data: errors by kind of load, medium, eta and load."""
-    scope = SCOPES[lattice]
-    places = {"force": np.array(scope.forces), "overlap": np.array(scope.spacings)}
-    ratios = (None, *scope.poisson_ratios)
-    worst = {
-        family: {
-            kind: {name: np.zeros((len(ratios), at.size)) for name in (*MEDIA, "simulation")}
-            for kind, at in places.items()
-        }
-        for family in FAMILIES
-    }
-    spreads = measured_shapes(lattice)
-    shape = even_shape(find_lattice(lattice), side)
+def falling(errors: Array, diameters: str, medium: str) -> tuple[float, ...]:
+    """With the margin, at each load no less than at any higher one, and to three digits.
+
+    With listed diameters errors peak where the contacts between two of the diameters open: each
+    error counts at the loads next to its own as well. The standard deviation of a simulation has no
+    margin.
+    """
+    most = errors if medium == SIMULATION else MARGINS[diameters] * errors
+    if diameters == "listed":
+        padded = np.pad(most, 1, mode="edge")
+        most = np.max([padded[:-2], padded[1:-1], padded[2:]], axis=0)
+    return three_digits(np.maximum.accumulate(most[::-1])[::-1].tolist())
+
+
+def tabulate(lattice: str, loaded: bool) -> dict[str, Any]:
+    """The part of a lattice in the data."""
+    scope = (LOADED_SCOPES if loaded else REST_SCOPES)[lattice]
+    axes = {"force": np.array(scope.forces), "overlap": np.array(scope.spacings)}
     with ProcessPoolExecutor() as pool:
-        found = pool.map(
-            partial(_measured, lattice=lattice, shape=shape, samples=samples), spreads.values()
+        rows_of_shapes = list(
+            pool.map(partial(measure_shape, lattice=lattice, loaded=loaded), scope.distributions)
         )
-        for label, rows_found in zip(spreads, found, strict=True):
-            for row, kind, name, loads, errors in rows_found:
-                here = np.exp(np.interp(np.log(places[kind]), np.log(loads), np.log(errors)))
-                for family in {label.partition(",")[0], "any"} & set(FAMILIES):
-                    kept = worst[family][kind][name]
-                    kept[row] = np.maximum(kept[row], here)
-    forms = np.abs([compute_form_coefficients(spread.shape) for spread in spreads.values()]).max(
-        axis=0
+    largest: dict[tuple[str, ...], Array] = {}
+    for label, rows in zip(scope.distributions, rows_of_shapes, strict=True):
+        is_smooth = label == "uniform" or label.startswith("normal")
+        for row in rows:
+            axis = np.log(axes[row.kind])
+            errors = np.exp(np.interp(axis, np.log(row.loads), np.log(row.errors)))
+            for diameters in ("smooth", "listed") if is_smooth else ("listed",):
+                key = (row.friction, diameters, row.kind, row.medium)
+                largest[key] = np.maximum(largest.get(key, 0.0), errors)
+    errors: dict[str, Any] = {}
+    for (friction, diameters, kind, medium), values in largest.items():
+        kinds = errors.setdefault(friction, {}).setdefault(diameters, {})
+        kinds.setdefault(kind, {})[medium] = falling(values, diameters, medium)
+    forms = np.abs(
+        [compute_form_coefficients(shapes()[name].shape) for name in scope.distributions]
     )
+    skewness, kurtosis = forms.max(axis=0)
+    mindlin_ratios = [packing(gp.Uniform(WIDTH), nu).mindlin_ratio for nu in LOADED_POISSON_RATIOS]
+    of_history = {"mindlin_ratios": mindlin_ratios, "friction_coefficient": min(COEFFICIENTS)}
     return {
-        "shape": shape,
-        "samples": samples,
-        "distributions": list(spreads),
-        "most": {"skewness": float(forms[0]) + 1e-6, "kurtosis": float(forms[1]) + 1e-6},
-        "mindlin_ratios": [packing(gp.Uniform(WIDTH), ratio).mindlin_ratio for ratio in ratios],
-        "loads": {kind: at.tolist() for kind, at in places.items()},
-        "errors": {
-            family: {
-                kind: {name: falling(values, family) for name, values in media.items()}
-                for kind, media in kinds.items()
-            }
-            for family, kinds in worst.items()
-        },
+        "shape": even_shape(find_lattice(lattice), scope.side),
+        "samples": scope.samples,
+        "distributions": scope.distributions,
+        "most": {"skewness": float(skewness) + 1e-6, "kurtosis": float(kurtosis) + 1e-6},
+        "width_ratio": WIDTH / DIAMETER if loaded else 0.0,
+        **(of_history if loaded else {}),
+        "loads": {"force": scope.forces, "overlap": scope.spacings},
+        "errors": errors,
     }
-
-
-def falling(errors: Array, family: str) -> list[list[float]]:
-    """With the margin, at each load no less than at any higher one, and to three digits."""
-    most = MARGINS[family] * errors
-    if family == "any":
-        below, above = (np.roll(most, by, axis=1) for by in (1, -1))
-        below[:, 0], above[:, -1] = most[:, 0], most[:, -1]
-        most = np.maximum(most, np.maximum(below, above))
-    most = np.maximum.accumulate(most[:, ::-1], axis=1)[:, ::-1]
-    return [list(three_digits(row)) for row in most.tolist()]
 
 
 def text(data: Mapping[str, Any]) -> str:
     """JSON with a row of numbers in a line."""
-    out = json.dumps(data, indent=1)
-    return (
-        re.sub(r"\[\s+([-0-9.e+,\s]+?)\s+\]", lambda m: "[" + " ".join(m[1].split()) + "]", out)
-        + "\n"
+    spread_out = json.dumps(data, indent=1)
+    rows = re.sub(
+        r"\[\s+([-0-9.e+,\s]+?)\s+\]", lambda m: "[" + " ".join(m[1].split()) + "]", spread_out
     )
+    return rows + "\n"
 
 
 # -- held back -------------------------------------------------------------------------------------
-
-#: name of a simulation that was loaded with friction
-LOADED = "simulation, loaded with friction"
-TOLERANCES = (0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 
 
 class Trial(NamedTuple):
@@ -473,118 +546,121 @@ class Trial(NamedTuple):
     promised: float
     realised: float
     tolerance: float
-    distribution: str = ""
 
     @property
-    def kept(self) -> bool:
-        return self.realised <= self.promised
+    def is_met(self) -> bool:
+        return self.realised <= self.tolerance
 
 
-def try_tolerances(
-    truth: ReferenceModel, balls: gp.Packing, right: Array, side: int, **options: Any
-) -> Iterator[Trial]:
-    """Try what ``auto`` with these options takes at each load of a truth, whose numbers are
-    ``right``, for each tolerance.
+def try_tolerances(truth: Truth, largest: int, history: Mapping[str, Any]) -> Iterator[Trial]:
+    """Try what ``auto`` takes at each load of a truth, for each tolerance.
 
-    A simulation with a larger side than ``side`` diameters is left out: the truth has not enough
+    A simulation with a larger side than ``largest`` diameters is left out: the truth has not enough
     more balls to judge it.
     """
-    largest = even_shape(balls.structure, side)[0]
+    right = numbers(truth.state)
+    most_cells = even_shape(truth.balls.structure, largest)[0]
     for kind in ("force", "overlap"):
-        given = load_of(kind, truth, balls)
-        tried = {}
-        for index, tolerance in itertools.product(range(len(given)), TOLERANCES):
+        loads = truth.loads(kind)
+        realised: dict[Any, float] = {}
+        for index, tolerance in itertools.product(range(len(loads)), TOLERANCES):
+            auto = gp.AutoMedium(truth.balls, tolerance, **history)
             try:
-                (serving,) = gp.AutoMedium(balls, tolerance, **options).choose(kind, given[index])
+                (serving,) = auto.choose(kind, loads[index])
             except gp.GranphonError:
                 continue
-            medium = serving.medium.of(balls)
-            if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > largest:
+            medium = serving.medium.of(truth.balls)
+            if isinstance(medium, gp.DirectSimulation) and medium.cells[0] > most_cells:
                 continue
             # one medium serves several tolerances
-            if (index, serving.medium) not in tried:
-                found = numbers(
-                    getattr(medium, f"at_{kind}")(float(given[index]), finite_overlap=True)
-                )
-                tried[index, serving.medium] = float(np.max(np.abs(found / right[index] - 1.0)))
-            loaded = isinstance(medium, gp.DirectSimulation) and medium.friction_history
-            name = LOADED if loaded else serving.medium.name
-            yield Trial(name, float(serving.errors[0]), tried[index, serving.medium], tolerance)
+            case = (index, serving.medium)
+            if case not in realised:
+                load = Load(kind, float(loads[index]))
+                values = numbers(medium.at(load, finite_overlap=True))
+                realised[case] = float(np.max(np.abs(values / right[index] - 1.0)))
+            promised = float(serving.errors[0])
+            yield Trial(serving.medium.name, promised, realised[case], tolerance)
 
 
-def trials(
-    lattice: str,
-    seed: int,
-    side: int,
-    samples: int,
-    loads: int,
-    ratios: int,
-    spreads: Sequence[str],
+def rest_trials(
+    lattice: str, seed: int, samples: Samples, loads: int, ratios: int, spreads: Iterable[str]
 ) -> Iterator[Trial]:
-    """Random loads between f* = 0.003 and 60 and Poisson ratios, for each of the distributions that
-    were held back.
-
-    Truths are ``samples`` samples with sides of ``side`` diameters.
+    """Random loads and Poisson ratios, for each distribution that is held back, against arrays at
+    rest.
     """
     draw = np.random.default_rng(seed)
-    shape = even_shape(find_lattice(lattice), side)
+    scope = REST_SCOPES[lattice]
     for label in spreads:
+        forces = np.exp(draw.uniform(*np.log(scope.tried), loads)).tolist()
+        poisson_ratios = (None, *draw.uniform(-0.9, 0.5, ratios - 1).tolist())
         spread = other_shapes()[label]
-        forces = np.exp(draw.uniform(np.log(3.1e-3), np.log(60.0), loads)).tolist()
-        truth = ReferenceModel(lattice, spread, forces, shape, 20_000, samples, geometry="exact")
-        for ratio in (None, *draw.uniform(-0.9, 0.5, ratios - 1).tolist()):
-            balls = packing(spread, ratio, lattice)
-            right = numbers(truth.state_of(ratio))
-            for one in try_tolerances(truth, balls, right, SCOPES[lattice].largest):
-                yield one._replace(distribution=label)
+        for truth in rest_truths(lattice, spread, forces, samples, poisson_ratios, "exact"):
+            yield from try_tolerances(truth, scope.largest, {})
 
 
-def show_kept(lattice: str, trials: Iterable[Trial]) -> None:
-    """Print how often the promise was kept."""
-    found = list(trials)
-    print(
-        f"| chosen ({lattice}) | cases | error within the expected one | median of error over"
-        f" expected |\n|---|---|---|---|"
-    )
-    for medium in (*MEDIA, "simulation", LOADED, None):
-        some = [one for one in found if medium in (None, one.medium)]
-        if some:
-            kept = np.mean([one.kept for one in some])
-            ratio = np.median([one.realised / one.promised for one in some])
-            print(f"| {medium or 'all'} | {len(some)} | {100.0 * kept:.1f} % | {ratio:.2g} |")
+def loaded_trials(
+    lattice: str, seed: int, samples: Samples, loads: int, spreads: Iterable[str]
+) -> Iterator[Trial]:
+    """Random loads, Poisson ratios and friction coefficients, for each distribution that is held
+    back, against arrays loaded with friction.
+    """
+    draw = np.random.default_rng(seed)
+    scope = LOADED_SCOPES[lattice]
+    for label in spreads:
+        for low, high in ((0.1, 0.2), (0.2, 0.5), (0.5, 2.0)):
+            ratio = float(draw.uniform(0.0, 0.5))
+            mu = float(draw.uniform(low, high))
+            forces = np.sort(np.exp(draw.uniform(*np.log(scope.tried), loads))).tolist()
+            spread = other_shapes()[label]
+            history = {"friction_history": True, "friction_coefficient": mu}
+            for truth in loaded_truths(lattice, spread, forces, samples, ratio, mu):
+                response = {"shear_response": truth.friction}
+                yield from try_tolerances(truth, scope.largest, history | response)
 
 
-def make_parser(description: str, lattices: Iterable[str]) -> argparse.ArgumentParser:
-    """The options that this script and that of arrays loaded with friction have."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--write", action="store_true", help="write the table into the package")
-    parser.add_argument(
-        "--held-back", action="store_true", help="try the table of the package alone"
-    )
-    parser.add_argument("--lattice", choices=tuple(lattices), help="one lattice alone")
-    return parser
+def show(lattice: str, trials: Iterable[Trial]) -> None:
+    """Print how often the tolerance was met."""
+    cases = list(trials)
+    print(f"| chosen ({lattice}) | cases | error within the tolerance | median of error over it |")
+    print("|---|---|---|---|")
+    for medium in (*MEDIA, SIMULATION, None):
+        chosen = [case for case in cases if medium in (None, case.medium)]
+        if chosen:
+            met = sum(case.is_met for case in chosen)
+            ratio = np.median([case.realised / case.tolerance for case in chosen])
+            print(f"| {medium or 'all'} | {len(chosen)} | {met} | {ratio:.2g} |", flush=True)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = make_parser("What the media are worth", SCOPES)
-    parser.add_argument("--side", type=int, help="diameters along a side of a sample")
-    parser.add_argument("--samples", type=int, help="samples of each distribution")
+    parser = argparse.ArgumentParser(description="What the media are worth")
+    parser.add_argument("--write", action="store_true", help="write the table into the package")
+    parser.add_argument("--held-back", action="store_true", help="try the table of the package")
+    parser.add_argument("--loaded", action="store_true", help="arrays loaded with friction alone")
+    parser.add_argument("--lattice", choices=tuple(REST_SCOPES), help="one lattice alone")
     options = parser.parse_args(argv)
     data = json.loads(DATA.read_text(encoding="utf-8"))
-    for lattice in [options.lattice] if options.lattice else SCOPES:
-        scope = SCOPES[lattice]
-        if not options.held_back:
-            made = table(lattice, options.side or scope.side, options.samples or scope.samples)
-            data["lattices"][lattice] = made
+    for loaded, scopes in ((False, REST_SCOPES), (True, LOADED_SCOPES)):
+        for lattice, scope in scopes.items():
+            if options.lattice not in (None, lattice) or (options.loaded and not loaded):
+                continue
+            if options.held_back:
+                side = even_shape(find_lattice(lattice), scope.true_side)
+                samples = Samples(side, HELD_BACK_SEED, scope.true_samples)
+                ratios = 3 if lattice == "triangular" else 2
+                loads = 8 if lattice == "triangular" else 6
+                show(
+                    lattice,
+                    loaded_trials(lattice, 1, samples, 4, scope.held_back)
+                    if loaded
+                    else rest_trials(lattice, 1, samples, loads, ratios, scope.held_back),
+                )
+                continue
+            part = tabulate(lattice, loaded)
+            data["loaded" if loaded else "rest"][lattice] = part
             if options.write:
                 DATA.write_text(text(data), encoding="utf-8")
             else:
-                print(text({lattice: made}))
-        side = options.side or scope.true_side
-        samples = options.samples or scope.true_samples
-        show_kept(
-            lattice, trials(lattice, 1, side, samples, scope.loads, scope.ratios, scope.held_back)
-        )
+                print(text({lattice: part}))
     return 0
 
 

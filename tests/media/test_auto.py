@@ -22,8 +22,8 @@ from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, SceneError
 from granphon.cli.commands import main
-from granphon.media.accuracy import accuracy
-from granphon.media.choice import MediumChoice, even_shape, sort_options
+from granphon.media.accuracy import find_error, find_rows
+from granphon.media.choice import SIDES, MediumChoice, even_shape, list_candidates
 from granphon.media.left_out import expect_shear_deficit
 from granphon.runs.dataset import load_sweep
 from granphon.runs.sweep import sweep
@@ -77,8 +77,8 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(
     loads = np.array(places) * packing.law.coefficient * packing.width**1.5
     loads *= 3.0**0.5 / packing.diameter if kind == "pressure" else 1.0
     tolerance = 10.0**exponent
-    options = sort_options(packing, Load(kind, loads))
-    errors = np.array([one.expected_error(packing, Load(kind, loads)) for one in options])
+    candidates = list_candidates(packing)
+    errors = np.array([one.expected_error(packing, Load(kind, loads)) for one in candidates])
     within = errors <= tolerance
     medium = gp.AutoMedium(packing, tolerance)
     if not np.all(np.any(within, axis=0)):
@@ -92,20 +92,36 @@ def test_the_choice_is_the_first_of_all_that_is_within_the_tolerance(
         range(len(loads))
     )
     for serving in found:
-        assert_array_equal(first[serving.loads], options.index(serving.medium))
+        assert_array_equal(first[serving.loads], candidates.index(serving.medium))
         assert_array_equal(serving.errors, errors[first[serving.loads], serving.loads])
     # the one medium of all is the first that is within it everywhere
-    assert medium.serving(kind, loads) == options[int(np.argmax(np.all(within, axis=1)))]
+    serves_all = np.all(within, axis=1)
+    expected = candidates[int(np.argmax(serves_all))] if np.any(serves_all) else candidates[-1]
+    assert medium.serving(kind, loads) == expected
 
 
-def test_the_order_is_that_of_cost(rough, unit):
-    from granphon.media.cost import estimate
+@pytest.mark.parametrize("lattice", ["triangular", "fcc", "hcp"])
+def test_averages_come_before_arrays_of_more_and_more_balls(rough, lattice):
+    packing = replace(rough, lattice=lattice)
+    candidates = list_candidates(packing)
+    assert [medium.label for medium in candidates[:3]] == ["ala", "afa", "ema"]
+    balls = [medium.of(packing).balls for medium in candidates[3:]]
+    assert balls == sorted(set(balls))
+    assert len(balls) == len(SIDES[packing.structure.periods])
 
-    options = sort_options(rough, Load("force", [unit]))
-    assert [one.label for one in options[:3]] == ["ala", "afa", "ema"]
-    assert all(one.simulates for one in options[3:])
-    seconds = [estimate(one.of(rough), Load("force", [unit])).work for one in options[3:]]
-    assert seconds == sorted(set(seconds))
+
+def test_at_one_per_cent_the_averaged_lattice_serves_high_loads_and_small_arrays_the_others(
+    rough, unit
+):
+    """The rms error of v_T over 32 arrays of 24 x 24 balls would be 1 % with 16, 47 and 73 balls a
+    side at f* = 0.1, 0.03 and 0.01.
+    """
+    forces = np.array([3.0, 1.0, 0.3, 0.1, 0.03, 0.01]) * unit
+    chosen = gp.AutoMedium(rough, 0.01)
+    labels = [chosen.serving("force", force).label for force in forces]
+    assert labels[:2] == ["ala", "ala"]
+    sides = [dict(chosen.serving("force", force).options)["shape"][0] for force in forces[2:]]
+    assert sides == [16, 32, 80, 128]
 
 
 @pytest.mark.parametrize("lattice", ["triangular", "fcc", "hcp"])
@@ -151,13 +167,11 @@ def test_on_a_line_every_medium_is_exact(rough, unit):
     assert_allclose(state.normal_stiffness, samples.normal_stiffness, rtol=1e-10)
 
 
-def test_long_lists_are_simulated_where_that_is_cheaper(unit):
+def test_the_slow_effective_medium_of_a_long_list_is_no_candidate(unit):
     lot = gp.Measured(tuple((8e-3 + 2e-6 * np.random.default_rng(0).normal(size=300)).tolist()))
     packing = gp.Packing(gp.Material(70e9, 0.28, 2500.0), lot.mean, lot)
+    assert [medium.name for medium in list_candidates(packing)[:3]] == ["ala", "afa", "simulation"]
     load = packing.law.coefficient * packing.width**1.5
-    labels = [one.label for one in sort_options(packing, Load("force", [load]))]
-    assert labels[:2] == ["ala", "afa"]
-    assert labels.index("ema") > labels.index("simulation(shape=256 256)")
     assert gp.AutoMedium(packing, 1e-3).serving("force", load).simulates
 
 
@@ -181,7 +195,7 @@ def test_its_state_is_that_of_the_medium_that_was_chosen(rough, kind):
     load = {"force": 18.446, "pressure": 4e3, "overlap": 2.05e-6}[kind]
     for tolerance, expected in (
         (0.05, gp.AveragedLattice(rough)),
-        (1e-3, gp.EffectiveMedium(rough)),
+        (1.2e-3, gp.EffectiveMedium(rough)),
     ):
         state = getattr(gp.AutoMedium(rough, tolerance), f"at_{kind}")(load)
         right = getattr(expected, f"at_{kind}")(load)
@@ -223,8 +237,7 @@ def test_what_can_be_had_is_said_where_nothing_is_within(rough, unit):
     with pytest.raises(InputError, match="no medium has an expected error of 1e-05") as error:
         gp.AutoMedium(rough, 1e-5).choose("force", loads)
     best = min(
-        float(one.expected_error(rough, Load("force", loads[1])))
-        for one in sort_options(rough, Load("force", loads))
+        float(one.expected_error(rough, Load("force", loads[1]))) for one in list_candidates(rough)
     )
     assert f"{best:.2g}, of a simulation of 1,048,576 balls" in str(error.value)
     assert error.value.load_index == 1
@@ -384,9 +397,7 @@ HISTORY = {"friction_history": True, "friction_coefficient": 0.2, "shear_respons
 @pytest.mark.parametrize("lattice", ["triangular", "fcc"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_with_a_history_the_cheapest_against_loaded_arrays_is_taken(rough, unit, kind, lattice):
-    """Of the same media, the simulation at rest without friction, and the one that is loaded with
-    it.
-    """
+    """Of the averages, and of simulations that are loaded with friction."""
     packing = replace(rough, lattice=lattice)
     truth = gp.AutoMedium(packing, **HISTORY).truth
     assert str(truth) == "arrays loaded with friction, mu = 0.2, shear_response stick"
@@ -394,54 +405,47 @@ def test_with_a_history_the_cheapest_against_loaded_arrays_is_taken(rough, unit,
     pressure = {"triangular": 3.0**0.5 / d, "fcc": 8.0**0.5 / d**2}[lattice] * unit
     loads = {"force": unit, "pressure": pressure, "overlap": rough.width}[kind]
     loads = loads * (np.array([0.1, 0.3, 0.8]) if kind == "overlap" else np.array([0.06, 0.3, 2.0]))
-    options = sort_options(packing, Load(kind, loads), truth)
-    errors = np.array([one.expected_error(packing, Load(kind, loads), truth) for one in options])
+    candidates = list_candidates(packing, truth)
+    errors = np.array([one.expected_error(packing, Load(kind, loads), truth) for one in candidates])
     media = set()
     for tolerance in (0.2, 0.05, 0.01, 2e-3):
-        found = gp.AutoMedium(packing, tolerance, **HISTORY).choose(kind, loads)
-        media |= {
-            (serving.medium.name, serving.medium.settings.get("friction_history", False))
-            for serving in found
-        }
-        for serving in found:
+        for serving in gp.AutoMedium(packing, tolerance, **HISTORY).choose(kind, loads):
+            media.add(serving.medium.name)
             assert serving.truth == truth
             assert np.all(serving.errors <= tolerance)
-            assert_array_equal(
-                np.argmax(errors <= tolerance, axis=0)[serving.loads], options.index(serving.medium)
-            )
-    assert media >= {("ala", False), ("afa", False), ("simulation", True)}
+            assert serving.medium.simulates == serving.medium.history.is_loaded
+            first = np.argmax(errors <= tolerance, axis=0)[serving.loads]
+            assert_array_equal(first, candidates.index(serving.medium))
+    assert media >= {"ala", "afa", "simulation"}
 
 
-def test_a_simulation_without_friction_is_off_by_its_chance_and_by_what_friction_does(rough, unit):
+def test_errors_against_loaded_arrays_are_those_of_media_with_the_same_history(rough, unit):
     load = Load("force", np.array([0.1, 1.0]) * unit)
     truth = gp.AutoMedium(rough, **HISTORY).truth
-    rest, loaded = (
-        MediumChoice.parse({"simulation": {"shape": (32, 32), **more}}) for more in ({}, HISTORY)
-    )
-    friction = accuracy().error("frictionless", rough, load, truth=truth)
-    chance = rest.expected_error(rough, load)
-    # the arrays of the table had another W/d, and leave out another part of half of the shear
-    # modulus
-    own, known = (
-        expect_shear_deficit(rough, load, True, ratio)
-        for ratio in (None, accuracy().ratio(rough, truth))
-    )
-    apart = friction + chance + 0.5 * np.abs(own - known)
-    assert_allclose(rest.expected_error(rough, load, truth), apart, rtol=1e-12)
+    loaded = MediumChoice.parse({"simulation": {"shape": (32, 32), **HISTORY}})
     assert_array_equal(
         loaded.expected_error(rough, load, truth),
-        accuracy().error("simulation", rough, load, 1024, truth),
+        find_error("simulation", rough, load, 1024, truth),
     )
-    # one that is loaded in another way, or is compared with arrays at rest without friction, has no
-    # known error
-    for other in (
+    # the arrays of the table had another W/d, and leave out another part of half of the shear
+    # modulus
+    ratio = find_rows(rough.structure, truth)["width_ratio"]
+    deficits = [expect_shear_deficit(rough, load, True, one) for one in (None, ratio)]
+    expected = find_error("ema", rough, load, truth=truth) + 0.5 * np.abs(np.subtract(*deficits))
+    assert_allclose(MediumChoice("ema").expected_error(rough, load, truth), expected, rtol=1e-12)
+    # one that is loaded in another way, or not at all, or is compared with arrays at rest without
+    # friction, has no known error
+    at_rest = MediumChoice.parse({"simulation": {"shape": (32, 32)}})
+    assert np.all(np.isinf(at_rest.expected_error(rough, load, truth)))
+    for option in (
         {"friction_coefficient": 0.3},
         {"shear_response": "slide"},
         {"start": 0.6},
         {"ordered": True},
+        {"geometry": "lattice"},
     ):
-        one = MediumChoice.parse({"simulation": {"shape": (32, 32), **HISTORY, **other}})
-        assert np.all(np.isinf(one.expected_error(rough, load, truth)))
+        otherwise = MediumChoice.parse({"simulation": {"shape": (32, 32), **HISTORY, **option}})
+        assert np.all(np.isinf(otherwise.expected_error(rough, load, truth)))
     assert np.all(np.isinf(loaded.expected_error(rough, load)))
 
 
@@ -492,9 +496,7 @@ def test_what_can_be_had_with_a_history_says_against_what(rough, unit):
         auto.choose("force", 0.02 * unit)
     with pytest.raises(InputError, match=r"They are known from f\* = 0\.05 on"):
         replace(auto, packing=replace(rough, lattice="fcc")).choose("force", 0.04 * unit)
-    with pytest.raises(
-        InputError, match=r"on the hcp lattice .*; they were on the triangular and fcc lattices"
-    ):
+    with pytest.raises(InputError, match=r"hcp lattice.*: triangular, fcc"):
         replace(auto, packing=replace(rough, lattice="hcp")).choose("force", unit)
     with pytest.raises(InputError, match="friction_coefficient: found -1"):
         replace(auto, friction_coefficient=-1.0)
@@ -602,7 +604,7 @@ def test_a_run_that_chose_a_simulation_writes_its_sample(work):
     )
     assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
     summary = yaml.safe_load((work / "out" / "summary.yaml").read_text(encoding="utf-8"))
-    assert summary["choice"] == "simulation(shape=32 32)"
+    assert summary["choice"] == "simulation(shape=16 16)"
     assert {"sample.extxyz", "forces.png"} <= {path.name for path in (work / "out").iterdir()}
 
 
@@ -667,7 +669,7 @@ def test_a_scene_of_it_has_a_cost_only_if_it_simulates():
     # of the one load that is low, and two beside it for the exponent
     assert cost.equilibria == 3
     scene = Scene.from_text(SCENE.replace("18.446 N", "6 N").replace("2e-3", "0.01"))
-    assert scene.cost().balls == 32**2
+    assert scene.cost().balls == 16**2
 
 
 def test_a_scene_of_several_states_has_no_one_choice():

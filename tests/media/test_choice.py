@@ -137,7 +137,7 @@ def test_only_one_of_them_leaves_the_choice_to_the_load():
 
 @pytest.mark.parametrize("shape", [(2,), (2, 2)])
 def test_a_named_medium_serves_all_loads_and_its_error_is_what_the_table_says(steel, shape):
-    from granphon.media.accuracy import accuracy
+    from granphon.media.accuracy import find_error
 
     packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6))
     loads = np.linspace(20.0, 40.0, int(np.prod(shape))).reshape(shape)
@@ -147,11 +147,11 @@ def test_a_named_medium_serves_all_loads_and_its_error_is_what_the_table_says(st
         assert serving.loads.tolist() == list(range(loads.size))
         assert (
             serving.errors.tolist()
-            == accuracy().error(name, packing, Load("force", loads)).ravel().tolist()
+            == find_error(name, packing, Load("force", loads)).ravel().tolist()
         )
     # that of a simulation is of all its balls
     several = MediumChoice.parse({"simulation": {"shape": (8, 16), "samples": 3}})
-    expected = accuracy().error("simulation", packing, Load("force", loads), 3 * 8 * 16)
+    expected = find_error("simulation", packing, Load("force", loads), 3 * 8 * 16)
     assert np.array_equal(several.expected_error(packing, Load("force", loads)), expected)
 
 
