@@ -833,7 +833,7 @@ def fit_width(
         raise explain_undetermined(problem, logs, errors)
     fitted = problem.model.fit_packing(logs)
     values = np.exp(logs)
-    least_scatter = float(_SCATTER_OF_ROUNDING * find_rounding(data.velocity))
+    least_scatter = _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
     errors_known = sigma_given or float(problem.sigma[0]) >= least_scatter
     warnings = find_warnings(problem, logs, errors, sigma_given, errors_known)
     covariance = covariance if errors_known else np.full(covariance.shape, np.nan)
