@@ -54,6 +54,41 @@ GUARDS: Mapping[str, str] = {
     "tests/test_required.py::test_a_scene_calls_loads_and_writes_what_it_asks_and_nothing_else": (
         "what a scene pays for, in processes of its own"
     ),
+    "tests/fits/test_fit.py::test_errors_of_given_sigma_are_right_in_repeated_experiments": (
+        "the errors of a fit against the scatter of repeated experiments"
+    ),
+    "tests/fits/test_fit.py::test_a_spread_that_does_not_carry_the_frequency_is_named": (
+        "a fit whose spreads do not carry the frequency of its pulses"
+    ),
+    "tests/fits/test_fit.py::test_samples_that_belong_to_one_width_give_it": (
+        "a fit to simulated samples in their true geometry, or with a history"
+    ),
+    "tests/fits/test_transfer.py::test_a_load_multiplies_all_static_forces": (
+        "a load fitted to a transfer function"
+    ),
+    "tests/fits/test_transfer.py"
+    "::test_stiffness_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter": (
+        "three parameters fitted to a transfer function"
+    ),
+    "tests/dynamics/test_network_lattice.py::test_loose_balls_are_set_aside": (
+        "moduli, sound and pulses of a sample with balls that nothing holds"
+    ),
+    "tests/phonons/test_ball_contacts.py::test_ase_finds_calculator_and_formats_by_itself": (
+        "a process of ASE's in which granphon is installed"
+    ),
+    "tests/phonons/test_dos.py::test_densities_are_phonopys": (
+        "a density of states against phonopy's"
+    ),
+    "tests/phonons/test_network_phonons.py"
+    "::test_branches_that_cross_away_from_the_mesh_leave_no_gap": (
+        "gaps with the mesh that is taken by itself"
+    ),
+    "tests/phonons/test_phonopy_bridge.py::test_the_phonopy_command_without_options": (
+        "the command of phonopy on a file of granphon's"
+    ),
+    "tests/waves/test_nonlinear.py::test_a_file_of_a_motion_whose_program_was_killed_can_be_read": (
+        "the file of a motion whose process was killed"
+    ),
 }
 
 

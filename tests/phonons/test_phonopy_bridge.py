@@ -397,7 +397,7 @@ def test_euphonic_reads_bands_with_eigenvectors(case, tmp_path):
 
 def test_bands_go_through_their_file(exported, tmp_path):
     case, ph, _ = exported
-    bands = ph.bands(npoints=5)
+    bands = ph.bands(npoints=2)
     bands.write(tmp_path / "band.yaml")
     again = gp.Bands.read(tmp_path / "band.yaml")
     assert again.motions == bands.motions
