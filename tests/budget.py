@@ -21,7 +21,34 @@ LIMIT = 1.0
 IS_HELD = os.environ.get("GRANPHON_TEST_BUDGET") == "1"
 
 #: test functions that alone guard a subject, and the subject, which costs more than the budget
-GUARDS: Mapping[str, str] = {}
+GUARDS: Mapping[str, str] = {
+    "tests/array/test_friction_history.py::test_the_energy_of_an_array_from_the_gas_is_kept": (
+        "the energy of an array that is pressed from the gas"
+    ),
+    "tests/array/test_friction_lammps.py::test_forces_are_those_of_lammps": (
+        "an array pressed with friction by LAMMPS"
+    ),
+    "tests/figures/test_plot.py"
+    "::test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names": (
+        "a figure in a new process"
+    ),
+    "tests/media/test_simulation.py::test_executors_and_threads_change_no_digit": (
+        "samples in another process"
+    ),
+    "tests/networks/test_network_friction.py"
+    "::test_lammps_responds_as_the_network_with_tangential_forces": (
+        "a packing pressed with friction by LAMMPS"
+    ),
+    "tests/page/test_page.py::test_a_page_needs_neither_phonopy_nor_matplotlib": (
+        "a page in a new process"
+    ),
+    "tests/page/test_page.py::test_the_page_computes_what_the_library_computes": (
+        "every lattice in a page"
+    ),
+    "tests/page/test_page.py::test_friction_between_the_nodes_of_the_effective_medium": (
+        "the table of the effective medium in a page"
+    ),
+}
 
 
 def measure_processor_time() -> float:
