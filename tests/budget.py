@@ -48,6 +48,9 @@ GUARDS: Mapping[str, str] = {
     "tests/page/test_page.py::test_friction_between_the_nodes_of_the_effective_medium": (
         "the table of the effective medium in a page"
     ),
+    "tests/page/test_page.py::test_the_page_says_what_bending_would_do_to_the_medium": (
+        "the same table: the first of the two tests makes it"
+    ),
 }
 
 

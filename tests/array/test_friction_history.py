@@ -409,9 +409,10 @@ def test_work_is_the_integral_of_the_boundarys_force_on_ways_up_down_and_around(
     """Nothing is stored or lost but what the boundary gives: at every load, and to second order in
     the steps.
 
-    With four times as many steps the error falls by 16, with eight times by 64, but in one small array a contact that
-    begins to slide or opens between two loads may outweigh all others: in the arrays of the seeds 1
-    to 6 it falls by 4 to 600. The array is one without such a contact near the ends of the ways.
+    With four times as many steps the error falls by 16, with eight times by 64, but in one small
+    array a contact that begins to slide or opens between two loads may outweigh all others: in the
+    arrays of the seeds 1 to 6 it falls by 4 to 600. The array is one without such a contact near
+    the ends of the ways.
     """
     off = []
     for steps in (4, finest):

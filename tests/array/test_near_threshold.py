@@ -119,21 +119,19 @@ def test_least_loads_of_few_balls(seed):
     assert found.residual <= 1e-10
 
 
-@pytest.mark.parametrize(
-    ("side", "force", "most"), [(6, 1e-4, 45), pytest.param(12, 1e-4, 45, marks=pytest.mark.slow)]
-)
-def test_steps_at_low_loads_in_space(side, force, most):
-    """The count of one array depends on how the libraries of linear algebra round, from 30 to 54;
-    the median hardly does.
+@pytest.mark.parametrize(("side", "most"), [(6, 20), pytest.param(12, 45, marks=pytest.mark.slow)])
+def test_steps_at_low_loads_in_space(side, most):
+    """The count of one large array depends on how the libraries of linear algebra round, from 30
+    to 54; the median hardly does.
     """
     steps = []
     for seed in (2, 3, 4):
         x = np.random.default_rng(seed).uniform(-0.5, 0.5, (side, side, side))
         x -= np.mean(x)
-        state = equilibrate(x, ReducedLoad(force=force), Stencils(x.shape, lattice=FCC))
+        state = equilibrate(x, ReducedLoad(force=1e-4), Stencils(x.shape, lattice=FCC))
         assert state.residual <= 1e-10
         steps.append(state.newton)
-    assert np.median(steps) < most  # without centring arrays take 51 and 58 steps
+    assert np.median(steps) < most  # without centring large arrays take 51 and 58 steps
 
 
 # -- factors of the contacts that are closed -------------------------------------------------------

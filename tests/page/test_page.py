@@ -421,15 +421,15 @@ def test_interpolated_contacts_are_as_good_as_the_page_says(name):
 
 
 @cache
-def describe_effective_medium(lattice: str) -> tuple[gp.Packing, dict[str, Any]]:
-    """The packing of a lattice, and its page with the effective medium."""
-    packing = replace(BALLS, spread=gp.Uniform(2e-6), lattice=lattice)
+def describe_effective_medium() -> tuple[gp.Packing, dict[str, Any]]:
+    """A kagome lattice, and its page with the effective medium."""
+    packing = replace(BALLS, spread=gp.Uniform(2e-6), lattice="kagome")
     return packing, describe_page(packing, [MediumChoice("ema")], FORCE)
 
 
 @needs_node
 def test_friction_between_the_nodes_of_the_effective_medium():
-    packing, data = describe_effective_medium("kagome")
+    packing, data = describe_effective_medium()
     program = """console.log(JSON.stringify([0.02, 0.06, 0.33, 0.95].map((eta) =>
       findContact(data, data.media[0], 18.446, 2e-6, eta))));"""
     found = run_node(program, data=data)
@@ -458,7 +458,7 @@ def test_friction_between_the_nodes_of_the_effective_medium():
     [[1.0], pytest.param([0.1, 0.5, 1.0], marks=pytest.mark.slow)],
 )
 def test_the_page_says_what_bending_would_do_to_the_medium(fractions):
-    packing, data = describe_effective_medium("kagome")
+    packing, data = describe_effective_medium()
     told = re.search(r"would change the stiffness by up to (\S+) %", data["media"][0]["note"])
     assert told
     forces = np.geomspace(*data["limits"]["force"], 12)
