@@ -89,6 +89,35 @@ GUARDS: Mapping[str, str] = {
     "tests/waves/test_nonlinear.py::test_a_file_of_a_motion_whose_program_was_killed_can_be_read": (
         "the file of a motion whose process was killed"
     ),
+    "tests/array/test_friction_history.py::test_the_energy_of_an_array_from_the_gas_is_kept": (
+        "the energy of an array that is pressed from the gas"
+    ),
+    "tests/array/test_friction_lammps.py::test_forces_are_those_of_lammps": (
+        "an array pressed with friction by LAMMPS"
+    ),
+    "tests/figures/test_plot.py"
+    "::test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names": (
+        "a figure in a new process"
+    ),
+    "tests/media/test_simulation.py::test_executors_and_threads_change_no_digit": (
+        "samples in another process"
+    ),
+    "tests/networks/test_network_friction.py"
+    "::test_lammps_responds_as_the_network_with_tangential_forces": (
+        "a packing pressed with friction by LAMMPS"
+    ),
+    "tests/page/test_page.py::test_a_page_needs_neither_phonopy_nor_matplotlib": (
+        "a page in a new process"
+    ),
+    "tests/page/test_page.py::test_the_page_computes_what_the_library_computes": (
+        "every lattice in a page"
+    ),
+    "tests/page/test_page.py::test_friction_between_the_nodes_of_the_effective_medium": (
+        "the table of the effective medium in a page"
+    ),
+    "tests/page/test_page.py::test_the_page_says_what_bending_would_do_to_the_medium": (
+        "the same table: the first of the two tests makes it"
+    ),
 }
 
 
