@@ -75,7 +75,7 @@ from granphon.waves.directions import FixedDirections, Moment, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_vector, require_moves
-from granphon.waves.settings import GEOMETRIES, SCHEMES
+from granphon.waves.settings import FRAMES, GEOMETRIES, SCHEMES
 
 #: steps in the shortest period that the contacts could have, by default; and the least number with
 #: which steps are stable
@@ -356,7 +356,7 @@ class NonlinearWaves:
         displacements: ArrayLike | None = None,
         rotations: ArrayLike | None = None,
         spins: ArrayLike | None = None,
-        frames: int = 201,
+        frames: int = FRAMES,
         step: float | None = None,
         scheme: Literal["verlet", "midpoint"] = "verlet",
         file: str | os.PathLike[str] | None = None,
