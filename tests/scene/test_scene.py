@@ -528,7 +528,7 @@ def test_what_makes_no_sweep(packing):
     load = Load("force", (1.0, 2.0))
     with pytest.raises(
         InputError,
-        match=r"found .dos\.",
+        match="found 'dos'",
     ):
         Scene(packing, load, observe=("dos",))
     with pytest.raises(InputError, match="found 'bands'"):
