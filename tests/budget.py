@@ -70,6 +70,9 @@ GUARDS: Mapping[str, str] = {
     "::test_stiffness_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter": (
         "three parameters fitted to a transfer function"
     ),
+    "tests/fits/test_transfer.py::test_the_command_fits_the_response_of_a_scene": (
+        "the command that fits a response, its figure and the same figure drawn again"
+    ),
     "tests/dynamics/test_network_lattice.py::test_loose_balls_are_set_aside": (
         "moduli, sound and pulses of a sample with balls that nothing holds"
     ),

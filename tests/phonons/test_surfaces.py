@@ -426,7 +426,7 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("square"), 0).branches([[0.1, 0.1, 0.0]]), "leaves the edge"),
         (
             lambda: gp.Surface(bulk("fcc"), 2).follow([[0.2, 0.0]], 3e4),
-            "inside of .*bands",
+            "lies inside of",
         ),
         (lambda: gp.Surface(bulk("triangular"), 1).follow([[0.2]], 1e6), "no wave of the edge"),
         (lambda: gp.Surface(bulk("triangular"), 1, "clamped").velocity(), "held"),
@@ -436,7 +436,7 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("fcc"), 2).velocity([0.0, 0.0]), "not both zero"),
         (
             lambda: gp.Surface(bulk("triangular"), 0).winding([[0.1]]),
-            "6 deformations .*3 motions",
+            "6 deformations of",
         ),
         (lambda: gp.Surface(bulk("honeycomb"), 0).winding([[0.1]]), "det C vanishes"),
         (
