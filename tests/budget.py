@@ -42,6 +42,7 @@ GUARDS: Mapping[str, str] = {
     "tests/page/test_page.py::test_a_page_needs_neither_phonopy_nor_matplotlib": (
         "a page in a new process"
     ),
+    "tests/page/test_page.py::test_a_page_of_a_scene": "a page by the command",
     "tests/page/test_page.py::test_the_page_computes_what_the_library_computes": (
         "every lattice in a page"
     ),
