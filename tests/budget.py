@@ -32,9 +32,6 @@ GUARDS: Mapping[str, str] = {
     "::test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names": (
         "a figure in a new process"
     ),
-    "tests/media/test_simulation.py::test_executors_and_threads_change_no_digit": (
-        "samples in another process"
-    ),
     "tests/networks/test_network_friction.py"
     "::test_lammps_responds_as_the_network_with_tangential_forces": (
         "a packing pressed with friction by LAMMPS"
