@@ -102,9 +102,6 @@ GUARDS: Mapping[str, str] = {
     "::test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names": (
         "a figure in a new process"
     ),
-    "tests/media/test_simulation.py::test_executors_and_threads_change_no_digit": (
-        "samples in another process"
-    ),
     "tests/networks/test_network_friction.py"
     "::test_lammps_responds_as_the_network_with_tangential_forces": (
         "a packing pressed with friction by LAMMPS"
@@ -112,6 +109,7 @@ GUARDS: Mapping[str, str] = {
     "tests/page/test_page.py::test_a_page_needs_neither_phonopy_nor_matplotlib": (
         "a page in a new process"
     ),
+    "tests/page/test_page.py::test_a_page_of_a_scene": "a page by the command",
     "tests/page/test_page.py::test_the_page_computes_what_the_library_computes": (
         "every lattice in a page"
     ),

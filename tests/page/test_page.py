@@ -492,7 +492,7 @@ def test_finite_overlap_and_the_torsion_of_hertz_contacts_are_those_of_a_state()
 
 @needs_node
 def test_a_link_restores_the_settings_and_forgives_what_is_wrong():
-    data = describe_page(BALLS, [MediumChoice("ala")], FORCE)
+    data = describe_page(BALLS, [MediumChoice("afa")], FORCE)
     program = """const state = {...startState(data), force: 7.5, eta: 0.25, bending: 0.01, overlap: true, place: 0.625,
       branch: 2, motions: "all", theme: "dark"};
     const link = writeLink(data, state);
@@ -508,7 +508,7 @@ def test_a_link_restores_the_settings_and_forgives_what_is_wrong():
 
 @pytest.fixture(scope="module")
 def page() -> str:
-    return make_page(BALLS, [MediumChoice("ala")], FORCE, title="</title><script>a & b")
+    return make_page(BALLS, [MediumChoice("afa")], FORCE, title="</title><script>a & b")
 
 
 def test_everything_is_in_the_page(page):
