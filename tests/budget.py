@@ -119,6 +119,39 @@ GUARDS: Mapping[str, str] = {
     "tests/page/test_page.py::test_the_page_says_what_bending_would_do_to_the_medium": (
         "the same table: the first of the two tests makes it"
     ),
+    "tests/tradeoffs/test_tradeoff.py::test_a_command_writes_table_and_picture": (
+        "the command that measures errors over times"
+    ),
+    "tests/tradeoffs/test_tradeoff.py::test_an_interruption_leaves_nothing": (
+        "an interrupted measurement"
+    ),
+    "tests/tradeoffs/test_tradeoff.py::test_media_in_space_are_judged_by_samples_in_space": (
+        "a reference of samples in space"
+    ),
+    "tests/media/test_cost.py::test_memory_of_motions_and_responses_is_what_their_process_takes": (
+        "the peak of the memory of a process"
+    ),
+    "tests/runs/test_schedulers.py::test_a_killed_worker_costs_what_it_was_at": (
+        "a scheduler of two workers, of which one is killed"
+    ),
+    "tests/runs/test_schedulers.py::test_a_task_that_kills_its_workers_is_named": (
+        "a task that no worker survives"
+    ),
+    "tests/waves/test_nonlinear_lammps.py::test_balls_with_friction_move_as_in_lammps": (
+        "a motion with friction by LAMMPS"
+    ),
+    "tests/waves/test_nonlinear_lammps.py::test_balls_in_true_directions_move_as_in_lammps": (
+        "a motion in true directions by LAMMPS"
+    ),
+    "tests/waves/test_nonlinear_lammps.py::test_a_thousand_default_steps": (
+        "the drift of a motion against LAMMPS"
+    ),
+    "tests/waves/test_nonlinear_lammps.py::test_coulombs_limit_is_that_of_the_law_without_dashpots": (
+        "a motion with friction and dashpots by LAMMPS"
+    ),
+    "tests/test_structure.py::test_a_statement_does_one_thing_and_names_are_nouns_or_verbs": (
+        "how the text of the package reads"
+    ),
 }
 
 

@@ -412,10 +412,8 @@ class NonlinearWaves:
             places = real_array("positions", positions)
             self._require_shape("positions", places)
             displacements = places - self.network.positions[:, : places.shape[1]]
-        system = _System(
-            self,
-            [] if drive is None else list(drive) if isinstance(drive, list | tuple) else [drive],
-        )
+        drives = list(drive) if isinstance(drive, list | tuple) else [drive]
+        system = _System(self, [] if drive is None else drives)
         start = [
             system.read(name, one)
             for name, one in (

@@ -447,15 +447,14 @@ def test_lines_of_a_legend_break_between_facts():
 
 def test_an_automatic_medium_shows_which_medium_served(ax):
     data = gp.sweep(balls(), force=[3.0, 10.0, 200.0], media={"auto": {"tolerance": 0.02}})
-    served = [str(one) for one in data["choice"].values[:, 0]]
+    served = [str(choice).partition("(")[0] for choice in data["choice"].values[:, 0]]
     assert len(set(served)) > 1
     plot_sweep(data, ax)
     for name in set(served):
-        there = np.array(served) == name
+        is_served = np.array(served) == name
         marked = drawn(ax, f"longitudinal-served-{name}")
-        assert_array_equal(
-            np.concatenate(marked), np.stack([data.force, data.longitudinal[:, 0]], axis=1)[there]
-        )
+        points = np.stack([data.force, data.longitudinal[:, 0]], axis=1)
+        assert_array_equal(np.concatenate(marked), points[is_served])
     assert len({line.get_marker() for line in ax.lines if "served" in line.get_gid()}) == len(
         set(served)
     )
