@@ -209,56 +209,56 @@ class Crystal(Result):
         name: str = "of these balls",
     ) -> None:
         require("name", label, name)
-        places = real_array("positions", positions)
+        centres = real_array("positions", positions)
         vectors = real_array("cell", cell)
-        if places.ndim != 2 or not len(places) or not 1 <= places.shape[1] <= 3:
-            what = f"positions of the crystal have the shape {places.shape}"
-            raise InputError(what, mend="Give (n, d) centres in m, d = 1, 2 or 3")
-        n, d = places.shape
+        if centres.ndim != 2 or not len(centres) or not 1 <= centres.shape[1] <= 3:
+            problem = f"positions of the crystal have the shape {centres.shape}"
+            raise InputError(problem, mend="Give (n, d) centres in m, d = 1, 2 or 3")
+        n, d = centres.shape
         vectors = vectors.reshape(0, d) if vectors.size == 0 else vectors
         if vectors.ndim != 2 or vectors.shape[1] != d or len(vectors) > d:
-            what = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
-            raise InputError(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
-        if not (np.all(np.isfinite(places)) and np.all(np.isfinite(vectors))):
+            problem = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
+            raise InputError(problem, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
+        if not (np.all(np.isfinite(centres)) and np.all(np.isfinite(vectors))):
             raise InputError(
                 "the cell or a position of the crystal is not finite",
                 mend="Give finite numbers, in m",
             )
-        given = list_balls(balls)
-        if len(given) != n:
+        site_balls = list_balls(balls)
+        if len(site_balls) != n:
             raise InputError(
-                f"there are {len(given)} balls and {n} positions",
+                f"there are {len(site_balls)} balls and {n} positions",
                 mend="Give one ball for each site",
             )
-        kinds, kind = find_kinds(given)
+        kinds, kind = find_kinds(site_balls)
         p = len(vectors)
         radii = np.array([ball.radius for ball in kinds])[kind]
         mean = float(np.mean(radii))
         if np.any(np.abs(vectors[:, p:]) > TOUCH * mean):
-            where = ("", "along x", "in the xy plane", "")[p]
+            room = ("", "along x", "in the xy plane", "")[p]
             raise InputError(
-                f"the cell of crystal {name!r} does not lie {where}", mend="Turn the crystal"
+                f"the cell of crystal {name!r} does not lie {room}", mend="Turn the crystal"
             )
         if p and not abs(np.linalg.det(vectors[:, :p] / mean)) > 1e-3:
-            what = f"the cell of crystal {name!r} has no room for a ball"
+            problem = f"the cell of crystal {name!r} has no room for a ball"
             why = f"Its vectors are too short for balls of {2.0 * mean:.4g} m, or not independent"
-            raise InputError(what, why, "Give lengths in m")
+            raise InputError(problem, why, "Give lengths in m")
         if p == 0 and n == 1:
             raise InputError("a single ball without a period touches nothing", mend="Give a cell")
-        contacts = find_contacts(vectors, places, name, radii)
-        read = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
+        contacts = find_contacts(vectors, centres, name, radii)
+        rolling = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
         self._set(
             kinds=kinds,
             names=name_kinds(kinds),
             kind=kind,
             cell=vectors,
-            positions=places,
+            positions=centres,
             contacts=contacts,
             law=read_laws(law),
             friction=require("friction", truth, friction),
             motions=motions,
-            torsion=read[0],
-            bending=read[1],
+            torsion=rolling[0],
+            bending=rolling[1],
             name=name,
             faces=(),
             deviations=None,
@@ -272,9 +272,11 @@ class Crystal(Result):
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
-        made = object.__new__(cls)
-        made._set(**{field.name: value for field, value in zip(fields(cls), values, strict=True)})
-        return made
+        crystal = object.__new__(cls)
+        crystal._set(
+            **{field.name: value for field, value in zip(fields(cls), values, strict=True)}
+        )
+        return crystal
 
     def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for what the constructor refuses or could
@@ -293,24 +295,27 @@ class Crystal(Result):
             ),
             range(n),
         )
-        apart = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
-        small = TOUCH * float(np.mean(radii))
-        for holds, what in (
+        separations = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
+        tolerance = TOUCH * float(np.mean(radii))
+        for holds, problem in (
             (np.all(np.isin(self.kind, range(len(self.kinds)))), "a ball has no kind"),
             (len(self.names) == len(self.kinds), "there are not as many names as kinds"),
             (np.all(np.isin(ends, allowed)), "a contact or a face names a ball that is not there"),
             (
-                np.all(np.abs(table.vector - apart) <= small),
+                np.all(np.abs(table.vector - separations) <= tolerance),
                 "a contact does not lead from ball to ball",
             ),
             (
                 np.all(
-                    np.abs(table.normal * np.linalg.norm(apart, axis=1)[:, None] - apart) <= small
+                    np.abs(
+                        table.normal * np.linalg.norm(separations, axis=1)[:, None] - separations
+                    )
+                    <= tolerance
                 ),
                 "a normal is not along it",
             ),
-            (np.all(np.abs(table.arm_i - radii[table.i]) <= small), "an arm is not the radius"),
-            (np.all(np.abs(table.arm_j - radii[table.j]) <= small), "an arm is not the radius"),
+            (np.all(np.abs(table.arm_i - radii[table.i]) <= tolerance), "an arm is not the radius"),
+            (np.all(np.abs(table.arm_j - radii[table.j]) <= tolerance), "an arm is not the radius"),
             (
                 all(face.thickness > 0.0 and np.isfinite(face.thickness) for face in self.faces),
                 "a cut has no thickness",
@@ -318,14 +323,14 @@ class Crystal(Result):
         ):
             if not holds:
                 raise InputError(
-                    f"{what} in the data of the crystal {self.name!r}",
+                    f"{problem} in the data of the crystal {self.name!r}",
                     mend="Make the crystal again",
                 )
 
     def _derive(self, **changes: Any) -> Self:
         """Return the crystal with other values of some attributes."""
         return self._of_fields(
-            *(changes.get(one.name, getattr(self, one.name)) for one in fields(self))
+            *(changes.get(field.name, getattr(self, field.name)) for field in fields(self))
         )
 
     def _take(
@@ -338,11 +343,11 @@ class Crystal(Result):
         used = kind[np.sort(np.unique(kind, return_index=True)[1])]
         faces = []
         for face in self.faces:
-            low, high = (read_only(np.flatnonzero(np.isin(origin, at))) for at in face.balls)
+            low, high = (read_only(np.flatnonzero(np.isin(origin, balls))) for balls in face.balls)
             faces.append(replace(face, balls=(low, high)))
         return self._derive(
-            kinds=tuple(self.kinds[one] for one in used),
-            names=tuple(self.names[one] for one in used),
+            kinds=tuple(self.kinds[number] for number in used),
+            names=tuple(self.names[number] for number in used),
             kind=np.argsort(used)[np.searchsorted(np.sort(used), kind)],
             positions=positions,
             contacts=contacts,
@@ -370,70 +375,73 @@ class Crystal(Result):
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError`
         if they cannot all touch, because the radii do not fit the lattice.
         """
-        given = list_balls(balls)
-        find_kinds(given)
+        kinds = list_balls(balls)
+        find_kinds(kinds)
         if (isinstance(lattice, str) and lattice == "chain") or lattice is LATTICES["chain"]:
             steps = [
-                one.radius + other.radius
-                for one, other in zip(given, given[1:] + given[:1], strict=True)
+                first.radius + second.radius
+                for first, second in zip(kinds, kinds[1:] + kinds[:1], strict=True)
             ]
-            places = np.concatenate([[0.0], np.cumsum(steps)])
+            positions = np.concatenate([[0.0], np.cumsum(steps)])
             return cls(
-                given, [[float(places[-1])]], places[:-1, None], **({"name": "chain"} | options)
+                kinds,
+                [[float(positions[-1])]],
+                positions[:-1, None],
+                **({"name": "chain"} | options),
             )
         structure = find_structure(lattice)
-        if len(given) > structure.n_balls or structure.n_balls % len(given):
+        if len(kinds) > structure.n_balls or structure.n_balls % len(kinds):
             sites = counted(structure.n_balls, "site")
-            what = (
-                f"{counted(len(given), 'kind')} of balls do not go on the {sites} in a cell of"
+            problem = (
+                f"{counted(len(kinds), 'kind')} of balls do not go on the {sites} in a cell of"
                 f" {structure.name}"
             )
             mend = (
                 "Give a lattice that has a multiple, such as NaCl or CsCl for two kinds, or a"
                 " cell and places"
             )
-            raise InputError(what, "Kinds follow each other on the sites of one cell", mend)
-        balls_on = [given[site % len(given)] for site in range(structure.n_balls)]
+            raise InputError(problem, "Kinds follow each other on the sites of one cell", mend)
+        balls_on = [kinds[site % len(kinds)] for site in range(structure.n_balls)]
         radii = np.array([ball.radius for ball in balls_on])
         table = structure.contacts
-        apart = radii[table.i] + radii[table.j]
-        scale = float(np.mean(apart))
-        if np.ptp(apart) > TOUCH * scale:
-            low = int(np.argmin(apart))
-            high = int(np.argmax(apart))
+        separations = radii[table.i] + radii[table.j]
+        scale = float(np.mean(separations))
+        if np.ptp(separations) > TOUCH * scale:
+            low = int(np.argmin(separations))
+            high = int(np.argmax(separations))
             pairs = [
-                f"those of sites {table.i[at]} and {table.j[at]} at {apart[at]:.6g} m"
-                for at in (low, high)
+                f"those of sites {table.i[contact]} and {table.j[contact]} at {separations[contact]:.6g} m"
+                for contact in (low, high)
             ]
-            said = f"Centres would be apart: {pairs[0]}, {pairs[1]}"
-            what = f"balls of these sizes cannot all touch on the {structure.name} lattice"
+            distances = f"Centres would be apart: {pairs[0]}, {pairs[1]}"
+            problem = f"balls of these sizes cannot all touch on the {structure.name} lattice"
             raise InputError(
-                what, said, "Give balls of one size, or a cell and places at which they touch"
+                problem,
+                distances,
+                "Give balls of one size, or a cell and places at which they touch",
             )
         cell = scale * structure.vectors
-        if len(given) == structure.n_balls == 2:
+        if len(kinds) == structure.n_balls == 2:
             # the larger of two balls must not touch each other before they touch the smaller
             p = structure.periods
             images = np.stack(np.meshgrid(*[[-1, 0, 1]] * p), axis=-1).reshape(-1, p)
             gap = float(np.min(np.linalg.norm(images[np.any(images, axis=1)] @ cell, axis=1)))
-            small, large = sorted(given, key=lambda ball: ball.diameter)
+            small, large = sorted(kinds, key=lambda ball: ball.diameter)
             if gap < large.diameter * (1.0 - TOUCH):
                 least = (
                     2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / gap)
                     - large.diameter
                 )
-                called = small.name or "AB"[given.index(small)]
-                what = (
-                    f"ball {called} of {small.diameter:g} m is too small for its site in"
+                name = small.name or "AB"[kinds.index(small)]
+                problem = (
+                    f"ball {name} of {small.diameter:g} m is too small for its site in"
                     f" {structure.name}"
                 )
                 ratio = small.diameter / large.diameter
-                wanted = least / large.diameter
+                least_ratio = least / large.diameter
                 why = f"The others, of {large.diameter:g} m, touch each other before they touch it:"
-                why += (
-                    f" the ratio of the diameters is {ratio:.4g}, and must be {wanted:.4g} or more"
-                )
-                raise InputError(what, why, f"Give it a diameter of {least:.6g} m or more")
+                why += f" the ratio of the diameters is {ratio:.4g}, and must be {least_ratio:.4g} or more"
+                raise InputError(problem, why, f"Give it a diameter of {least:.6g} m or more")
         return cls(
             balls_on, cell, scale * structure.positions, **({"name": structure.name} | options)
         )
@@ -458,32 +466,33 @@ class Crystal(Result):
             )
         symbols = atoms.get_chemical_symbols()
         if not symbols or not isinstance(balls, Mapping):
-            what = f"the balls are {brief(balls)}" if symbols else "there are no atoms"
+            problem = f"the balls are {brief(balls)}" if symbols else "there are no atoms"
             raise InputError(
-                what,
+                problem,
                 mend='Give balls by symbols, as {"Na": ball}' if symbols else "Give one or more",
             )
-        if missing := sorted(set(symbols) - set(balls)):
+        missing = sorted(set(symbols) - set(balls))
+        if missing:
             raise InputError(
                 f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol"
             )
         find_kinds([balls[symbol] for symbol in symbols])
         named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
-        places = np.array(atoms.positions, float)
+        positions = np.array(atoms.positions, float)
         cell = np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
-        small = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
+        tolerance = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
         d = 3
         while (
             d > 1
             and len(cell) < d
-            and np.ptp(places[:, d - 1]) <= small
-            and not np.any(np.abs(cell[:, d - 1]) > small)
+            and np.ptp(positions[:, d - 1]) <= tolerance
+            and not np.any(np.abs(cell[:, d - 1]) > tolerance)
         ):
             d -= 1
         return cls(
             [named[one] for one in symbols],
             cell[:, :d],
-            places[:, :d],
+            positions[:, :d],
             **({"name": "of these atoms"} | options),
         )
 
@@ -497,16 +506,16 @@ class Crystal(Result):
                 f"crystal {self.name!r} has no period along which it could be repeated",
                 mend="Give its cell",
             )
-        full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
-        _require_room(math.prod(full), self)
+        counts = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
+        _require_room(math.prod(counts), self)
         table = self.contacts
         n = self.n_balls
-        cells, *ends = repeat_contacts(table.i, table.j, table.shift, n, tuple(full))
+        cells, *ends = repeat_contacts(table.i, table.j, table.shift, n, tuple(counts))
         origin = np.tile(np.arange(n), len(cells))
         rows = np.tile(np.arange(len(table)), len(cells))
         positions = ((cells @ self.cell)[:, None] + self.positions).reshape(-1, self.dimension)
         return self._take(
-            origin, table.take(rows, *ends), positions, cell=self.cell * np.array(full)[:, None]
+            origin, table.take(rows, *ends), positions, cell=self.cell * np.array(counts)[:, None]
         )
 
     def sample(self, shape: Any = None, seed: int = 0, diameters: ArrayLike | None = None) -> Self:
@@ -536,39 +545,40 @@ class Crystal(Result):
         """
         p = self.periods
         n = self.n_balls
-        given = None
+        listed = None
         if diameters is not None:
-            given = finite_array("diameters", diameters, "m", "above zero")
-            if given.ndim != p + (n > 1) or (n > 1 and given.shape[-1] != n) or shape is not None:
-                wanted = ", ".join([*(f"L{axis + 1}" for axis in range(p)), *[str(n)] * (n > 1)])
-                what = f"diameters have the shape {given.shape}, and shape is {brief(shape)}"
-                raise InputError(what, mend=f"Give an array ({wanted}), and no shape")
-            shape = given.shape[:p]
+            listed = finite_array("diameters", diameters, "m", "above zero")
+            if listed.ndim != p + (n > 1) or (n > 1 and listed.shape[-1] != n) or shape is not None:
+                axes = ", ".join([*(f"L{axis + 1}" for axis in range(p)), *[str(n)] * (n > 1)])
+                problem = f"diameters have the shape {listed.shape}, and shape is {brief(shape)}"
+                raise InputError(problem, mend=f"Give an array ({axes}), and no shape")
+            shape = listed.shape[:p]
         elif not any(ball.spread for ball in self.kinds):
-            what = f"no ball of crystal {self.name!r} has a spread of diameters"
+            problem = f"no ball of crystal {self.name!r} has a spread of diameters"
             raise InputError(
-                what,
+                problem,
                 mend="Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or"
                 " diameters",
             )
-        full = tuple(np.atleast_1d(np.asarray((1,) * p if shape is None else shape)).tolist())
-        other = self.repeat(full) if p or full else self
-        off = np.zeros(other.n_balls) if given is None else given.ravel().astype(float)
+        counts = tuple(np.atleast_1d(np.asarray((1,) * p if shape is None else shape)).tolist())
+        supercell = self.repeat(counts) if p or counts else self
+        deviations = np.zeros(supercell.n_balls) if listed is None else listed.ravel().astype(float)
         for number, ball in enumerate(self.kinds):
-            own = other.kind == number
-            if given is None and ball.spread is not None:
-                off[own] = ball.spread.sample((*full, n) if n > 1 or not p else full, seed).ravel()[
-                    own
-                ]
+            members = supercell.kind == number
+            if listed is None and ball.spread is not None:
+                deviations[members] = ball.spread.sample(
+                    (*counts, n) if n > 1 or not p else counts, seed
+                ).ravel()[members]
             # twice, so that what remains is zero to the rounding of the deviations, not of the
             # diameters
-            off[own] -= np.mean(off[own])
-            off[own] -= np.mean(off[own])
-            if (least := ball.diameter + float(np.min(off[own]))) <= 0.0:
+            deviations[members] -= np.mean(deviations[members])
+            deviations[members] -= np.mean(deviations[members])
+            least = ball.diameter + float(np.min(deviations[members]))
+            if least <= 0.0:
                 raise InputError(
                     f"the smallest ball has a diameter of {least:g} m", mend="Give a smaller spread"
                 )
-        return other._derive(deviations=off)
+        return supercell._derive(deviations=deviations)
 
     def replace(self, index: Any, ball: Ball) -> Self:
         """Return the crystal with another ball at one site, or at several: a defect.
@@ -576,30 +586,30 @@ class Crystal(Result):
         ``index`` is the number of a ball, or a list of numbers. A ball of another size must touch
         the same neighbours.
         """
-        at = index_array("index", index, self.n_balls)
-        given = list(self.balls)
+        sites = index_array("index", index, self.n_balls)
+        site_balls = list(self.balls)
         if not isinstance(ball, Ball):
             raise InputError(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball")
-        for one in at.tolist():
-            if abs(ball.radius - given[one].radius) > 0.5 * TOUCH * ball.radius:
-                what = (
-                    f"ball {one} has the radius {given[one].radius:.9g} m, and the new one"
+        for site in sites.tolist():
+            if abs(ball.radius - site_balls[site].radius) > 0.5 * TOUCH * ball.radius:
+                problem = (
+                    f"ball {site} has the radius {site_balls[site].radius:.9g} m, and the new one"
                     f" {ball.radius:.9g} m"
                 )
                 why = "Its neighbours would overlap or miss it"
                 raise InputError(
-                    what,
+                    problem,
                     why,
                     "Give a ball of the same size, or a new crystal from cell and positions",
                 )
-            given[one] = ball
-        kinds, kind = find_kinds(given)
-        known = dict(zip(self.kinds, self.names, strict=True))
+            site_balls[site] = ball
+        kinds, kind = find_kinds(site_balls)
+        names = dict(zip(self.kinds, self.names, strict=True))
         deviations = self.deviations
         if deviations is not None:
-            deviations = np.where(np.isin(np.arange(self.n_balls), at), 0.0, deviations)
+            deviations = np.where(np.isin(np.arange(self.n_balls), sites), 0.0, deviations)
         return self._derive(
-            kinds=kinds, kind=kind, names=name_kinds(kinds, known), deviations=deviations
+            kinds=kinds, kind=kind, names=name_kinds(kinds, names), deviations=deviations
         )
 
     def with_balls(self, balls: Mapping[str, Ball]) -> Self:
@@ -608,30 +618,30 @@ class Crystal(Result):
         Raises :class:`~granphon.base.errors.InputError` for what is no mapping of names to balls, a
         name without a kind, and a ball of another diameter.
         """
-        known = dict(zip(self.names, self.kinds, strict=True))
-        given: object = balls
-        if not isinstance(given, Mapping) or not all(
-            isinstance(ball, Ball) for ball in given.values()
+        kinds = dict(zip(self.names, self.kinds, strict=True))
+        replacements: object = balls
+        if not isinstance(replacements, Mapping) or not all(
+            isinstance(ball, Ball) for ball in replacements.values()
         ):
             mend = (
                 f'Give a granphon.Ball for each kind that changes, as {{"{self.names[0]}": ball}}'
             )
-            raise InputError(f"the balls are {brief(given)}", mend=mend)
+            raise InputError(f"the balls are {brief(replacements)}", mend=mend)
         for name, ball in balls.items():
-            if name not in known:
+            if name not in kinds:
                 raise InputError(
-                    f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(known)}"
+                    f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(kinds)}"
                 )
-            if ball.diameter != known[name].diameter:
-                what = (
+            if ball.diameter != kinds[name].diameter:
+                problem = (
                     f"balls {name!r} of {ball.diameter:g} m do not touch their neighbours where"
                     f" those of "
                 )
                 why = "Only on a named lattice places follow from diameters"
                 raise InputError(
-                    f"{what}{known[name].diameter:g} m lie", why, "Make the crystal anew"
+                    f"{problem}{kinds[name].diameter:g} m lie", why, "Make the crystal anew"
                 )
-        return self._derive(kinds=tuple((known | dict(balls)).values()))
+        return self._derive(kinds=tuple((kinds | dict(balls)).values()))
 
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number
@@ -641,14 +651,16 @@ class Crystal(Result):
         kept[index_array("index", index, self.n_balls)] = False
         if not np.any(kept):
             raise InputError("no ball is left", mend="Remove fewer")
-        place = np.cumsum(kept) - 1
+        new_numbers = np.cumsum(kept) - 1
         table = self.contacts
         origin = np.flatnonzero(kept)
         rows = np.flatnonzero(kept[table.i] & kept[table.j])
-        contacts = table.take(rows, place[table.i[rows]], place[table.j[rows]], table.shift[rows])
-        other = self._take(origin, contacts, self.positions[kept])
-        other._require_joined()
-        return other
+        contacts = table.take(
+            rows, new_numbers[table.i[rows]], new_numbers[table.j[rows]], table.shift[rows]
+        )
+        crystal = self._take(origin, contacts, self.positions[kept])
+        crystal._require_joined()
+        return crystal
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
         """Return so many layers of the crystal, which no longer repeat across them: a strip, slab
@@ -679,7 +691,7 @@ class Crystal(Result):
         words, layering = require("edges", read_edges, edges), Layers.across(axis, self.cell)
         d = self.dimension
         n = self.n_balls
-        a = self.periods - 1
+        across = self.periods - 1
         table = self.contacts
         turn = layering.turn
         stack = layering.stack
@@ -689,14 +701,14 @@ class Crystal(Result):
             -1, d
         )
         origin = np.tile(np.arange(n), count)
-        outer = find_faces(positions[:, a], self._mean_radii[origin], words, n)
-        other = self._take(
+        outer = find_faces(positions[:, across], self._mean_radii[origin], words, n)
+        crystal = self._take(
             origin, table.take(rows, i, j, shift, turn), positions, cell=layering.cell
         )
-        face = Faces(a, count * abs(float(stack[a])), words, outer)
-        other = other._derive(faces=(*other.faces, face))
-        other._require_joined()
-        return other
+        face = Faces(across, count * abs(float(stack[across])), words, outer)
+        crystal = crystal._derive(faces=(*crystal.faces, face))
+        crystal._require_joined()
+        return crystal
 
     def _require_joined(self) -> None:
         """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp,
@@ -705,10 +717,10 @@ class Crystal(Result):
         n = self.n_balls
         p = self.periods
         table = self.contacts
-        if not all(one.balls.size for one in self._sides):
-            what = f"no ball is left at a face of crystal {self.name!r}"
+        if not all(side.balls.size for side in self._sides):
+            problem = f"no ball is left at a face of crystal {self.name!r}"
             why = "It could be neither held nor pressed there"
-            raise InputError(what, why, "Remove balls first, and cut then")
+            raise InputError(problem, why, "Remove balls first, and cut then")
         if not self.n_contacts:
             raise InputError(
                 f"no balls of crystal {self.name!r} touch",
@@ -717,7 +729,7 @@ class Crystal(Result):
         held = np.zeros(n, bool)  # by a wall, which extends along all periods
         held[
             np.concatenate(
-                [np.zeros(0, np.intp), *(one.balls for one in self._sides if one.edge != "free")]
+                [np.zeros(0, np.intp), *(side.balls for side in self._sides if side.edge != "free")]
             )
         ] = True
         if (alone := np.setdiff1d(np.flatnonzero(~held), np.append(table.i, table.j))).size:
@@ -749,12 +761,12 @@ class Crystal(Result):
     @property
     def balls(self) -> tuple[Ball, ...]:
         """The ball at each site."""
-        return tuple(self.kinds[one] for one in self.kind.tolist())
+        return tuple(self.kinds[number] for number in self.kind.tolist())
 
     @property
     def n_contacts(self) -> int:
         """Number of contacts in the cell, those with floors among them, which come last."""
-        return len(self.contacts) + sum(len(one.balls) for one in self._floors)
+        return len(self.contacts) + sum(len(floor.balls) for floor in self._floors)
 
     @property
     def measure(self) -> float:
@@ -763,12 +775,13 @@ class Crystal(Result):
 
     def __repr__(self) -> str:
         kinds = ", ".join(
-            f"{np.count_nonzero(self.kind == at)} {name}" for at, name in enumerate(self.names)
+            f"{np.count_nonzero(self.kind == number)} {name}"
+            for number, name in enumerate(self.names)
         )
-        what = f"{counted(self.n_balls, 'ball')} ({kinds}), {counted(self.n_contacts, 'contact')}"
-        return (
-            f"Crystal({self.name!r}: {what}, {counted(self.periods, 'period')}, {self.dimension}D)"
+        summary = (
+            f"{counted(self.n_balls, 'ball')} ({kinds}), {counted(self.n_contacts, 'contact')}"
         )
+        return f"Crystal({self.name!r}: {summary}, {counted(self.periods, 'period')}, {self.dimension}D)"
 
     @cached_property
     def radii(self) -> Array:
@@ -795,7 +808,7 @@ class Crystal(Result):
     @property
     def is_held(self) -> bool:
         """Whether a floor or clamp holds balls of it."""
-        return any(one.edge != "free" for one in self._sides)
+        return any(side.edge != "free" for side in self._sides)
 
     @property
     def downward(self) -> Array:
@@ -804,12 +817,12 @@ class Crystal(Result):
 
         Raises :class:`~granphon.base.errors.InputError` if no face is.
         """
-        for one in self._sides:
-            if one.edge != "free":
-                return np.asarray(one.sign * np.eye(self.dimension)[one.axis])
-        what = f"nothing holds crystal {self.name!r} against gravity"
+        for side in self._sides:
+            if side.edge != "free":
+                return np.asarray(side.sign * np.eye(self.dimension)[side.axis])
+        problem = f"nothing holds crystal {self.name!r} against gravity"
         error = InputError(
-            what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'
+            problem, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'
         )
         error.block = ("load", "gravity")
         raise error
@@ -822,11 +835,11 @@ class Crystal(Result):
     @cached_property
     def _sides(self) -> list[Side]:
         """The faces of all cuts, the lower before the upper of each."""
-        out = list[Side]()
+        sides = list[Side]()
         walls = 0
         for face in self.faces:
             for sign, edge, balls in zip((-1.0, 1.0), face.edges, face.balls, strict=True):
-                out.append(
+                sides.append(
                     Side(
                         face.axis,
                         sign,
@@ -836,11 +849,11 @@ class Crystal(Result):
                     )
                 )
             walls += face.is_pressed
-        return out
+        return sides
 
     @property
     def _floors(self) -> list[Side]:
-        return [one for one in self._sides if one.edge == "floor"]
+        return [side for side in self._sides if side.edge == "floor"]
 
     @cached_property
     def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
@@ -871,10 +884,10 @@ class Crystal(Result):
         pairs, number = self._pairs
         laws: list[PairLaw] = []
         checked: set[int] = set()
-        for ball, other, one, two in pairs:
-            found = law_of_pair(self.law, ball, other, one, two)
+        for first, second, first_name, second_name in pairs:
+            found = law_of_pair(self.law, first, second, first_name, second_name)
             if id(found) not in checked:
-                check_law(found, ContactConstants.of(ball, other).radius)
+                check_law(found, ContactConstants.of(first, second).radius)
                 checked.add(id(found))
             laws.append(found)
         order = np.argsort(number, kind="stable")
@@ -929,8 +942,8 @@ class Crystal(Result):
     def _constants(self) -> Array:
         """(4, n_c) E*, R, kappa/k and the modulus of twist of each contact."""
         pairs, number = self._pairs
-        each = [ContactConstants.of(ball, other) for ball, other, _, _ in pairs]
-        return np.reshape(each, (-1, 4))[number].T
+        constants = [ContactConstants.of(first, second) for first, second, _, _ in pairs]
+        return np.reshape(constants, (-1, 4))[number].T
 
     @cached_property
     def ball_motions(self) -> Motions:
@@ -949,9 +962,11 @@ class Crystal(Result):
         if self.deviations is None and any(
             ball.spread is not None and ball.spread.rms for ball in self.kinds
         ):
-            what = f"balls of crystal {self.name!r} have a spread of diameters, and none are drawn"
+            problem = (
+                f"balls of crystal {self.name!r} have a spread of diameters, and none are drawn"
+            )
             raise InputError(
-                what,
+                problem,
                 "Each ball is simulated by itself",
                 "Draw them: crystal.sample((8, 8), seed=0)",
             )
@@ -1053,9 +1068,9 @@ class Crystal(Result):
             self._require_pressable()
         adhere = self._springs.adhere
         if np.any(values < 0.0) and not adhere:
-            what = f"pressure is {brief(values.tolist())}: tensile"
+            problem = f"pressure is {brief(values.tolist())}: tensile"
             raise InputError(
-                what, "One-sided contacts carry no tension", "Give a pressure above zero"
+                problem, "One-sided contacts carry no tension", "Give a pressure above zero"
             )
         if not adhere and any(
             one == 0.0 and field is None for one, field in zip(values.flat, fields, strict=True)
@@ -1122,12 +1137,12 @@ class Crystal(Result):
         """
         values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
 
-        def name(one: Array) -> str:
-            rounded = np.round(one, 12) if np.max(np.abs(one)) > 1e-6 else one
+        def name(tensor: Array) -> str:
+            rounded = np.round(tensor, 12) if np.max(np.abs(tensor)) > 1e-6 else tensor
             return f"the stress {brief(rounded.tolist())} {('', 'N', 'N/m', 'Pa')[self.periods]}"
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
-        pushes = (self._push(name(one), field, stress=one) for one, field in loads)
+        pushes = (self._push(name(tensor), field, stress=tensor) for tensor, field in loads)
         return self._solve_each(values, pushes, finite_overlap, 2)
 
     def at_strain(
@@ -1153,14 +1168,15 @@ class Crystal(Result):
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
         values, fields = self._read_gravity(self._read_tensor("strain", strain, 0.5), gravity, 2)
-        if (least := float(np.min(np.linalg.eigvalsh(values)))) <= -1.0:
-            what = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
-            raise InputError(what, "Nothing would be left of it", "Give a strain above -1")
+        least = float(np.min(np.linalg.eigvalsh(values)))
+        if least <= -1.0:
+            problem = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
+            raise InputError(problem, "Nothing would be left of it", "Give a strain above -1")
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
         pushes = (
-            self._push(f"the strain {brief(one.tolist())}", field, strain=one)
-            for one, field in loads
+            self._push(f"the strain {brief(tensor.tolist())}", field, strain=tensor)
+            for tensor, field in loads
         )
         return self._solve_each(values, pushes, finite_overlap, 2)
 
@@ -1174,24 +1190,26 @@ class Crystal(Result):
                 f"crystal {self.name!r} has no period that a {name} could act on",
                 mend="Give a pressure",
             )
-        given = finite_array(name, values)
+        tensors = finite_array(name, values)
         voigt = voigt_pairs(p)
-        if p == 1 and given.ndim == 0:
-            given = given[None]
-        if given.shape[-2:] == (p, p):
-            if np.any(np.abs(given - np.swapaxes(given, -1, -2)) > 1e-12 * np.max(np.abs(given))):
+        if p == 1 and tensors.ndim == 0:
+            tensors = tensors[None]
+        if tensors.shape[-2:] == (p, p):
+            if np.any(
+                np.abs(tensors - np.swapaxes(tensors, -1, -2)) > 1e-12 * np.max(np.abs(tensors))
+            ):
                 raise InputError(f"{name} is not symmetric", mend="Give a symmetric matrix")
-            return given
-        if given.shape[-1:] != (len(voigt),):
-            what = f"{name} has the shape {given.shape}"
+            return tensors
+        if tensors.shape[-1:] != (len(voigt),):
+            problem = f"{name} has the shape {tensors.shape}"
             raise InputError(
-                what,
+                problem,
                 mend=f"Give ({p}, {p}), or ({len(voigt)},) in Voigt order, or an array of these",
             )
-        out = np.zeros((*given.shape[:-1], p, p))
+        full = np.zeros((*tensors.shape[:-1], p, p))
         for number, (a, b) in enumerate(voigt):
-            out[..., a, b] = out[..., b, a] = given[..., number] * (1.0 if a == b else shear)
-        return out
+            full[..., a, b] = full[..., b, a] = tensors[..., number] * (1.0 if a == b else shear)
+        return full
 
     def _read_gravity(
         self, values: Array, gravity: ArrayLike | None, rank: int = 0
@@ -1199,25 +1217,27 @@ class Crystal(Result):
         """Return loads, whose last ``rank`` axes are those of one, broadcast with gravity, and this
         at each, or None.
         """
-        lead = values.shape[: values.ndim - rank]
+        load_shape = values.shape[: values.ndim - rank]
         if gravity is None:
-            return values, [None] * math.prod(lead)
+            return values, [None] * math.prod(load_shape)
         field = finite_array("gravity", gravity)
         d = self.dimension
         p = self.periods
         field = field[..., None] if d == 1 and field.shape[-1:] != (1,) else field
         try:
             shape = (
-                np.broadcast_shapes(lead, field.shape[:-1]) if field.shape[-1:] == (d,) else None
+                np.broadcast_shapes(load_shape, field.shape[:-1])
+                if field.shape[-1:] == (d,)
+                else None
             )
         except ValueError:
             shape = None
         if shape is None:
-            what = f"gravity has the shape {field.shape}" + (
-                f", and the loads {lead}" if lead else ""
+            problem = f"gravity has the shape {field.shape}" + (
+                f", and the loads {load_shape}" if load_shape else ""
             )
             raise InputError(
-                what, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane"
+                problem, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane"
             )
         across = np.abs(field) > 1e-12 * np.max(np.abs(field), axis=-1, keepdims=True)
         walls = {one.axis for one in self._sides if one.edge != "free"}
@@ -1225,15 +1245,15 @@ class Crystal(Result):
             if axis < p or (
                 axis not in walls and not any("clamped" in face.edges for face in self.faces)
             ):
-                where = "repeats" if axis < p else "stands on nothing"
-                what = f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {where}"
+                reason = "repeats" if axis < p else "stands on nothing"
+                problem = f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {reason}"
                 mend = (
                     'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))'
                 )
-                raise InputError(what, "Nothing holds the balls there", mend)
-        each = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
-        return np.broadcast_to(values, shape + values.shape[len(lead) :]), [
-            one if np.any(one) else None for one in each
+                raise InputError(problem, "Nothing holds the balls there", mend)
+        fields = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
+        return np.broadcast_to(values, shape + values.shape[len(load_shape) :]), [
+            one if np.any(one) else None for one in fields
         ]
 
     def _push(
@@ -1251,18 +1271,20 @@ class Crystal(Result):
         lifted: tuple[str, str] | None = (
             None  # why gravity lifts balls off what they stand on, and what mends it
         )
-        force, pressed, given = np.zeros((3, frame.motion.shape[1]))
+        force, pressed, held_values = np.zeros((3, frame.motion.shape[1]))
         held = np.zeros(len(force), bool)
         if field is not None:
             force[: frame.n_free] = (self.masses[place >= 0, None] * field).ravel()
             for face in self.faces:
                 low, high = face.edges
-                way = field[face.axis] if low != "free" else -field[face.axis]
-                others = math.prod(one.thickness for one in self.faces if one is not face)
-                weight = float(np.sum(self.masses[place >= 0])) * way / (self.measure * others)
+                pull = field[face.axis] if low != "free" else -field[face.axis]
+                cross_section = math.prod(side.thickness for side in self.faces if side is not face)
+                weight = (
+                    float(np.sum(self.masses[place >= 0])) * pull / (self.measure * cross_section)
+                )
                 if (
                     lifted is None
-                    and way > 0.0
+                    and pull > 0.0
                     and pressure <= weight
                     and (low, high) != ("clamped", "clamped")
                 ):
@@ -1280,21 +1302,23 @@ class Crystal(Result):
             force[frame.strains] += frame.work_of(stress)
         if strain is not None:
             held[frame.strains] = True
-            given[frame.strains] = [strain[a, b] * frame.length for a, b in frame.pairs]
-        for one in self._sides:
+            held_values[frame.strains] = [strain[a, b] * frame.length for a, b in frame.pairs]
+        for side in self._sides:
             push = (
                 pressure
                 * frame.measure
-                * math.prod(face.thickness for face in self.faces if face.axis != one.axis)
+                * math.prod(face.thickness for face in self.faces if face.axis != side.axis)
             )
-            if one.wall >= 0:
-                pressed[frame.strains.stop + one.wall] -= push
-            elif one.edge == "free":
-                at = place[one.balls][place[one.balls] >= 0]
-                pressed[self.dimension * at + one.axis] -= one.sign * push / max(len(at), 1)
+            if side.wall >= 0:
+                pressed[frame.strains.stop + side.wall] -= push
+            elif side.edge == "free":
+                numbers = place[side.balls][place[side.balls] >= 0]
+                pressed[self.dimension * numbers + side.axis] -= (
+                    side.sign * push / max(len(numbers), 1)
+                )
         if not np.all(np.isfinite(force + pressed)):
             raise FloatingPointError(f"the forces of {words} are not finite")
-        return Push(force + pressed, held, given, stress, pressed, words, lifted)
+        return Push(force + pressed, held, held_values, stress, pressed, words, lifted)
 
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
         words += f" {('N', 'N', 'N/m', 'Pa')[self.periods + len(self.faces)]}"
@@ -1314,10 +1338,10 @@ class Crystal(Result):
         """Return the state at which contacts have a mean force or overlap, by a search for the
         pressure.
         """
-        given, fields = self._read_gravity(finite_array(kind, values), gravity)
+        goals, fields = self._read_gravity(finite_array(kind, values), gravity)
         self._require_pressable()
-        if np.any(given <= 0.0):
-            word = "zero" if np.any(given == 0.0) else f"{brief(given.tolist())}: tensile"
+        if np.any(goals <= 0.0):
+            word = "zero" if np.any(goals == 0.0) else f"{brief(goals.tolist())}: tensile"
             why = "One-sided contacts carry no tension"
             mend = f"Give {kind} above zero"
             if self._springs.adhere:
@@ -1327,12 +1351,12 @@ class Crystal(Result):
         follows = read_finite_overlap(finite_overlap)
         frame = self._frame[0]
         springs = self._springs
-        with _in_double_precision(given):
-            loads = zip(given.ravel().tolist(), fields, strict=True)
-            each = [
-                self._find_mean(kind, one, field, follows, frame, springs) for one, field in loads
+        with _in_double_precision(goals):
+            loads = zip(goals.ravel().tolist(), fields, strict=True)
+            solutions = [
+                self._find_mean(kind, goal, field, follows, frame, springs) for goal, field in loads
             ]
-            return self._stack(given, each, 0, follows)
+            return self._stack(goals, solutions, 0, follows)
 
     def _require_pressable(self) -> None:
         if not (self.periods or self.faces):
@@ -1440,63 +1464,66 @@ class Crystal(Result):
         follows = read_finite_overlap(finite_overlap)
         frame = self._frame[0]
         springs = self._springs
-        found = []
+        solutions = []
         with _in_double_precision(values):
             for push in pushes:
                 rest = settle(frame, springs, push)
-                found.append(
+                solutions.append(
                     (settle_exactly(frame, springs, push, rest) if follows else rest, push)
                 )
-            return self._stack(values, found, rank, follows)
+            return self._stack(values, solutions, rank, follows)
 
     def _stack(
-        self, values: Array, found: Sequence[tuple[Rest, Push]], rank: int, follows: bool
+        self, values: Array, solutions: Sequence[tuple[Rest, Push]], rank: int, follows: bool
     ) -> CrystalState:
         """Return the state of some loads, with the shape of ``values``, whose last ``rank`` axes
         are those of one.
         """
         frame, place, rider = self._frame
-        lead = values.shape[: values.ndim - rank]
+        load_shape = values.shape[: values.ndim - rank]
         d = self.dimension
         p = self.periods
         springs = self._springs
-        moved = np.zeros((len(found), self.n_balls, d))
-        ways = np.zeros((len(found), len(frame.walls)))
-        strain, stress = np.zeros((2, len(found), p, p))
-        for at, (rest, _) in enumerate(found):
-            moved[at, place >= 0] = rest.x[: frame.n_free].reshape(-1, d)
-            ways[at] = rest.x[frame.strains.stop :]
-            strain[at] = frame.strain(rest.x)
+        displacements = np.zeros((len(solutions), self.n_balls, d))
+        wall_motions = np.zeros((len(solutions), len(frame.walls)))
+        strain, stress = np.zeros((2, len(solutions), p, p))
+        for index, (rest, _) in enumerate(solutions):
+            displacements[index, place >= 0] = rest.x[: frame.n_free].reshape(-1, d)
+            wall_motions[index] = rest.x[frame.strains.stop :]
+            strain[index] = frame.strain(rest.x)
             force = springs.force(rest.overlap)
             if p:
-                deformed = np.eye(p) + strain[at] if follows else np.eye(p)
+                deformed = np.eye(p) + strain[index] if follows else np.eye(p)
                 virial = (force[:, None] * rest.normal[:, :p]).T @ np.where(
                     frame.flat[:, None], 0.0, frame.vector[:, :p]
                 )
                 virial = virial @ deformed.T
-                stress[at] = (
+                stress[index] = (
                     -0.5 * (virial + virial.T) / (frame.measure * float(np.linalg.det(deformed)))
                 )
-        for one in self._sides:
-            if one.wall >= 0:
-                moved[:, rider == one.wall, one.axis] = ways[:, one.wall, None]
+        for side in self._sides:
+            if side.wall >= 0:
+                displacements[:, rider == side.wall, side.axis] = wall_motions[:, side.wall, None]
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
-            loose = np.setdiff1d(np.arange(d), [one.axis for one in self._floors])
-            moved[..., loose] -= np.mean(moved[..., loose], axis=1, keepdims=True)
-        overlap = np.array([rest.overlap for rest, _ in found])
-        force = np.array([springs.force(one) for one in overlap])
-        stiffness = np.array([springs.stiffness(one) for one in overlap])
-        normal = np.array([rest.normal for rest, _ in found])
+            loose = np.setdiff1d(np.arange(d), [side.axis for side in self._floors])
+            displacements[..., loose] -= np.mean(displacements[..., loose], axis=1, keepdims=True)
+        overlap = np.array([rest.overlap for rest, _ in solutions])
+        force = np.array([springs.force(side) for side in overlap])
+        stiffness = np.array([springs.stiffness(side) for side in overlap])
+        normal = np.array([rest.normal for rest, _ in solutions])
         deep = np.max(overlap / frame.distance, axis=1)
         modulus = min(ball.material.young_modulus for ball in self.kinds)
-        require_shallow(modulus, float(np.max(deep)), found[int(np.argmax(deep))][1].words)
+        require_shallow(modulus, float(np.max(deep)), solutions[int(np.argmax(deep))][1].words)
 
         values_of = zip(
-            _PER_LOAD, (force, overlap, stiffness, normal, moved, stress, strain, ways), strict=True
+            _PER_LOAD,
+            (force, overlap, stiffness, normal, displacements, stress, strain, wall_motions),
+            strict=True,
         )
         shaped: dict[str, Any] = {
-            name: read_only(array.reshape(*lead, *array.shape[1:])) for name, array in values_of
+            name: read_only(array.reshape(*load_shape, *array.shape[1:]))
+            for name, array in values_of
         }
         return CrystalState(self, **shaped, finite_overlap=follows)
 
@@ -1543,21 +1570,22 @@ class CrystalState(Result):
             raise InputError("the state has one load, and no index", mend="Use it as it is")
         count = int(np.prod(self.shape))
         axes = len(self.shape)
-        where = np.arange(count).reshape(self.shape)[index]
-        if not np.size(where):
+        chosen_loads = np.arange(count).reshape(self.shape)[index]
+        if not np.size(chosen_loads):
             raise InputError(
                 f"the index {brief(index)} selects none of the loads", mend="Select one or more"
             )
         arrays = {name: getattr(self, name) for name in _PER_LOAD}
         chosen: Any = {
-            name: read_only(a.reshape(count, *a.shape[axes:])[where]) for name, a in arrays.items()
+            name: read_only(a.reshape(count, *a.shape[axes:])[chosen_loads])
+            for name, a in arrays.items()
         }
         return replace(self, **chosen)
 
     def __repr__(self) -> str:
         forces = self.normal_force
-        what = f"{np.min(forces):.6g} to {np.max(forces):.6g} N"
-        return f"CrystalState({self.crystal!r}, normal_force={what}, shape={self.shape})"
+        forces_text = f"{np.min(forces):.6g} to {np.max(forces):.6g} N"
+        return f"CrystalState({self.crystal!r}, normal_force={forces_text}, shape={self.shape})"
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -1580,10 +1608,10 @@ class CrystalState(Result):
         springs = self.crystal._springs
         if not springs.know_radii:
             return self.normal_stiffness
-        found = np.empty(self.normal_stiffness.shape)
-        for at in np.ndindex(self.shape):
-            found[at] = springs.punch(self.overlap[at])
-        return read_only(found)
+        stiffnesses = np.empty(self.normal_stiffness.shape)
+        for index in np.ndindex(self.shape):
+            stiffnesses[index] = springs.punch(self.overlap[index])
+        return read_only(stiffnesses)
 
     @property
     def torsion_stiffness(self) -> Array:
@@ -1617,23 +1645,23 @@ class CrystalState(Result):
         delta^a. Raises :class:`~granphon.base.errors.InputError` if contacts do not have it in
         common: velocities are then no power.
         """
-        found = np.empty(self.shape)
-        for at in np.ndindex(self.shape):
-            force = self.normal_force[at]
-            k = self.normal_stiffness[at]
-            live = k > 0.0
-            slope = self.crystal._springs.stiffness_slope(self.overlap[at])
-            each = 0.5 * (force[live] / k[live]) * (slope[live] / k[live])
-            if np.ptp(each) > _SAME_EXPONENT:
-                what = (
-                    f"the exponents of contacts differ, from {np.min(each):.6g} to"
-                    f" {np.max(each):.6g}"
+        exponents = np.empty(self.shape)
+        for index in np.ndindex(self.shape):
+            force = self.normal_force[index]
+            k = self.normal_stiffness[index]
+            loaded = k > 0.0
+            slope = self.crystal._springs.stiffness_slope(self.overlap[index])
+            contact_exponents = 0.5 * (force[loaded] / k[loaded]) * (slope[loaded] / k[loaded])
+            if np.ptp(contact_exponents) > _SAME_EXPONENT:
+                problem = (
+                    f"the exponents of contacts differ, from {np.min(contact_exponents):.6g} to"
+                    f" {np.max(contact_exponents):.6g}"
                 )
                 raise InputError(
-                    what, "Their laws are not one power", "Compare the velocities at two loads"
+                    problem, "Their laws are not one power", "Compare the velocities at two loads"
                 )
-            found[at] = np.mean(each)
-        return found[()]
+            exponents[index] = np.mean(contact_exponents)
+        return exponents[()]
 
     @property
     def scales(self) -> Units:
@@ -1814,10 +1842,12 @@ class CrystalState(Result):
 
 def list_balls(balls: Any) -> list[Any]:
     """Return balls, the argument of a public call, as a list; one ball is a list of one."""
-    given = balls.tolist() if isinstance(balls, np.ndarray) else balls
-    if isinstance(given, str | Mapping | set | frozenset) or not isinstance(given, Iterable | Ball):
+    listed = balls.tolist() if isinstance(balls, np.ndarray) else balls
+    if isinstance(listed, str | Mapping | set | frozenset) or not isinstance(
+        listed, Iterable | Ball
+    ):
         raise InputError(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball")
-    return [given] if isinstance(given, Ball) else list(given)
+    return [listed] if isinstance(listed, Ball) else list(listed)
 
 
 def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
@@ -1828,17 +1858,17 @@ def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
         raise InputError("there are no balls", mend="Give a list of granphon.Ball")
     of_object: dict[int, int] = {}
     kinds: dict[Ball, int] = {}
-    out = []
+    numbers = []
     for ball in balls:
-        at = of_object.get(id(ball))
-        if at is None:
+        number = of_object.get(id(ball))
+        if number is None:
             if not isinstance(ball, Ball):
                 raise InputError(
                     f"{brief(ball)} is not a ball", mend="Give a granphon.Ball for each site"
                 )
-            at = of_object[id(ball)] = kinds.setdefault(ball, len(kinds))
-        out.append(at)
-    return tuple(kinds), np.array(out, np.intp)
+            number = of_object[id(ball)] = kinds.setdefault(ball, len(kinds))
+        numbers.append(number)
+    return tuple(kinds), np.array(numbers, np.intp)
 
 
 def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
@@ -1846,20 +1876,22 @@ def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -
     B, C, ...
     """
     names = {ball: (known or {}).get(ball) or ball.name for ball in kinds}
-    taken = {name for name in names.values() if name} | {RIGID_PLANE.name}
+    used_names = {name for name in names.values() if name} | {RIGID_PLANE.name}
     letters = (
         map("".join, itertools.product(ascii_uppercase, repeat=size)) for size in itertools.count(1)
     )
-    free = (one for one in itertools.chain.from_iterable(letters) if one not in taken)
-    found = tuple(names[ball] or next(free) for ball in kinds)
-    if len(set(found)) < len(found) or RIGID_PLANE.name in found:
-        twice = next(name for name in found if found.count(name) > 1 or name == RIGID_PLANE.name)
+    free = (letter for letter in itertools.chain.from_iterable(letters) if letter not in used_names)
+    kind_names = tuple(names[ball] or next(free) for ball in kinds)
+    if len(set(kind_names)) < len(kind_names) or RIGID_PLANE.name in kind_names:
+        twice = next(
+            name for name in kind_names if kind_names.count(name) > 1 or name == RIGID_PLANE.name
+        )
         raise InputError(
             f"two kinds are called {twice!r}",
             "Laws are given by names",
             "Name each kind differently",
         )
-    return found
+    return kind_names
 
 
 def _require_room(cells: int, crystal: Crystal) -> None:
@@ -1867,8 +1899,8 @@ def _require_room(cells: int, crystal: Crystal) -> None:
     fit into memory.
     """
     balls = cells * crystal.n_balls
-    needed = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)
-    require_memory(f"crystals of {balls:,} balls", needed, "Take fewer cells")
+    memory = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)
+    require_memory(f"crystals of {balls:,} balls", memory, "Take fewer cells")
     if balls > _MOST_BALLS:
         raise InputError(
             f"the crystal would have {balls:,} balls", mend=f"Make it of up to {_MOST_BALLS:,}"
@@ -1882,5 +1914,5 @@ def _in_double_precision(values: Array) -> Iterator[None]:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
             yield
     except FloatingPointError:
-        what = f"a crystal under a load of {brief(values.tolist())} is beyond double precision"
-        raise InputError(what, mend="Lower the load, or compare the units") from None
+        problem = f"a crystal under a load of {brief(values.tolist())} is beyond double precision"
+        raise InputError(problem, mend="Lower the load, or compare the units") from None

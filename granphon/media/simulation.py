@@ -128,11 +128,12 @@ class SampleLaw(EnergyLaw):
         )
         return -largest * self.simulation.packing.width_units.width
 
-    def _average_at(self, overlap: ArrayLike, of: Callable[[Sample], float]) -> Any:
+    def _average_at(self, overlap: ArrayLike, quantity: Callable[[Sample], float]) -> Any:
         values = np.asarray(overlap, float)
         different, where = np.unique(values, return_inverse=True)
         means = [
-            np.mean([of(one) for one in self._simulate(value)]) for value in different.tolist()
+            np.mean([quantity(sample) for sample in self._simulate(value)])
+            for value in different.tolist()
         ]
         return np.array(means)[where].reshape(values.shape)[()]
 
@@ -247,7 +248,7 @@ class SimulatedState(ContactState):
             normal_stiffness=np.asarray(k)[()],
             samples=tuple(samples),
             fixed_overlap=fixed_overlap,
-            finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
+            finite_overlap=any(medium.is_exact for medium, _ in simulation.by_geometry(load)),
         )
 
     def __post_init__(self) -> None:
@@ -259,8 +260,8 @@ class SimulatedState(ContactState):
 
     def __getitem__(self, index: Any) -> Self:
         """Return the state at some of the loads, indexed like an array."""
-        which = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
-        samples = tuple(self._table.reshape(-1, self.n_samples)[which].ravel().tolist())
+        chosen = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
+        samples = tuple(self._table.reshape(-1, self.n_samples)[chosen].ravel().tolist())
         f, delta, k = (
             np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness)
         )
@@ -321,8 +322,8 @@ class SimulatedState(ContactState):
         )
         return standard_error(values, len(self.shape))[()]
 
-    def _average(self, of: Callable[[Any], ArrayLike]) -> Any:
-        return np.mean(self.over_samples(of), axis=len(self.shape))[()]
+    def _average(self, quantity: Callable[[Any], ArrayLike]) -> Any:
+        return np.mean(self.over_samples(quantity), axis=len(self.shape))[()]
 
     @property
     def force_fluctuation(self) -> Any:
@@ -372,22 +373,24 @@ class SimulatedState(ContactState):
         """
         return self._average_distribution("mobilisation_distribution", bins)
 
-    def _average_distribution(self, name: str, *given: Any) -> tuple[Array, Array, Array]:
+    def _average_distribution(self, name: str, *arguments: Any) -> tuple[Array, Array, Array]:
         """Return the edges of a distribution of the samples, its mean over them, and the standard
         error of the mean.
         """
         if not hasattr(self.samples[0], name):
-            what = f"there is no {name}"
+            problem = f"there is no {name}"
             why = "Balls that come to rest without friction bear no tangential forces"
-            raise InputError(what, why, "Give friction_history=True to granphon.DirectSimulation")
-        edges: Array = getattr(self.samples[0], name)(*given)[0]
-        each = self.over_samples(lambda sample: getattr(sample, name)(*given)[1])
+            raise InputError(
+                problem, why, "Give friction_history=True to granphon.DirectSimulation"
+            )
+        edges: Array = getattr(self.samples[0], name)(*arguments)[0]
+        densities = self.over_samples(lambda sample: getattr(sample, name)(*arguments)[1])
         axis = len(self.shape)
-        mean = np.mean(each, axis=axis)
+        mean = np.mean(densities, axis=axis)
         return (
             edges,
             mean,
-            standard_error(each, axis) if self.n_samples > 1 else np.full_like(mean, np.nan),
+            standard_error(densities, axis) if self.n_samples > 1 else np.full_like(mean, np.nan),
         )
 
     sliding_fraction = _average_history(
@@ -470,11 +473,11 @@ class SimulatedState(ContactState):
         """Return standard errors of velocities along ``direction``, m/s, in the order of
         ``wave_names``; None of one.
         """
-        every = self.sampled_tensors
-        if every is None:
+        tensors = self.sampled_tensors
+        if tensors is None:
             return None
         velocities, _ = self._find_waves(
-            every, np.asarray(self.effective_density)[..., None], direction
+            tensors, np.asarray(self.effective_density)[..., None], direction
         )
         return standard_error(velocities, len(self.shape))
 
@@ -482,13 +485,13 @@ class SimulatedState(ContactState):
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves
         of the samples.
         """
-        found = self.long_waves(direction)
+        velocities = self.long_waves(direction)
         ideal = super().polarised_waves(direction)[0]
-        places = [self.wave_names.index(name) for name in names]
+        columns = [self.wave_names.index(name) for name in names]
         scales = super().branch_scales(direction, names)
         return [
-            np.asarray(found[..., i] / (ideal[..., i] / scale))
-            for i, scale in zip(places, scales, strict=True)
+            np.asarray(velocities[..., column] / (ideal[..., column] / scale))
+            for column, scale in zip(columns, scales, strict=True)
         ]
 
     @property
@@ -499,7 +502,9 @@ class SimulatedState(ContactState):
         simulation = getattr(self.law, "simulation", None)
         if simulation is None or simulation.geometry is not None:
             return self._fill_shape(self.finite_overlap)
-        return np.reshape([one.is_exact for one in self.samples[:: self.n_samples]], self.shape)[()]
+        return np.reshape(
+            [sample.is_exact for sample in self.samples[:: self.n_samples]], self.shape
+        )[()]
 
     @property
     def _shrinkage(self) -> Any:
@@ -866,8 +871,8 @@ class DirectSimulation(Medium[SimulatedState]):
         """How samples are loaded: the options of a history, read as one; see
         :meth:`FrictionHistory.read`.
         """
-        given = {name: getattr(self, name) for name in HISTORY_OPTIONS}
-        return require("DirectSimulation", FrictionHistory.read, given)  # type: ignore[no-any-return]
+        options = {name: getattr(self, name) for name in HISTORY_OPTIONS}
+        return require("DirectSimulation", FrictionHistory.read, options)  # type: ignore[no-any-return]
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, DirectSimulation):
@@ -882,8 +887,16 @@ class DirectSimulation(Medium[SimulatedState]):
     @property
     def _key(self) -> tuple[Any, ...]:
         """Everything that determines the results, except the values of given diameters."""
-        given = self.diameters is not None
-        return self.packing, self.shape, self.seed, self.samples, given, self.geometry, self.history
+        has_diameters = self.diameters is not None
+        return (
+            self.packing,
+            self.shape,
+            self.seed,
+            self.samples,
+            has_diameters,
+            self.geometry,
+            self.history,
+        )
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -952,12 +965,12 @@ class DirectSimulation(Medium[SimulatedState]):
         that may be drawn.
         """
         # diameters that are given may be larger than the largest of the packing's spread
-        given = (
+        largest_given = (
             self.packing.width_units.width * float(np.max(self.deviations(0)))
             if self.diameters is not None
             else 0.0
         )
-        return max(given, self.packing.spread.largest if self.packing.spread else 0.0)
+        return max(largest_given, self.packing.spread.largest if self.packing.spread else 0.0)
 
     def seed_of(self, index: int) -> int | None:
         """Return the seed of a sample; None if the diameters are given."""
@@ -971,21 +984,21 @@ class DirectSimulation(Medium[SimulatedState]):
         packing = self.packing
         n = packing.structure.n_balls
         shape = (*self.cells, n) if n > 1 else self.cells
-        given = np.zeros(shape)
+        diameters = np.zeros(shape)
         if packing.spread is not None:
-            given = (
+            diameters = (
                 self.diameters
                 if self.diameters is not None
                 else packing.spread.sample(shape, self.seed + index)
             )
         if n > 1:
-            given = np.ascontiguousarray(np.moveaxis(given, -1, 0))
+            diameters = np.ascontiguousarray(np.moveaxis(diameters, -1, 0))
         if packing.spread is None:
-            return given
+            return diameters
         # the mean is subtracted twice, so that what remains is zero to the rounding of the
         # deviations, not of the diameters
-        off = given - np.mean(given)
-        return np.asarray((off - np.mean(off)) / packing.width_units.width)
+        differences = diameters - np.mean(diameters)
+        return np.asarray((differences - np.mean(differences)) / packing.width_units.width)
 
     @property
     def is_quick(self) -> bool:
@@ -1090,21 +1103,21 @@ class DirectSimulation(Medium[SimulatedState]):
             raise InputError(
                 "a path needs friction_history", why, "Give friction_history=True, or use at_force"
             )
-        given: dict[str, ArrayLike | None] = {
+        values_of: dict[str, ArrayLike | None] = {
             "force": force,
             "pressure": pressure,
             "overlap": overlap,
         }
         if load is None:
-            load = Load.only(**given)
+            load = Load.only(**values_of)
         elif not isinstance(load, Load):
-            what = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
+            problem = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
             mend = (
                 "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of"
                 " granphon.balls.loads"
             )
-            raise InputError(what, "It does not say what kind of load that is", mend)
-        elif kinds := [kind for kind, values in given.items() if values is not None]:
+            raise InputError(problem, "It does not say what kind of load that is", mend)
+        elif kinds := [kind for kind, values in values_of.items() if values is not None]:
             raise InputError(
                 f"the loads of a path are given as a Load and as {' and '.join(kinds)}",
                 mend="Give one",
@@ -1125,18 +1138,18 @@ class DirectSimulation(Medium[SimulatedState]):
         jobs = [partial(self._loaded_sample(index).press, path) for index in range(self.samples)]
         with progress.step("loading with friction", len(path) * len(jobs)) as step:
             if self.executor is None:
-                found = [job(report=step.advance) for job in jobs]
+                results = [job(report=step.advance) for job in jobs]
             else:
-                found = []
+                results = []
                 with naming_lost_workers("the simulation"):
-                    for one in [self.executor.submit(job) for job in jobs]:
-                        found.append(one.result())
+                    for job_result in [self.executor.submit(job) for job in jobs]:
+                        results.append(job_result.result())
                         step.advance(len(path))
-        reached = min(len(samples) for samples, _ in found)
+        reached = min(len(samples) for samples, _ in results)
         places = sorted(range(reached), key=lambda place: order[place])
-        every = [samples[place] for place in places for samples, _ in found]
+        every = [samples[place] for place in places for samples, _ in results]
         error = next(
-            (error for samples, error in found if error is not None and len(samples) == reached),
+            (error for samples, error in results if error is not None and len(samples) == reached),
             None,
         )
         if error is None:
@@ -1184,8 +1197,8 @@ class DirectSimulation(Medium[SimulatedState]):
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)
-        found = find_equilibrium(deviations, stencils, load, before, self.ratio)
-        return Sample(self.packing, self.seed_of(0), found)
+        equilibrium = find_equilibrium(deviations, stencils, load, before, self.ratio)
+        return Sample(self.packing, self.seed_of(0), equilibrium)
 
     def require(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can
@@ -1194,7 +1207,8 @@ class DirectSimulation(Medium[SimulatedState]):
         It may be below the start of a loading, as far as that is known before the start is found.
         """
         require_load(self.packing, load, self._largest)
-        if (start := self._start) is not None:
+        start = self._start
+        if start is not None:
             require_above(start, prescribe(self.packing, load, self.is_exact))
 
     @property
@@ -1229,7 +1243,7 @@ class DirectSimulation(Medium[SimulatedState]):
         if start is None:
             return 0.0
         by_force = start.overlap is None
-        if all((one.overlap is None) == by_force for one in self.prescribed(load)):
+        if all((reduced.overlap is None) == by_force for reduced in self.prescribed(load)):
             return 0.0
         slow = 1.0 + _SLOW_FORCE / start.force if by_force else 1.0
         return (
@@ -1254,12 +1268,14 @@ def no_finite_overlap(medium: str) -> InputError:
     """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a
     simulation.
     """
-    what = f"the medium {medium!r} has no terms of finite overlap"
+    problem = f"the medium {medium!r} has no terms of finite overlap"
     why = (
         "Its linear response is found in the limit of spread and overlap small against the diameter"
     )
     return InputError(
-        what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium"
+        problem,
+        why,
+        "Leave finite_overlap out, simulate with geometry exact, or take another medium",
     )
 
 

@@ -313,26 +313,30 @@ class ContactState(State, Result):
         overlap = np.asarray(self.overlap)
         diameter = self.packing.diameter
         least = -self.packing.width_units.width if self.samples else self.law.least_overlap
-        out = ~((overlap > max(least, -diameter)) & (overlap < diameter))
-        if np.any(out):
-            what = f"overlap of the {type(self).__name__} is {float(overlap[out].flat[0]):g} m"
-            raise InputError(what, f"The mean diameter is {diameter:g} m", "Make the state again")
-        found = self._find_again()
+        is_out = ~((overlap > max(least, -diameter)) & (overlap < diameter))
+        if np.any(is_out):
+            problem = (
+                f"overlap of the {type(self).__name__} is {float(overlap[is_out].flat[0]):g} m"
+            )
+            raise InputError(
+                problem, f"The mean diameter is {diameter:g} m", "Make the state again"
+            )
+        derived = self._find_again()
         for name, unit in (("force", "N"), ("overlap", "m"), ("normal_stiffness", "N/m")):
-            if name not in found:
+            if name not in derived:
                 continue
             values = np.asarray(getattr(self, name))
-            again = np.asarray(found[name])
+            expected = np.asarray(derived[name])
             size = np.maximum(np.abs(values), self.packing.width if name == "overlap" else 0.0)
-            wrong = ~(np.abs(again - values) <= _ALIKE * size)
+            wrong = ~(np.abs(expected - values) <= _ALIKE * size)
             if np.any(wrong):
-                value, other = (float(one[wrong].flat[0]) for one in (values, again))
-                what = f"{name} of the {type(self).__name__} is {value:.6g} {unit}"
+                value, other = (float(one[wrong].flat[0]) for one in (values, expected))
+                problem = f"{name} of the {type(self).__name__} is {value:.6g} {unit}"
                 why = (
                     f"What the overlap, the law and the samples of the state make of it is"
                     f" {other:.6g} {unit}"
                 )
-                raise InputError(what, why, "Make the state again")
+                raise InputError(problem, why, "Make the state again")
 
     def _find_again(self) -> dict[str, Any]:
         """Return numbers of the state as they follow from its others, by their names: those of its
@@ -547,12 +551,12 @@ class ContactState(State, Result):
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
         if not self.is_single:
-            what = f"the state holds {int(np.size(self.force))} loads"
+            problem = f"the state holds {int(np.size(self.force))} loads"
             mend = (
                 "Make a state with one load, as medium.at_force(1.0) does, or take one of these:"
                 " state[0]"
             )
-            raise InputError(what, "Atoms, force constants and phonons belong to one", mend)
+            raise InputError(problem, "Atoms, force constants and phonons belong to one", mend)
         return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
 
     @property
@@ -650,11 +654,11 @@ class ContactState(State, Result):
         scale = self.velocity_scale
         if self.finite_overlap:  # all lengths scale with the spacing
             scale = scale * (1.0 - np.asarray(self.relative_overlap))
-        found = self._at_each_load(find)
+        waves = self._at_each_load(find)
         # axes for the directions, if there are many, and for the branches
-        velocities = scale.reshape(*scale.shape, *(1,) * np.ndim(direction)) * found[..., 0, :]
+        velocities = scale.reshape(*scale.shape, *(1,) * np.ndim(direction)) * waves[..., 0, :]
         return velocities, np.broadcast_to(
-            found[..., 1:, :], (*velocities.shape, velocities.shape[-1])
+            waves[..., 1:, :], (*velocities.shape, velocities.shape[-1])
         )
 
     @property
@@ -679,20 +683,22 @@ class ContactState(State, Result):
         )
         # where no strain twists contacts, it does not matter by how much they resist; prestress
         # might change that
-        unmoved = stress is None and changes and not ideal_lattice(packing, 1.0).is_twisted_by_sound
-        if packing.structure.n_balls == 1 or not changes or unmoved:
+        is_unaffected = (
+            stress is None and changes and not ideal_lattice(packing, 1.0).is_twisted_by_sound
+        )
+        if packing.structure.n_balls == 1 or not changes or is_unaffected:
             return find(self.reference_lattice, stress)
         squared = np.broadcast_to((1.0 - self.relative_overlap) ** 2 if finite else 1.0, shape)
         twist = np.broadcast_to(self.torsion, shape) / squared
         roll = packing.bending / squared
-        found = [
+        results = [
             find(
-                ideal_lattice(packing, float(twist[at]), float(roll[at])),
-                None if stress is None else stress[at],
+                ideal_lattice(packing, float(twist[index]), float(roll[index])),
+                None if stress is None else stress[index],
             )
-            for at in np.ndindex(shape)
+            for index in np.ndindex(shape)
         ]
-        return np.asarray(found).reshape(*shape, *found[0].shape)
+        return np.asarray(results).reshape(*shape, *results[0].shape)
 
     @property
     def name(self) -> str:
@@ -731,11 +737,11 @@ class ContactState(State, Result):
         which have networks of their own.
         """
         if self.samples:
-            what = (
+            problem = (
                 f"the state is of {counted(self.n_samples, 'simulated sample')}, and not of a"
                 f" lattice"
             )
-            raise InputError(what, mend="Use the network of a sample: state.samples[0].network")
+            raise InputError(problem, mend="Use the network of a sample: state.samples[0].network")
         lattice = self.contact_lattice()
         structure = self.packing.structure
         units = self.scales
@@ -814,12 +820,18 @@ class NetworkState(State):
     @cached_property
     def _each(self) -> list[tuple[ContactLattice, ContactNetwork]]:
         """The network at each load, and its lattice in reduced units."""
-        loads = [self.source[at] for at in np.ndindex(self.shape)] if self.shape else [self.source]
-        return [(ContactLattice.from_network(one), one) for one in map(given_network, loads)]
+        loads = (
+            [self.source[index] for index in np.ndindex(self.shape)]
+            if self.shape
+            else [self.source]
+        )
+        return [
+            (ContactLattice.from_network(network), network) for network in map(given_network, loads)
+        ]
 
     def _stack(self, find: Callable[[ContactLattice, ContactNetwork], Any]) -> Array:
         """Return what ``find`` finds at each load, with the shape of the load in front."""
-        values = np.array([find(*one) for one in self._each])
+        values = np.array([find(*load) for load in self._each])
         return values.reshape((*self.shape, *values.shape[1:]))
 
     def __getitem__(self, index: Any) -> State:
@@ -875,13 +887,13 @@ class NetworkState(State):
         """Unit of length, m; :class:`~granphon.base.errors.InputError` if it is not the same at all
         loads.
         """
-        found = self._stack(lambda _, network: network.scales.length)
-        if np.ptp(found) > 0.0:
-            what = "the balls are not as far apart at all loads"
+        lengths = self._stack(lambda _, network: network.scales.length)
+        if np.ptp(lengths) > 0.0:
+            problem = "the balls are not as far apart at all loads"
             raise InputError(
-                what, "Wave numbers are in units of their distance", "Take one load, as state[0]"
+                problem, "Wave numbers are in units of their distance", "Take one load, as state[0]"
             )
-        return float(np.ravel(found)[0])
+        return float(np.ravel(lengths)[0])
 
     @property
     def velocity_scale(self) -> Array:
@@ -913,15 +925,16 @@ class NetworkState(State):
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions, at all loads."""
         return all(
-            "longitudinal" not in one.wave_names or one.is_isotropic for one, _ in self._each
+            "longitudinal" not in lattice.wave_names or lattice.is_isotropic
+            for lattice, _ in self._each
         )
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
         """Return velocities, m/s, and unit displacements of long waves, see
         :meth:`State.polarised_waves`.
         """
-        found = [one.sound_velocities(direction) for one, _ in self._each]
-        velocities, vectors = (np.array(values) for values in zip(*found, strict=True))
+        waves = [lattice.sound_velocities(direction) for lattice, _ in self._each]
+        velocities, vectors = (np.array(values) for values in zip(*waves, strict=True))
         velocities = velocities.reshape((*self.shape, *velocities.shape[1:]))
         scale = self.velocity_scale.reshape(
             (*self.shape, *(1,) * (velocities.ndim - len(self.shape)))
