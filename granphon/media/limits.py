@@ -54,7 +54,8 @@ _LIMITS = {
     "resonance": _Limit(
         0.5,
         "top frequency over the lowest resonance of a ball",
-        "the top frequency is {percent} of the lowest resonance of a ball, more than {limit_percent}",
+        "the top frequency is {percent} of the lowest resonance of a ball, more than"
+        " {limit_percent}",
         "a ball must move as a rigid body",
     ),
     "spread": _Limit(
