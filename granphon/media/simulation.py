@@ -1,9 +1,9 @@
 """The medium that simulates the disordered array: every ball has its own diameter and is at rest
 under load.
 
-Section III of Velicky and Caroli replaces the array by an average one. Here a periodic sample of L1
-x L2 balls is simulated. Its mechanical equilibrium is found without friction
-(:mod:`granphon.array.equilibrium`); its linear response (:mod:`granphon.array.linear_response`)
+Section III of Velicky and Caroli replaces the array by an average array. Here a periodic sample of
+L1 x L2 balls is simulated. The mechanical equilibrium of the sample is found without friction
+(:mod:`granphon.array.equilibrium`); the linear response (:mod:`granphon.array.linear_response`)
 then has shear springs at every contact that carries load. A state is a mean over samples; its
 attributes, elastic tensor, sound waves and local exponent have standard errors.
 """
@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
-from operator import attrgetter
+from operator import attrgetter, methodcaller
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -72,7 +72,7 @@ from granphon.media.state import ContactState, read_finite_overlap
 _MOST_SEED = 2**64 - 1
 #: default numbers of cells of a sample, with one, two and three periods
 DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
-#: rule of validation for the numbers of cells in a scene; ``periods`` says how many they must be
+#: rule of validation for the numbers of cells in a scene; ``periods`` says how many there must be
 read_cells = partial(lengths, low=1, high=20_000)
 #: greatest numbers of balls along a side of a sample, of its cells, and of samples, far beyond what
 #: fits into memory
@@ -87,12 +87,13 @@ _SOFT = 1e-6
 #: least width over diameter: where overlaps are more than 1e20 widths, some samples find no
 #: equilibrium
 _LEAST_WIDTH = 1e-20
-#: time of the start of a ball in the exact geometry over that on the lattice
+#: time for each ball of a start in the exact geometry, over the time in the directions of the
+#: lattice
 _EXACT_BALL = 20
-#: balls whose start takes as long as what any sample takes, on the lattice and in the exact
-#: geometry
+#: balls whose start takes as long as the fixed cost of any sample, by whether the geometry is exact
 _LEAST_SAMPLE = {False: 625, True: 2500}
-#: f* of a start that takes twice as long as one at a high force; below it the time grows as 1/f*
+#: f* of a start that takes twice as long as a start at a high force; below it the time grows as
+#: 1/f*
 _SLOW_FORCE = 0.0015
 
 
@@ -119,23 +120,23 @@ class SampleLaw(EnergyLaw):
 
     @property
     def least_overlap(self) -> float:
-        """Overlap up to which all balls are apart while they are on the sites of the lattice, m; it
-        is below zero.
+        """Overlap up to which all balls are apart while they are on the sites of the lattice, m; a
+        number below zero.
         """
-        largest = max(
-            float(np.max(self.simulation.deviations(index)))
-            for index in range(self.simulation.samples)
-        )
-        return -largest * self.simulation.packing.width_units.width
+        simulation = self.simulation
+        samples = range(simulation.samples)
+        largest = max(float(np.max(simulation.deviations(index))) for index in samples)
+        return -largest * simulation.packing.width_units.width
 
     def _average_at(self, overlap: ArrayLike, quantity: Callable[[Sample], float]) -> Any:
-        values = np.asarray(overlap, float)
-        different, where = np.unique(values, return_inverse=True)
+        """Return the mean over samples of a quantity at each ``overlap``, m."""
+        overlaps = np.asarray(overlap, float)
+        distinct, numbers = np.unique(overlaps, return_inverse=True)
         means = [
             np.mean([quantity(sample) for sample in self._simulate(value)])
-            for value in different.tolist()
+            for value in distinct.tolist()
         ]
-        return np.array(means)[where].reshape(values.shape)[()]
+        return np.array(means)[numbers].reshape(overlaps.shape)[()]
 
     @cached_property
     def _simulate(self) -> Callable[[float], tuple[Sample, ...]]:
@@ -146,9 +147,8 @@ class SampleLaw(EnergyLaw):
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        return self._average_at(
-            overlap, attrgetter(("energy", "force", "normal_stiffness", "stiffness_slope")[order])
-        )
+        names = ("energy", "force", "normal_stiffness", "stiffness_slope")
+        return self._average_at(overlap, attrgetter(names[order]))
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return the force fluctuation over the balls, the ratio Delta f / f, at each ``overlap``,
@@ -161,8 +161,8 @@ class SampleLaw(EnergyLaw):
         return self._average_at(overlap, lambda sample: sample.contact_fraction())
 
     def least_valid_force(self, width: float) -> float:
-        """Return 0 N for any ``width``, m: the simulation is valid at every load at which it finds
-        an equilibrium.
+        """Return 0 N for any ``width``, m: the simulation is valid at every load that has an
+        equilibrium.
         """
         return 0.0
 
@@ -180,18 +180,6 @@ HISTORY_UNITS = {
 }
 
 
-def _average_history(name: str, meaning: str) -> property:
-    """Return the property of a state that is the mean over samples of one of :data:`HISTORY_UNITS`;
-    None without them.
-    """
-
-    def find(state: SimulatedState) -> Any:
-        known = getattr(state.samples[0], name, None) is not None
-        return state._average(lambda sample: getattr(sample, name)) if known else None
-
-    return property(find, doc=f"{meaning}; None without a history of friction.")
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedState(ContactState):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
@@ -199,8 +187,8 @@ class SimulatedState(ContactState):
     At a given force or pressure every sample bears the same force, and overlaps are averaged. At a
     given overlap all samples have the same overlap, and forces are averaged. In both cases
     ``normal_stiffness`` is the exact derivative of the mean force with respect to the mean overlap;
-    after a history with friction it belongs to the linear response, which differs from the slope of
-    the path (:attr:`PressedSample.normal_stiffness`).
+    after a history with friction ``normal_stiffness`` belongs to the linear response, which differs
+    from the slope of the path (:attr:`PressedSample.normal_stiffness`).
 
     Attributes
     ----------
@@ -208,9 +196,9 @@ class SimulatedState(ContactState):
         fastest.
     fixed_overlap : True if all samples have the same overlap, False if they have the same force.
 
-    ``finite_overlap`` is True of samples in their exact geometry, if only at some loads. Otherwise
-    it is False: the linear response, pressure and density of the samples are in the paper's limit;
-    :class:`~granphon.base.errors.InputError` if it is set.
+    ``finite_overlap`` is True of samples in their exact geometry, if only at some loads. False
+    means that the linear response, pressure and density of the samples are in the paper's limit;
+    :class:`~granphon.base.errors.InputError` if such a state is made with True.
     """
 
     units = {**ContactState.units, "contact_force_fluctuation": "1", **HISTORY_UNITS}
@@ -223,51 +211,48 @@ class SimulatedState(ContactState):
     def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load) -> Self:
         """Make the state of ``samples`` under an applied ``load``.
 
-        Its force or overlap is exact if the load is given as one of these.
+        The force or the overlap of the state is exact if the load is given as such.
         """
-        rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(
-            *load.shape, -1, 3
-        )
-        forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
+        rows = [(sample.force, sample.overlap, sample.normal_stiffness) for sample in samples]
+        columns = np.moveaxis(np.array(rows).reshape(*load.shape, -1, 3), -1, 0)
+        forces, overlaps, stiffnesses = columns
         fixed_overlap = load.kind == "overlap"
-        # samples with the same overlap act in parallel: average stiffnesses; with the same force in
-        # series: compliances
-        k = (
-            np.mean(stiffnesses, axis=-1)
-            if fixed_overlap
-            else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
-        )
-        f = load.array if load.kind == "force" else np.mean(forces, axis=-1)
-        delta = load.array if fixed_overlap else np.mean(overlaps, axis=-1)
+        if fixed_overlap:  # samples act in parallel
+            stiffness = np.mean(stiffnesses, axis=-1)
+        else:  # samples act in series
+            stiffness = 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
+        force = load.array if load.kind == "force" else np.mean(forces, axis=-1)
+        overlap = load.array if fixed_overlap else np.mean(overlaps, axis=-1)
         return cls(
             packing=simulation.packing,
             medium=simulation.name,
             law=simulation.law,
-            force=np.asarray(f)[()],
-            overlap=np.asarray(delta)[()],
-            normal_stiffness=np.asarray(k)[()],
+            force=np.asarray(force)[()],
+            overlap=np.asarray(overlap)[()],
+            normal_stiffness=np.asarray(stiffness)[()],
             samples=tuple(samples),
             fixed_overlap=fixed_overlap,
             finite_overlap=any(medium.is_exact for medium, _ in simulation.by_geometry(load)),
         )
 
     def __post_init__(self) -> None:
-        if self.finite_overlap and not (
-            isinstance(self.law, SampleLaw) and self.law.simulation.geometry != LATTICE
-        ):
+        simulation = self._simulation
+        may_be_exact = simulation is not None and simulation.geometry != LATTICE
+        if self.finite_overlap and not may_be_exact:
             raise no_finite_overlap(self.medium)
         super().__post_init__()
 
     def __getitem__(self, index: Any) -> Self:
         """Return the state at some of the loads, indexed like an array."""
         chosen = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
-        samples = tuple(self._table.reshape(-1, self.n_samples)[chosen].ravel().tolist())
-        f, delta, k = (
-            np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness)
-        )
-        finite = bool(np.any(np.asarray(self._is_exact)[index]))
+        samples = self._table.reshape(-1, self.n_samples)[chosen]
         return replace(
-            self, force=f, overlap=delta, normal_stiffness=k, samples=samples, finite_overlap=finite
+            self,
+            force=np.asarray(self.force)[index],
+            overlap=np.asarray(self.overlap)[index],
+            normal_stiffness=np.asarray(self.normal_stiffness)[index],
+            samples=tuple(samples.ravel().tolist()),
+            finite_overlap=bool(np.any(np.asarray(self._is_exact)[index])),
         )
 
     def _find_again(self) -> dict[str, Any]:
@@ -313,16 +298,13 @@ class SimulatedState(ContactState):
         :class:`~granphon.base.errors.InputError` if there is only one sample.
         """
         if self.n_samples < 2:
-            raise InputError(
-                "one sample has no standard error",
-                mend="Give samples=2 or more to granphon.DirectSimulation",
-            )
-        values = self.over_samples(
-            (lambda sample: getattr(sample, of)) if isinstance(of, str) else of
-        )
-        return standard_error(values, len(self.shape))[()]
+            mend = "Give samples=2 or more to granphon.DirectSimulation"
+            raise InputError("one sample has no standard error", mend=mend)
+        quantity = attrgetter(of) if isinstance(of, str) else of
+        return standard_error(self.over_samples(quantity), len(self.shape))[()]
 
     def _average(self, quantity: Callable[[Any], ArrayLike]) -> Any:
+        """Return the mean over samples of a quantity, with the shape of the load in front."""
         return np.mean(self.over_samples(quantity), axis=len(self.shape))[()]
 
     @property
@@ -334,8 +316,8 @@ class SimulatedState(ContactState):
 
     @property
     def contact_force_fluctuation(self) -> Any:
-        """Rms deviation of the forces of single contacts from the mean force, divided by it; with
-        the shape of the load.
+        """Rms deviation of the forces of single contacts from the mean force, over the mean force;
+        with the shape of the load.
         """
         return self._average(lambda sample: sample.contact_force_fluctuation)
 
@@ -344,10 +326,10 @@ class SimulatedState(ContactState):
         """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / z (N_c / 6 on the
         triangular lattice).
 
-        In the exact geometry loose balls lean on others with W/d of that or less, so that it
-        depends on the threshold: at a* = 0.4 it is 0.67, 0.68 of all forces above zero, and 0.58 of
-        those above 1e-3 (steel balls, W/d = 2.6e-4). ``contact_fraction(threshold=...)`` of one of
-        the ``samples`` takes another threshold.
+        In the exact geometry loose balls lean on others with W/d of the mean force or less, so that
+        the fraction depends on the threshold: at a* = 0.4 the fraction is 0.67, that of all forces
+        above zero 0.68, and that of forces above 1e-3 of the mean 0.58 (steel balls, W/d = 2.6e-4).
+        ``contact_fraction(threshold=...)`` of one of the ``samples`` takes another threshold.
         """
         return self._average(lambda sample: sample.contact_fraction())
 
@@ -383,35 +365,59 @@ class SimulatedState(ContactState):
             raise InputError(
                 problem, why, "Give friction_history=True to granphon.DirectSimulation"
             )
-        edges: Array = getattr(self.samples[0], name)(*arguments)[0]
-        densities = self.over_samples(lambda sample: getattr(sample, name)(*arguments)[1])
+        distribution = methodcaller(name, *arguments)
+        edges: Array = distribution(self.samples[0])[0]
+        densities = self.over_samples(lambda sample: distribution(sample)[1])
         axis = len(self.shape)
         mean = np.mean(densities, axis=axis)
-        return (
-            edges,
-            mean,
-            standard_error(densities, axis) if self.n_samples > 1 else np.full_like(mean, np.nan),
-        )
+        error = np.full_like(mean, np.nan)
+        if self.n_samples > 1:
+            error = standard_error(densities, axis)
+        return edges, mean, error
 
-    sliding_fraction = _average_history(
-        "sliding_fraction",
-        "Part of the contacts that carry load whose tangential force is at Coulomb's limit",
-    )
-    tangential_ratio = _average_history(
-        "tangential_ratio", "Mean magnitude of the tangential forces over the mean normal force"
-    )
-    work = _average_history("work", "Work of the load since the start, a mean over contacts, J")
-    dissipated_energy = _average_history(
-        "dissipated_energy", "Energy lost since the start, a mean over contacts, J"
-    )
+    def _average_history(self, name: str) -> Any:
+        """Return the mean over samples of one of :data:`HISTORY_UNITS`; None if samples have no
+        history of friction.
+        """
+        if getattr(self.samples[0], name, None) is None:
+            return None
+        return self._average(attrgetter(name))
+
+    @property
+    def sliding_fraction(self) -> Any:
+        """Fraction of the contacts that carry load whose tangential force is at Coulomb's limit;
+        None without a history of friction.
+        """
+        return self._average_history("sliding_fraction")
+
+    @property
+    def tangential_ratio(self) -> Any:
+        """Mean magnitude of the tangential forces over the mean normal force; None without a
+        history of friction.
+        """
+        return self._average_history("tangential_ratio")
+
+    @property
+    def work(self) -> Any:
+        """Work of the load since the start, a mean over contacts, J; None without a history of
+        friction.
+        """
+        return self._average_history("work")
+
+    @property
+    def dissipated_energy(self) -> Any:
+        """Energy lost since the start, a mean over contacts, J; None without a history of
+        friction.
+        """
+        return self._average_history("dissipated_energy")
 
     @property
     def elastic_tensor(self) -> Array:
         """Elastic tensor in Voigt order: the mean over samples of their linear response.
 
-        It is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy in
-        space; (..., 1, 1), N, of a chain. Samples of finite size do not have the symmetry of the
-        lattice; velocities follow from the part that has.
+        The tensor is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz,
+        xy in space; (..., 1, 1), N, of a chain. Samples of finite size do not have the symmetry of
+        the lattice; velocities follow from the part of the tensor that has the symmetry.
 
         If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of
         compliances. For several samples without friction the bulk modulus then differs from
@@ -432,16 +438,17 @@ class SimulatedState(ContactState):
         """Elastic tensor of each sample, (..., n_samples, n, n), Voigt order; None if there is only
         one sample.
         """
-        return (
-            self.over_samples(lambda sample: sample.elastic_tensor) if self.n_samples > 1 else None
-        )
+        if self.n_samples < 2:
+            return None
+        return self.over_samples(attrgetter("elastic_tensor"))
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
         """Return velocities, m/s, (..., n_u) along ``direction``, or (..., n, n_u) for directions
         (n, p), and displacements.
 
-        Displacements are unit vectors, columns of (..., n_u, n_u) or (..., n, n_u, n_u). Both
-        follow from the mean elastic tensor: in an isotropic plane from its bulk and shear modulus.
+        Displacements are unit vectors, columns of (..., n_u, n_u) or (..., n, n_u, n_u). Velocities
+        and displacements follow from the mean elastic tensor: in an isotropic plane from its bulk
+        and shear modulus.
         """
         return self._find_waves(self.elastic_tensor, self.effective_density, direction)
 
@@ -460,9 +467,8 @@ class SimulatedState(ContactState):
         # a sample that resists no shear has a modulus of zero, to rounding
         shear = np.where(np.abs(shear) < 1e-12 * np.abs(bulk), np.maximum(shear, 0.0), shear)
         # v_L and v_T, m/s, from K and G, Pa (equation 16)
-        velocities = np.sqrt(
-            np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]
-        )
+        wave_moduli = np.stack([bulk + shear, shear], axis=-1)
+        velocities = np.sqrt(wave_moduli / np.asarray(density)[..., None])
         if along.ndim > 1:
             velocities = np.repeat(velocities[..., None, :], len(along), axis=-2)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
@@ -471,14 +477,13 @@ class SimulatedState(ContactState):
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
         """Return standard errors of velocities along ``direction``, m/s, in the order of
-        ``wave_names``; None of one.
+        ``wave_names``; None of one sample.
         """
         tensors = self.sampled_tensors
         if tensors is None:
             return None
-        velocities, _ = self._find_waves(
-            tensors, np.asarray(self.effective_density)[..., None], direction
-        )
+        density = np.asarray(self.effective_density)[..., None]
+        velocities, _ = self._find_waves(tensors, density, direction)
         return standard_error(velocities, len(self.shape))
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
@@ -486,20 +491,25 @@ class SimulatedState(ContactState):
         of the samples.
         """
         velocities = self.long_waves(direction)
-        ideal = super().polarised_waves(direction)[0]
-        columns = [self.wave_names.index(name) for name in names]
-        scales = super().branch_scales(direction, names)
-        return [
-            np.asarray(velocities[..., column] / (ideal[..., column] / scale))
-            for column, scale in zip(columns, scales, strict=True)
-        ]
+        ideal_velocities = super().polarised_waves(direction)[0]
+        scales = []
+        for name, scale in zip(names, super().branch_scales(direction, names), strict=True):
+            column = self.wave_names.index(name)
+            reduced_velocity = ideal_velocities[..., column] / scale
+            scales.append(np.asarray(velocities[..., column] / reduced_velocity))
+        return scales
+
+    @property
+    def _simulation(self) -> DirectSimulation | None:
+        """The medium that made the state; None of samples that have the law of equal balls."""
+        return self.law.simulation if isinstance(self.law, SampleLaw) else None
 
     @property
     def _is_exact(self) -> Any:
         """Whether the samples at each load are in their exact geometry: each load has its own if
-        none is named.
+        the medium names none.
         """
-        simulation = getattr(self.law, "simulation", None)
+        simulation = self._simulation
         if simulation is None or simulation.geometry is not None:
             return self._fill_shape(self.finite_overlap)
         return np.reshape(
@@ -515,19 +525,19 @@ class SimulatedState(ContactState):
         """Whether loose balls float in their cages as samples are pressed from the gas: in the
         directions of the lattice.
         """
-        simulation = getattr(self.law, "simulation", None)
+        simulation = self._simulation
         return simulation is not None and simulation.floats
 
     @property
     def shear_deficit(self) -> Any:
-        """Part by which the shear modulus is expected to be too small, as contacts have the
+        """Fraction by which the shear modulus is expected to be too small, as contacts have the
         directions of the lattice.
 
-        They leave out that loose balls lean on others
-        (:func:`~granphon.media.left_out.estimate_shear_deficit`). It is None in the exact geometry,
-        for equal balls, on a line, and where no contact resists slip.
+        These directions leave out that loose balls lean on others
+        (:func:`~granphon.media.left_out.estimate_shear_deficit`). The deficit is None in the exact
+        geometry, for equal balls, on a line, and where no contact resists slip.
         """
-        simulation = getattr(self.law, "simulation", None)
+        simulation = self._simulation
         if simulation is None or np.all(self._is_exact) or not simulation.resists_slip:
             return None
         ratio = self.packing.relative_width
@@ -542,31 +552,28 @@ class SimulatedState(ContactState):
         """Whether the directions of the lattice leave out at most 1 % of the shear modulus
         (:attr:`shear_deficit`).
 
-        From the gas in these directions none is, as velocities depend on the numbering of the balls
-        (:attr:`floats`).
+        No state that was pressed from the gas in these directions is valid, as its velocities
+        depend on the numbering of the balls (:attr:`floats`).
         """
         if self.floats:
             return self._fill_shape(False)
         deficit = self.shear_deficit
-        return (
-            self._fill_shape(True)
-            if self.chosen_automatically or deficit is None
-            else (deficit <= LEFT_OUT_LIMIT)
-        )
+        if self.chosen_automatically or deficit is None:
+            return self._fill_shape(True)
+        return deficit <= LEFT_OUT_LIMIT
 
     @property
     def pressure(self) -> Any:
         """Pressure P, N/m in the plane, Pa in space: see :attr:`granphon.ContactState.pressure`.
 
-        In the exact geometry it is the work of the load on the cell, over the change of its size:
-        the mean over samples.
+        In the exact geometry the pressure is the work of the load on the cell, over the change of
+        the size of the cell: the mean over samples.
         """
         if not self.finite_overlap:
             return super().pressure
-        of_work = self.packing.pressure_per_force * self._average(
-            lambda sample: sample.boundary_force
-        )
-        return np.where(self._is_exact, of_work, super().pressure)[()]
+        boundary_force = self._average(attrgetter("boundary_force"))
+        exact_pressure = self.packing.pressure_per_force * boundary_force
+        return np.where(self._is_exact, exact_pressure, super().pressure)[()]
 
     @property
     def mean_errors(self) -> dict[str, Any]:
@@ -576,20 +583,22 @@ class SimulatedState(ContactState):
         At a given force or pressure it is the error of the overlap, at a given overlap the error of
         the force. The dictionary is empty if there is only one sample.
         """
+        if self.n_samples < 2:
+            return {}
         name = "force" if self.fixed_overlap else "overlap"
-        return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
+        return {f"{name}_error": self.standard_error(name)}
 
     @property
     def exponent(self) -> Any:
         """Local exponent d log v_L / d log P; exactly 1/6 for equal balls and on a line.
 
-        It belongs to the modulus of longitudinal waves, averaged over all directions and samples: K
-        + G in the plane, K + 4G/3 in space, with the averages of Voigt where samples are not
-        isotropic.
+        The exponent belongs to the modulus of longitudinal waves, averaged over all directions and
+        samples: K + G in the plane, K + 4G/3 in space, with the averages of Voigt where samples are
+        not isotropic.
 
-        It is a difference over :data:`~granphon.array.sample.STEP` of log f to either side: each
-        sample is solved at two more loads, when the exponent or its error is first asked for. The
-        derivative itself is not used, as its variance is infinite: a contact about to open
+        The exponent is a difference over :data:`~granphon.array.sample.STEP` of log f to either
+        side: each sample is solved at two more loads, when the exponent or its error is first asked
+        for. The derivative itself is not used, as its variance is infinite: a contact about to open
         contributes a slope of h^(-1/2). After a history of friction both loads are higher, by 5 %
         and 15 %. In the exact geometry the spacing falls with the load, by f/k for each unit of log
         f; density and pressure follow.
@@ -618,22 +627,23 @@ class SimulatedState(ContactState):
         """The terms of each sample whose means :func:`_compute_exponent` takes, (..., n_samples,
         4).
         """
-        low, high = np.moveaxis(
-            longitudinal_modulus(self.over_samples(attrgetter("elastic_tensors_beside"))), -1, 0
+        moduli_beside = longitudinal_modulus(
+            self.over_samples(attrgetter("elastic_tensors_beside"))
         )
+        low, high = np.moveaxis(moduli_beside, -1, 0)
         modulus = longitudinal_modulus(self.over_samples(attrgetter("elastic_tensor")))
         rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
-        # the mean force is an average of samples at the same overlap; at the same force the two are
-        # left out
-        names = ("force", "normal_stiffness") if self.fixed_overlap else ()
-        f, k = [self.over_samples(attrgetter(name)) for name in names] or (
-            np.ones_like(modulus),
-        ) * 2
-        return np.stack([rise * k / f, modulus, k, f], axis=-1)
+        # samples at the same force need neither their force nor their stiffness
+        force = np.ones_like(modulus)
+        stiffness = np.ones_like(modulus)
+        if self.fixed_overlap:
+            force = self.over_samples(attrgetter("force"))
+            stiffness = self.over_samples(attrgetter("normal_stiffness"))
+        return np.stack([rise * stiffness / force, modulus, stiffness, force], axis=-1)
 
     @property
     def _shortening(self) -> Array:
-        """Part by which the spacing falls for each unit of log f; 0 in the directions of the
+        """Fraction by which the spacing falls for each unit of log f; 0 in the directions of the
         lattice.
         """
         spacing = self.packing.diameter - np.asarray(self.overlap)
