@@ -10,6 +10,7 @@ attributes, elastic tensor, sound waves and local exponent have standard errors.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -21,6 +22,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.equilibrium import Equilibrium
 from granphon.array.geometry import ReducedLoad, require_small
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import STEP, Sample, jackknife, standard_error
@@ -666,14 +668,13 @@ class DirectSimulation(Medium[SimulatedState]):
     packing : the balls, on a lattice that stands without friction: the chain, the triangular
         lattice, fcc, hcp, or one given as data; others with a history of friction from the gas.
     shape : (L1, ..., Lp), numbers of cells of a periodic sample along the p vectors of the cell; by
-        default (16384,),
-        (128, 128) or (24, 24, 24).
+        default (16384,), (128, 128) or (24, 24, 24).
     seed : seed of the first sample; the next ones have the next seeds. Diameters are the same on
         any machine.
     samples : number of samples that are averaged.
     diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a shape
-        and a seed: one sample of just these balls. They are shifted to have the packing's diameter
-        as their mean; a packing without a spread takes theirs.
+        and a seed: one sample of just these balls. The diameters are shifted to have the packing's
+        diameter as their mean; a packing without a spread takes their spread.
     executor : a :class:`concurrent.futures.Executor`, or an object with the same methods, that
         solves samples in parallel.
     workers : number of threads for each Fourier transform. Neither ``executor`` nor ``workers``
@@ -686,9 +687,10 @@ class DirectSimulation(Medium[SimulatedState]):
     geometry : "exact": directions, lever arms and overlaps follow from positions, with
         ``finite_overlap`` (prestress and boundary included). "lattice": contacts keep the
         directions of the lattice, the limit of small spread, which is faster. None, the default:
-        exact for a history of friction; without one "lattice" at loads where it is expected to
-        leave out less than 1e-3 of the shear modulus, else exact. Equal balls, and balls that
-        differ by more than a fifth of their diameter, have the directions of the lattice.
+        "exact" for a history of friction; without a history "lattice" at loads where the directions
+        of the lattice are expected to leave out less than 1e-3 of the shear modulus, else "exact".
+        Equal balls, and balls that differ by more than a fifth of their diameter, have the
+        directions of the lattice.
     start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by
         default, or a load as {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas":
         balls lie apart on their sites, and are pressed with friction until they carry a load; for
@@ -697,13 +699,14 @@ class DirectSimulation(Medium[SimulatedState]):
         everywhere, as for small cycles of the load. For a load that continues in one direction,
         "slide": eta k, and zero where a contact slides; or "partial_slip": ``eta k (1 - |T|/mu
         f)^(1/3)``, as if ``|T|`` were about to grow at every contact.
-    step_tolerance : steps of the load are halved until that changes f* by less than this fraction.
+    step_tolerance : steps of the load are halved until a halving changes f* by less than this
+        fraction.
     ordered : whether ``at_*`` take the loads in the order given, as :meth:`path` does.
 
     Raises
     ------
     MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square,
-        honeycomb and kagome, and there is no history of friction that starts from the gas.
+        honeycomb and kagome do not, and there is no history of friction that starts from the gas.
     InputError : motions other than those along the periods, a shape or number that is not whole and
         above zero, diameters with a shape or samples, a width below 1e-20 of the diameter; options
         of a history without ``friction_history``, a history without a friction coefficient, on a
@@ -734,7 +737,7 @@ class DirectSimulation(Medium[SimulatedState]):
     step_tolerance: float = FrictionHistory.step_tolerance
     ordered: bool = FrictionHistory.ordered
 
-    #: what a scene may set; it cannot give diameters, and says elsewhere where it runs
+    #: what a scene may set: neither diameters nor executor and workers
     options: ClassVar[Mapping[str, Option]] = {
         "shape": Option(shape, read_cells),
         "seed": Option(seed, partial(whole, low=0, high=_MOST_SEED)),
@@ -751,124 +754,149 @@ class DirectSimulation(Medium[SimulatedState]):
         history = self.history
         for name, value in history.options.items():
             object.__setattr__(self, name, value)
-        # the balls move as simulated balls do, and stand without friction, or are held by it from
-        # the gas on
-        packing = self.packing
-        structure = self.packing.structure
-        shape = self.shape
-        periods = structure.periods
-        own = next(iter(allowed_motions(structure.periods).values()))
-        if structure.dimension > periods or packing.motions not in (None, own.name):
-            what = f"the motions {packing.motions!r}"
-            mend = f"Use another medium, or the motions {own.name!r}"
-            if structure.dimension > periods:
-                what = f"a lattice of {periods} periods in space"
-                mend = "Use another medium"
-            why = "Simulated balls move along the periods of their lattice"
-            raise InputError(f"balls with {what} are not simulated", why, mend)
-        held = history.is_loaded and history.from_gas and history.friction_coefficient != 0
-        if not held and (falls := _explain_fall(structure, own)) is not None:
-            what = (
-                f"the {structure.name} lattice is not simulated, because it does not stand"
-                f" without friction"
-            )
-            mend = "use another medium, or a lattice with more contacts, such as triangular or fcc"
-            friction = "" if packing.friction else "friction: true of the packing and "
-            if ContactLattice.of(
-                structure, packing.material.mindlin_ratio, bending=packing.bending
-            ).mechanism:
-                mend = f"Friction does not hold it either: {mend}"
-            elif history.is_loaded:
-                keys = f"{friction}start: gas, and a friction_coefficient above zero"
-                mend = (
-                    f"Start the history at the gas ({keys}), from which friction holds it; or"
-                    f" {mend}"
-                )
-            else:
-                keys = (
-                    f"{friction}friction_history: true with a friction_coefficient and start: gas"
-                )
-                mend = f"A simulation with {keys} simulates it; or {mend}"
-            raise MechanismError(what, falls, mend)
-        if shape is not None:
-            shape = require(
-                "shape", partial(lengths, low=1, high=_MOST_SIDE, periods=periods), shape
-            )
-            if math.prod(shape) > _MOST_CELLS:
-                what = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
-                raise InputError(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer")
-        object.__setattr__(self, "shape", shape or DEFAULT_SHAPES[periods])
+        self._require_simulated_lattice()
+        periods = self.packing.structure.periods
+        object.__setattr__(self, "shape", self._read_shape() or DEFAULT_SHAPES[periods])
         if self.diameters is not None:
-            # the sample takes their shape, and the packing their spread if it has none
-            array = read_only(finite_array("diameters", self.diameters, "m", "above zero"))
-            n = structure.n_balls
-            if array.ndim != periods + (n > 1) or (n > 1 and array.shape[-1] != n):
-                wanted = ", ".join(
-                    [*(f"L{axis + 1}" for axis in range(periods)), *[str(n)] * (n > 1)]
-                )
-                raise InputError(
-                    f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})"
-                )
-            if packing.spread is None and np.ptp(array):
-                # the packing takes the mean of the shifted list, which rounding may have changed
-                spread = Measured(
-                    tuple((packing.diameter + (array - np.mean(array))).ravel().tolist())
-                )
-                packing = replace(packing, spread=spread, diameter=spread.mean)
-            object.__setattr__(self, "packing", packing)
-            object.__setattr__(self, "diameters", array)
-            if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
-                what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
-                raise InputError(
-                    what, "The diameters determine the shape of the sample", "Leave shape out"
-                )
-            object.__setattr__(self, "shape", array.shape[:periods])
+            diameters = self._read_diameters(self.diameters)
+            object.__setattr__(self, "packing", self._take_spread(diameters))
+            object.__setattr__(self, "diameters", diameters)
+            object.__setattr__(self, "shape", diameters.shape[:periods])
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
-            what = f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
-            raise InputError(
-                what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out"
+            problem = (
+                f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
             )
-        object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
-        object.__setattr__(
-            self, "seed", whole_number("seed", self.seed, 0, _MOST_SEED + 1 - self.samples)
-        )
+            why = f"Samples are simulated from {_LEAST_WIDTH:g} on"
+            raise InputError(problem, why, "Leave the spread out")
+        samples = whole_number("samples", self.samples, 1, _MOST_SAMPLES)
+        object.__setattr__(self, "samples", samples)
+        seed = whole_number("seed", self.seed, 0, _MOST_SEED + 1 - samples)
+        object.__setattr__(self, "seed", seed)
         whole_number("workers", self.workers, 1)
-        if self.diameters is not None and self.samples > 1:
+        if self.diameters is not None and samples > 1:
             raise InputError("diameters are given, which make one sample", mend="Leave samples out")
         if self.executor is not None and not hasattr(self.executor, "submit"):
-            raise InputError(
-                f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none"
-            )
+            problem = f"executor is {self.executor!r}"
+            raise InputError(problem, mend="Give a concurrent.futures.Executor, or none")
+        object.__setattr__(self, "geometry", self._read_geometry())
+        require_small(self.ratio)
+        self._require_history()
+
+    def _require_simulated_lattice(self) -> None:
+        """Raise unless balls move as simulated balls do, and stand without friction, or are held by
+        friction from the gas on.
+        """
+        packing = self.packing
+        structure = packing.structure
+        history = self.history
+        periods = structure.periods
+        motions = next(iter(allowed_motions(periods).values()))
+        if structure.dimension > periods or packing.motions not in (None, motions.name):
+            balls = f"the motions {packing.motions!r}"
+            mend = f"Use another medium, or the motions {motions.name!r}"
+            if structure.dimension > periods:
+                balls = f"a lattice of {periods} periods in space"
+                mend = "Use another medium"
+            why = "Simulated balls move along the periods of their lattice"
+            raise InputError(f"balls with {balls} are not simulated", why, mend)
+        if history.is_loaded and history.from_gas and history.friction_coefficient != 0:
+            return
+        soft_waves = _explain_fall(structure, motions)
+        if soft_waves is None:
+            return
+        problem = (
+            f"the {structure.name} lattice is not simulated, because it does not stand without"
+            f" friction"
+        )
+        lattices = "use another medium, or a lattice with more contacts, such as triangular or fcc"
+        with_friction = ContactLattice.of(
+            structure, packing.material.mindlin_ratio, bending=packing.bending
+        )
+        friction = "" if packing.friction else "friction: true of the packing and "
+        if with_friction.mechanism:
+            mend = f"Friction does not hold it either: {lattices}"
+        elif history.is_loaded:
+            keys = f"{friction}start: gas, and a friction_coefficient above zero"
+            start = f"Start the history at the gas ({keys}), from which friction holds it"
+            mend = f"{start}; or {lattices}"
+        else:
+            keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
+            mend = f"A simulation with {keys} simulates it; or {lattices}"
+        raise MechanismError(problem, soft_waves, mend)
+
+    def _read_shape(self) -> tuple[int, ...] | None:
+        """Return the numbers of cells along the periods, None if they are not given."""
+        if self.shape is None:
+            return None
+        periods = self.packing.structure.periods
+        rule = partial(lengths, low=1, high=_MOST_SIDE, periods=periods)
+        shape: tuple[int, ...] = require("shape", rule, self.shape)
+        if math.prod(shape) > _MOST_CELLS:
+            problem = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
+            why = f"No memory holds more than {_MOST_CELLS:.3g}"
+            raise InputError(problem, why, "Give fewer")
+        return shape
+
+    def _read_diameters(self, diameters: ArrayLike) -> Array:
+        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m."""
+        structure = self.packing.structure
+        periods = structure.periods
+        n = structure.n_balls
+        array = read_only(finite_array("diameters", diameters, "m", "above zero"))
+        if array.ndim != periods + (n > 1) or (n > 1 and array.shape[-1] != n):
+            axes = [f"L{axis + 1}" for axis in range(periods)] + [str(n)] * (n > 1)
+            problem = f"diameters have the shape {array.shape}"
+            raise InputError(problem, mend=f"Give an array ({', '.join(axes)})")
+        if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
+            problem = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
+            why = "The diameters determine the shape of the sample"
+            raise InputError(problem, why, "Leave shape out")
+        return array
+
+    def _take_spread(self, diameters: Array) -> Packing:
+        """Return the packing, which has the spread of ``diameters``, m, if it has none of its
+        own.
+        """
+        packing = self.packing
+        if packing.spread is not None or not np.ptp(diameters):
+            return packing
+        # the packing takes the mean of the shifted list, which rounding may have changed
+        shifted = packing.diameter + (diameters - np.mean(diameters))
+        spread = Measured(tuple(shifted.ravel().tolist()))
+        return replace(packing, spread=spread, diameter=spread.mean)
+
+    def _read_geometry(self) -> str | None:
+        """Return the geometry of contacts; None if the load decides."""
         geometry = require("geometry", read_geometry, self.geometry)
         if geometry is None and not can_be_exact(self.packing):
             geometry = LATTICE
-        elif geometry is None and history.is_loaded:
-            geometry = EXACT  # otherwise the load decides
-        object.__setattr__(self, "geometry", geometry)
+        elif geometry is None and self.history.is_loaded:
+            geometry = EXACT
         if geometry == EXACT and not self.packing.spread_matters:
-            what = "on a line" if self.packing.width else "of equal balls"
-            why = f"The contacts {what} have the directions of the lattice anyway"
-            raise InputError(
-                f"the exact geometry {what} is not simulated",
-                why,
-                "Use a medium with finite_overlap",
-            )
-        require_small(self.ratio)
-        if history.is_loaded and self.packing.structure.periods == 1:
+            balls = "on a line" if self.packing.width else "of equal balls"
+            problem = f"the exact geometry {balls} is not simulated"
+            why = f"The contacts {balls} have the directions of the lattice anyway"
+            raise InputError(problem, why, "Use a medium with finite_overlap")
+        return geometry
+
+    def _require_history(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a history of friction that balls do
+        not have, or a start that no sample can bear.
+        """
+        history = self.history
+        if not history.is_loaded:
+            return
+        if self.packing.structure.periods == 1:
             why = "On a line contacts do not slip, so that friction does nothing"
             raise InputError("a chain has no friction_history", why, "Leave it out")
-        if history.is_loaded and not self.packing.mindlin_ratio > 0.0:
+        if not self.packing.mindlin_ratio > 0.0:
+            problem = "friction_history needs contacts with friction"
             why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
-            raise InputError(
-                "friction_history needs contacts with friction",
-                why,
-                "Give the packing friction=True",
-            )
-        # a start that no sample can bear is refused, solving none
+            raise InputError(problem, why, "Give the packing friction=True")
         start = history.start
         if isinstance(start, float) and self.packing.width:
             start = Load("overlap", self.packing.width * (start - 0.5))
-        if history.is_loaded and isinstance(start, Load):
+        if isinstance(start, Load):
             try:
                 require_load(self.packing, start.applied, self._largest)
             except InputError as error:
@@ -896,7 +924,7 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        """Everything that determines the results, except the values of given diameters."""
+        """All values that determine the results, except those of given diameters."""
         has_diameters = self.diameters is not None
         return (
             self.packing,
@@ -935,21 +963,20 @@ class DirectSimulation(Medium[SimulatedState]):
     def by_geometry(
         self, load: Load, finite_overlap: bool | None = None
     ) -> list[tuple[Self, list[int]]]:
-        """Return this simulation in each geometry, by word, that it has at values of an applied
-        load, and their places.
+        """Return the simulation in each geometry that it has at an applied load, and the indices of
+        the values of the load in that geometry.
 
-        Where no geometry is named, each load has its own
+        Where the simulation names no geometry, each load has its own
         (:func:`~granphon.media.left_out.choose_geometries`).
         """
         if self.geometry is not None:
             return [(self, list(range(load.size)))]
-        words = choose_geometries(self.packing, load.applied.flat, finite_overlap)
+        geometries = choose_geometries(self.packing, load.applied.flat, finite_overlap)
+        indices_of: dict[str, list[int]] = {}
+        for index, geometry in enumerate(geometries):
+            indices_of.setdefault(geometry, []).append(index)
         return [
-            (
-                replace(self, geometry=word),
-                [place for place, one in enumerate(words) if one == word],
-            )
-            for word in dict.fromkeys(words)
+            (replace(self, geometry=geometry), indices) for geometry, indices in indices_of.items()
         ]
 
     @property
@@ -964,23 +991,21 @@ class DirectSimulation(Medium[SimulatedState]):
         """Whether contacts have springs against slip under sound: not where all of them slide, as
         mu is zero.
         """
-        all_slide = (
-            self.history.friction_coefficient == 0.0 and self.history.shear_response != "stick"
-        )
+        history = self.history
+        all_slide = history.friction_coefficient == 0.0 and history.shear_response != "stick"
         return self.packing.mindlin_ratio > 0.0 and not all_slide
 
     @property
     def _largest(self) -> float:
-        """Excess of the diameter of the largest ball over the mean, m: of those that are given, or
+        """Excess of the diameter of the largest ball over the mean, m: of balls that are given, or
         that may be drawn.
         """
+        packing = self.packing
+        largest = packing.spread.largest if packing.spread else 0.0
+        if self.diameters is None:
+            return max(0.0, largest)
         # diameters that are given may be larger than the largest of the packing's spread
-        largest_given = (
-            self.packing.width_units.width * float(np.max(self.deviations(0)))
-            if self.diameters is not None
-            else 0.0
-        )
-        return max(largest_given, self.packing.spread.largest if self.packing.spread else 0.0)
+        return max(packing.width_units.width * float(np.max(self.deviations(0))), largest)
 
     def seed_of(self, index: int) -> int | None:
         """Return the seed of a sample; None if the diameters are given."""
@@ -995,17 +1020,15 @@ class DirectSimulation(Medium[SimulatedState]):
         n = packing.structure.n_balls
         shape = (*self.cells, n) if n > 1 else self.cells
         diameters = np.zeros(shape)
-        if packing.spread is not None:
-            diameters = (
-                self.diameters
-                if self.diameters is not None
-                else packing.spread.sample(shape, self.seed + index)
-            )
+        if packing.spread is not None and self.diameters is not None:
+            diameters = self.diameters
+        elif packing.spread is not None:
+            diameters = packing.spread.sample(shape, self.seed + index)
         if n > 1:
             diameters = np.ascontiguousarray(np.moveaxis(diameters, -1, 0))
         if packing.spread is None:
             return diameters
-        # the mean is subtracted twice, so that what remains is zero to the rounding of the
+        # the mean is subtracted twice, so that what remains of it is zero to the rounding of the
         # deviations, not of the diameters
         differences = diameters - np.mean(diameters)
         return np.asarray((differences - np.mean(differences)) / packing.width_units.width)
@@ -1025,70 +1048,86 @@ class DirectSimulation(Medium[SimulatedState]):
         """Contact law: mean force against overlap of the samples; Hertz's law for equal balls and
         on a line.
 
-        With a history of friction it is the law of monotonic loading.
+        With a history of friction the law is that of monotonic loading.
         """
-        return (
-            SampleLaw(replace(self, executor=None, ordered=False))
-            if self.packing.spread_matters
-            else self.packing.law
-        )
+        if not self.packing.spread_matters:
+            return self.packing.law
+        return SampleLaw(replace(self, executor=None, ordered=False))
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap`
         take its value in SI.
         """
         load = load.applied
-        wanted = read_finite_overlap(finite_overlap)
-        if self.geometry is None:  # each load has its own
-            self.require(load)
-            groups = self.by_geometry(load, finite_overlap)
-            if finite_overlap is not None:  # one geometry at all loads
-                return groups[0][0].at(load, finite_overlap=finite_overlap)
-            joined: list[list[Any]] = [[]] * load.size
-            for one, places in groups:
-                try:
-                    states = one.at(load.flat[places]).samples
-                except GranphonError as error:
-                    if error.load_index is not None:
-                        error.load_index = places[error.load_index]
-                    raise
-                for row, place in enumerate(places):
-                    joined[place] = list(states[row * self.samples : (row + 1) * self.samples])
-            return SimulatedState.of(self, [one for each in joined for one in each], load)
-        if wanted and not self.is_exact:
+        follows = read_finite_overlap(finite_overlap)
+        if self.geometry is None:
+            return self._join_geometries(load, finite_overlap)
+        if follows and not self.is_exact:
             raise no_finite_overlap(self.name)
-        if finite_overlap is not None and self.is_exact and not wanted:
+        if finite_overlap is not None and self.is_exact and not follows:
+            problem = "the exact geometry has finite overlap"
             why = "Balls that have their true geometry overlap as much as they do"
-            raise InputError(
-                "the exact geometry has finite overlap", why, "Leave finite_overlap out"
-            )
+            raise InputError(problem, why, "Leave finite_overlap out")
         prescribed = self.prescribed(load)
         self._require_memory(load)
         if self.history.is_loaded:
             return self._press(load, prescribed)
-        given = self.packing.structure, prescribed, self.workers, self.ratio
-        every = [read_only(self.deviations(index)) for index in range(self.samples)]
-        if self.executor is None:
-            found = [find_equilibria(own, *given) for own in every]
-        else:
-            with naming_lost_workers("the simulation"):
-                jobs = [self.executor.submit(find_equilibria, own, *given) for own in every]
-                found = [job.result() for job in jobs]
-            # equilibria that come from another process have copies of their own of the deviations
-            # and stencils: here they share one
-            for place, result in enumerate(found):
-                first = next(iter(result.values()))
-                shared = (
-                    first.deviations,
-                    Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice),
-                )
-                found[place] = {number: one.share(*shared) for number, one in result.items()}
+        equilibria = self._find_equilibria(prescribed)
         samples = [
-            Sample(self.packing, self.seed_of(index), equilibria[place])
-            for place in range(load.size)
-            for index, equilibria in enumerate(found)
+            Sample(self.packing, self.seed_of(index), equilibria_of_sample[load_index])
+            for load_index in range(load.size)
+            for index, equilibria_of_sample in enumerate(equilibria)
         ]
         return SimulatedState.of(self, samples, load)
+
+    def _join_geometries(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
+        """Return the state at an applied load whose values have a geometry each."""
+        self.require(load)
+        groups = self.by_geometry(load, finite_overlap)
+        if finite_overlap is not None:  # one geometry at all loads
+            return groups[0][0].at(load, finite_overlap=finite_overlap)
+        samples_at: list[Sequence[Any]] = [()] * load.size
+        for simulation, indices in groups:
+            try:
+                samples = simulation.at(load.flat[indices]).samples
+            except GranphonError as error:
+                if error.load_index is not None:
+                    error.load_index = indices[error.load_index]
+                raise
+            for row, index in enumerate(indices):
+                samples_at[index] = samples[row * self.samples : (row + 1) * self.samples]
+        return SimulatedState.of(self, list(itertools.chain(*samples_at)), load)
+
+    def _find_equilibria(self, prescribed: Sequence[ReducedLoad]) -> list[dict[int, Equilibrium]]:
+        """Return the equilibria of each sample at rest without friction, by the index of the
+        load.
+        """
+        find = partial(
+            find_equilibria,
+            lattice=self.packing.structure,
+            prescribed=prescribed,
+            workers=self.workers,
+            ratio=self.ratio,
+        )
+        deviations = [read_only(self.deviations(index)) for index in range(self.samples)]
+        if self.executor is None:
+            return [find(deviations_of_sample) for deviations_of_sample in deviations]
+        with naming_lost_workers("the simulation"):
+            jobs = [self.executor.submit(find, array) for array in deviations]
+            equilibria = [job.result() for job in jobs]
+        return [self._share(equilibria_of_sample) for equilibria_of_sample in equilibria]
+
+    def _share(self, equilibria: dict[int, Equilibrium]) -> dict[int, Equilibrium]:
+        """Return the equilibria of a sample with deviations and stencils in common.
+
+        Equilibria from another process have a copy each.
+        """
+        first = next(iter(equilibria.values()))
+        stencils = Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice)
+        return {
+            index: equilibrium.share(first.deviations, stencils)
+            for index, equilibrium in equilibria.items()
+        }
 
     def path(
         self,
@@ -1105,14 +1144,13 @@ class DirectSimulation(Medium[SimulatedState]):
         :class:`~granphon.balls.loads.Load` of many values. The path begins at :attr:`start`, from
         where the first load is reached. Raises :class:`~granphon.base.errors.InputError` without
         ``friction_history``, where the order has no meaning, and for numbers that do not say which
-        load they are; and what :meth:`at` raises. If a load is not reached, the error's ``reached``
-        is the state at those before it, None if there is none.
+        load they are; and the errors of :meth:`at`. If a load is not reached, ``reached`` of the
+        error is the state at the loads before it, None if there are none.
         """
         if not self.history.is_loaded:
             why = "Without friction the forces do not depend on the way to the load"
-            raise InputError(
-                "a path needs friction_history", why, "Give friction_history=True, or use at_force"
-            )
+            mend = "Give friction_history=True, or use at_force"
+            raise InputError("a path needs friction_history", why, mend)
         values_of: dict[str, ArrayLike | None] = {
             "force": force,
             "pressure": pressure,
@@ -1127,11 +1165,10 @@ class DirectSimulation(Medium[SimulatedState]):
                 " granphon.balls.loads"
             )
             raise InputError(problem, "It does not say what kind of load that is", mend)
-        elif kinds := [kind for kind, values in values_of.items() if values is not None]:
-            raise InputError(
-                f"the loads of a path are given as a Load and as {' and '.join(kinds)}",
-                mend="Give one",
-            )
+        elif any(values is not None for values in values_of.values()):
+            kinds = [kind for kind, values in values_of.items() if values is not None]
+            problem = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
+            raise InputError(problem, mend="Give one")
         load = load.applied
         self._require_memory(load)
         simulation = replace(self, ordered=True)
@@ -1140,47 +1177,47 @@ class DirectSimulation(Medium[SimulatedState]):
     def _press(
         self, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent
     ) -> SimulatedState:
-        """Load all samples along one path; an error at which it ends has ``reached`` the state at
-        the loads before.
+        """Load all samples along one path; an error at which the path ends has ``reached`` the
+        state at the loads before.
         """
         order = self.history.sort(prescribed)
-        path = [prescribed[place] for place in order]
-        jobs = [partial(self._loaded_sample(index).press, path) for index in range(self.samples)]
-        with progress.step("loading with friction", len(path) * len(jobs)) as step:
+        path = [prescribed[index] for index in order]
+        presses = [
+            partial(self._loaded_sample(number).press, path) for number in range(self.samples)
+        ]
+        with progress.step("loading with friction", len(path) * len(presses)) as step:
             if self.executor is None:
-                results = [job(report=step.advance) for job in jobs]
+                results = [press(report=step.advance) for press in presses]
             else:
                 results = []
                 with naming_lost_workers("the simulation"):
-                    for job_result in [self.executor.submit(job) for job in jobs]:
-                        results.append(job_result.result())
+                    jobs = [self.executor.submit(press) for press in presses]
+                    for job in jobs:
+                        results.append(job.result())
                         step.advance(len(path))
-        reached = min(len(samples) for samples, _ in results)
-        places = sorted(range(reached), key=lambda place: order[place])
-        every = [samples[place] for place in places for samples, _ in results]
-        error = next(
-            (error for samples, error in results if error is not None and len(samples) == reached),
-            None,
-        )
+        # the loads that all samples have reached, in the order of ``load``
+        n_reached = min(len(samples) for samples, _ in results)
+        steps = sorted(range(n_reached), key=lambda step_index: order[step_index])
+        reached = [samples[step_index] for step_index in steps for samples, _ in results]
+        errors = [error for samples, error in results if len(samples) == n_reached]
+        error = next((error for error in errors if error is not None), None)
         if error is None:
-            return SimulatedState.of(self, every, load)
+            return SimulatedState.of(self, reached, load)
         if error.load_index is not None:
             error.load_index = order[error.load_index]
         if reached:
-            error.reached = SimulatedState.of(
-                self, every, load.flat[[order[place] for place in places]]
-            )
+            loads = load.flat[[order[step_index] for step_index in steps]]
+            error.reached = SimulatedState.of(self, reached, loads)
         raise error
 
     def _require_memory(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if the samples do not fit into the memory
         of this machine.
         """
-        needed = estimate_memory(
-            self.packing, self.balls, self.samples, load, self.history.is_loaded
-        )
-        what = f"samples of {self.balls:,} balls"
-        require_memory(what, needed, "Take fewer balls (shape), samples or loads")
+        is_loaded = self.history.is_loaded
+        memory = estimate_memory(self.packing, self.balls, self.samples, load, is_loaded)
+        mend = "Take fewer balls (shape), samples or loads"
+        require_memory(f"samples of {self.balls:,} balls", memory, mend)
 
     def _loaded_sample(self, index: int) -> LoadedSample:
         """Return one of the samples, as it is loaded with friction."""
@@ -1196,14 +1233,17 @@ class DirectSimulation(Medium[SimulatedState]):
         Raises as :meth:`require` does.
         """
         self.require(load)
+        return self._prescribe(load)
+
+    def _prescribe(self, load: Load) -> list[ReducedLoad]:
+        """Convert each value of an applied load as :meth:`prescribed` does, unchecked."""
         return prescribe(self.packing, load, self.is_exact)
 
     def sample(self, load: ReducedLoad, before: tuple[float, Array] | None = None) -> Sample:
         """Return the first sample under one load, with the same numbers as in a state.
 
         ``before`` holds the overlap and displacements of its equilibrium under the previous load,
-        in the order of
-        :func:`~granphon.media.loading.sort_by_load`; it is None for the first load.
+        in the order of :func:`~granphon.media.loading.sort_by_load`; None for the first load.
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)
@@ -1214,17 +1254,17 @@ class DirectSimulation(Medium[SimulatedState]):
         """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can
         bear, solving none.
 
-        It may be below the start of a loading, as far as that is known before the start is found.
+        A load below the start of a loading is refused if the start is known without a solution.
         """
         require_load(self.packing, load, self._largest)
         start = self._start
         if start is not None:
-            require_above(start, prescribe(self.packing, load, self.is_exact))
+            require_above(start, self._prescribe(load))
 
     @property
     def _start(self) -> ReducedLoad | None:
-        """The start below which no load may be, in reduced units; None if there is none, or if it
-        is found as at the gas.
+        """The start below which no load may be, in reduced units; None if there is none, or if the
+        start at the gas must be found first.
         """
         history = self.history
         if not history.is_loaded or history.ordered or not self.packing.width:
@@ -1236,8 +1276,8 @@ class DirectSimulation(Medium[SimulatedState]):
         """Raise as :meth:`require` does where the start of a loading is of another kind than the
         load: the start is solved.
 
-        A start as a force is at another overlap in each sample, and one as an overlap at another
-        force.
+        A start that is given as a force is at another overlap in each sample, and a start that is
+        given as an overlap at another force.
         """
         if self.count_start(load):
             path = self.prescribed(load)
@@ -1246,29 +1286,25 @@ class DirectSimulation(Medium[SimulatedState]):
 
     def count_start(self, load: Load) -> float:
         """Return how many balls take as long as the start that :meth:`require_start` solves; zero
-        if it need not.
+        if no start is solved.
         """
         start = self._start
-        exact = self.is_exact
         if start is None:
             return 0.0
         by_force = start.overlap is None
         if all((reduced.overlap is None) == by_force for reduced in self.prescribed(load)):
             return 0.0
-        slow = 1.0 + _SLOW_FORCE / start.force if by_force else 1.0
-        return (
-            slow
-            * self.samples
-            * max(self.balls * (_EXACT_BALL if exact else 1), _LEAST_SAMPLE[exact])
-        )
+        slowness = 1.0 + _SLOW_FORCE / start.force if by_force else 1.0
+        balls = self.balls * (_EXACT_BALL if self.is_exact else 1)
+        return slowness * self.samples * max(balls, _LEAST_SAMPLE[self.is_exact])
 
 
 def _compute_exponent(means: Array) -> Array:
     """Return f M'/2kM, (...), from ``means`` (..., 4) over samples of M' = dM/d(delta), of M, k and
     f.
 
-    If all samples have the same force, the four are dM/d log f, M, 1 and 1. M is the modulus of
-    longitudinal waves, Pa.
+    If all samples have the same force, the means are those of dM/d log f, M, 1 and 1. M is the
+    modulus of longitudinal waves, Pa.
     """
     rise, modulus, stiffness, force = np.moveaxis(means, -1, 0)
     return np.asarray(0.5 * force * rise / (stiffness * modulus))
@@ -1279,27 +1315,24 @@ def no_finite_overlap(medium: str) -> InputError:
     simulation.
     """
     problem = f"the medium {medium!r} has no terms of finite overlap"
-    why = (
-        "Its linear response is found in the limit of spread and overlap small against the diameter"
-    )
-    return InputError(
-        problem,
-        why,
-        "Leave finite_overlap out, simulate with geometry exact, or take another medium",
-    )
+    limit = "the limit of spread and overlap small against the diameter"
+    why = f"Its linear response is found in {limit}"
+    mend = "Leave finite_overlap out, simulate with geometry exact, or take another medium"
+    return InputError(problem, why, mend)
 
 
 @lru_cache(maxsize=64)
 def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
-    """Return which waves of the lattice without friction cost no energy; None if all do, but
-    translations of the whole.
+    """Return which waves of the lattice without friction cost no energy; None if all waves cost
+    energy, except translations of the whole.
     """
-    still = ContactLattice.of(structure, 0.0, motions=motions)
-    if still.mechanism:
-        return still.mechanism
-    ticks = [np.arange(_PROBED) / _PROBED] * structure.periods
-    fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(
-        -1, structure.periods
-    )[1:]
-    stands = np.all(still.frequencies(still.wavevectors(fractions))[:, 0] > _SOFT)
+    frictionless = ContactLattice.of(structure, 0.0, motions=motions)
+    if frictionless.mechanism:
+        return frictionless.mechanism
+    periods = structure.periods
+    ticks = [np.arange(_PROBED) / _PROBED] * periods
+    fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, periods)
+    wavevectors = frictionless.wavevectors(fractions[1:])  # without q = 0
+    lowest_frequencies = frictionless.frequencies(wavevectors)[:, 0]
+    stands = np.all(lowest_frequencies > _SOFT)
     return None if stands else "Some of its waves cost no energy"
