@@ -867,7 +867,7 @@ class DirectSimulation(Medium[SimulatedState]):
 
     def _read_geometry(self) -> str | None:
         """Return the geometry of contacts; None if the load decides."""
-        geometry = require("geometry", read_geometry, self.geometry)
+        geometry: str | None = require("geometry", read_geometry, self.geometry)
         if geometry is None and not can_be_exact(self.packing):
             geometry = LATTICE
         elif geometry is None and self.history.is_loaded:
