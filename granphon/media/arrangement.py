@@ -427,8 +427,8 @@ class LoadedCrystal(NetworkState):
 
 
 class CrystalMedium(Medium[Any]):
-    """Balls of several kinds, each contact with its own law and force: what an :class:`Arrangement`
-    makes.
+    """The medium of an :class:`Arrangement`: balls of several kinds, each contact with its own law
+    and force.
     """
 
     name = "crystal"

@@ -138,6 +138,33 @@ class Side(NamedTuple):
     wall: int
 
 
+#: rows, columns and values of a sparse matrix from the unknowns to the relative displacements of
+#: contacts
+_Entry = tuple[Any, Any, Any]
+
+
+class _Unknowns(NamedTuple):
+    """The unknowns of the statics: displacements of the balls that move, then strains, then
+    displacements of walls.
+
+    ``free_number`` (n,) is the number of each ball among the balls that move, -1 of a ball that is
+    held, and ``n_free`` the number of their displacements; ``strains`` are the pairs of axes of the
+    strains; ``walls`` are the faces whose upper wall moves, and ``wall_of_ball`` (n,) is the number
+    of the wall that carries each ball, -1 of a ball on no wall.
+    """
+
+    free_number: Index
+    n_free: int
+    strains: tuple[tuple[int, int], ...]
+    walls: list[Faces]
+    wall_of_ball: Index
+
+    @property
+    def first_wall(self) -> int:
+        """Number of the first wall among the unknowns."""
+        return self.n_free + len(self.strains)
+
+
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Crystal(Result):
     """Balls of several kinds on the sites of a cell, which touch their neighbours.
@@ -396,8 +423,8 @@ class Crystal(Result):
         for each chemical symbol.
 
         ``options`` are those of the class. The crystal repeats along the vectors of the cell that
-        are periodic. Where all balls have the same z and none of the periods leaves the plane, it
-        is one of the plane; on a line it is a chain. Kinds are called by their symbols.
+        are periodic. Where all balls have the same z and none of the periods leaves the plane, the
+        crystal is plane; on a line it is a chain. Kinds are called by their symbols.
 
         Raises :class:`~granphon.base.errors.InputError` for a symbol without a ball, and for
         arguments that the class does not allow.
@@ -408,16 +435,16 @@ class Crystal(Result):
             raise InputError(problem, mend="Give ase.Atoms, with lengths in m")
         symbols = atoms.get_chemical_symbols()
         if not symbols or not isinstance(balls, Mapping):
-            problem = f"the balls are {brief(balls)}" if symbols else "there are no atoms"
-            raise InputError(
-                problem,
-                mend='Give balls by symbols, as {"Na": ball}' if symbols else "Give one or more",
-            )
+            problem = "there are no atoms"
+            mend = "Give one or more"
+            if symbols:
+                problem = f"the balls are {brief(balls)}"
+                mend = 'Give balls by symbols, as {"Na": ball}'
+            raise InputError(problem, mend=mend)
         missing = sorted(set(symbols) - set(balls))
         if missing:
-            raise InputError(
-                f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol"
-            )
+            problem = f"there is no ball for {', '.join(missing)}"
+            raise InputError(problem, mend="Give one for each symbol")
         find_kinds([balls[symbol] for symbol in symbols])
         named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
         positions = np.array(atoms.positions, float)
@@ -434,7 +461,7 @@ class Crystal(Result):
         return cls(site_balls, cell[:, :d], positions[:, :d], **options)
 
     def repeat(self, shape: Any) -> Self:
-        """Return the crystal of ``shape`` (L1, ..., Lp) cells of this one as one cell.
+        """Return the crystal whose cell is ``shape`` (L1, ..., Lp) cells of this crystal.
 
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
         """
@@ -449,9 +476,8 @@ class Crystal(Result):
         origin = np.tile(np.arange(n), len(cells))
         rows = np.tile(np.arange(len(table)), len(cells))
         positions = ((cells @ self.cell)[:, None] + self.positions).reshape(-1, self.dimension)
-        return self._take(
-            origin, table.take(rows, *ends), positions, cell=self.cell * np.array(counts)[:, None]
-        )
+        cell = self.cell * np.array(counts)[:, None]
+        return self._take(origin, table.take(rows, *ends), positions, cell=cell)
 
     def sample(self, shape: Any = None, seed: int = 0, diameters: ArrayLike | None = None) -> Self:
         """Return a supercell whose balls have their own diameters, with the distributions that
@@ -892,18 +918,49 @@ class Crystal(Result):
         d = self.dimension
         p = self.periods
         table = self.contacts
-        free_number, wall_of_ball = self._number_free_balls()
-        pressed_faces = [face for face in self.faces if face.is_pressed]
-        n_free = d * int(np.count_nonzero(free_number >= 0))
-        pairs = tuple((a, b) for a in range(p) for b in range(a, p))
+        unknowns = self._number_unknowns()
         # strains are unknowns times this length, m: forces on strains, sums over all contacts, are
         # then as large as forces on balls are in sum
         length = 2.0 * float(np.mean(self._mean_radii)) * math.sqrt(max(len(table), 1))
-        first_wall = n_free + len(pairs)
-        # entries (row, column, value) of the matrix from the unknowns to the relative displacements
-        entries: list[tuple[Any, Any, Any]] = []
+        entries = self._list_ball_entries(unknowns)
         rows = np.arange(len(table)) * d
-        for ends, sign in ((table.j, 1.0), (table.i, -1.0)):
+        for number, (a, b) in enumerate(unknowns.strains, start=unknowns.n_free):
+            entries.append((rows + a, number, table.vector[:, b] / length))
+            if a != b:
+                entries.append((rows + b, number, table.vector[:, a] / length))
+        entries += self._list_floor_entries(unknowns)
+        bulges = self._bulges
+        vectors = [table.vector]
+        offsets = [bulges[table.i] + bulges[table.j]]
+        for floor in self._floors:
+            radii = self._mean_radii[floor.balls]
+            vectors.append(floor.sign * radii[:, None] * np.eye(d)[floor.axis])
+            offsets.append(bulges[floor.balls])
+        vector = np.concatenate(vectors)
+        is_flat = np.arange(len(vector)) >= len(table)
+        shape = (len(vector) * d, unknowns.first_wall + len(unknowns.walls))
+        frame = Frame(
+            vector,
+            is_flat,
+            compose(entries, shape),
+            d,
+            self.cell[:, :p],
+            unknowns.n_free,
+            unknowns.strains,
+            tuple(len(face.balls[1]) for face in unknowns.walls),
+            length,
+            np.concatenate(offsets),
+        )
+        return frame, unknowns.free_number, unknowns.wall_of_ball
+
+    def _list_ball_entries(self, unknowns: _Unknowns) -> list[_Entry]:
+        """Return the entries of the displacements of balls and walls on the contacts of balls."""
+        d = self.dimension
+        free_number = unknowns.free_number
+        wall_of_ball = unknowns.wall_of_ball
+        entries: list[_Entry] = []
+        rows = np.arange(len(self.contacts)) * d
+        for ends, sign in ((self.contacts.j, 1.0), (self.contacts.i, -1.0)):
             moves = free_number[ends] >= 0
             for axis in range(d):
                 columns = d * free_number[ends[moves]] + axis
@@ -911,43 +968,26 @@ class Crystal(Result):
             rides = wall_of_ball[ends] >= 0
             if np.any(rides):
                 walls = wall_of_ball[ends[rides]]
-                axes = np.array([face.axis for face in pressed_faces])[walls]
-                entries.append((rows[rides] + axes, first_wall + walls, sign))
-        for number, (a, b) in enumerate(pairs):
-            entries.append((rows + a, n_free + number, table.vector[:, b] / length))
-            if a != b:
-                entries.append((rows + b, n_free + number, table.vector[:, a] / length))
-        bulges = self._bulges
-        vectors = [table.vector]
-        offsets = [bulges[table.i] + bulges[table.j]]
-        n_contacts = len(table)
+                axes = np.array([face.axis for face in unknowns.walls])[walls]
+                entries.append((rows[rides] + axes, unknowns.first_wall + walls, sign))
+        return entries
+
+    def _list_floor_entries(self, unknowns: _Unknowns) -> list[_Entry]:
+        """Return the entries of the displacements of balls and walls on the contacts with
+        floors.
+        """
+        d = self.dimension
+        entries: list[_Entry] = []
+        first_contact = len(self.contacts)
         for floor in self._floors:
-            balls = floor.balls
-            floor_rows = (n_contacts + np.arange(len(balls))) * d + floor.axis
-            moves = free_number[balls] >= 0
-            columns = d * free_number[balls[moves]] + floor.axis
-            entries.append((floor_rows[moves], columns, -1.0))
+            numbers = unknowns.free_number[floor.balls]
+            rows = (first_contact + np.arange(len(floor.balls))) * d + floor.axis
+            moves = numbers >= 0
+            entries.append((rows[moves], d * numbers[moves] + floor.axis, -1.0))
             if floor.wall >= 0:
-                entries.append((floor_rows, first_wall + floor.wall, 1.0))
-            vectors.append(floor.sign * self._mean_radii[balls, None] * np.eye(d)[floor.axis])
-            offsets.append(bulges[balls])
-            n_contacts += len(balls)
-        vector = np.concatenate(vectors)
-        is_flat = np.arange(len(vector)) >= len(table)
-        motion = compose(entries, (len(vector) * d, first_wall + len(pressed_faces)))
-        frame = Frame(
-            vector,
-            is_flat,
-            motion,
-            d,
-            self.cell[:, :p],
-            n_free,
-            pairs,
-            tuple(len(face.balls[1]) for face in pressed_faces),
-            length,
-            np.concatenate(offsets),
-        )
-        return frame, free_number, wall_of_ball
+                entries.append((rows, unknowns.first_wall + floor.wall, 1.0))
+            first_contact += len(floor.balls)
+        return entries
 
     def _require_drawn(self) -> None:
         """Raise :class:`InputError` if balls have a spread of diameters, and none are drawn."""
@@ -959,19 +999,22 @@ class Crystal(Result):
             why = "Each ball is simulated by itself"
             raise InputError(problem, why, "Draw them: crystal.sample((8, 8), seed=0)")
 
-    def _number_free_balls(self) -> tuple[Index, Index]:
-        """Return the number (n,) of each ball among the balls that move, -1 of a ball that is held,
-        and the number (n,) of the wall that carries each ball, -1 of a ball on no wall.
-        """
+    def _number_unknowns(self) -> _Unknowns:
+        """Return the numbers of the unknowns of the statics."""
+        p = self.periods
         wall_of_ball = np.full(self.n_balls, -1, np.intp)
         is_free = np.ones(self.n_balls, bool)
         for side in self._sides:
             if side.edge == "clamped":
                 is_free[side.balls] = False
                 wall_of_ball[side.balls] = side.wall
+        n_free_balls = int(np.count_nonzero(is_free))
         free_number = np.full(self.n_balls, -1, np.intp)
-        free_number[is_free] = np.arange(np.count_nonzero(is_free))
-        return free_number, wall_of_ball
+        free_number[is_free] = np.arange(n_free_balls)
+        strains = tuple((a, b) for a in range(p) for b in range(a, p))
+        walls = [face for face in self.faces if face.is_pressed]
+        n_free = self.dimension * n_free_balls
+        return _Unknowns(free_number, n_free, strains, walls, wall_of_ball)
 
     # -- under load --------------------------------------------------------------------------------
 
@@ -1296,8 +1339,9 @@ class Crystal(Result):
         """Return the state at rest at which the mean force (N) or overlap (m) of contacts is
         ``goal``, and its load.
 
-        The pressure of the load is searched for: by the power with which overlaps grow with the
-        pressure, and where balls differ by secants; between the bounds that were met by halves.
+        The next pressure follows from the power with which overlaps grow with the pressure, and
+        where balls differ from a secant; the search halves the interval of the pressures if that
+        leaves it.
         """
         frame = self._frame[0]
         springs = self._springs
@@ -1315,10 +1359,10 @@ class Crystal(Result):
             push = self._push_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
             small = settle(frame, springs, push, start)
             if follows:
-                # where balls differ the search goes on from the last state: from another one loose
-                # balls would come to rest elsewhere, and the mean would jump
-                begin = state if differ and state else small
-                state = settle_exactly(frame, springs, push, begin)
+                # where balls differ the search goes on from the last state: from another state
+                # loose balls would come to rest elsewhere, and the mean would jump
+                nearest = state if differ and state else small
+                state = settle_exactly(frame, springs, push, nearest)
             else:
                 state = small
             contacts = _MeanContacts.of(state, springs, differ)
@@ -1340,6 +1384,7 @@ class Crystal(Result):
                 low = pressure
             else:
                 high = pressure
+            # a mean of the wrong sign says nothing about the size of the step
             growth = goal / mean if mean / goal > 0.0 else 2.0
             power = contacts.power
             guess = pressure * (growth if kind == "force" else growth ** (1.0 / power))
@@ -1349,8 +1394,8 @@ class Crystal(Result):
                 factor = 1.0
                 last_pressure, last_mean = last_point
                 if math.isfinite(last_mean) and mean != last_mean:
-                    slope_pressure = pressure - last_pressure
-                    guess = pressure + (goal - mean) * slope_pressure / (mean - last_mean)
+                    pressure_step = pressure - last_pressure
+                    guess = pressure + (goal - mean) * pressure_step / (mean - last_mean)
                 last_point = pressure, mean
             start = Rest(factor * small.x, factor * small.overlap, small.normal)
             middle = 0.5 * (low + min(high, 2.0 * pressure))
@@ -1372,7 +1417,7 @@ class Crystal(Result):
         """Return the pressure at which contacts of equal forces have the mean force (N) or overlap
         (m) ``goal``: N, N/m or Pa.
 
-        It follows from the virial; of a column it is the force of a contact.
+        The pressure follows from the virial; of a column it is the force of a contact.
         """
         frame = self._frame[0]
         force = goal
@@ -1420,12 +1465,8 @@ class Crystal(Result):
             wall_motions[index] = state.x[frame.strains.stop :]
             strain[index] = frame.strain(state.x)
             if p:
-                deformed = np.eye(p) + strain[index] if follows else np.eye(p)
-                forces = springs.force(state.overlap)[:, None] * state.normal[:, :p]
-                virial = forces.T @ np.where(frame.flat[:, None], 0.0, frame.vector[:, :p])
-                virial = virial @ deformed.T
-                measure = frame.measure * float(np.linalg.det(deformed))
-                stress[index] = -0.5 * (virial + virial.T) / measure
+                deformation = np.eye(p) + strain[index] if follows else np.eye(p)
+                stress[index] = self._find_stress(state, deformation)
         for side in self._sides:
             if side.wall >= 0:
                 riders = wall_of_ball == side.wall
@@ -1454,6 +1495,16 @@ class Crystal(Result):
             for name, array in arrays.items()
         }
         return CrystalState(self, **shaped, finite_overlap=follows)
+
+    def _find_stress(self, state: Rest, deformation: Array) -> Array:
+        """Return the stress (p, p) of a state at rest on the cell with a ``deformation`` (p, p)."""
+        frame = self._frame[0]
+        p = self.periods
+        forces = self._springs.force(state.overlap)[:, None] * state.normal[:, :p]
+        virial = forces.T @ np.where(frame.flat[:, None], 0.0, frame.vector[:, :p])
+        virial = virial @ deformation.T
+        measure = frame.measure * float(np.linalg.det(deformation))
+        return np.asarray(-0.5 * (virial + virial.T) / measure)
 
 
 class _MeanContacts(NamedTuple):

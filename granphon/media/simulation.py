@@ -76,8 +76,8 @@ _MOST_SEED = 2**64 - 1
 DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
 #: rule of validation for the numbers of cells in a scene; ``periods`` says how many there must be
 read_cells = partial(lengths, low=1, high=20_000)
-#: greatest numbers of balls along a side of a sample, of its cells, and of samples, far beyond what
-#: fits into memory
+#: greatest numbers of balls along a side of a sample, of its cells, and of samples, far more than
+#: memory holds
 _MOST_SIDE = 2**31
 _MOST_CELLS = 2**48
 _MOST_SAMPLES = 2**31
@@ -653,8 +653,9 @@ class SimulatedState(ContactState):
 
 
 def read_geometry(value: Any) -> str | None:
-    """Read the name of a geometry; None leaves it to the load. It is a rule of
-    :mod:`granphon.base.validation`.
+    """Read the name of a geometry; None leaves the geometry to the load.
+
+    The function is a rule of :mod:`granphon.base.validation`.
     """
     return None if value is None else choice(value, options=GEOMETRIES)
 
@@ -1014,7 +1015,7 @@ class DirectSimulation(Medium[SimulatedState]):
     def deviations(self, index: int) -> Array:
         """Return the reduced deviations x = Delta/W of the diameters of a sample, with mean zero.
 
-        Their shape is (L1, ..., Lp); with n > 1 balls in the cell it is (n, L1, ..., Lp).
+        The shape is (L1, ..., Lp), and (n, L1, ..., Lp) with n > 1 balls in the cell.
         """
         packing = self.packing
         n = packing.structure.n_balls
