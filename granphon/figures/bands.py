@@ -94,8 +94,8 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
         faces = zone_faces(reciprocal)
         view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view
         painter = Painter(view)  # faces are translucent, far edges thin
-        near = [view.nearness(face.mean(axis=0)) > 0.0 for face in faces]
-        for face, front in sorted(zip(faces, near, strict=True), key=lambda pair: pair[1]):
+        is_near = [view.nearness(face.mean(axis=0)) > 0.0 for face in faces]
+        for face, front in sorted(zip(faces, is_near, strict=True), key=lambda pair: pair[1]):
             look: dict[str, Any] = {"edge": "0.3", "width": 0.7, "face": (0.6, 0.75, 0.9, 0.18)}
             look = look if front else {"edge": "0.75", "width": 0.4, "face": "none"}
             painter.add_polygon(face, float(front), **look)
@@ -131,12 +131,14 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     lines = (
         ends[:, 0] + np.linspace(0.0, 1.0, 41)[:, None, None] * (ends[:, 1] - ends[:, 0])
     ).reshape(-1, 2)
-    ways = np.stack([turn(2.0 * np.pi * np.arange(32) / 32.0) for turn in (np.cos, np.sin)], axis=1)
-    around = 0.15 * float(np.ptp(lines, axis=0).max()) * ways[:, None]
-    for name, place in names.items():
-        ax.plot(*place, "o", color="black", markersize=2.2, zorder=2.6)
-        distance = np.linalg.norm(place + around - lines, axis=2).min(axis=1)
-        away = ways[np.argmax(np.round(distance, 9))] if periods == 3 else place - middle
+    directions = np.stack(
+        [turn(2.0 * np.pi * np.arange(32) / 32.0) for turn in (np.cos, np.sin)], axis=1
+    )
+    label_offsets = 0.15 * float(np.ptp(lines, axis=0).max()) * directions[:, None]
+    for name, corner in names.items():
+        ax.plot(*corner, "o", color="black", markersize=2.2, zorder=2.6)
+        distance = np.linalg.norm(corner + label_offsets - lines, axis=2).min(axis=1)
+        away = directions[np.argmax(np.round(distance, 9))] if periods == 3 else corner - middle
         if np.linalg.norm(away) <= 1e-9:
             away = middle - ends.reshape(-1, 2).mean(axis=0)
         if periods == 1:
@@ -145,7 +147,7 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
             x, y = (7.0 * away / max(float(np.linalg.norm(away)), 1e-9)).tolist()
             ax.annotate(
                 name,
-                place,
+                corner,
                 (x, y),
                 textcoords="offset points",
                 ha="center",
@@ -168,18 +170,18 @@ def _choose_view(corners: Array, faces: list[Array]) -> View:
     middles = np.array([face.mean(axis=0) for face in faces])
     # the middle of a face is not always on its normal, but near enough to it
     normals = middles / np.linalg.norm(middles, axis=1, keepdims=True)
-    one, two = np.triu_indices(len(apart), 1)
-    best = -np.inf
-    found = View()
+    first, second = np.triu_indices(len(apart), 1)
+    best_score = -np.inf
+    best_view = View()
     for azimuth, elevation in itertools.product(range(0, 360, 6), (10, 16, 22, 28)):  # degrees
         view = View(azimuth, elevation)
         flat = view.project(apart)
-        distance = float(np.linalg.norm(flat[one] - flat[two], axis=1).min(initial=np.inf))
+        distance = float(np.linalg.norm(flat[first] - flat[second], axis=1).min(initial=np.inf))
         score = distance * min(float(np.abs(view.nearness(normals)).min()), 0.15)
-        if score > best and view.nearness(apart).mean() >= 0.0:
-            best = score
-            found = view
-    return found
+        if score > best_score and view.nearness(apart).mean() >= 0.0:
+            best_score = score
+            best_view = view
+    return best_view
 
 
 def plot_bands(
@@ -222,17 +224,17 @@ def plot_bands(
     values = (bands.connected_frequencies if followed else bands.frequencies) / unit.hertz
     # of balls with a single motion every branch would have the same colour
     if coloured := followed and bands.motions.count > 1:
-        part, colours, words = (
+        fractions, colours, words = (
             (bands.rotational_fraction, ROTATION, "Rotational")
             if bands.motions.rotate
             else (bands.longitudinal_fraction, POLARISATION, "Longitudinal")
         )
-        fraction = np.take_along_axis(part, bands.connection, 2)
+        fraction = np.take_along_axis(fractions, bands.connection, 2)
     if edges:
         weight = bands.edge_weight
         mixed = np.array([to_rgb(one) for one in _EDGES])
-        more = np.maximum(weight - 0.25, 0.0) / 0.75  # than that of a wave spread evenly
-        paint = np.concatenate([more, 1.0 - more.sum(axis=-1, keepdims=True)], axis=-1) @ mixed
+        excess = np.maximum(weight - 0.25, 0.0) / 0.75  # than that of a wave spread evenly
+        paint = np.concatenate([excess, 1.0 - excess.sum(axis=-1, keepdims=True)], axis=-1) @ mixed
     if bulk is not None:
         field = real_array("bulk", bulk) / unit.hertz
         if field.ndim != 4 or field.shape[:2] != values.shape[:2] or field.shape[3] != 2:
@@ -247,9 +249,11 @@ def plot_bands(
         # what is closer than this is one line in print: each later branch here and at a neighbour
         # is a step wider
         close = np.abs(values[s, :, :, None] - values[s, :, None, :]) <= 1e-6 * values.max()
-        both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
+        coinciding = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
         # (p, b), in points
-        widths = 1.5 * (1.0 + np.minimum(np.triu(both[1:] | both[:-1], 1).sum(axis=2), 3))
+        widths = 1.5 * (
+            1.0 + np.minimum(np.triu(coinciding[1:] | coinciding[:-1], 1).sum(axis=2), 3)
+        )
         for b in range(bands.n_branches):
             points = np.stack([x, values[s, :, b]], axis=1)
             middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
@@ -307,10 +311,10 @@ def plot_bands(
 
 
 def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
-    there = (
+    frequencies = (
         result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
     )
-    return HertzPrefix.for_top(float(there.max()))
+    return HertzPrefix.for_top(float(frequencies.max()))
 
 
 def plot_asymptotes(
@@ -352,15 +356,17 @@ def plot_asymptotes(
         start = bands.qpoints[s, near]
         if not np.allclose(start, np.round(start), rtol=0.0, atol=1e-9):
             continue
-        way = (bands.qpoints[s, far] - start)[: len(reciprocal)] @ reciprocal
-        q = 2.0 * np.pi * reach * np.linalg.norm(way) * np.linspace(0.0, 1.0, 101)  # 1/d
+        direction = (bands.qpoints[s, far] - start)[: len(reciprocal)] @ reciprocal
+        q = 2.0 * np.pi * reach * np.linalg.norm(direction) * np.linspace(0.0, 1.0, 101)  # 1/d
         if isinstance(velocities, SoundVelocities):
             named = {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
             speeds = {name: v / scales.velocity for name, v in named.items() if v is not None}
         else:
             speeds = dict(
                 zip(
-                    velocities.wave_names, velocities.sound_velocities(way)[0].tolist(), strict=True
+                    velocities.wave_names,
+                    velocities.sound_velocities(direction)[0].tolist(),
+                    strict=True,
                 )
             )
         # less is rounding of zero
@@ -369,7 +375,7 @@ def plot_asymptotes(
             isinstance(velocities, ContactLattice)
             and len(velocities.motions.rotations) == velocities.n_balls == 1
         ):
-            squared, curvature = velocities.optical_branch(way)
+            squared, curvature = velocities.optical_branch(direction)
             inside = 1.0 - curvature * q**2
             waves["optical"] = np.sqrt(squared * np.where(inside >= 0.0, inside, np.nan))
         x = bands.distances[s, near] + np.sign(
@@ -466,13 +472,13 @@ def bands_figure(
             "there is nothing to draw", mend="Give bands, a density of states, or both"
         )
     unit = _choose_unit(first)
-    both = bands is not None and dos is not None
+    has_both = bands is not None and dos is not None
     # a zone in space has too many corners for an inset
     space = bands is not None and sum(bands.pbc) == 3
     with styled_figure(2.4 if bands is None else 4.4 if space else 3.1) as figure:
         rows = figure.add_gridspec(1 + space, 1, height_ratios=[1.0, 0.5][: 1 + space])
-        grid = rows[0].subgridspec(1, 1 + both, width_ratios=[2.4, 1.0][: 1 + both])
-        axes = grid.subplots(sharey=both, squeeze=False)[0]
+        grid = rows[0].subgridspec(1, 1 + has_both, width_ratios=[2.4, 1.0][: 1 + has_both])
+        axes = grid.subplots(sharey=has_both, squeeze=False)[0]
         if dos is not None:
             plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
         if bands is not None:
@@ -485,7 +491,7 @@ def bands_figure(
                 inset = axes[0].inset_axes(_find_free_place(axes[0]))
                 inset.set_in_layout(False)
                 plot_zone(bands, inset)
-        if both:
+        if has_both:
             axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
         entries = {
             name: h
@@ -509,7 +515,9 @@ def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
     upwards if none is.
     """
     curves = [
-        np.asarray(c.get_segments())[:, 1] for c in ax.collections if isinstance(c, LineCollection)
+        np.asarray(collection.get_segments())[:, 1]
+        for collection in ax.collections
+        if isinstance(collection, LineCollection)
     ]
     curves += [
         np.column_stack(line.get_data())[:-1]

@@ -297,24 +297,26 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
         )
     # on an automatic medium, which medium served where: the ends of its loads, and some between
     n = curve.x.size
-    named = np.array([one.partition("(")[0] for one in curve.served])
+    named = np.array([label.partition("(")[0] for label in curve.served])
     change = np.flatnonzero(named[1:] != named[:-1])
     # about twelve
-    some = np.concatenate([np.arange(0, n, max(1, -(-n // 12))), change, change + 1, [n - 1]])
-    shown = np.isin(np.arange(n), some) | curve.simulated
+    sparse_points = np.concatenate(
+        [np.arange(0, n, max(1, -(-n // 12))), change, change + 1, [n - 1]]
+    )
+    shown = np.isin(np.arange(n), sparse_points) | curve.simulated
     for name in dict.fromkeys(named.tolist()):
         for valid in (True, False):
-            there = shown & (named == name) & (curve.valid == valid)
+            is_marked = shown & (named == name) & (curve.valid == valid)
             marks: dict[str, Any] = {
                 "color": look.colour,
                 "markersize": _SERVING_SIZE,
                 "linestyle": "none",
             }
             marks |= {} if valid else _HOLLOW
-            if np.any(there):
+            if np.any(is_marked):
                 ax.plot(
-                    curve.x[there],
-                    curve.y[there],
+                    curve.x[is_marked],
+                    curve.y[is_marked],
                     _SERVING.get(name, "o"),
                     gid=f"{gid}-served-{name}",
                     **marks,
@@ -388,9 +390,9 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
     sizes = np.abs(np.asarray(values, float))
     far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
     if np.any(far):
-        what = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
+        problem = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
         why = f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}"
-        raise FigureError(what, why, "Draw another variable")
+        raise FigureError(problem, why, "Draw another variable")
     return values
 
 
@@ -626,15 +628,15 @@ def _draw_sweep(
     handles = list[Line2D]()
     if several or count == 1:
         named = zip(media, simulated, strict=True)
-        own = (
+        told_kinds = (
             ["medium"]
             if first == "medium"
             else find_differing([group[0].facts for group in groups])[0]
         )
-        told = [", ".join(group[0].facts[kind] for kind in own) for group in groups]
+        labels = [", ".join(group[0].facts[kind] for kind in told_kinds) for group in groups]
         handles = [
             _make_handle(look, words, points)
-            for ((look, _), points), words in zip(named, told, strict=True)
+            for ((look, _), points), words in zip(named, labels, strict=True)
         ]
     if count > 1:
         kinds, _ = find_differing([curve.facts for curve in groups[0]])
@@ -1152,13 +1154,13 @@ def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") 
     """
     if x == "force":
         return 1.0
-    found = [
+    datasets = [
         run.dataset
         for run in runs
         if run.dataset is not None and x in run.dataset and x != "overlap"
     ]
     ratios = np.concatenate(
-        [np.zeros(0), *(np.ravel(dataset[x] / dataset["force"]) for dataset in found)]
+        [np.zeros(0), *(np.ravel(dataset[x] / dataset["force"]) for dataset in datasets)]
     )
     if (
         not ratios.size

@@ -112,13 +112,15 @@ def plot_forces(
             for a, b, n in ((left, right, numbers[0]), (bottom, top, numbers[1]))
         ]
         total, count = (
-            np.histogram2d(x, y, grid, weights=each)[0] for each in (layer.sums, layer.counts)
+            np.histogram2d(x, y, grid, weights=weights)[0] for weights in (layer.sums, layer.counts)
         )
         with np.errstate(invalid="ignore"):  # nan where no ball is
             density = total / count
         drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
         size, name = (1.0, "$d$") if network is None else prefixed(float(np.max(layer.size)), "m")
-        sides = sorted({f"{float(one[1] - one[0]) / size:.2g}" for one in grid})
+        sides = sorted(
+            {f"{float(coordinates[1] - coordinates[0]) / size:.2g}" for coordinates in grid}
+        )
         means = f",\nmeans over {' x '.join(sides * (3 - len(sides)))} {name.replace('u', 'µ')}"
     else:
         drawn = _draw_chains(layer, ax, edges)
@@ -126,7 +128,9 @@ def plot_forces(
     add_title(
         ax,
         layer.title,
-        layer.kinds if any(one.get_gid() == "balls" for one in ax.collections) else {},
+        layer.kinds
+        if any(coordinates.get_gid() == "balls" for coordinates in ax.collections)
+        else {},
     )
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(5, integer=network is None, steps=[1, 2, 5, 10]))
@@ -195,9 +199,9 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
             "linewidths": 0.4,
             "gid": "balls",
         }
-        place = {"offsets": sites, "offset_transform": ax.transData}
+        offsets = {"offsets": sites, "offset_transform": ax.transData}
         ax.add_collection(
-            EllipseCollection(sizes, sizes, 0.0 * sizes, units="xy", **style, **place),
+            EllipseCollection(sizes, sizes, 0.0 * sizes, units="xy", **style, **offsets),
             autolim=False,
         )
     widths = forces  # of lines, in those of the mean force
@@ -206,12 +210,12 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
         mean = float(np.mean(network.normal_force)) if network.n_contacts else 0.0
         widths = np.clip(forces / mean, 0.2, 4.0) if mean > 0.0 else np.full(len(forces), 0.2)
         # a piece of a flat wall at each contact with it
-        at = np.isinf(network.radii[network.j])
-        touch = network.contact_places[at, :2]
-        normal = network.normal[at, :2]
+        is_wall = np.isinf(network.radii[network.j])
+        touch = network.contact_places[is_wall, :2]
+        normal = network.normal[is_wall, :2]
         across = (
             0.5
-            * network.radii[network.i[at], None]
+            * network.radii[network.i[is_wall], None]
             * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
         )
         pieces = np.stack([touch - across, touch + across], axis=1)
@@ -279,19 +283,21 @@ def _find_layer(sample: Sample) -> _Map:
     # rows: along a1, across it in the layer, across the layer
     axes *= np.sign(np.sum(axes * vectors, axis=1))[:, None]
     plane = axes[:2, :p].T
-    up = axes[2, :p]
+    layer_normal = axes[2, :p]
     table = structure.contacts
     balls = structure.positions
-    level = np.abs((balls - balls[0]) @ up) < _LEVEL
-    inside = (
-        level[table.i]
-        & level[table.j]
-        & (np.abs(table.normal @ up) < _LEVEL)
+    is_in_layer = np.abs((balls - balls[0]) @ layer_normal) < _LEVEL
+    is_contact_in_layer = (
+        is_in_layer[table.i]
+        & is_in_layer[table.j]
+        & (np.abs(table.normal @ layer_normal) < _LEVEL)
         & np.all(table.shift[:, 2:] == 0, axis=1)
     )
-    shown = np.flatnonzero(level)
+    shown = np.flatnonzero(is_in_layer)
     flat = sample.sites.reshape(*sample.shape, -1, p)
-    forces = np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1)[..., inside]
+    forces = np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1)[
+        ..., is_contact_in_layer
+    ]
     if p == 3:
         flat = flat[:, :, 0]
         forces = forces[:, :, 0]
@@ -300,19 +306,24 @@ def _find_layer(sample: Sample) -> _Map:
     flat, forces = flat.reshape(rows, columns, -1, p), forces.reshape(rows, columns, -1)
     sites = flat[:, :, shown] @ plane
     length = rows * float(np.linalg.norm(vectors[0]))
-    step = float(vectors[1] @ axes[1])
+    row_height = float(vectors[1] @ axes[1])
     sites[..., 0] = np.mod(sites[..., 0] + 1e-9, length) - 1e-9
     places = sites.reshape(-1, 2)
     # of each contact the vector, the numbers of its balls, and its force
     number = np.arange(len(places)).reshape(sites.shape[:3])
     shifts = np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))
-    own, other = (np.searchsorted(shown, end[inside]) for end in (table.i, table.j))
-    i = number[..., own].ravel()
-    steps = zip(other.tolist(), shifts[inside, :2].tolist(), strict=True)
+    ball_i, ball_j = (
+        np.searchsorted(shown, end[is_contact_in_layer]) for end in (table.i, table.j)
+    )
+    i = number[..., ball_i].ravel()
+    steps = zip(ball_j.tolist(), shifts[is_contact_in_layer, :2].tolist(), strict=True)
     j = np.stack(
         [np.roll(number[..., ball], (-a, -b), (0, 1)) for ball, (a, b) in steps], axis=-1
     ).ravel()
-    ways, force = np.tile(table.normal[inside] @ plane, (rows * columns, 1)), forces.ravel()
+    ways, force = (
+        np.tile(table.normal[is_contact_in_layer] @ plane, (rows * columns, 1)),
+        forces.ravel(),
+    )
 
     def find_lines() -> tuple[Array, Array]:
         # of the contacts that carry load: one across an edge of the array has two lines, one at
@@ -324,13 +335,13 @@ def _find_layer(sample: Sample) -> _Map:
         return np.stack([start, start + way], axis=1)[there], double[there]
 
     # half a row below the lowest, which is not at zero in every cell
-    bottom = float(np.min(places[:, 1])) - 0.5 * step
+    bottom = float(np.min(places[:, 1])) - 0.5 * row_height
     return _Map(
         places,
         np.full(len(places), 0.5),
         np.full(len(places), "none"),
         *_sum_forces(i, j, force, len(places)),
-        (-0.25, bottom, length - 0.25, bottom + step * columns),
+        (-0.25, bottom, length - 0.25, bottom + row_height * columns),
         1.0,
         1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0)),
         _write_title(sample),
@@ -364,9 +375,9 @@ def _project(network: ContactNetwork) -> _Map:
     # balls of each kind have a colour; of each mass a tint, if there are few masses
     moving = network.moving[shown]
     colours = np.full(len(shown), _STILL, dtype=object)
-    known = np.array(network.kinds or [""] * network.n_balls, object)
-    if kinds := colour_kinds(known[network.moving]):
-        colours[moving] = [kinds[name] for name in known[shown][moving]]
+    kind_names = np.array(network.kinds or [""] * network.n_balls, object)
+    if kinds := colour_kinds(kind_names[network.moving]):
+        colours[moving] = [kinds[name] for name in kind_names[shown][moving]]
     else:
         colours[moving] = [
             _TINTS[kind % len(_TINTS)] for kind in number_kinds(network.masses[shown][moving])
@@ -383,11 +394,13 @@ def _project(network: ContactNetwork) -> _Map:
         apart = np.any(network.shift != 0, axis=1) | flat
         lines = [np.stack([centres[i], centres[j]], axis=1)[~apart]]
         forces = [network.normal_force[~apart]]
-        for end, arm, at in ((i, network.arm_i, apart), (j, -network.arm_j, apart & ~flat)):
+        for end, arm, is_cut in ((i, network.arm_i, apart), (j, -network.arm_j, apart & ~flat)):
             lines.append(
-                np.stack([centres[end], centres[end] + arm[:, None] * network.normal], axis=1)[at]
+                np.stack([centres[end], centres[end] + arm[:, None] * network.normal], axis=1)[
+                    is_cut
+                ]
             )
-            forces.append(network.normal_force[at])
+            forces.append(network.normal_force[is_cut])
         return np.concatenate(lines)[..., :2], np.concatenate(forces)
 
     return _Map(
@@ -424,8 +437,8 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     """
     _ = state.scales  # one load only
     forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in state.samples]
-    least = min(float(np.min(one)) for one in forces)
-    largest = max(float(np.max(one)) for one in forces)
+    least = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
+    largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
     width = max(
         float(np.mean([sample.contact_force_fluctuation for sample in state.samples])) / 4.0, 1e-12
     )
@@ -434,12 +447,12 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     if largest - least < 1e-10:  # this is only rounding
         bins = 21
         margin = 0.05
-    found = [
+    histograms = [
         sample.force_distribution(bins, largest + margin, max(least - margin, 0.0))
         for sample in state.samples
     ]
-    edges = found[0][0]
-    density = np.mean([each for _, each in found], axis=0)
+    edges = histograms[0][0]
+    density = np.mean([each for _, each in histograms], axis=0)
     first, last = np.flatnonzero(density)[[0, -1]].tolist()
     ax.stairs(
         density[first : last + 1], edges[first : last + 2], baseline=None, color=BLUE, gid="density"

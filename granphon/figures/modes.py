@@ -156,57 +156,57 @@ def plot_network_mode(
     count = len(modes.frequencies)
     mode = whole_number("mode", mode, 0, count - 1)
     moving = network.ball_motions
-    d = network.scales.length
+    diameter = network.scales.length
     vectors = modes.vectors[mode]
     energy = np.where(np.isfinite(network.radii), np.sum(vectors**2, axis=1), -1.0)
     balls = np.sort(np.argsort(-energy, kind="stable")[: min(500, np.count_nonzero(energy >= 0.0))])
-    place = np.full(network.n_balls, -1)
-    place[balls] = np.arange(balls.size)
-    pairs = np.stack([place[network.i], place[network.j]], axis=1)
+    drawn_index = np.full(network.n_balls, -1)
+    drawn_index[balls] = np.arange(balls.size)
+    pairs = np.stack([drawn_index[network.i], drawn_index[network.j]], axis=1)
     pairs = pairs[np.all(pairs >= 0, axis=1) & ~np.any(network.shift, axis=1)]
     motion = vectors[balls] / np.sqrt(network.masses[balls])[:, None]
     gyration = np.ones(balls.size)
     free = network.moving[balls]
-    gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / d
-    u, w = np.zeros((2, balls.size, 3))
-    u[:, list(moving.translations)] = motion[:, : modes.displacements]
-    w[:, list(moving.rotations)] = motion[:, modes.displacements :]
-    scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
+    gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / diameter
+    displacements, spins = np.zeros((2, balls.size, 3))
+    displacements[:, list(moving.translations)] = motion[:, : modes.displacements]
+    spins[:, list(moving.rotations)] = motion[:, modes.displacements :]
+    scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
     hertz = float(modes.frequencies[mode])
     unit = HertzPrefix.for_top(hertz)
-    part = (
+    rotation_words = (
         f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %"
         if moving.rotate
         else ""
     )
     names = network.kinds or [""] * network.n_balls
     kinds = colour_kinds(itertools.compress(names, network.moving))
-    few = (
+    count_words = (
         f", {balls.size} of {network.n_balls} balls"
         if balls.size < network.n_balls - np.sum(energy < 0.0)
         else ""
     )
-    said = (
-        f"{hertz / unit.hertz:.1f} {print_hertz(unit)}{part}\nparticipation"
-        f" {modes.participation_ratio[mode]:.2g}{few}"
+    title = (
+        f"{hertz / unit.hertz:.1f} {print_hertz(unit)}{rotation_words}\nparticipation"
+        f" {modes.participation_ratio[mode]:.2g}{count_words}"
     )
-    found = _Motion(
-        network.positions[balls] / d,
-        network.radii[balls] / d,
+    drawn_motion = _Motion(
+        network.positions[balls] / diameter,
+        network.radii[balls] / diameter,
         pairs,
-        scale * u,
-        scale * w / gyration[:, None],
+        scale * displacements,
+        scale * spins / gyration[:, None],
         gyration,
         moving.rotate,
         network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2},
-        said,
+        title,
         [
             kinds.get(names[ball], _BALL) if network.moving[ball] else "0.75"
             for ball in balls.tolist()
         ],
         kinds,
     )
-    found.draw(ax, phase, view or found.view, positive("size", size))
+    drawn_motion.draw(ax, phase, view or drawn_motion.view, positive("size", size))
     return ax
 
 
@@ -229,23 +229,25 @@ def animate_mode(
     a period.
     """
     motion = _find_motion(phonons, q, branch, cells, direction)
-    count, part = whole_number("frames", frames, 2, 1000), positive("size", size)
-    seen = view or motion.view
+    n_frames, ball_size = whole_number("frames", frames, 2, 1000), positive("size", size)
+    direction_of_view = view or motion.view
     with styled_figure(COLUMN_WIDTH, dpi=150) as figure:
         ax = figure.subplots()
 
     def draw(frame: int) -> None:
         ax.clear()
         with matplotlib.rc_context(STYLE):
-            motion.draw(ax, -2.0 * np.pi * frame / count, seen, part, moved=True)
+            motion.draw(
+                ax, -2.0 * np.pi * frame / n_frames, direction_of_view, ball_size, moved=True
+            )
             if not motion.planar:  # all pictures have the same limits
                 places, room = (
-                    seen.project(motion.places),
-                    _LARGEST + part * motion.radii.max() + 0.05,
+                    direction_of_view.project(motion.places),
+                    _LARGEST + ball_size * motion.radii.max() + 0.05,
                 )
                 hide_axes(ax, places.min(axis=0) - room, places.max(axis=0) + room)
 
-    return FuncAnimation(figure, draw, frames=count, interval=2000 // count)
+    return FuncAnimation(figure, draw, frames=n_frames, interval=2000 // n_frames)
 
 
 def _find_motion(
@@ -260,35 +262,41 @@ def _find_motion(
     if not 0 <= branch < count:
         raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}")
     lattice = phonons.lattice
-    n = lattice.n_balls
-    p = lattice.periods
+    n_balls = lattice.n_balls
+    periods = lattice.periods
     moving = lattice.motions
-    motion = modes.eigenvectors[0, :, branch].reshape(n, -1) / np.sqrt(lattice.masses)[:, None]
+    motion = (
+        modes.eigenvectors[0, :, branch].reshape(n_balls, -1) / np.sqrt(lattice.masses)[:, None]
+    )
     largest = motion.ravel()[np.argmax(np.round(np.abs(motion).ravel() / np.abs(motion).max(), 6))]
     motion = motion * (abs(largest) / largest)
-    u, w = np.zeros((2, n, 3), complex)
-    u[:, list(moving.translations)] = motion[:, moving.translating]
-    w[:, list(moving.rotations)] = motion[:, moving.turning]
-    scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
+    displacements, spins = np.zeros((2, n_balls, 3), complex)
+    displacements[:, list(moving.translations)] = motion[:, moving.translating]
+    spins[:, list(moving.rotations)] = motion[:, moving.turning]
+    scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
     places, balls, pairs = _place_balls(lattice, cells)
-    wave = np.exp(1j * (places[:, :p] @ (modes.wavevectors[0] * phonons.scales.length)))[:, None]
-    radii = phonons.atoms.arrays.get("radius", np.full(n, 0.5))[balls]
-    names = phonons.state.kinds or [""] * n
+    wave = np.exp(1j * (places[:, :periods] @ (modes.wavevectors[0] * phonons.scales.length)))[
+        :, None
+    ]
+    radii = phonons.atoms.arrays.get("radius", np.full(n_balls, 0.5))[balls]
+    names = phonons.state.kinds or [""] * n_balls
     kinds = colour_kinds(names)
     hertz = float(modes.frequencies[0, branch])
     unit = HertzPrefix.for_top(hertz)
-    near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:p]]
+    near = [
+        (float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:periods]
+    ]
     fractions = ", ".join(str(ratio) if abs(x - ratio) < 1e-9 else f"{x:.4g}" for x, ratio in near)
-    part = (
+    rotation_words = (
         f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %"
         if moving.rotate
         else ""
     )
     # rounding may leave this part of the highest frequency in place of zero
     zero = hertz <= count * np.finfo(float).eps * float(modes.frequencies.max())
-    said = "zero frequency" if zero else f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
+    frequency_words = "zero frequency" if zero else f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
     planar = (
-        p < 3
+        periods < 3
         and not places[:, 2].any()
         and 2 not in moving.translations
         and set(moving.rotations) <= {2}
@@ -297,12 +305,12 @@ def _find_motion(
         places,
         radii,
         pairs,
-        scale * u[balls] * wave,
-        (scale * w / lattice.gyration[:, None])[balls] * wave,
+        scale * displacements[balls] * wave,
+        (scale * spins / lattice.gyration[:, None])[balls] * wave,
         lattice.gyration[balls],
         moving.rotate,
         planar,
-        f"q = ({fractions})\n{said}{part}",
+        f"q = ({fractions})\n{frequency_words}{rotation_words}",
         [kinds.get(names[ball], _BALL) for ball in balls.tolist()],
         kinds,
     )
@@ -378,13 +386,15 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     )
     if motion.rotate:
 
-        def at(distance: Array, angle: Array) -> Array:
+        def at(distances: Array, angle: Array) -> Array:
             return np.asarray(
                 centres[:, None]
-                + distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+                + distances[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
             )
 
-        ways = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # anticlockwise, clockwise
+        spin_colours = [
+            VERMILION if angle >= 0.0 else BLUE for angle in angles
+        ]  # anticlockwise, clockwise
         rim = 0.72 * radii
         end = _MARK + angles[:, None]
         marks = at(radii, end + np.array([0.0, np.pi]))
@@ -397,16 +407,21 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
         sectors = np.concatenate([centres[:, None], arcs], axis=1)
         ax.add_collection(
             PolyCollection(
-                list(sectors), facecolors=[_LIGHT[way] for way in ways], linewidths=0.0, zorder=1.5
+                list(sectors),
+                facecolors=[_LIGHT[colour] for colour in spin_colours],
+                linewidths=0.0,
+                zorder=1.5,
             )
         )
         ax.add_collection(LineCollection(list(marks), colors="0.45", linewidths=0.6, gid="marks"))
         ax.add_collection(
             LineCollection(
-                list(arcs), colors=ways, linewidths=1.0, gid="spins", path_effects=[_RIM]
+                list(arcs), colors=spin_colours, linewidths=1.0, gid="spins", path_effects=[_RIM]
             )
         )
-        ax.add_collection(PolyCollection(list(heads), facecolors=ways, linewidths=0.0, zorder=2.1))
+        ax.add_collection(
+            PolyCollection(list(heads), facecolors=spin_colours, linewidths=0.0, zorder=2.1)
+        )
 
     ax.quiver(
         *centres.T,
@@ -451,10 +466,10 @@ def _draw_spheres(
     painter = Painter(view)
     centres = motion.places + shift if moved else motion.places
     for i, j in motion.pairs:  # a line for each contact, from surface to surface
-        way = centres[j] - centres[i]
-        way = way / np.linalg.norm(way)
+        bond = centres[j] - centres[i]
+        bond = bond / np.linalg.norm(bond)
         painter.add_line(
-            np.array([centres[i] + radii[i] * way, centres[j] - radii[j] * way]), "0.62", 1.0
+            np.array([centres[i] + radii[i] * bond, centres[j] - radii[j] * bond]), "0.62", 1.0
         )
     turned: list[Any] = [()] * len(centres)
     if moved:
@@ -469,11 +484,11 @@ def _draw_spheres(
     for centre, radius, u, phi, scale, circles, face in balls:
         painter.add_sphere(centre, radius, face)
         for circle in circles:
-            seen = np.flatnonzero(view.nearness(circle) >= 0.0)
-            for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
-                if len(part) > 1:
+            visible = np.flatnonzero(view.nearness(circle) >= 0.0)
+            for stretch in np.split(visible, np.flatnonzero(np.diff(visible) > 1) + 1):
+                if len(stretch) > 1:
                     painter.add_line(
-                        centre + radius * circle[part],
+                        centre + radius * circle[stretch],
                         "0.3",
                         0.5,
                         nearness=float(view.nearness(centre)),
@@ -499,19 +514,19 @@ def _draw_spheres(
             side = np.cross(axis, front)
             angles = reach * np.linspace(-0.5, 0.5, 25)
             arc = centre + rim * (np.cos(angles)[:, None] * front + np.sin(angles)[:, None] * side)
-            near = float(view.nearness(centre)) + 1e-3 * rim
+            depth = float(view.nearness(centre)) + 1e-3 * rim
             end = angles[-1]
             head = 0.5 * rim
             # on balls of any colour
-            painter.add_line(arc, "white", 2.6, nearness=near - 1e-4 * rim)
-            painter.add_line(arc, VERMILION, 1.1, nearness=near)
+            painter.add_line(arc, "white", 2.6, nearness=depth - 1e-4 * rim)
+            painter.add_line(arc, VERMILION, 1.1, nearness=depth)
             tangent = -np.sin(end) * front + np.cos(end) * side
             painter.add_arrow(
                 arc[-1] - 0.4 * head * tangent,
                 head * tangent,
                 VERMILION,
                 0.25 * head,
-                nearness=near,
+                nearness=depth,
             )
     painter.draw(ax, "spheres", fade=0.55)
     low, high = painter.extent

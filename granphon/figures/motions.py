@@ -49,7 +49,7 @@ def plot_motion(
     radius = float(np.mean(network.radii[balls]))
     values = motion.velocities[:, balls, along]
     unit = "m/s"
-    what = f"Velocity along {'xyz'[along]}"
+    quantity = f"Velocity along {'xyz'[along]}"
     places = network.positions
     of_forces = motion.middles
     places = places[balls, along] + 0.1 * radius
@@ -67,13 +67,13 @@ def plot_motion(
         places = of_forces
         values = motion.forces - motion.forces[0]
         unit = "N"
-        what = "Change of force"
+        quantity = "Change of force"
     number = np.maximum(np.searchsorted(layers, places, side="right") - 1, 0)
     order = np.argsort(number, kind="stable")
     starts = np.flatnonzero(np.diff(number[order], prepend=-1))
     counts = np.diff(starts, append=len(order))
     means = np.add.reduceat(values[:, order], starts, axis=1) / counts
-    at = np.add.reduceat(places[order], starts) / counts
+    positions = np.add.reduceat(places[order], starts) / counts
     most = max(float(np.abs(means).max()), 1e-300)
     (scale, unit), (seconds, time), (metre, length) = (
         prefixed(most, unit),
@@ -81,7 +81,7 @@ def plot_motion(
         prefixed(_FEW * radius, "m"),
     )
     drawn = ax.pcolormesh(
-        (at - at[0]) / metre,
+        (positions - positions[0]) / metre,
         motion.times / seconds,
         means / scale,
         cmap=MOTION,
@@ -91,7 +91,7 @@ def plot_motion(
         gid="motion",
     )
     ax.set(xlabel=f"{'xyz'[along]} ({write_unit(length)})", ylabel=f"Time ({write_unit(time)})")
-    add_bar(ax, drawn, f"{what} ({write_unit(unit)})")
+    add_bar(ax, drawn, f"{quantity} ({write_unit(unit)})")
     return ax
 
 

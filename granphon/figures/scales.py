@@ -46,11 +46,11 @@ def _open_door() -> Iterator[None]:
     """Import matplotlib in the block even if MPLBACKEND names a backend that is not there: saving a
     figure needs none.
     """
-    first = "matplotlib" not in sys.modules
-    given = os.environ.pop("MPLBACKEND", None)
+    is_first_import = "matplotlib" not in sys.modules
+    backend = os.environ.pop("MPLBACKEND", None)
     log = logging.getLogger("matplotlib")
-    said = BufferingHandler(1000)
-    log.addHandler(said)
+    records_of_import = BufferingHandler(1000)
+    log.addHandler(records_of_import)
     try:
         with needing("A figure"):
             yield
@@ -59,23 +59,23 @@ def _open_door() -> Iterator[None]:
     except (
         Exception
     ) as error:  # from the file system, a text that is not UTF-8, or whatever the settings ask for
-        records = said.buffer
-        said.buffer = []  # the log names the file that is at fault
+        records = records_of_import.buffer
+        records_of_import.buffer = []  # the log names the file that is at fault
         why = " ".join(record.getMessage() for record in records)
         mend = "Look at its settings (matplotlibrc, MATPLOTLIBRC) and how it is installed"
         raise FigureError(
             f"matplotlib cannot be imported: {shorten_error(error)}", why, mend
         ) from error
     finally:
-        log.removeHandler(said)
-        for record in said.buffer:
+        log.removeHandler(records_of_import)
+        for record in records_of_import.buffer:
             log.handle(record)
-        if given is not None:
-            os.environ["MPLBACKEND"] = given
-    if first and given:
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
+    if is_first_import and backend:
         with suppress(ValueError):
             # matplotlib's own import does this too, but fails on a name that it does not know
-            matplotlib.rcParams["backend"] = given
+            matplotlib.rcParams["backend"] = backend
 
 
 with _open_door():
@@ -119,16 +119,16 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
 
     Raises :class:`~granphon.base.errors.InputError` for values that no logarithmic axis reaches.
     """
-    there = values[np.isfinite(values)]
-    if there.min() <= 0.0:
+    finite = values[np.isfinite(values)]
+    if finite.min() <= 0.0:
         return
-    if there.min() < _LEAST or there.max() > _LARGEST:
-        what = f"the {which} axis cannot reach from {there.min():.4g} to {there.max():.4g}"
+    if finite.min() < _LEAST or finite.max() > _LARGEST:
+        problem = f"the {which} axis cannot reach from {finite.min():.4g} to {finite.max():.4g}"
         why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
-        raise InputError(what, why, "Look at the units of the data, and leave out what is wrong")
+        raise InputError(problem, why, "Look at the units of the data, and leave out what is wrong")
     ax.set(**{f"{which}scale": "log"})
     axis = getattr(ax, f"{which}axis")
-    span = there.max() / there.min()
+    span = finite.max() / finite.min()
     if span < plain:
         axis.set_major_locator(_PlainTicks())
         axis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -255,16 +255,16 @@ def draw_balls(
     if network.dimension == 3:  # the nearest come last
         shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
     sizes = 2e3 * network.radii[shown]
-    places = 1e3 * network.positions[shown, :2]
+    centres = 1e3 * network.positions[shown, :2]
     if network.pbc[0] and not np.any(network.cell[0, 1:]):
         # an oblique cell is drawn as a rectangle
-        places[:, 0] = np.mod(places[:, 0], 1e3 * network.cell[0, 0])
+        centres[:, 0] = np.mod(centres[:, 0], 1e3 * network.cell[0, 0])
     balls = EllipseCollection(
         sizes,
         sizes,
         0.0 * sizes,
         units="xy",
-        offsets=places,
+        offsets=centres,
         offset_transform=ax.transData,
         array=values[shown],
         cmap=colours,
@@ -274,8 +274,8 @@ def draw_balls(
         linewidths=0.15,
     )
     ax.add_collection(balls, autolim=False)
-    low = places.min(axis=0) - 0.6 * sizes.max()
-    high = places.max(axis=0) + 0.6 * sizes.max()
+    low = centres.min(axis=0) - 0.6 * sizes.max()
+    high = centres.max(axis=0) + 0.6 * sizes.max()
     ax.set(
         xlim=(low[0], high[0]),
         ylim=(low[1], high[1]),
@@ -301,8 +301,8 @@ def add_legend(
     labels = [str(handle.get_label()) for handle in handles]
     columns = _count_columns(labels)
     rows = -(-len(handles) // columns) + sum(text.count("\n") for text in (*labels, title or ""))
-    more = max(0, rows - room) * ROW_HEIGHT
-    figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + more)
+    added_height = max(0, rows - room) * ROW_HEIGHT
+    figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + added_height)
     figure.legend(
         handles=handles, loc="outside lower center", ncols=columns, title=title, **options
     )
@@ -386,10 +386,10 @@ def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]
     """
     if high / low >= 4.0:
         # as on logarithmic paper, of one decade or of several
-        one = (
+        digits = (
             np.concatenate([np.arange(10, 20), np.arange(20, 50, 2), np.arange(50, 100, 5)]) / 10.0
         )
-        finer = one if high / low < 30.0 else np.arange(1.0, 10.0)
+        finer = digits if high / low < 30.0 else np.arange(1.0, 10.0)
         decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
         coarse = [(1.0, 3.0)] if high / low > 50.0 else []
         for parts in (
@@ -403,5 +403,5 @@ def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]
         ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
         step = ticks[1] - ticks[0]
         # parts of a step, so that they are round
-        within = 4 if f"{step:.0e}".startswith("2") else 5
-        yield ticks, ticks[0] + step / within * np.arange(within * (ticks.size - 1) + 1)
+        n_steps = 4 if f"{step:.0e}".startswith("2") else 5
+        yield ticks, ticks[0] + step / n_steps * np.arange(n_steps * (ticks.size - 1) + 1)

@@ -66,9 +66,13 @@ def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array
     slowness = 1.0 / (1e-3 * velocities[:, :waves])
     polarisations = polarisations[:, :, :waves]
     axes = state.reference_lattice.motions.translations
-    inside = [place for place, axis in enumerate(axes) if axis < periods]
-    toward = directions[:, [axes[place] for place in inside]]
-    return slowness, np.einsum("nu,nub->nb", toward, polarisations[:, inside]) ** 2, polarisations
+    components = [component for component, axis in enumerate(axes) if axis < periods]
+    direction_components = directions[:, [axes[component] for component in components]]
+    return (
+        slowness,
+        np.einsum("nu,nub->nb", direction_components, polarisations[:, components]) ** 2,
+        polarisations,
+    )
 
 
 def plot_slowness(
@@ -93,14 +97,14 @@ def plot_slowness(
     InputError : several loads, one period, or a ``plane`` that is not two different directions.
     MechanismError : a motion of the lattice costs no energy.
     """
-    found = as_state(state)
-    periods = found.reference_lattice.periods
+    contact_state = as_state(state)
+    periods = contact_state.reference_lattice.periods
     if periods == 2 and plane is not None:
         raise InputError("the lattice is a plane", "It has no other cut", "Leave plane out")
     try:
         first, second = (
-            one_direction(way, 3)
-            for way in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64)
+            one_direction(direction, 3)
+            for direction in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64)
         )
     except (TypeError, ValueError) as error:
         raise InputError(
@@ -117,7 +121,7 @@ def plot_slowness(
     angle = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     slowness, along, polarisations = _find_slowness(
-        found, circle if periods == 2 else circle @ span
+        contact_state, circle if periods == 2 else circle @ span
     )
     across = (
         np.einsum("u,nub->nb", np.cross(*span), polarisations) ** 2
@@ -151,11 +155,13 @@ def plot_slowness(
     for draw in (ax.axhline, ax.axvline):
         draw(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     names = ["x", "y"]
-    for n, way in enumerate(span if periods == 3 else ()):
+    for n, direction in enumerate(span if periods == 3 else ()):
         # sums of unit vectors: "x", "x+y", "−x+2z", "0.6x+0.8z"
-        whole = way / np.abs(way[np.abs(way) > 1e-9]).min()
+        whole = direction / np.abs(direction[np.abs(direction) > 1e-9]).min()
         printed = (
-            np.rint(whole) if np.allclose(whole, np.rint(whole), atol=1e-6) else np.round(way, 2)
+            np.rint(whole)
+            if np.allclose(whole, np.rint(whole), atol=1e-6)
+            else np.round(direction, 2)
         )
         terms = "".join(f"{x:+g}{letter}" for x, letter in zip(printed, "xyz", strict=True) if x)
         names[n] = re.sub(r"(?<![\d.])1(?=[xyz])", "", terms).removeprefix("+").replace("-", "−")
@@ -191,31 +197,36 @@ def plot_slowness_surface(
     InputError : several loads, or fewer than three periods.
     MechanismError : a motion of the lattice costs no energy.
     """
-    found = as_state(state)
-    if (periods := found.reference_lattice.periods) != 3:
-        what = f"the {found.name} has {counted(periods, 'period')}"
-        raise InputError(what, "Surfaces belong to three", "Use plot_slowness")
+    crystal_state = as_state(state)
+    if (periods := crystal_state.reference_lattice.periods) != 3:
+        problem = f"the {crystal_state.name} has {counted(periods, 'period')}"
+        raise InputError(problem, "Surfaces belong to three", "Use plot_slowness")
     # the octant of positive x, y, z faces the viewer
     view = View(32.0, 24.0) if view is None else view
     # the edges of the octant that is taken out are lines of this mesh
     polar = np.linspace(0.0, np.pi, _SURFACE + 1)
     azimuth = np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
     theta, phi = np.meshgrid(polar, azimuth, indexing="ij")
-    ways = np.stack(
+    directions = np.stack(
         [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
     )
-    slowness, along, _ = _find_slowness(found, ways.reshape(-1, 3))
+    slowness, along, _ = _find_slowness(crystal_state, directions.reshape(-1, 3))
     slowness, along = slowness.reshape(*theta.shape, 3), along.reshape(*theta.shape, 3)
     painter = Painter(view)
     facing = np.where(view.axes[2] >= 0.0, 1.0, -1.0)
     light = view.axes.T @ np.array([-0.45, 0.55, 0.7])
     for wave in range(3):
-        points = slowness[..., wave, None] * ways
+        points = slowness[..., wave, None] * directions
         faces = np.stack(
             [points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2
         ).reshape(-1, 4, 3)
-        part = along[..., wave]
-        part = 0.25 * (part[:-1, :-1] + part[1:, :-1] + part[1:, 1:] + part[:-1, 1:]).ravel()
+        fraction = along[..., wave]
+        fraction = (
+            0.25
+            * (
+                fraction[:-1, :-1] + fraction[1:, :-1] + fraction[1:, 1:] + fraction[:-1, 1:]
+            ).ravel()
+        )
         middle = faces.mean(axis=1)
         normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
         normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
@@ -224,7 +235,7 @@ def plot_slowness_surface(
         shown = np.any(middle * facing < 0.0, axis=1) if wave else near > -0.1
         # the inside of a surface, seen through the cut, is darker
         bright = np.where(near > 0.0, 0.72 + 0.28 * np.clip(outwards @ light, 0.0, 1.0), 0.55)
-        colours = np.array(POLARISATION(part))
+        colours = np.array(POLARISATION(fraction))
         colours[:, :3] *= bright[:, None]
         painter.add_mesh(faces[shown], colours[shown])
         if wave:
@@ -258,8 +269,10 @@ def plot_slowness_surface(
     ax.plot(
         [corner[0], corner[0] + unit], [corner[1]] * 2, color="black", linewidth=1.5, gid="unit"
     )
-    place = (corner[0] + 0.5 * unit, corner[1]), (0.0, -3.0)
-    ax.annotate(f"{unit:g} {_LABEL}", *place, textcoords="offset points", ha="center", va="top")
+    label_place = (corner[0] + 0.5 * unit, corner[1]), (0.0, -3.0)
+    ax.annotate(
+        f"{unit:g} {_LABEL}", *label_place, textcoords="offset points", ha="center", va="top"
+    )
     hide_axes(ax, np.minimum(low, corner) - [0.1 * longest, 0.3 * longest], high + 0.12 * longest)
     if colorbar:
         add_part_bar(ax, POLARISATION, _PART)
@@ -279,10 +292,13 @@ def slowness_figure(state: Any, *, title: str | None = None) -> Figure:
             plot_slowness_surface(state, rows[0].subplots())
             for ax, plane in zip(rows[1].subplots(1, 2), _CUTS, strict=True):
                 plot_slowness(state, ax, plane=plane, colorbar=False)
-            ways: dict[str, Any] = {"polarised in the cut": "-", "across the cut": (0, (2.2, 2.2))}
+            dashes_of_polarisation: dict[str, Any] = {
+                "polarised in the cut": "-",
+                "across the cut": (0, (2.2, 2.2)),
+            }
             lines = [
                 Line2D([], [], color=TRANSVERSE_COLOUR, linestyle=dashes, label=name)
-                for name, dashes in ways.items()
+                for name, dashes in dashes_of_polarisation.items()
             ]
             rows[1].legend(handles=lines, loc="outside lower center", ncols=2)
         else:

@@ -165,8 +165,10 @@ def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) ->
         except OSError:
             raise
         except GranphonError as error:
-            told = str(error)
-            failures[name] = told if told.startswith(name) else f"{name} could not be drawn: {told}"
+            message = str(error)
+            failures[name] = (
+                message if message.startswith(name) else f"{name} could not be drawn: {message}"
+            )
         except Exception as error:
             failures[name] = f"{name} could not be drawn: {type(error).__name__}: {error}"
     return failures

@@ -83,8 +83,8 @@ class Painter:
         self, points: Array, color: ColorType, width: float, nearness: float | None = None
     ) -> None:
         """Add a line through points (n, 3), as near as their mean unless ``nearness`` is given."""
-        near = float(self.view.nearness(points).mean()) if nearness is None else nearness
-        self.add(near, Path(self.view.project(points)), edge=color, width=width)
+        depth = float(self.view.nearness(points).mean()) if nearness is None else nearness
+        self.add(depth, Path(self.view.project(points)), edge=color, width=width)
 
     def add_polygon(self, corners: Array, nearness: float, **look: Any) -> None:
         """Add a flat face with corners (n, 3); ``look`` as in add."""
@@ -95,26 +95,31 @@ class Painter:
         """Add the faces of a mesh, corners (n, m, 3) and colours (n, 4), without gaps between
         them.
         """
-        near = self.view.nearness(corners).mean(axis=1).tolist()
+        depths = self.view.nearness(corners).mean(axis=1).tolist()
         paths = map(Path, self.view.project(corners))
         rgba = map(tuple, colours.tolist())
         self._shapes += [
-            (depth, path, one, one, 0.3) for depth, path, one in zip(near, paths, rgba, strict=True)
+            (depth, path, colour, colour, 0.3)
+            for depth, path, colour in zip(depths, paths, rgba, strict=True)
         ]
 
     def add_sphere(self, centre: Array, radius: float, color: ColorType) -> None:
         """Add a ball lit from the upper left."""
-        near = float(self.view.nearness(centre))
+        depth = float(self.view.nearness(centre))
         middle = self.view.project(centre)
         base = np.array(to_rgba(color))
-        for part in np.linspace(0.0, 1.0, 15):
+        for fraction in np.linspace(0.0, 1.0, 15):
             # discs that shrink towards the light, each a step brighter
-            shade = base * [*[0.6 + 0.4 * np.sqrt(part)] * 3, 1.0]
-            shade[:3] += (1.0 - shade[:3]) * 0.6 * part**2
-            across, up = (middle + radius * 0.36 * part * np.array([-1.0, 1.0])).tolist()
-            disc = Path.circle((across, up), radius * (1.0 - 0.95 * part))
+            shade = base * [*[0.6 + 0.4 * np.sqrt(fraction)] * 3, 1.0]
+            shade[:3] += (1.0 - shade[:3]) * 0.6 * fraction**2
+            across, up = (middle + radius * 0.36 * fraction * np.array([-1.0, 1.0])).tolist()
+            disc = Path.circle((across, up), radius * (1.0 - 0.95 * fraction))
             self.add(
-                near, disc, face=tuple(shade), edge="0.35" if part == 0.0 else "none", width=0.5
+                depth,
+                disc,
+                face=tuple(shade),
+                edge="0.35" if fraction == 0.0 else "none",
+                width=0.5,
             )
 
     def add_arrow(
@@ -128,13 +133,13 @@ class Painter:
         """Add a flat arrow from ``start`` (3,) by ``along`` (3,); its shaft is ``width`` wide, in
         units of length.
         """
-        near = float(self.view.nearness(start + 0.5 * along)) if nearness is None else nearness
+        depth = float(self.view.nearness(start + 0.5 * along)) if nearness is None else nearness
         tail = self.view.project(start)
-        way = self.view.project(along)
-        length = float(np.linalg.norm(way))
+        shaft = self.view.project(along)
+        length = float(np.linalg.norm(shaft))
         if length < width:
             return  # it points along the line of sight
-        x = way / length
+        x = shaft / length
         y = np.array([-x[1], x[0]])
         # an arrow that is seen short keeps its shape, and is drawn smaller
         head = min(_HEAD_LENGTH * width, 0.6 * length)
@@ -145,7 +150,7 @@ class Painter:
         along_y = [-half, -half, -wing, 0.0, wing, half, half]
         outline = tail + np.outer(along_x, x) + np.outer(along_y, y)
         self.add(
-            near,
+            depth,
             Path(np.vstack([outline, outline[:1]]), closed=True),
             face=color,
             edge="white",
@@ -156,10 +161,10 @@ class Painter:
         """Draw all shapes as one collection of paths; the colour of the farthest is the part
         ``fade`` white.
         """
-        near, paths, faces, edges, widths = zip(
+        depths, paths, faces, edges, widths = zip(
             *sorted(self._shapes, key=lambda shape: shape[0]), strict=True
         )
-        white = fade * (near[-1] - np.array(near)[:, None]) / max(near[-1] - near[0], 1e-9)
+        white = fade * (depths[-1] - np.array(depths)[:, None]) / max(depths[-1] - depths[0], 1e-9)
         look: dict[str, Any] = {
             "linewidths": widths,
             "capstyle": "round",

@@ -86,14 +86,14 @@ def plot_spectrum(
     number : which of the polarisations.
     bands, peaks : whether to draw these.
     """
-    one = spectra.spectra[number]
+    spectrum = spectra.spectra[number]
     order = np.argsort(spectra.distances, kind="stable")
     unit = HertzPrefix.for_top(float(spectra.bands.max()))
     x = spectra.distances[order]
     top = 1.08 * float(spectra.bands.max())
-    inside = one.frequencies <= top
-    values = one.values[order][:, inside]
-    frequencies = one.frequencies[inside]
+    inside = spectrum.frequencies <= top
+    values = spectrum.values[order][:, inside]
+    frequencies = spectrum.frequencies[inside]
     group = max(1, frequencies.size // 600)  # more rows could not be told apart
     rows = frequencies.size // group
     values = values[:, : rows * group].reshape(len(x), rows, group).max(axis=2)
@@ -129,7 +129,7 @@ def plot_spectrum(
         np.array(edges_x),
         edges_y,
         shown,
-        f"Spectral function, {one.polarisation}",
+        f"Spectral function, {spectrum.polarisation}",
         unit,
         gid="spectral-function",
     )
@@ -147,10 +147,10 @@ def plot_spectrum(
             )
             lines[0].set_label(label if not leg else "_")
     if peaks:
-        wide = np.where(one.resolved, 0.5 * one.width, 0.0)[order] / unit.hertz
+        wide = np.where(spectrum.resolved, 0.5 * spectrum.width, 0.0)[order] / unit.hertz
         dots, *_ = ax.errorbar(
             x,
-            one.peak[order] / unit.hertz,
+            spectrum.peak[order] / unit.hertz,
             wide,
             fmt="o",
             markersize=2.2,
@@ -195,7 +195,7 @@ def plot_surface(
     """
     unit = HertzPrefix.for_top(float(spectrum.edges.max()))
     q = spectrum.qpoints
-    own = branches or spectrum.waves
+    drawn_branches = branches or spectrum.waves
     y = spectrum.frequencies / unit.hertz
     if len(y) < 2:
         raise InputError("a map needs several frequencies", mend="Give more of them")
@@ -207,7 +207,9 @@ def plot_surface(
             ax.plot(y, values * unit.hertz, color=colour, linewidth=0.9, label=f"${letter}$")
         for low, high in edges[0]:
             ax.axvspan(low, high, color="0.9", linewidth=0.0, zorder=0.0)
-        for number, value in enumerate([] if own is None else own.frequencies / unit.hertz):
+        for number, value in enumerate(
+            [] if drawn_branches is None else drawn_branches.frequencies / unit.hertz
+        ):
             ax.axvline(
                 value,
                 color="0.2",
@@ -233,13 +235,18 @@ def plot_surface(
             dashes=(3, 2),
             label="_" if number else "edges of bands",
         )
-    if own is not None:
+    if drawn_branches is not None:
         for leaks, words in ((False, "waves of the edge"), (True, "leaky waves")):
-            some = (own.widths > 0.0) == leaks
-            if np.any(some):
+            is_drawn = (drawn_branches.widths > 0.0) == leaks
+            if np.any(is_drawn):
                 look: dict[str, Any] = {"markersize": 1.6, "color": ORANGE, "label": words}
                 look |= {"markerfacecolor": "none", "markeredgewidth": 0.4} if leaks else {}
-                ax.plot(x[own.place[some]], own.frequencies[some] / unit.hertz, "o", **look)
+                ax.plot(
+                    x[drawn_branches.place[is_drawn]],
+                    drawn_branches.frequencies[is_drawn] / unit.hertz,
+                    "o",
+                    **look,
+                )
     if spectrum.labels:
         name_corners(ax, spectrum.corners, spectrum.labels)
     else:
@@ -256,14 +263,18 @@ def spectrum_figure(spectra: PathSpectra) -> Figure:
     The attenuation is left out if fewer than two lines are resolved.
     """
     count = len(spectra.spectra)
-    resolved = [one for one in spectra.spectra if np.sum(one.resolved & (one.width > 0.0)) > 1]
+    resolved = [
+        spectrum
+        for spectrum in spectra.spectra
+        if np.sum(spectrum.resolved & (spectrum.width > 0.0)) > 1
+    ]
     with styled_figure(0.3 + 2.8 * count + 2.0 * bool(resolved)) as figure:
         ratios = [1.4] * count + [1.0] * bool(resolved)
         panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, ax in enumerate(panels[:count]):
             plot_spectrum(spectra, ax, number)
-        for one, colour in zip(resolved, (BLUE, VERMILION, PURPLE), strict=False):
-            plot_attenuation(one, panels[-1], colour=colour)
+        for spectrum, colour in zip(resolved, (BLUE, VERMILION, PURPLE), strict=False):
+            plot_attenuation(spectrum, panels[-1], colour=colour)
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
@@ -277,26 +288,28 @@ def plot_attenuation(
     ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d
     dimensions, as d is the number of components of q.
     """
-    there = spectrum.resolved & (spectrum.width > 0.0)
+    is_drawn = spectrum.resolved & (spectrum.width > 0.0)
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
-    f = spectrum.peak[there] / unit.hertz
-    a = spectrum.attenuation[there]
-    ax.plot(f, a, "o", markersize=3.0, color=colour, label=spectrum.polarisation)
-    if f.size > 1 and not (power is None and spectrum.polarisation.startswith("rot")):
+    frequencies = spectrum.peak[is_drawn] / unit.hertz
+    attenuations = spectrum.attenuation[is_drawn]
+    ax.plot(
+        frequencies, attenuations, "o", markersize=3.0, color=colour, label=spectrum.polarisation
+    )
+    if frequencies.size > 1 and not (power is None and spectrum.polarisation.startswith("rot")):
         exponent = spectrum.q.shape[1] + 1.0 if power is None else power
-        first = int(np.argmin(f))
-        line = np.array([f.min(), f.max()])
+        first = int(np.argmin(frequencies))
+        line = np.array([frequencies.min(), frequencies.max()])
         label = f"$f^{{{exponent:g}}}$"
-        known = ax.get_legend_handles_labels()[1]
+        labels = ax.get_legend_handles_labels()[1]
         style: dict[str, Any] = {
             "color": colour,
             "linewidth": 0.9,
             "linestyle": ":",
-            "label": "_" if label in known else label,
+            "label": "_" if label in labels else label,
         }
-        ax.plot(line, a[first] * (line / f[first]) ** exponent, **style)
+        ax.plot(line, attenuations[first] * (line / frequencies[first]) ** exponent, **style)
         ax.set(yscale="log")
-        scale_axis(ax, "x", f)
+        scale_axis(ax, "x", frequencies)
     ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
     ax.legend()
     return ax
@@ -394,18 +407,18 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
                 # paths of balls of several diameters differ in length alone
                 corners = ends / ends[-1]
                 peak, width, resolved, alpha = (
-                    take(one, number)
-                    for one in ("line_frequency", "line_width", "line_resolved", "attenuation")
+                    take(variable, number)
+                    for variable in ("line_frequency", "line_width", "line_resolved", "attenuation")
                 )
                 peak = peak / unit.hertz
-                known = resolved >= 0.5
+                is_resolved = resolved >= 0.5
                 style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
-                wide = np.where(known, 0.5 * width, 0.0) / unit.hertz
+                wide = np.where(is_resolved, 0.5 * width, 0.0) / unit.hertz
                 dots, *_ = above.errorbar(
                     along / ends[-1], peak, wide, elinewidth=0.8, zorder=3, **style
                 )
                 dots.set_clip_on(False)
-                there = known & (alpha > 0.0)
+                there = is_resolved & (alpha > 0.0)
                 bars = None
                 if "attenuation_error" in dataset and np.all(
                     np.isfinite(error := take("attenuation_error", number))
@@ -420,13 +433,13 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
                 below.set_yscale("log")
                 scale_axis(below, "x", values)
             else:
-                told: dict[str, Any] = {
+                text_options: dict[str, Any] = {
                     "transform": below.transAxes,
                     "ha": "center",
                     "va": "center",
                     "color": "0.4",
                 }
-                below.text(0.5, 0.5, "no line is resolved", **told)
+                below.text(0.5, 0.5, "no line is resolved", **text_options)
                 below.set(xticks=[], yticks=[])
             below.set(
                 xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)"
@@ -436,7 +449,7 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
 
 
 def choose_states(
-    dataset: Dataset, name: str, what: str
+    dataset: Dataset, name: str, words: str
 ) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
     """Return the states that are drawn, in order of load, and their legend; InputError if the sweep
     has no ``name``.
@@ -445,36 +458,36 @@ def choose_states(
     if it has several.
     """
     if name not in dataset:
-        raise InputError(f"the sweep has no {what}", mend="Draw another figure")
+        raise InputError(f"the sweep has no {words}", mend="Draw another figure")
     load = find_load(dataset)
     values = dataset[load].values
     unit = dataset[load].attrs.get("units", "")
     lines = describe_lines(dataset, name)
-    found = []
+    candidates = []
     kinds, _ = find_differing([facts for facts, _ in lines])
     for at in np.argsort(values, kind="stable").tolist():
         size = write_value(float(values[at]), unit)
-        for facts, place in lines:
+        for facts, index in lines:
             parts = [size] * (len(values) > 1) + [facts[kind] for kind in kinds]
-            found.append((", ".join(parts) or size, place | {"load": at}))
-    chosen = pick_evenly(len(found), 8)
+            candidates.append((", ".join(parts) or size, index | {"load": at}))
+    chosen = pick_evenly(len(candidates), 8)
     # its end is too pale
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3])
 
-    def take(place: dict[str, int], variable: str, polarisation: int = 0) -> Array:
+    def take(index: dict[str, int], variable: str, polarisation: int = 0) -> Array:
         return np.asarray(
-            dataset[variable].isel(place | {"polarisation": polarisation}, missing_dims="ignore"),
+            dataset[variable].isel(index | {"polarisation": polarisation}, missing_dims="ignore"),
             float,
         )
 
     states = list[tuple[Any, Callable[..., Array]]]()
     handles = list[Line2D]()
     for shade, n in zip(shades.tolist(), chosen, strict=True):
-        states.append((tuple(shade), partial(take, found[n][1])))
-        handles.append(Line2D([], [], color=tuple(shade), label=found[n][0]))
-    if len(found) > len(chosen):
+        states.append((tuple(shade), partial(take, candidates[n][1])))
+        handles.append(Line2D([], [], color=tuple(shade), label=candidates[n][0]))
+    if len(candidates) > len(chosen):
         handles.append(
-            Line2D([], [], linestyle="none", label=f"{len(chosen)} of {len(found)} are drawn")
+            Line2D([], [], linestyle="none", label=f"{len(chosen)} of {len(candidates)} are drawn")
         )
     return states, handles
 
@@ -504,7 +517,7 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
         ax.plot(t, 0.45 * trace - row, color=colour, linewidth=0.7)
     ax.set_yticks(-np.arange(len(traces)), [name for name, _, _ in traces])
     ax.tick_params(axis="y", length=0)
-    told = ": its arrival is not known"
+    arrival_words = ": its arrival is not known"
     if not pulse.why_unknown:
         time = pulse.time_of_flight
         ax.axvline(
@@ -513,9 +526,11 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
             linewidth=0.6,
             dashes=(3, 2),
         )
-        told = f" in {time / seconds:.4g} {write_unit(unit)}: {pulse.distance / time:.4g} m/s"
+        arrival_words = (
+            f" in {time / seconds:.4g} {write_unit(unit)}: {pulse.distance / time:.4g} m/s"
+        )
     ax.set(xlabel=f"Time ({write_unit(unit)})", xlim=t[[0, -1]], ylim=(-len(traces) + 0.4, 0.6))
-    ax.set_title(f"{write_unit(write_quantity(pulse.distance, 'm', 4))}{told}")
+    ax.set_title(f"{write_unit(write_quantity(pulse.distance, 'm', 4))}{arrival_words}")
     return ax
 
 
@@ -550,8 +565,8 @@ def plot_frame(
     ``most`` is the velocity, m/s, of the strongest colour; by default the greatest of this frame.
     """
     if not 0 <= frame < len(pulse.frames):
-        what = f"the pulse has no frame {frame}; it has {len(pulse.frames)}"
-        raise InputError(what, mend="Give transmit the times of frames")
+        problem = f"the pulse has no frame {frame}; it has {len(pulse.frames)}"
+        raise InputError(problem, mend="Give transmit the times of frames")
     along = pulse.velocities[frame] @ pulse.polarisation
     limit = float(np.max(np.abs(along))) if most is None else most
     draw_balls(network, along, ax, MOTION, Normalize(-limit, limit))
@@ -579,10 +594,10 @@ def animate_pulse(
         most = 0.5 * float(np.max(np.abs(pulse.velocities @ pulse.polarisation), initial=0.0))
         plot_frame(network, pulse, 0, ax, most)
     (balls,) = ax.collections
-    there = np.isfinite(network.radii)
+    has_radius = np.isfinite(network.radii)
 
     def show(frame: int) -> Any:
-        balls.set_array((pulse.velocities[frame] @ pulse.polarisation)[there])
+        balls.set_array((pulse.velocities[frame] @ pulse.polarisation)[has_radius])
         ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
         return (balls,)
 
@@ -647,7 +662,10 @@ def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, A
         for values, colour, ball in balls
     ]
     lines += [] if few else [(response.coherent, COLOURS[0], 1.4, "mean")]
-    shown = ((np.abs(one), np.unwrap(np.angle(one)), *style) for one, *style in lines)
+    shown = (
+        (np.abs(values_of_line), np.unwrap(np.angle(values_of_line)), *style)
+        for values_of_line, *style in lines
+    )
     _draw_lines(above, below, response.frequencies, RESPONSES[response.quantity], shown)
     if len(response.receivers) > 1:
         above.legend()
@@ -673,20 +691,20 @@ def responses_figure(dataset: Dataset) -> Figure:
 
     Raises :class:`~granphon.base.errors.InputError` if the data set has no responses.
     """
-    name = next((one for one in RESPONSES.values() if one in dataset), "receptance")
+    name = next((quantity for quantity in RESPONSES.values() if quantity in dataset), "receptance")
     states, handles = choose_states(dataset, name, "responses")
     if dataset.sizes["load"] >= 6:
         return _map_figure(dataset, name)
-    places = dataset["receiver"].values.astype(str).tolist()
+    receivers = dataset["receiver"].values.astype(str).tolist()
     f = dataset["response_frequency"].values
-    chosen = pick_evenly(len(places), _FEW if len(states) == 1 else _PANELS)
+    chosen = pick_evenly(len(receivers), _FEW if len(states) == 1 else _PANELS)
     with styled_figure(3.6 * (1 if len(states) == 1 else len(chosen))) as figure:
         groups = [chosen] if len(states) == 1 else [[number] for number in chosen]
         panels = figure.subplots(
             2 * len(groups), 1, squeeze=False, height_ratios=[1.6, 1.0] * len(groups)
         )[:, 0]
-        for at, group in enumerate(groups):
-            above, below = panels[2 * at : 2 * at + 2]
+        for number_of_group, group in enumerate(groups):
+            above, below = panels[2 * number_of_group : 2 * number_of_group + 2]
             above.sharex(below)
             above.tick_params(labelbottom=False)
             rows = [
@@ -709,18 +727,22 @@ def responses_figure(dataset: Dataset) -> Figure:
                         f,
                         colour,
                     )
-            if len(states) > 1 and len(places) > 1:
-                above.set_title(places[group[0]])
+            if len(states) > 1 and len(receivers) > 1:
+                above.set_title(receivers[group[0]])
         if len(states) == 1:
-            told = zip(COLOURS, (places[number] for number in chosen), strict=False)
-            handles = [Line2D([], [], color=colour, label=place) for colour, place in told]
-        if len(chosen) < len(places):
+            coloured_receivers = zip(
+                COLOURS, (receivers[number] for number in chosen), strict=False
+            )
+            handles = [
+                Line2D([], [], color=colour, label=place) for colour, place in coloured_receivers
+            ]
+        if len(chosen) < len(receivers):
             handles.append(
                 Line2D(
                     [],
                     [],
                     linestyle="none",
-                    label=f"{len(chosen)} of {len(places)} receivers are drawn",
+                    label=f"{len(chosen)} of {len(receivers)} receivers are drawn",
                 )
             )
         if len(handles) > 1:
@@ -735,15 +757,19 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
     x = dataset[load].values[order]
     y = dataset["response_frequency"].values / prefix.hertz
     lines = describe_lines(dataset, name)
-    places = dataset["receiver"].values.astype(str).tolist()
+    receivers = dataset["receiver"].values.astype(str).tolist()
     kinds, _ = find_differing([facts for facts, _ in lines])
-    panels = [(facts, at, number) for facts, at in lines for number in range(len(places))]
+    panels = [(facts, index, number) for facts, index in lines for number in range(len(receivers))]
     chosen = pick_evenly(len(panels), _PANELS)
     with styled_figure(0.3 + 2.7 * len(chosen)) as figure:
         axes = figure.subplots(len(chosen), 1, squeeze=False, sharex=True)[:, 0]
-        for ax, (facts, at, number) in zip(axes, (panels[one] for one in chosen), strict=True):
+        for ax, (facts, index, number) in zip(
+            axes, (panels[panel] for panel in chosen), strict=True
+        ):
             shown = _find_decibels(
-                dataset[name].isel(at | {"receiver": number}, missing_dims="ignore").values[order]
+                dataset[name]
+                .isel(index | {"receiver": number}, missing_dims="ignore")
+                .values[order]
             )
             most = float(np.nanmax(shown))
             mesh = ax.pcolormesh(
@@ -758,9 +784,11 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
             )
             add_bar(ax, mesh, _label_decibels(name))
             ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
-            told = [facts[kind] for kind in kinds] + [places[number]] * (len(places) > 1)
-            if told:
-                ax.text(0.02, 0.97, ", ".join(told), transform=ax.transAxes, va="top")
+            title_words = [facts[kind] for kind in kinds] + [receivers[number]] * (
+                len(receivers) > 1
+            )
+            if title_words:
+                ax.text(0.02, 0.97, ", ".join(title_words), transform=ax.transAxes, va="top")
         scale_axis(axes[-1], "x", x)
         axes[-1].set(xlabel=axis_label(load, dataset[load].attrs.get("units")), xlim=(x[0], x[-1]))
         if len(chosen) < len(panels):

@@ -155,8 +155,12 @@ def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[
     """Return the kinds of fact that several mappings do not share, and in words what all share,
     without what is usual.
     """
-    kinds = list(dict.fromkeys(kind for one in facts for kind in one))
-    differing = [kind for kind in kinds if len({one.get(kind) for one in facts}) > 1]
+    kinds = list(dict.fromkeys(kind for facts_of_packing in facts for kind in facts_of_packing))
+    differing = [
+        kind
+        for kind in kinds
+        if len({facts_of_packing.get(kind) for facts_of_packing in facts}) > 1
+    ]
     return differing, [
         facts[0][kind] for kind in kinds if kind not in differing and facts[0][kind] not in DEFAULTS
     ]

@@ -49,7 +49,7 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     for method, (colour, marker) in zip(methods, itertools.cycle(looks), strict=False):
         ran = [point for point in points if point.method == method and point.ran]
         drawn = [p for p in ran if p.error > 0.0]
-        rest = [p for p in ran if not p.error > 0.0]
+        without_error = [p for p in ran if not p.error > 0.0]
         label = method
         if drawn:
             x = [p.seconds for p in drawn]
@@ -65,15 +65,15 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
             }
             ax.errorbar(x, y, bars, spread, label=label, **style)[0].set_zorder(2.5)
             label = "_"
-        if rest:
+        if without_error:
             bottom: dict[str, Any] = {
                 "transform": ax.get_xaxis_transform(),
                 "clip_on": False,
                 "gid": "without-error",
             }
             ax.plot(
-                [p.seconds for p in rest],
-                [0.0] * len(rest),
+                [p.seconds for p in without_error],
+                [0.0] * len(without_error),
                 marker,
                 color=colour,
                 ms=_MARKER,
@@ -130,8 +130,8 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     floor = max((p.floor for p in points if not p.failure and not p.random), default=0.0)
     if errors and floor > 1e-4 * min(p.error for p in points if p.error > 0.0):
         ax.axhline(floor, color="0.4", lw=0.8, ls=":", zorder=0)
-        near = (1.0, floor), (-2.0, 2.0), ("axes fraction", "data"), "offset points"
-        ax.annotate("rounding", *near, ha="right", color="0.4", fontsize=7.0)
+        annotation = (1.0, floor), (-2.0, 2.0), ("axes fraction", "data"), "offset points"
+        ax.annotate("rounding", *annotation, ha="right", color="0.4", fontsize=7.0)
     elif errors and floor:
         ax.annotate(
             f"rounding: {floor:.0e}, below",
@@ -159,9 +159,9 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
         }
         ax.legend(ncols=2, handlelength=1.4, columnspacing=1.0, **below)
     missing = {method: sum(not p.ran for p in points if p.method == method) for method in methods}
-    told = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
-    if told:
-        lines = textwrap.wrap(f"not run: {told}", 54)
+    missing_words = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
+    if missing_words:
+        lines = textwrap.wrap(f"not run: {missing_words}", 54)
         if len(lines) > 1:
             lines = [f"not run: {sum(missing.values())} of {len(points)} points"]
         ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
