@@ -1,5 +1,5 @@
-"""Drawings of bodies in space on plain Axes, seen from afar: points are projected, and what is
-nearer is drawn later.
+"""Drawings of bodies in space on plain Axes, seen from afar: points are projected, and nearer
+shapes are drawn later.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from granphon.base.arrays import Array
 
 _Rgba = tuple[float, float, float, float]
-#: white border of letters that stand on a drawing
+#: white border of letters on a drawing
 HALO = patheffects.withStroke(linewidth=1.5, foreground="white")
 #: length of the head of an arrow, over the width of its shaft
 _HEAD_LENGTH = 3.6
@@ -54,7 +54,7 @@ class View:
         return np.asarray(np.asarray(points) @ self.axes[:2].T)
 
     def nearness(self, points: ArrayLike) -> Array:
-        """Find how near to the viewer points (..., 3) are, (...)."""
+        """Return how near to the viewer points (..., 3) are, (...)."""
         return np.asarray(np.asarray(points) @ self.axes[2])
 
 
@@ -74,9 +74,7 @@ class Painter:
         edge: ColorType = "none",
         width: float = 0.0,
     ) -> None:
-        """Add a shape on the paper; of shapes that are equally near, the later one is drawn
-        later.
-        """
+        """Add a shape on the paper; of shapes with equal nearness the later one is drawn later."""
         self._shapes.append((nearness, path, to_rgba(face), to_rgba(edge), width))
 
     def add_line(
@@ -130,7 +128,7 @@ class Painter:
         width: float,
         nearness: float | None = None,
     ) -> None:
-        """Add a flat arrow from ``start`` (3,) by ``along`` (3,); its shaft is ``width`` wide, in
+        """Add a flat arrow from ``start`` (3,) by ``along`` (3,), with a shaft of ``width``, in
         units of length.
         """
         depth = float(self.view.nearness(start + 0.5 * along)) if nearness is None else nearness
@@ -138,10 +136,10 @@ class Painter:
         shaft = self.view.project(along)
         length = float(np.linalg.norm(shaft))
         if length < width:
-            return  # it points along the line of sight
+            return  # the arrow points along the line of sight
         x = shaft / length
         y = np.array([-x[1], x[0]])
-        # an arrow that is seen short keeps its shape, and is drawn smaller
+        # an arrow that is short on the paper keeps its shape, and is drawn smaller
         head = min(_HEAD_LENGTH * width, 0.6 * length)
         half = 0.5 * head / _HEAD_LENGTH
         wing = 1.7 * head / _HEAD_LENGTH
@@ -158,8 +156,8 @@ class Painter:
         )
 
     def draw(self, ax: Axes, gid: str, *, fade: float = 0.0, **options: Any) -> PathCollection:
-        """Draw all shapes as one collection of paths; the colour of the farthest is the part
-        ``fade`` white.
+        """Draw all shapes as one collection of paths; the part ``fade`` of the farthest colour is
+        white.
         """
         depths, paths, faces, edges, widths = zip(
             *sorted(self._shapes, key=lambda shape: shape[0]), strict=True
