@@ -1,11 +1,12 @@
 """Figures over the load: curves of sweeps, states, fits and data; and bands, or densities of
 states, one over the other.
 
-As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on it and returns it. A
-data set of a sweep has a curve for each medium, combination of parameters and direction. In the
-figure of a sweep each medium has a colour, and each combination of parameters a shade of it. In
-that of several results each curve has a look of its own; what all share stands in the title, and
-the legend says in words what each has of its own. A line is dashed where its medium is not valid.
+As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on the Axes and returns
+the Axes. A data set of a sweep has a curve for each medium, combination of parameters and
+direction. In the figure of a sweep each medium has a colour, and each combination of parameters a
+shade of the colour. In the figure of several results each curve has its own look; facts that all
+curves share stand in the title, and the legend gives the facts in which the curves differ. A line
+is dashed where its medium is not valid.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from granphon.figures.scales import add_legend, name_axis, scale_axis, styled_figure
+from granphon.figures.scales import add_legend, find_axis, name_axis, scale_axis, styled_figure
 
 import matplotlib
 import numpy as np
@@ -68,22 +69,21 @@ _DATA_STYLE: dict[str, Any] = {
     "capsize": 0.0,
     "zorder": 2.0,
 }
-#: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
+#: the largest number on an axis; matplotlib overflows at margins and ticks beyond larger numbers
 _LARGEST = 1e280
-#: dashes of lines that have the same colour, the first solid; none is that of a line outside its
-#: range
+#: dashes of lines of the same colour, the first solid; they differ from those outside the range
 _DASHES = (None, (1.0, 1.4), (5.0, 1.6, 1.0, 1.6), (8.0, 2.5))
-#: the most lines that colours and dashes tell apart
+#: the greatest number of lines that colours and dashes tell apart
 MOST_LOOKS = len(COLOURS) * len(_DASHES)
 #: marks of the media that an automatic medium chose; a simulation has the mark of its points
 _SERVING = {"ala": "s", "afa": "v", "ema": "^"}
 #: looks of a line, and of marks, where the medium is not valid
 _OUTSIDE: dict[str, Any] = {"linewidth": 0.7, "dashes": (3.0, 1.5)}
 _HOLLOW = {"markerfacecolor": "white"}
-#: sizes of marks: of points, and of those that say which medium served
+#: sizes of marks: of points, and of marks for the medium that served
 _SIZE = 3.0
 _SERVING_SIZE = 3.6
-#: what points have in a legend, but colour and mark
+#: look of points in a legend, without colour and mark
 _POINTS: dict[str, Any] = {"markersize": _SIZE, "linestyle": "none"}
 #: the velocity of pulses through simulated arrays
 _PULSE = "pulse_velocity"
@@ -100,15 +100,23 @@ _VELOCITIES = {
 _SLOW = "transverse_slow"
 _SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
 _VELOCITY_MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
-#: letters of a line of a legend, in a column
+#: greatest number of letters of a line of a legend in a column, and of a title
 _LETTERS = 50
+_LETTERS_OF_TITLE = 60
+#: greatest number of combinations of parameters in a legend
+_MOST_NAMED = 8
+#: number of marks for the medium that served along a curve
+_MARKS_OF_CURVE = 12
+#: symbols of velocities are written in one text if they are nearer than this, over the height
+_LEAST_HEIGHT = 0.06
+#: number of forces of a curve that is drawn from a fit
+_FORCES = 200
 #: marks of measured points, which are black
 _DATA_MARKS = ("o", "s", "^", "D", "v", "P")
-#: what may be on the axis of loads
+#: quantities of the axis of loads
 _LOADS = ("force", "pressure", "overlap", "reduced_force")
 
-#: what the caption of a drawn Axes needs: entries of the legend, and what all curves share, in
-#: words
+#: data of the caption of an Axes: entries of the legend, and the facts that all curves share
 _Drawn = tuple[list[Line2D], list[str]]
 
 
@@ -121,14 +129,14 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     """
     ax.errorbar(fit.force, fit.velocity, fit.sigma, **_DATA_STYLE, label="data", gid="data")
     structure = fit.packing.structure
-    # in short lines, so that the legend has room below the curve
+    # short lines, so that the legend has room below the curve
     label = join_facts([describe_medium(fit.medium, structure.periods, structure.n_balls)], 28)
     label += f":\nW = {write_width(fit)}" if "width" in fit.parameters else ""
     style: dict[str, Any] = {"color": VERMILION, "label": label, "gid": "fit", "zorder": 1.5}
     if np.ndim(fit.waves.frequency):
         ax.plot(fit.force, fit.velocities, "_", markersize=6.0, **style)
     else:
-        force = np.geomspace(fit.force.min(), fit.force.max(), 200)
+        force = np.geomspace(fit.force.min(), fit.force.max(), _FORCES)
         ax.plot(force, fit.velocity_at(force), linewidth=1.2, **style)
         equal: dict[str, Any] = {
             "color": GUIDE,
@@ -142,17 +150,18 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     for axes in (ax, residual_ax):
         scale_axis(axes, "x", fit.force)
     scale_axis(ax, "y", fit.velocity)
-    ax.set_ylabel(
-        axis_label(fit.waves.branch) if fit.waves.frequency is None else "Group velocity (m/s)"
-    )
+    if fit.waves.frequency is None:
+        ax.set_ylabel(axis_label(fit.waves.branch))
+    else:
+        ax.set_ylabel("Group velocity (m/s)")
     residual_ax.set(xlabel=axis_label("force"), ylabel="Residual / σ")
     residual_ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     return ax, residual_ax
 
 
 def write_width(fit: WidthFit) -> str:
-    """Return the fitted width with its standard error, of which two digits are told, if it is
-    known: "2.026 ± 0.021 µm".
+    """Return the fitted width with its standard error, if known, of which two digits are written:
+    "2.026 ± 0.021 µm".
     """
     if not fit.errors_are_known:
         return write_value(fit.width, "m")
@@ -166,7 +175,7 @@ def fit_figure(fit: WidthFit) -> Figure:
         plot_fit(fit, axes[0], axes[1])
         handles, labels = axes[0].get_legend_handles_labels()
         order = [labels.index("data"), *(i for i, label in enumerate(labels) if label != "data")]
-        # velocities rise with the force: this corner is free
+        # velocities rise with the force, so that the lower right corner is free
         axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="lower right")
     return figure
 
@@ -189,14 +198,15 @@ class Curve:
 
     Attributes
     ----------
-    run : the name of the run that it belongs to, for messages.
-    facts : what it is, in words by kind.
-    x, y : the values; ``error`` are the standard errors of y, nan where there is none.
+    run : the name of the curve's run, for messages.
+    facts : facts of the curve, in words by kind.
+    x, y : the values.
+    error : the standard errors of y, nan where unknown.
     valid : where the medium is valid.
-    simulated : where a simulation gave the values: they are points, and the others a line.
-    served : of an automatic medium the name of the medium that served each load; else empty.
-    units : those of x and y.
-    measured : whether it is data.
+    simulated : where a simulation gave the values: simulated values are points, others a line.
+    served : for an automatic medium the name of the medium that served each load; else empty.
+    units : the units of x and y.
+    measured : whether the values are data.
     path : whether the loads go up and down in the order of the values.
     """
 
@@ -213,18 +223,33 @@ class Curve:
     path: bool = False
 
     def sorted(self) -> Curve:
-        """Return the same curve in order of x; a path keeps its own."""
+        """Return the same curve in order of x; a path keeps its order."""
         if self.path:
             return self
         order = np.argsort(self.x, kind="stable")
-        parts: dict[str, Any] = {
-            name: getattr(self, name)[order] for name in ("x", "y", "error", "valid", "simulated")
-        }
+        served = tuple(self.served[n] for n in order.tolist()) if self.served else ()
         return replace(
             self,
-            **parts,
-            served=tuple(self.served[n] for n in order.tolist()) if self.served else (),
+            x=self.x[order],
+            y=self.y[order],
+            error=self.error[order],
+            valid=self.valid[order],
+            simulated=self.simulated[order],
+            served=served,
         )
+
+    def join(self, curve: Curve) -> Curve:
+        """Return the points of two curves as one curve, in order of x."""
+        return replace(
+            self,
+            run=f"{self.run}, {curve.run}",
+            x=np.concatenate([self.x, curve.x]),
+            y=np.concatenate([self.y, curve.y]),
+            error=np.concatenate([self.error, curve.error]),
+            valid=np.concatenate([self.valid, curve.valid]),
+            simulated=np.concatenate([self.simulated, curve.simulated]),
+            served=self.served + curve.served,
+        ).sorted()
 
     @property
     def as_points(self) -> bool:
@@ -233,10 +258,10 @@ class Curve:
 
 
 def make_looks(count: int) -> list[Look]:
-    """Return looks of ``count`` curves: colours first, then dashes and marks; lines grow thinner,
-    so that all are seen.
+    """Return looks of ``count`` curves: colours first, then dashes and marks. Later lines are
+    thinner, so that all lines are seen.
 
-    Beyond :data:`MOST_LOOKS` they come again.
+    Beyond :data:`MOST_LOOKS` the looks are repeated.
     """
     turns = [(n % len(COLOURS), n // len(COLOURS) % len(_DASHES)) for n in range(count)]
     widths = np.linspace(2.2, 1.0, count + 1)[1:].tolist() if count > 1 else [1.6]
@@ -247,109 +272,105 @@ def make_looks(count: int) -> list[Look]:
 
 
 def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
-    """Draw a curve: solid where it is valid, thin and dashed elsewhere; of a simulation points with
-    bars of their errors.
+    """Draw a curve: solid where the medium is valid, thin and dashed elsewhere; points of a
+    simulation, with bars of their errors.
 
-    A path joins its points, and triangles mark those that are reached by a fall of x. On an
-    automatic medium each kind of mark says which medium served.
+    A path joins its points, and triangles mark the points that are reached by a fall of x. On an
+    automatic medium each kind of mark stands for the medium that served.
     """
-    drawn = np.any(curve.error > 0.0)
-    points = curve.as_points
-    if drawn and (points or np.any(curve.simulated)):
-        bars: dict[str, Any] = {
-            "fmt": "none",
-            "elinewidth": 0.8,
-            "color": look.colour,
-            "gid": f"{gid}-errors",
-        }
-        ax.errorbar(curve.x, curve.y, np.where(curve.error > 0.0, curve.error, np.nan), **bars)
-    style: dict[str, Any] = {
-        "color": look.colour,
-        "markersize": _SIZE,
-        "marker": look.marker if points else "",
-    }
-    if points and not curve.served:
-        joined = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
-        thin = style | joined | _HOLLOW
-        solid = style | {"linestyle": "none"}
+    has_bars = curve.as_points or np.any(curve.simulated)
+    if has_bars and np.any(curve.error > 0.0):
+        bars = np.where(curve.error > 0.0, curve.error, np.nan)
+        ax.errorbar(
+            curve.x,
+            curve.y,
+            bars,
+            fmt="none",
+            elinewidth=0.8,
+            color=look.colour,
+            gid=f"{gid}-errors",
+        )
+    valid_y = np.where(curve.valid, curve.y, np.nan)
+    is_points = curve.as_points and not curve.served
+    thin: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
+    if is_points:
+        thin |= {"marker": look.marker}
+        solid = thin | {"linestyle": "none"}
+        thin |= {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
+        thin |= _HOLLOW
     else:
-        style["marker"] = ""
-        # thinner below marks, so that these are seen
-        thin = style | _OUTSIDE
-        solid = style | {"linewidth": 0.8 if curve.served else look.width}
-        if look.dashes:  # through whose gaps a thin line below would be seen
-            solid |= {"dashes": look.dashes}
-            outside = ~curve.valid  # and the ends of these stretches, from which their lines go
-            outside[1:] |= ~curve.valid[:-1]
-            outside[:-1] |= ~curve.valid[1:]
-            ax.plot(curve.x, np.where(outside, curve.y, np.nan), gid=f"{gid}-outside", **thin)
-            thin = {"linestyle": "none"}
+        thin |= {"marker": ""}
+        # a line is thinner below marks, so that the marks are seen
+        solid = thin | {"linewidth": 0.8 if curve.served else look.width}
+        thin |= _OUTSIDE
+    if look.dashes and not is_points:
+        # a thin line below would be seen through the gaps of the dashes: only stretches outside
+        # the range are thin, with the points at their ends
+        solid |= {"dashes": look.dashes}
+        is_outside = ~curve.valid
+        is_outside[1:] |= ~curve.valid[:-1]
+        is_outside[:-1] |= ~curve.valid[1:]
+        ax.plot(curve.x, np.where(is_outside, curve.y, np.nan), gid=f"{gid}-outside", **thin)
+        thin = {"linestyle": "none"}
     ax.plot(curve.x, curve.y, gid=f"{gid}-all", **thin)
-    ax.plot(curve.x, np.where(curve.valid, curve.y, np.nan), gid=f"{gid}-valid", **solid)
+    ax.plot(curve.x, valid_y, gid=f"{gid}-valid", **solid)
     falls = np.diff(curve.x, prepend=curve.x[0]) < 0.0
     if curve.path and np.any(falls):
         fallen = solid | {"marker": "v", "markersize": 5.0}
-        ax.plot(
-            curve.x[falls],
-            np.where(curve.valid, curve.y, np.nan)[falls],
-            gid=f"{gid}-falling",
-            **fallen,
-        )
-    # on an automatic medium, which medium served where: the ends of its loads, and some between
+        ax.plot(curve.x[falls], valid_y[falls], gid=f"{gid}-falling", **fallen)
+    if curve.served:
+        _mark_media(ax, curve, look.colour, gid)
+
+
+def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
+    """Draw marks of the media that served an automatic medium: at its first and last loads, at
+    some between, and on both sides of each change of the medium.
+    """
     n = curve.x.size
-    named = np.array([label.partition("(")[0] for label in curve.served])
-    change = np.flatnonzero(named[1:] != named[:-1])
-    # about twelve
-    sparse_points = np.concatenate(
-        [np.arange(0, n, max(1, -(-n // 12))), change, change + 1, [n - 1]]
-    )
-    shown = np.isin(np.arange(n), sparse_points) | curve.simulated
-    for name in dict.fromkeys(named.tolist()):
-        for valid in (True, False):
-            is_marked = shown & (named == name) & (curve.valid == valid)
-            marks: dict[str, Any] = {
-                "color": look.colour,
-                "markersize": _SERVING_SIZE,
-                "linestyle": "none",
-            }
-            marks |= {} if valid else _HOLLOW
-            if np.any(is_marked):
-                ax.plot(
-                    curve.x[is_marked],
-                    curve.y[is_marked],
-                    _SERVING.get(name, "o"),
-                    gid=f"{gid}-served-{name}",
-                    **marks,
-                )
+    media = np.array([label.partition("(")[0] for label in curve.served])
+    change = np.flatnonzero(media[1:] != media[:-1])
+    evenly = np.arange(0, n, max(1, -(-n // _MARKS_OF_CURVE)))
+    chosen = np.concatenate([evenly, change, change + 1, [n - 1]])
+    is_chosen = np.isin(np.arange(n), chosen) | curve.simulated
+    for name, valid in itertools.product(dict.fromkeys(media.tolist()), (True, False)):
+        is_marked = is_chosen & (media == name) & (curve.valid == valid)
+        if np.any(is_marked):
+            ax.plot(
+                curve.x[is_marked],
+                curve.y[is_marked],
+                _SERVING.get(name, "o"),
+                color=colour,
+                markersize=_SERVING_SIZE,
+                linestyle="none",
+                gid=f"{gid}-served-{name}",
+                **({} if valid else _HOLLOW),
+            )
 
 
 def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
     """Scale the axes for curves of the quantity ``y`` over ``x``, and name them with their
     units.
     """
-    for which, name, unit in zip("xy", (x, y), curves[0].units, strict=True):
-        values = np.concatenate([getattr(curve, which) for curve in curves])
+    xs = np.concatenate([curve.x for curve in curves])
+    ys = np.concatenate([curve.y for curve in curves])
+    for which, values, name, unit in zip("xy", (xs, ys), (x, y), curves[0].units, strict=True):
         scale_axis(ax, which, values)
         most = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
-        name_axis(getattr(ax, f"{which}axis"), most, axis_label(name, ""), unit)
+        name_axis(find_axis(ax, which), most, axis_label(name, ""), unit)
 
 
 def _make_handle(look: Look, label: str, points: bool) -> Line2D:
-    line: dict[str, Any] = {"linewidth": min(look.width, 1.6)} | (
-        {"dashes": look.dashes} if look.dashes else {}
-    )
-    return Line2D(
-        [],
-        [],
-        color=look.colour,
-        label=label,
-        **({"marker": look.marker} | _POINTS if points else line),
-    )
+    style: dict[str, Any] = {"linewidth": min(look.width, 1.6)}
+    if look.dashes:
+        style |= {"dashes": look.dashes}
+    if points:
+        style = {"marker": look.marker} | _POINTS
+    return Line2D([], [], color=look.colour, label=label, **style)
 
 
 def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
     """Return the last entries of a legend: loads at which a medium is not valid, and media that
-    automatic ones chose.
+    served automatic media.
     """
     handles = list[Line2D]()
     grey = dict[str, Any](color="0.3")
@@ -357,7 +378,7 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
         points: dict[str, Any] = {"marker": "o"} | _POINTS | _HOLLOW
         look = points if all(curve.as_points for curve in curves) else _OUTSIDE
         handles.append(Line2D([], [], label="outside its range", **grey, **look))
-    names = {one.partition("(")[0] for curve in curves for one in curve.served}
+    names = {label.partition("(")[0] for curve in curves for label in curve.served}
     style = grey | {"markersize": _SERVING_SIZE, "linestyle": "none"}
     return handles + [
         Line2D(
@@ -371,8 +392,8 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
 
 
 def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
-    """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError
-    beyond matplotlib's axes.
+    """Return a variable over the load; :class:`InputError` for a variable that cannot be drawn,
+    FigureError beyond matplotlib's axes.
     """
     if name not in dataset.variables:
         raise InputError(
@@ -388,9 +409,9 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
             f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"
         )
     sizes = np.abs(np.asarray(values, float))
-    far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
-    if np.any(far):
-        problem = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
+    is_far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
+    if np.any(is_far):
+        problem = f"{name!r} has the value {np.asarray(values)[is_far].flat[0]:g}"
         why = f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}"
         raise FigureError(problem, why, "Draw another variable")
     return values
@@ -410,7 +431,7 @@ def list_quantities(dataset: Dataset, kinds: str = "fiu") -> tuple[str, ...]:
 
 def list_parameters(dataset: Dataset) -> list[str]:
     """Return the dimensions of the sweep besides load and medium: its parameters, and directions if
-    there are many.
+    there are several.
     """
     along = ("direction",) * ("direction" in dataset.dims)
     return [
@@ -419,8 +440,8 @@ def list_parameters(dataset: Dataset) -> list[str]:
 
 
 def turn_over(dataset: Dataset, x: str | None) -> Dataset:
-    """Return the data set with the parameter ``x`` in the place of the load, if it is one in
-    numbers: curves lie over it.
+    """Return the data set with the parameter ``x`` in the place of the load, if the parameter has
+    numbers: curves lie over the parameter.
     """
     if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
         return dataset
@@ -444,14 +465,16 @@ def read_curve(
     def take(values: Any) -> Any:
         return np.asarray(values.isel(index, missing_dims="ignore"))
 
-    across, along = (read_values(dataset, name, run) for name in (x, variable))
+    across = read_values(dataset, x, run)
+    along = read_values(dataset, variable, run)
     error = dataset.get(f"{variable}_error", dataset[variable] * np.nan)
     served: tuple[str, ...] = ()
     medium = str(np.atleast_1d(dataset["medium"].values)[index["medium"]])
     if medium.startswith(AutoMedium.name) and "choice" in dataset:
         served = tuple(map(str, take(dataset["choice"]).tolist()))
     horizontal = take(across).astype(float)
-    simulated = [one.partition("(")[0] == DirectSimulation.name for one in served or (medium,)]
+    media = served or (medium,)
+    simulated = [label.partition("(")[0] == DirectSimulation.name for label in media]
     simulated = dataset.attrs.get("points", simulated)  # a fit is a line, whatever its medium
     units = tuple(str(dataset[name].attrs.get("units", "")) for name in (x, variable))
     options: dict[str, Any] = next(
@@ -472,66 +495,72 @@ def read_curve(
 
 
 def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str], dict[str, int]]]:
-    """Return for each line of a variable what it is, in words by kind, and its index in each
+    """Return for each line of a variable its facts, in words by kind, and its index in each
     dimension besides the load.
 
-    Directions are no lines of a variable that is the same in all of them. Cells of a lattice that
-    the data set does not tell, or whose lattice varies, are called cells.
+    Directions are no lines of a variable that is the same in all directions. Cells of a lattice are
+    called cells if the data set does not describe the lattice, or has several lattices.
     """
-    told: dict[str, Any] = json.loads(dataset.attrs.get("packing", "null")) or {}
-    base = dict[str, str]()
-    periods = 2
-    balls = 2
+    base, periods, balls = _describe_balls(dataset)
     overlaps = [dict[str, str]()] * dataset.sizes["medium"]
-    if "kinds" in told:  # a crystal
-        kinds = told["order"] or [name for name, _ in told["kinds"]]
-        base["lattice"] = f"{told['lattice'] or 'crystal'} of {' '.join(kinds)}"
-    elif told:
-        packing: Packing = restore(told, Packing, "the packing of the sweep")
-        base = list_facts(packing)
-        periods = packing.structure.periods
-        balls = packing.structure.n_balls
+    if "overlap" in base:
         overlaps = [
             {"overlap": describe_overlap(finite)} for finite in list_finite_overlap(dataset)
         ]
-        if "lattice" in dataset.coords:
-            try:
-                lattices = [
-                    find_lattice(str(name)) for name in np.atleast_1d(dataset["lattice"].values)
-                ]
-                periods = lattices[0].periods
-                balls = max(one.n_balls for one in lattices)
-            except InputError:  # a lattice of the user's own
-                balls = 2
     labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
     media = [
-        one | {"medium": describe_medium(label, periods, balls)}
-        for one, label in zip(overlaps, labels, strict=True)
+        overlap | {"medium": describe_medium(label, periods, balls)}
+        for overlap, label in zip(overlaps, labels, strict=True)
     ]
     names = list_parameters(dataset)
     if variable in dataset and "direction" not in dataset[variable].dims:
         names = [name for name in names if name != "direction"]
     if "direction" in dataset.coords and dataset["direction"].ndim == 0:
         base["direction"] = f"along {dataset['direction'].item()}"
-    found = []
-    for place in np.ndindex(*(dataset.sizes[name] for name in names)):
-        at = dict(zip(names, place, strict=True))
+    lines = []
+    for numbers in np.ndindex(*(dataset.sizes[name] for name in names)):
+        index = dict(zip(names, numbers, strict=True))
         facts = dict(base)
-        for name, number in at.items():
-            value = dataset[name].values[number]
-            value = value.item() if hasattr(value, "item") else value
-            kind, text = (
-                ("direction", f"along {value}")
-                if name == "direction"
-                else describe_parameter(name, value)
-            )
-            if name in _LOADS:
-                text = (
-                    f"{name} {write_value(float(value), str(dataset[name].attrs.get('units', '')))}"
-                )
+        for name, number in index.items():
+            kind, text = _describe_value(dataset, name, number)
             facts[kind] = text
-        found += [(facts | own, at | {"medium": m}) for m, own in enumerate(media)]
-    return found
+        lines += [(facts | medium, index | {"medium": m}) for m, medium in enumerate(media)]
+    return lines
+
+
+def _describe_balls(dataset: Dataset) -> tuple[dict[str, str], int, int]:
+    """Return the facts of the balls of a data set, in words by kind, and the numbers of periods and
+    of balls in a cell of the lattice; 2 where unknown.
+    """
+    description: dict[str, Any] = json.loads(dataset.attrs.get("packing", "null")) or {}
+    if "kinds" in description:  # a crystal
+        kinds = description["order"] or [name for name, _ in description["kinds"]]
+        return {"lattice": f"{description['lattice'] or 'crystal'} of {' '.join(kinds)}"}, 2, 2
+    if not description:
+        return {}, 2, 2
+    packing: Packing = restore(description, Packing, "the packing of the sweep")
+    facts = list_facts(packing)
+    if "lattice" not in dataset.coords:
+        return facts, packing.structure.periods, packing.structure.n_balls
+    names = map(str, np.atleast_1d(dataset["lattice"].values))
+    try:
+        lattices = [find_lattice(name) for name in names]
+    except InputError:  # a lattice of the user
+        return facts, packing.structure.periods, 2
+    return facts, lattices[0].periods, max(lattice.n_balls for lattice in lattices)
+
+
+def _describe_value(dataset: Dataset, name: str, number: int) -> tuple[str, str]:
+    """Return the kind of fact of a coordinate, and its value of this number in words."""
+    value = dataset[name].values[number]
+    value = value.item() if hasattr(value, "item") else value
+    if name == "direction":
+        return "direction", f"along {value}"
+    kind, text = describe_parameter(name, value)
+    if name in _LOADS:
+        unit = str(dataset[name].attrs.get("units", ""))
+        text = f"{name} {write_value(float(value), unit)}"
+    return kind, text
 
 
 # -- figures of a sweep ----------------------------------------------------------------------------
@@ -554,25 +583,25 @@ def plot_sweep(
     Parameters
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
-    variable, x : names of variables or coordinates over load; ``x`` is by default the load that was
-        given, a force, a pressure or an overlap; or a parameter in numbers, such as A.diameter,
-        with a line for each load. Where there is one load alone it is the parameter in numbers that
-        has the most values.
-    legend : whether to draw a legend; it names no more than eight combinations, and says of how
-        many.
+    variable, x : names of variables or coordinates over load; ``x`` is by default the load of the
+        sweep, a force, a pressure or an overlap; or a parameter in numbers, such as A.diameter,
+        with a line for each load. At a single load ``x`` is by default the parameter in numbers
+        with the most values.
+    legend : whether to draw a legend; it names at most eight combinations, and gives the
+        number of all.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid,
-    thin and dashed elsewhere, and each is thinner than the one before, so that all remain visible
-    where they coincide. A simulation has no line but points, open where it is not valid; of several
-    samples they are means, with bars of their standard errors. On an ordered path a line joins the
-    points in its order, and triangles mark those that are reached by a fall of ``x``. Marks on the
-    line of an automatic medium say which medium served where. The slow transverse wave in space has
-    a dash-dotted line.
+    thin and dashed elsewhere. Each line is thinner than the one before, so that all remain visible
+    where they coincide. A simulation has points in place of a line, open where it is not valid;
+    points of several samples are means, with bars of their standard errors. On an ordered path a
+    line joins the points in the order of the path, and triangles mark the points that are reached
+    by a fall of ``x``. Marks on the line of an automatic medium name the medium that served. The
+    slow transverse wave in space has a dash-dotted line.
 
     Raises
     ------
-    InputError : there is no such variable, it is not one number at each load, or it is nowhere
-        finite.
+    InputError : the sweep has no such variable, or the variable is not one number at each load, or
+        is nowhere finite.
     """
     _, handles = _draw_sweep(dataset, ax, variable, x)
     if legend:
@@ -583,78 +612,74 @@ def plot_sweep(
 def _draw_sweep(
     dataset: Dataset, ax: Axes, variable: str, x: str | None
 ) -> tuple[list[Curve], list[Line2D]]:
-    """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend."""
+    """Draw the curves of :func:`plot_sweep`; return the curves and the entries of the legend."""
     if dataset.sizes["load"] == 1:
-        # curves lie over the parameter in numbers that has the most values
-        numbers = {
-            name: dataset.sizes[name]
-            for name in list_parameters(dataset)
-            if dataset[name].dtype.kind in "fiu"
-        }
-        x = x or next(
-            (name for name in numbers if numbers[name] == max(numbers.values()) > 1), None
-        )
+        x = x or _find_longest_parameter(dataset)
     dataset = turn_over(dataset, x)
     x = x or find_load(dataset)
-    colours = itertools.cycle(COLOURS)
     read_values(dataset, variable)
-    # of one medium the first of several parameters has the colours, if these suffice
-    sizes = {
-        name: dataset.sizes[name] for name in list_parameters(dataset) if dataset.sizes[name] > 1
-    }
-    first = (
-        next((name for name, size in sizes.items() if size <= len(COLOURS)), "medium")
-        if len(sizes) > 1
-        else "medium"
-    )
-    first = "medium" if dataset.sizes["medium"] > 1 else first
+    first = _choose_coloured(dataset)
     lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1].get(first, 0))
     curves = [read_curve(dataset, variable, x, index, facts=facts) for facts, index in lines]
     count = len(lines) // len({index.get(first, 0) for _, index in lines})
     groups = [curves[n : n + count] for n in range(0, len(curves), count)]
-    media = [(Look(colour, 1.5), group) for colour, group in zip(colours, groups, strict=False)]
-    shades = [shade for look, _ in media for shade in _make_shades(look.colour, count)]
+    colours = [COLOURS[n % len(COLOURS)] for n in range(len(groups))]
+    shades = [shade for colour in colours for shade in _make_shades(colour, count)]
     dashes = _SLOW_DASHES if variable == _SLOW else None
     marker = _VELOCITY_MARKERS.get(variable, "o")
-    for curve, shade, width in zip(
-        curves, shades, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True
-    ):
+    widths = np.linspace(2.2, 1.0, len(lines) + 1)[1:]
+    for curve, shade, width in zip(curves, shades, widths, strict=True):
         draw_curve(ax, curve, Look(shade, width, dashes, marker), variable)
     label_axes(ax, curves, x, variable)
-    simulated = [
+    are_points = [
         all(np.all(curve.simulated) and not curve.served for curve in group) for group in groups
     ]
-    several = len(media) > 1
+    has_colours = len(groups) > 1
     handles = list[Line2D]()
-    if several or count == 1:
-        named = zip(media, simulated, strict=True)
-        told_kinds = (
-            ["medium"]
-            if first == "medium"
-            else find_differing([group[0].facts for group in groups])[0]
-        )
-        labels = [", ".join(group[0].facts[kind] for kind in told_kinds) for group in groups]
-        handles = [
-            _make_handle(look, words, points)
-            for ((look, _), points), words in zip(named, labels, strict=True)
-        ]
+    if has_colours or count == 1:
+        kinds = ["medium"]
+        if first != "medium":
+            kinds, _ = find_differing([group[0].facts for group in groups])
+        for colour, group, points in zip(colours, groups, are_points, strict=True):
+            label = ", ".join(group[0].facts[kind] for kind in kinds)
+            handles.append(_make_handle(Look(colour, 1.5), label, points))
     if count > 1:
         kinds, _ = find_differing([curve.facts for curve in groups[0]])
-        grey = _make_shades("0.5" if several else COLOURS[0], count)
-        chosen = pick_evenly(count, 8)
+        shades_of_legend = _make_shades("0.5" if has_colours else COLOURS[0], count)
+        chosen = pick_evenly(count, _MOST_NAMED)
         for n in chosen:
-            words = ", ".join(groups[0][n].facts[kind] for kind in kinds)
-            handles.append(_make_handle(Look(grey[n], 1.5), words, all(simulated)))
+            label = ", ".join(groups[0][n].facts[kind] for kind in kinds)
+            handles.append(_make_handle(Look(shades_of_legend[n], 1.5), label, all(are_points)))
         if len(chosen) < count:
-            handles.append(
-                Line2D([], [], linestyle="none", label=f"{len(chosen)} of {count} are named")
-            )
+            words = f"{len(chosen)} of {count} are named"
+            handles.append(Line2D([], [], linestyle="none", label=words))
     return curves, handles + _make_remarks(curves)
 
 
+def _find_longest_parameter(dataset: Dataset) -> str | None:
+    """Return the parameter in numbers that has the most values; None if none has several."""
+    sizes = {
+        name: dataset.sizes[name]
+        for name in list_parameters(dataset)
+        if dataset[name].dtype.kind in "fiu" and dataset.sizes[name] > 1
+    }
+    return max(sizes, key=lambda name: sizes[name], default=None)
+
+
+def _choose_coloured(dataset: Dataset) -> str:
+    """Return the dimension whose values have colours: the medium, or of one medium the first of
+    several parameters for whose values the colours suffice.
+    """
+    sizes = {name: dataset.sizes[name] for name in list_parameters(dataset)}
+    sizes = {name: size for name, size in sizes.items() if size > 1}
+    if dataset.sizes["medium"] > 1 or len(sizes) < 2:
+        return "medium"
+    return next((name for name, size in sizes.items() if size <= len(COLOURS)), "medium")
+
+
 def _make_shades(name: str, count: int) -> list[Any]:
-    """Return ``count`` shades of a colour, from darker to lighter than itself; a single shade is
-    the colour itself.
+    """Return ``count`` shades of a colour, from darker to lighter than the colour; a single shade
+    is the colour.
     """
     colour = np.array(to_rgb(name))
     change = np.linspace(-0.5, 0.6, count) if count > 1 else np.zeros(1)
