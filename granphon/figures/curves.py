@@ -109,6 +109,8 @@ _MOST_NAMED = 8
 _MARKS_OF_CURVE = 12
 #: symbols of velocities are written in one text if they are nearer than this, over the height
 _LEAST_HEIGHT = 0.06
+#: width of a letter, over the size of its font
+_WIDTH_OF_LETTER = 0.55
 #: number of forces of a curve that is drawn from a fit
 _FORCES = 200
 #: marks of measured points, which are black
@@ -720,88 +722,84 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
 
     ``x`` is that of :func:`plot_sweep`.
 
-    Velocities that are zero, of waves across a chain, are left out. A sweep without others, as of a
-    mechanism, has the normal stiffness in their place; one of motions that observes no velocities
-    has that of the peak, or the greatest force. For a sweep without exponents (finite overlap), or
-    for one ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises.
+    Velocities that are zero, of waves across a chain, are left out. Without any other velocity, as
+    for a mechanism, the normal stiffness is drawn; for motions without velocities the velocity of
+    the peak, or the greatest force. For a sweep without exponents (finite overlap), or for one
+    ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises.
     """
-    # a table of other numbers observes nothing
+    # a table of numbers that are not from a sweep has no "observe"
     observed = json.loads(dataset.attrs.get("observe", "[]"))
     if variable is None and "motion" in observed and "velocities" not in observed:
         variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
-    both = variable is None and "exponent" in dataset
-    velocities = {
-        one: name
-        for one, name in _VELOCITIES.items()
-        if one in dataset and np.any(dataset[one] != 0.0)
-    }
-    velocities = {} if variable else velocities
-    shown = list(velocities) or [variable or "normal_stiffness"]
-    with styled_figure(4.0 if both else 2.6) as figure:
-        axes = figure.subplots(
-            1 + both, sharex=True, squeeze=False, height_ratios=[1.6, 1.0][: 1 + both]
-        )[:, 0]
-        every = [_draw_sweep(dataset, axes[0], one, x) for one in shown]
-        # of velocities some may be the same in all directions, which the legend of the others names
-        curves, handles = max(every, key=lambda one: len(one[1]))
+    has_exponent = variable is None and "exponent" in dataset
+    velocities = []
+    if not variable:
+        velocities = [
+            name for name in _VELOCITIES if name in dataset and np.any(dataset[name] != 0.0)
+        ]
+    shown = velocities or [variable or "normal_stiffness"]
+    with styled_figure(4.0 if has_exponent else 2.6) as figure:
+        ratios = [1.6, 1.0] if has_exponent else [1.0]
+        axes = figure.subplots(len(ratios), sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+        drawn = {name: _draw_sweep(dataset, axes[0], name, x) for name in shown}
+        # a velocity that is the same in all directions has a shorter legend than the others
+        curves, handles = max(
+            drawn.values(), key=lambda curves_and_handles: len(curves_and_handles[1])
+        )
         if velocities:
-            # the symbols of velocities stand beside the right ends of their curves, in one text
-            # where these are close
-            drawn = {velocities[one]: found for one, (found, _) in zip(shown, every, strict=True)}
-            scale_axis(
-                axes[0],
-                "y",
-                np.concatenate([curve.y for group in drawn.values() for curve in group]),
-            )
+            all_curves = [curve for group, _ in drawn.values() for curve in group]
+            scale_axis(axes[0], "y", np.concatenate([curve.y for curve in all_curves]))
             axes[0].set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
-            ends: dict[str, float] = {}
-            for name, group in drawn.items():
-                # a path may turn, and end anywhere
-                right = [float(curve.y[np.argmax(curve.x)]) for curve in group]
-                if name != _VELOCITIES[_PULSE] and (
-                    known := [value for value in right if np.isfinite(value)]
-                ):
-                    # the legend names the marks of pulses, which are often near those of long waves
-                    ends[name] = max(known)
-            to_axes = axes[0].transData - axes[0].transAxes
-            last = -np.inf
-            together: dict[float, list[str]] = {}
-            for name, value in sorted(ends.items(), key=lambda item: item[1]):
-                height = float(to_axes.transform((axes[0].get_xlim()[0], value))[1])
-                if height - last > 0.06:
-                    # names that stand nearer, over the height of the axes, are written in one
-                    last = height
-                    together[value] = []
-                together[max(together)].append(name)
-            for value, names in together.items():
-                _write_beside(axes[0], ", ".join(names), value)
-        if both:
+            _write_symbols(axes[0], {name: group for name, (group, _) in drawn.items()})
+        if has_exponent:
             plot_exponent(dataset, axes[1], x)
             axes[0].set_xlabel("")
         for ax in axes:
             ax.margins(x=0.08)
         medium = curves[0].facts["medium"]
-        points = all(np.all(curve.simulated) and not curve.served for curve in curves)
-        # what tells the slow transverse wave from the fast one, and the marks of pulses
-        for name in [
-            one
-            for one in _VELOCITY_MARKERS
-            if one in velocities and (one == _PULSE or _SLOW in velocities)
-        ]:
-            look = Look(
-                "0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, _VELOCITY_MARKERS[name]
-            )
-            handles.append(_make_handle(look, _VELOCITIES[name], points or name == _PULSE))
-        alone = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
-        # in lines for which a column has room
-        title, *labels = (
-            label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
-            for label in (medium, *(str(handle.get_label()) for handle in handles))
-        )
-        for handle, label in zip(handles, labels, strict=True):
-            handle.set_label(label)
-        add_legend(figure, handles, 4, title if alone else None)
+        are_points = all(np.all(curve.simulated) and not curve.served for curve in curves)
+        # the dashes of the slow transverse wave, the marks of both, and those of pulses
+        for name, marker in _VELOCITY_MARKERS.items():
+            if name in velocities and (name == _PULSE or _SLOW in velocities):
+                look = Look("0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, marker)
+                points = are_points or name == _PULSE
+                handles.append(_make_handle(look, _VELOCITIES[name], points))
+        is_alone = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
+        for handle in handles:
+            handle.set_label(_break_label(str(handle.get_label())))
+        add_legend(figure, handles, 4, _break_label(medium) if is_alone else None)
     return figure
+
+
+def _break_label(label: str) -> str:
+    """Return a label in lines for which a column has room."""
+    return label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
+
+
+def _write_symbols(ax: Axes, curves: Mapping[str, Sequence[Curve]]) -> None:
+    """Write the symbols of velocities beside the right ends of their ``curves``, in one text where
+    the ends are close.
+
+    Marks of pulses, which are often near long waves, are in the legend, and have no symbol.
+    """
+    ends: dict[str, float] = {}
+    for name, group in curves.items():
+        # a path may turn, and end anywhere
+        velocities = [float(curve.y[np.argmax(curve.x)]) for curve in group]
+        velocities = [velocity for velocity in velocities if np.isfinite(velocity)]
+        if name != _PULSE and velocities:
+            ends[_VELOCITIES[name]] = max(velocities)
+    to_axes = ax.transData - ax.transAxes
+    last_height = -np.inf
+    symbols: dict[float, list[str]] = {}
+    for symbol, velocity in sorted(ends.items(), key=lambda item: item[1]):
+        height = float(to_axes.transform((ax.get_xlim()[0], velocity))[1])
+        if height - last_height > _LEAST_HEIGHT:
+            last_height = height
+            symbols[velocity] = []
+        symbols[max(symbols)].append(symbol)
+    for velocity, names in symbols.items():
+        _write_beside(ax, ", ".join(names), velocity)
 
 
 # -- figures of several results --------------------------------------------------------------------
@@ -820,20 +818,21 @@ def plot_together(
     """Draw several results on one Axes.
 
     Sweeps, states and fits are curves and points of ``y`` over ``x``. If all results have bands and
-    neither ``x`` nor ``y`` nor data are given, their bands are drawn one over the other; so are
-    densities of states.
+    there is no ``x``, no ``y`` and no data, the bands are drawn one over the other; densities of
+    states likewise.
 
     Parameters
     ----------
     results : sweeps, fits, bands, densities of states, results of scenes. The names of a mapping
         stand in the legend for all that the curves of a result share.
-    x : "force", "pressure", "overlap" or "reduced_force"; by default the load that was given if it
-        is that of all, else the force.
+    x : "force", "pressure", "overlap" or "reduced_force"; by default the load of the results if all
+        have the same kind of load, else the force.
     y : a quantity of :data:`~granphon.observables.catalogue.CATALOGUE` that all results hold; by
-        default the longitudinal velocity, or another one that all hold.
+        default the longitudinal velocity, or another velocity that all hold.
     data : measured velocities, one or several: files in the form of ``granphon fit``, or
         :class:`~granphon.fits.measurements.Measurements`.
-    balls_per_side : that of the hexagonal frame, where a file of data gives side forces.
+    balls_per_side : number of balls at a side of the hexagonal frame, for files of data with side
+        forces.
     legend : whether to draw the legend, and the title.
 
     A line is solid where its medium is valid, thin and dashed elsewhere; a simulation has points,
@@ -843,8 +842,8 @@ def plot_together(
     Raises
     ------
     InputError : the results cannot share an axis: one of them does not hold ``x`` or ``y``, the
-        units differ, or some are bands and others are not; the error names them. Data that are no
-        velocities, or whose loads cannot be converted.
+        units differ, or some are bands and others are not; the error names the results. Data are
+        no velocities, or their loads cannot be converted.
     """
     handles, common = _draw_together(results, ax, x, y, data, balls_per_side)
     if legend:
@@ -852,20 +851,17 @@ def plot_together(
         size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
         figure: Any = ax.get_figure()
         points = 72.0 * figure.get_figwidth() * ax.get_position().width
-        # a letter is about 0.55 of the size of the font wide
-        ax.set_title(join_facts(common, max(20, int(points / (0.55 * size)))), fontsize=size)
+        letters = int(points / (_WIDTH_OF_LETTER * size))
+        ax.set_title(join_facts(common, max(20, letters)), fontsize=size)
     return ax
 
 
 def _find_length(handles: Sequence[Line2D]) -> float | None:
-    """Return the length of the handles of a legend, in letters; longer if dashes tell lines apart,
-    None for the usual.
+    """Return the length of the handles of a legend, in letters: longer if dashes tell lines apart,
+    None for the usual length.
     """
-    return (
-        2.8
-        if any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles)
-        else None
-    )
+    is_dashed = any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles)
+    return 2.8 if is_dashed else None
 
 
 def comparison_figure(
@@ -878,7 +874,7 @@ def comparison_figure(
         handles, common = _draw_together(results, figure.subplots(), **options)
         if not legend:
             return figure
-        title = join_facts(common, 60)
+        title = join_facts(common, _LETTERS_OF_TITLE)
         lines = 1 + title.count("\n") if title else 0
         add_legend(figure, handles, -lines, handlelength=_find_length(handles))
         if title:
@@ -894,66 +890,21 @@ def _draw_together(
     data: Any = (),
     balls_per_side: int | None = None,
 ) -> _Drawn:
+    """Draw the curves of :func:`plot_together`; return the data of the caption."""
     if isinstance(results, Mapping):
-        runs = [Run.of(str(name), one, named=True) for name, one in results.items()]
+        runs = [Run.of(str(name), result, named=True) for name, result in results.items()]
     else:
-        runs = [Run.of(f"result {n}", one) for n, one in enumerate(results, 1)]
-    given = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
+        runs = [Run.of(f"result {n}", result) for n, result in enumerate(results, 1)]
+    data_sets = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
     if not runs:
         raise InputError("there is nothing to draw", mend="Give results")
-    asked = x is not None or y is not None or bool(given)
-    if not asked and len(every := [run.bands for run in runs if run.bands is not None]) == len(
-        runs
-    ):
-        first = every[0]
-        for run, bands in zip(runs, every, strict=True):
-            same = (
-                bands.labels == first.labels
-                and bands.distances.shape[0] == first.distances.shape[0]
-            )
-            if not same or not np.allclose(
-                bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6
-            ):
-                paths = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
-                what = (
-                    f"the bands of {runs[0].name} and {run.name} cannot share an axis: their"
-                    f" paths differ"
-                )
-                why = (
-                    paths
-                    if bands.labels != first.labels
-                    else "The zones of the lattices have other sizes"
-                )
-                raise InputError(what, why, "Compute them along one path")
-        unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
-        lines = [
-            list(zip(one.distances, one.connected_frequencies / unit.hertz, strict=True))
-            for one in every
-        ]
-        drawn = _draw_spectra(runs, ax, "bands", lines)
-        name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
-        ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
-        return drawn
-    if (
-        not asked
-        and (dos := [run.dos for run in runs if run.dos is not None])
-        and len(dos) == len(runs)
-    ):
-        unit = HertzPrefix.for_top(max(float(one.frequencies.max()) for one in dos))
-        drawn = _draw_spectra(
-            runs,
-            ax,
-            "dos",
-            [[(one.frequencies / unit.hertz, one.total * unit.hertz)] for one in dos],
-        )
-        name = print_hertz(unit)
-        ax.set(
-            xlabel=f"Frequency ({name})",
-            ylabel=f"DOS per ball (1/{name})",
-            xlim=(0.0, None),
-            ylim=(0.0, None),
-        )
-        return drawn
+    if x is None and y is None and not data_sets:
+        all_bands = [run.bands for run in runs if run.bands is not None]
+        if len(all_bands) == len(runs):
+            return _draw_bands_together(runs, all_bands, ax)
+        densities = [run.dos for run in runs if run.dos is not None]
+        if len(densities) == len(runs):
+            return _draw_densities_together(runs, densities, ax)
     if x:
         runs = [
             run if run.dataset is None else replace(run, dataset=turn_over(run.dataset, x.strip()))
@@ -962,35 +913,75 @@ def _draw_together(
     across, along = choose_axes(runs, x, y)
     curves = list[Curve]()
     for run in runs:
-        assert run.dataset is not None  # choose_axes has seen that
+        assert run.dataset is not None  # choose_axes raises for other runs
         if run.measured is not None:
-            curves.append(
-                replace(
-                    read_curve(run.measured, along, across, {"medium": 0}, run.name), measured=True
-                )
-            )
+            points = read_curve(run.measured, along, across, {"medium": 0}, run.name)
+            curves.append(replace(points, measured=True))
         named = {"name": run.name} if run.named else {}
         for facts, index in describe_lines(run.dataset, along):
             curves.append(
                 read_curve(run.dataset, along, across, index, run.name, named | facts | run.facts)
             )
-    measured = [_read_points(one, runs, across, along, balls_per_side) for one in given]
-    # what they cannot share: an axis of two units, a load that is infinite
-    for which, name in enumerate((across, along)):
+    measured = [_read_points(points, runs, across, along, balls_per_side) for points in data_sets]
+    _require_shared_axes(curves, across, along)
+    return _draw_curves(ax, curves, measured, across, along)
+
+
+def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Axes) -> _Drawn:
+    """Draw the bands of each run over those of the others; InputError if their paths differ."""
+    first = all_bands[0]
+    for run, bands in zip(runs, all_bands, strict=True):
+        has_labels = bands.labels == first.labels
+        has_corners = bands.distances.shape[0] == first.distances.shape[0] and np.allclose(
+            bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6
+        )
+        if not (has_labels and has_corners):
+            problem = (
+                f"the bands of {runs[0].name} and {run.name} cannot share an axis: their"
+                f" paths differ"
+            )
+            why = "The zones of the lattices have other sizes"
+            if not has_labels:
+                why = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
+            raise InputError(problem, why, "Compute them along one path")
+    unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in all_bands))
+    lines = [
+        list(zip(bands.distances, bands.connected_frequencies / unit.hertz, strict=True))
+        for bands in all_bands
+    ]
+    drawn = _draw_spectra(runs, ax, "bands", lines)
+    name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
+    return drawn
+
+
+def _draw_densities_together(
+    runs: Sequence[Run], densities: Sequence[DensityOfStates], ax: Axes
+) -> _Drawn:
+    """Draw the density of states of each run over those of the others."""
+    unit = HertzPrefix.for_top(max(float(dos.frequencies.max()) for dos in densities))
+    lines = [[(dos.frequencies / unit.hertz, dos.total * unit.hertz)] for dos in densities]
+    drawn = _draw_spectra(runs, ax, "dos", lines)
+    name = print_hertz(unit)
+    ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})")
+    ax.set(xlim=(0.0, None), ylim=(0.0, None))
+    return drawn
+
+
+def _require_shared_axes(curves: Sequence[Curve], across: str, along: str) -> None:
+    """Raise InputError for curves with several units, infinite loads, or no finite values."""
+    for axis, name in enumerate((across, along)):
         units: dict[str, str] = {}
         for curve in curves:
-            units.setdefault(curve.units[which], curve.run)
+            units.setdefault(curve.units[axis], curve.run)
         if len(units) > 1:
-            told = "; ".join(
+            reasons = [
                 f"{run} has it {f'in {unit}' if unit else 'without a unit'}"
                 for unit, run in units.items()
-            )
-            what = f"{' and '.join(units.values())} cannot share an axis of {name}"
-            raise InputError(
-                what,
-                told,
-                "Take --x force (x='force')" if name == across else "Draw another quantity",
-            )
+            ]
+            problem = f"{' and '.join(units.values())} cannot share an axis of {name}"
+            mend = "Take --x force (x='force')" if name == across else "Draw another quantity"
+            raise InputError(problem, "; ".join(reasons), mend)
     for curve in curves:
         if not np.all(np.isfinite(curve.x)):
             why = "It is infinite for equal balls" if across == "reduced_force" else ""
@@ -1001,25 +992,23 @@ def _draw_together(
             raise InputError(
                 f"{along} of {curve.run} has no finite value", mend="Draw another quantity"
             )
-    return _draw_curves(ax, curves, measured, across, along)
 
 
-# -- the runs of a figure: what each holds, and what they can share --------------------------------
+# -- the runs of a figure, and the quantities that they share --------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One run: a data set of states, of which a fit has one too; of one state also bands, a density
-    of states or both.
-
-    What it does not hold is None.
+    """A run: a data set of states, which a fit has too; of one state also bands, a density of
+    states or both.
 
     Attributes
     ----------
-    name : that in messages; where ``named``, it also stands in legends, for all that the curves of
-        the run share.
-    measured : the data of a fit, at whose loads they were measured.
-    facts : what is said of the curves of a fit beside what its data set tells, in words by kind.
+    name : name of the run in messages; where ``named``, also in legends, for all facts that the
+        curves of the run share.
+    dataset, bands, dos : the results of the run; None without such a result.
+    measured : the data of a fit, at their loads.
+    facts : facts of the curves of a fit besides those of its data set, in words by kind.
     """
 
     name: str
@@ -1032,8 +1021,8 @@ class Run:
 
     @classmethod
     def of(cls, name: str, result: Any, named: bool = False) -> Run:
-        """Take a result of the library; :class:`~granphon.base.errors.InputError` for what shares
-        no figure with others.
+        """Return the run of a result of the library; :class:`~granphon.base.errors.InputError` for
+        a result that shares no figure with others.
         """
         if isinstance(result, Run):
             return result
@@ -1045,307 +1034,321 @@ class Run:
             return cls(name, dos=result, named=named)
         dataset = find_dataset(result)
         if dataset is not None:
-            bands, dos = (getattr(result, one, None) for one in ("bands", "dos"))
+            bands = getattr(result, "bands", None)
+            dos = getattr(result, "dos", None)
             return cls(name, dataset, bands, dos, named)
         mend = "Give sweeps, fits, bands, densities of states, or results of scenes"
         raise InputError(f"{brief(result)} shares no figure with others", mend=mend)
 
     @property
-    def what(self) -> str:
-        """What the run holds, in words."""
-        held = [
-            name
-            for name, one in (("bands", self.bands), ("a density of states", self.dos))
-            if one is not None
-        ]
-        if not held and self.dataset is not None:
-            single = "a sweep" if self.dataset["valid"].size > 1 else "a single state"
-            return single if self.measured is None else "a fit"
-        return " and ".join(held)
+    def words(self) -> str:
+        """The results of the run, in words."""
+        spectra = (("bands", self.bands), ("a density of states", self.dos))
+        held = [name for name, result in spectra if result is not None]
+        if held or self.dataset is None:
+            return " and ".join(held)
+        if self.measured is not None:
+            return "a fit"
+        return "a sweep" if self.dataset["valid"].size > 1 else "a single state"
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """Names of the quantities that are one number at each load."""
+        """Names of the quantities with one number at each load."""
         return () if self.dataset is None else list_quantities(self.dataset)
 
 
 def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
+    """Return the run of a fit: its curve, and its data at their loads."""
     frequency = fit.waves.frequency
     branch = fit.waves.branch
     finite = fit.waves.finite_overlap
     # a fit of pulses that each have a frequency is known at the data alone
-    several = np.ndim(frequency) > 0
-    force = fit.force if several else np.geomspace(fit.force.min(), fit.force.max(), 200)
-    # the overlap of a simulation follows from nothing that was measured
+    at_data = np.ndim(frequency) > 0
+    force = fit.force
+    velocity = fit.velocities
+    if not at_data:
+        force = np.geomspace(fit.force.min(), fit.force.max(), _FORCES)
+        velocity = fit.velocity_at(force)
+    # measured velocities do not determine the overlap of a simulation
     choice = fit.choice.stand_in
     loads = [load for load in _LOADS[1:] if load != "overlap" or choice == fit.choice]
 
-    def make(force: Array, velocity: Array, points: bool, **more: Array) -> Dataset:
+    def make(force: Array, points: bool, **velocities: Array) -> Dataset:
         state = choice.of(fit.packing).at_force(force, finite_overlap=finite)
-        values = (
-            {load: np.asarray(getattr(state, load), float) for load in loads}
-            | {branch: velocity}
-            | more
-        )
-        return tabulate(
-            fit.packing,
-            fit.medium,
-            force,
-            values,
-            {"finite_overlap": int(finite), "points": int(points)},
-        )
+        values = {load: np.asarray(getattr(state, load), float) for load in loads} | velocities
+        attributes = {"finite_overlap": int(finite), "points": int(points)}
+        return tabulate(fit.packing, fit.medium, force, values, attributes)
 
-    velocity = fit.velocities if several else fit.velocity_at(force)
     facts = {"spread": f"fitted W = {write_width(fit)}"} if "width" in fit.parameters else {}
-    if frequency is not None:
-        facts["waves"] = "pulses" if several else f"pulses of {write_value(float(frequency), 'Hz')}"
-    measured = make(fit.force, fit.velocity, True, **{f"{branch}_error": fit.sigma})
-    return Run(name, make(force, velocity, several), named=named, measured=measured, facts=facts)
+    if at_data:
+        facts["waves"] = "pulses"
+    elif frequency is not None:
+        facts["waves"] = f"pulses of {write_value(float(frequency), 'Hz')}"
+    measured = make(fit.force, True, **{branch: fit.velocity, f"{branch}_error": fit.sigma})
+    curve = make(force, at_data, **{branch: velocity})
+    return Run(name, curve, named=named, measured=measured, facts=facts)
 
 
 def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str, str]:
-    """Return the load and the quantity that are drawn; ``x`` and ``y`` are what is asked for.
+    """Return the load and the quantity of the axes; ``x`` and ``y`` are the requested ones.
 
     Raises :class:`~granphon.base.errors.InputError` if there is no such load or quantity, or a run
     does not hold it.
     """
-    if spectra := [run for run in runs if not run.quantities]:
-        other = next((run for run in runs if run.quantities), None)
-        what = (
-            f"{_list(spectra)} {'holds' if len(spectra) == 1 else 'hold'} {spectra[0].what} and"
-            f" no velocities"
-        )
-        why = (
-            f"{other.name} is {other.what}: they cannot share an axis"
-            if other
-            else "There is nothing over a load"
-        )
-        raise InputError(what, why, "Draw them in figures of their own")
-    common = [one for one in runs[0].quantities if all(one in run.quantities for run in runs)]
-    if x is None:
-        loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
-        load = loads.pop() if len(loads) == 1 else "force"
-    else:
-        load = x.strip()
-        if not (
-            turned := all(run.dataset is not None and load in run.dataset.coords for run in runs)
-        ):
-            load = load.lower().replace(" ", "_")
-        if load not in _LOADS and not turned:
-            data = runs[0].dataset
-            own = (
-                []
-                if data is None
-                else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
-            )
-            raise InputError(f"{x!r} is no load", mend=suggest(load, (*_LOADS, *own)))
-        if without := [run for run in runs if load not in run.quantities]:
-            what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"
-            held = ", ".join(one for one in _LOADS if one in common) or "figures of their own"
-            raise InputError(what, "The runs cannot share that axis", f"Use {held}")
+    spectra = [run for run in runs if not run.quantities]
+    if spectra:
+        problem = f"{_join_names(spectra, 'holds', 'hold')} {spectra[0].words} and no velocities"
+        other_run = next((run for run in runs if run.quantities), None)
+        why = "There is nothing over a load"
+        if other_run:
+            why = f"{other_run.name} is {other_run.words}: they cannot share an axis"
+        raise InputError(problem, why, "Draw them in figures of their own")
+    common = [name for name in runs[0].quantities if all(name in run.quantities for run in runs)]
+    load = _choose_load(runs, common, x)
     if y is None:
-        usual = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
-        if (first := next((name for name in usual if name in common), None)) is not None:
-            return load, first
-        each = ", ".join(f"{run.name} {run.what}" for run in runs)
-        first = next(
-            (one for one in common if one not in _LOADS and not one.endswith("_error")), None
-        )
-        mend = (
-            f"Name a quantity that all hold, as --y {first} (y={first!r})"
-            if first
-            else "Draw each by itself"
-        )
-        what = f"{_list(runs)} cannot share an axis: no velocity is in all"
-        what = what if len(runs) > 1 else f"{runs[0].name} has no velocity"
-        raise InputError(what, f"Found {each}", mend)
+        return load, _choose_velocity(runs, common)
     name = y.strip().lower().replace(" ", "_")
-    if without := [run for run in runs if name not in run.quantities]:
-        if name not in CATALOGUE and (meant := closest(name, common)):
-            raise InputError(f"there is no variable {y!r}", mend=f"Did you mean {meant}?")
-        what = f"{_list(without)} {'holds' if len(without) == 1 else 'hold'} no {name}"
+    without = [run for run in runs if name not in run.quantities]
+    if without:
+        closest_name = closest(name, common)
+        if name not in CATALOGUE and closest_name:
+            raise InputError(f"there is no variable {y!r}", mend=f"Did you mean {closest_name}?")
+        problem = f"{_join_names(without, 'holds', 'hold')} no {name}"
         why = f"All runs hold {', '.join(common)}" if common else "No quantity is in all runs"
-        raise InputError(what, why, "Draw another quantity, or leave these runs out")
+        raise InputError(problem, why, "Draw another quantity, or leave these runs out")
     return load, name
 
 
-def _list(runs: Sequence[Run]) -> str:
-    return " and ".join(", ".join(run.name for run in runs).rsplit(", ", 1))
+def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> str:
+    """Return the load ``x``, or a parameter in numbers, by default the load of all runs, else the
+    force; InputError if a run does not hold ``x``.
+    """
+    if x is None:
+        loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
+        return loads.pop() if len(loads) == 1 else "force"
+    load = x.strip()
+    is_parameter = all(run.dataset is not None and load in run.dataset.coords for run in runs)
+    if not is_parameter:
+        load = load.lower().replace(" ", "_")
+    if load not in _LOADS and not is_parameter:
+        dataset = runs[0].dataset
+        names = [] if dataset is None else list_parameters(dataset)
+        parameters = [
+            name for name in names if dataset is not None and dataset[name].dtype.kind in "fiu"
+        ]
+        raise InputError(f"{x!r} is no load", mend=suggest(load, (*_LOADS, *parameters)))
+    without = [run for run in runs if load not in run.quantities]
+    if without:
+        problem = f"{_join_names(without, 'has', 'have')} no {load}"
+        shared = ", ".join(name for name in _LOADS if name in common) or "figures of their own"
+        raise InputError(problem, "The runs cannot share that axis", f"Use {shared}")
+    return load
+
+
+def _choose_velocity(runs: Sequence[Run], common: Sequence[str]) -> str:
+    """Return the first usual velocity among the ``common`` quantities of runs; InputError without
+    any.
+    """
+    usual = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
+    velocity = next((name for name in usual if name in common), None)
+    if velocity is not None:
+        return velocity
+    problem = f"{_join_names(runs)} cannot share an axis: no velocity is in all"
+    if len(runs) == 1:
+        problem = f"{runs[0].name} has no velocity"
+    words = ", ".join(f"{run.name} {run.words}" for run in runs)
+    quantities = [name for name in common if name not in _LOADS and not name.endswith("_error")]
+    mend = "Draw each by itself"
+    if quantities:
+        first = quantities[0]
+        mend = f"Name a quantity that all hold, as --y {first} (y={first!r})"
+    raise InputError(problem, f"Found {words}", mend)
+
+
+def _join_names(runs: Sequence[Run], verb: str = "", verb_of_several: str = "") -> str:
+    """Return the names of runs, and a verb for a single run or for several."""
+    names = " and ".join(", ".join(run.name for run in runs).rsplit(", ", 1))
+    return f"{names} {verb if len(runs) == 1 else verb_of_several}".rstrip()
 
 
 def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") -> float:
-    """Return the load ``x`` over the contact force; :class:`InputError` if it is not one number for
-    all runs.
+    """Return the load ``x`` over the contact force; :class:`InputError` if the ratio is not one
+    number for all runs.
     """
     if x == "force":
         return 1.0
-    datasets = [
-        run.dataset
-        for run in runs
-        if run.dataset is not None and x in run.dataset and x != "overlap"
-    ]
-    ratios = np.concatenate(
-        [np.zeros(0), *(np.ravel(dataset[x] / dataset["force"]) for dataset in datasets)]
-    )
-    if (
-        not ratios.size
-        or not np.all(np.isfinite(ratios))
-        or np.ptp(ratios) > 1e-9 * np.max(np.abs(ratios))
-    ):
+    ratios = [np.zeros(0)]
+    for run in runs:
+        if run.dataset is not None and x in run.dataset and x != "overlap":
+            ratios.append(np.ravel(run.dataset[x] / run.dataset["force"]))
+    values = np.concatenate(ratios)
+    is_known = values.size > 0 and np.all(np.isfinite(values))
+    if not is_known or np.ptp(values) > 1e-9 * np.max(np.abs(values)):
         why = "It is not the same multiple of the contact force in all of them"
         why = "The overlap of balls was not measured" if x == "overlap" else why
         raise InputError(f"the {x} of measured points is not known from these runs", why, mend)
-    return float(np.median(ratios))
+    return float(np.median(values))
 
 
-def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
+def _read_points(points: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
+    """Return the curve of measured velocities, from a file or
+    :class:`~granphon.fits.measurements.Measurements`, over the load ``x``.
+    """
     entry = CATALOGUE.get(y)
     if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":
         raise InputError(
             f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal"
         )
     name = "measured"
-    if not isinstance(given, Measurements):
-        name = Path(given).stem
-        first = runs[0].dataset
-        unit = (
-            ""
-            if first is None or "pressure" not in first
-            else str(first["pressure"].attrs.get("units", ""))
-        )
+    if not isinstance(points, Measurements):
+        name = Path(points).stem
+        dataset = runs[0].dataset
+        unit = ""
+        if dataset is not None and "pressure" in dataset:
+            unit = str(dataset["pressure"].attrs.get("units", ""))
         frame = None if balls is None else partial(force_of_frame, balls_per_side=balls)
 
         def press(pressure: float) -> float:
             return pressure / _find_ratio(runs, "pressure", "Give the contact forces in the file")
 
-        given = Measurements.read(
-            given, frame=frame, pressed=press, periods={"N": 1, "N/m": 2, "Pa": 3}.get(unit, 2)
-        )
-    sigma = np.nan if given.sigma is None else given.sigma
+        periods = {"N": 1, "N/m": 2, "Pa": 3}.get(unit, 2)
+        points = Measurements.read(points, frame=frame, pressed=press, periods=periods)
     facts = {"run": name}
-    if given.frequency is not None:
-        frequency = np.unique(given.frequency)
-        facts["waves"] = (
-            f"pulses of {write_value(float(frequency[0]), 'Hz')}"
-            if frequency.size == 1
-            else "pulses"
-        )
-    across = _find_ratio(runs, x) * given.force
-    spread = np.broadcast_to(np.asarray(sigma, float), across.shape)
-    every = np.ones(across.shape, bool)
-    return Curve(name, facts, across, given.velocity, spread, every, every, measured=True).sorted()
+    if points.frequency is not None:
+        frequency = np.unique(points.frequency)
+        facts["waves"] = "pulses"
+        if frequency.size == 1:
+            facts["waves"] = f"pulses of {write_value(float(frequency[0]), 'Hz')}"
+    loads = _find_ratio(runs, x) * points.force
+    sigma = np.nan if points.sigma is None else points.sigma
+    errors = np.broadcast_to(np.asarray(sigma, float), loads.shape)
+    everywhere = np.ones(loads.shape, bool)
+    curve = Curve(
+        name, facts, loads, points.velocity, errors, everywhere, everywhere, measured=True
+    )
+    return curve.sorted()
 
 
 # -- curves ----------------------------------------------------------------------------------------
 
 
 def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return for each curve the heading that it stands under, empty for most, and its own label;
-    and what all curves share.
+    """Return the heading and the label of each curve, and the facts that all curves share.
 
-    What the curves of one run share is their heading. A run of one curve stands under that of
-    another run if it shares it.
+    The facts that the curves of a run share are their heading. A run of one curve stands under the
+    heading of another run if the run shares its facts; most curves have an empty heading.
     """
     differing, common = find_differing([curve.facts for curve in curves])
     if len(curves) == 1:
-        own = curves[0].facts.get("medium", curves[0].run)
-        return [("", own)], [text for text in common if text != own]
-    own_kinds = list[list[str]]()
-    shared_kinds = list[list[str]]()
+        label = curves[0].facts.get("medium", curves[0].run)
+        return [("", label)], [text for text in common if text != label]
+    label_kinds = list[list[str]]()
+    heading_kinds = list[list[str]]()
     for curve in curves:
-        alike = [one.facts for one in curves if one.run == curve.run]
+        facts_of_run = [other.facts for other in curves if other.run == curve.run]
         kinds = [kind for kind in differing if kind in curve.facts]
-        same = [kind for kind in kinds if len({one.get(kind) for one in alike}) == 1]
-        if "name" in same:  # it stands for all that is the same in the run
+        same = [kind for kind in kinds if len({facts.get(kind) for facts in facts_of_run}) == 1]
+        if "name" in same:  # the name stands for all that is the same in the run
             kinds = [kind for kind in kinds if kind == "name" or kind not in same]
             same = ["name"]
-        own_kinds.append(kinds)
-        shared_kinds.append(same if len(alike) > 1 else [])
+        label_kinds.append(kinds)
+        heading_kinds.append(same if len(facts_of_run) > 1 else [])
     labels = []
-    for curve, kinds, shared in zip(curves, own_kinds, shared_kinds, strict=True):
-        others = (
-            other
-            for one, other in zip(curves, shared_kinds, strict=True)
-            if other
-            and set(other) < set(kinds)
-            and all(one.facts[kind] == curve.facts[kind] for kind in other)
-        )
-        above = shared or next(others, [])
+    for curve, kinds, headed in zip(curves, label_kinds, heading_kinds, strict=True):
+        above = headed or _find_heading(curve, kinds, curves, heading_kinds)
         heading = join_facts([curve.facts[kind] for kind in above], _LETTERS)
-        label = join_facts(
-            [curve.facts[kind] for kind in kinds if kind not in above] or [curve.run], _LETTERS
-        )
+        facts = [curve.facts[kind] for kind in kinds if kind not in above]
+        label = join_facts(facts or [curve.run], _LETTERS)
         labels.append((f"{heading}:" if heading else "", label))
     return labels, common
 
 
-def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
-    models = list[Curve]()
-    single = set[int]()
-    for curve in (one for one in found if not one.measured):
-        alike = [
-            n
-            for n, other in enumerate(models)
-            if other.facts == curve.facts and other.units == curve.units
-        ]
-        alike = [n for n in alike if curve.x.size == 1 and n in single]
-        if alike:
-            other = models[alike[0]]
-            parts: dict[str, Any] = {
-                name: np.concatenate([getattr(other, name), getattr(curve, name)])
-                for name in ("x", "y", "error", "valid", "simulated")
-            }
-            names = f"{other.run}, {curve.run}"
-            served = other.served + curve.served
-            models[alike[0]] = replace(other, run=names, served=served, **parts).sorted()
-        else:
-            single |= {len(models)} if curve.x.size == 1 else set()
-            models.append(curve)
-    # curves that are the same get the names of their runs
-    double = [curve for curve in models if sum(other.facts == curve.facts for other in models) > 1]
-    models = [
-        replace(one, facts={"run": one.run} | one.facts) if one in double else one for one in models
-    ]
-    points = [curve for curve in found if curve.measured] + measured
+def _find_heading(
+    curve: Curve,
+    kinds: Sequence[str],
+    curves: Sequence[Curve],
+    heading_kinds: Sequence[Sequence[str]],
+) -> Sequence[str]:
+    """Return the kinds of the heading of another run whose facts the ``curve`` with facts of these
+    ``kinds`` shares; empty without such a run.
+    """
+    for other, headed in zip(curves, heading_kinds, strict=True):
+        is_part = headed and set(headed) < set(kinds)
+        if is_part and all(other.facts[kind] == curve.facts[kind] for kind in headed):
+            return headed
+    return []
+
+
+def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
+    """Draw curves of runs and measured points; return the data of the caption."""
+    models = _name_runs(_join_states([curve for curve in curves if not curve.measured]))
+    points = [curve for curve in curves if curve.measured] + measured
     if len(models) > MOST_LOOKS:
-        what = f"{len(models)} curves are too many to be told apart"
-        raise InputError(
-            what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure"
-        )
+        problem = f"{len(models)} curves are too many to be told apart"
+        why = f"Colours and dashes tell {MOST_LOOKS} apart"
+        raise InputError(problem, why, "Draw fewer runs in one figure")
     labels, common = _write_legend(models)
-    # entries below a heading come last, so that none that does not belong there stands there
+    # entries below a heading come last, so that no other entry stands below a heading
     groups: dict[str, list[Line2D]] = {"": []}
     for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
         draw_curve(ax, curve, look, y)
-        groups.setdefault(heading, []).append(
-            _make_handle(look, label, curve.as_points and not curve.served)
-        )
+        is_points = curve.as_points and not curve.served
+        groups.setdefault(heading, []).append(_make_handle(look, label, is_points))
     handles = groups.pop("")
-    headed = [
-        one
-        for text, group in groups.items()
-        for one in (Line2D([], [], linestyle="none", label=text), *group)
-    ]
+    headed = list[Line2D]()
+    for heading, group in groups.items():
+        headed += [Line2D([], [], linestyle="none", label=heading), *group]
     for n, curve in enumerate(points):
-        told = [
-            "data",
-            *[curve.run] * (len(points) > 1),
-            *([curve.facts["waves"]] if "waves" in curve.facts else []),
-        ]
+        words = ["data"]
+        if len(points) > 1:
+            words.append(curve.run)
+        if "waves" in curve.facts:
+            words.append(curve.facts["waves"])
         style: dict[str, Any] = {
             "marker": _DATA_MARKS[n % len(_DATA_MARKS)],
             "markersize": 2.6,
             "linestyle": "none",
+            "color": "black",
         }
-        style |= {"color": "black"}
         error = None if np.all(np.isnan(curve.error)) else curve.error
         ax.errorbar(
             curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", zorder=3.0, **style
         )
-        handles.append(Line2D([], [], label=join_facts(told, _LETTERS), **style))
+        handles.append(Line2D([], [], label=join_facts(words, _LETTERS), **style))
     handles += _make_remarks(models) + headed
     label_axes(ax, [*models, *points], x, y)
     return handles, common
+
+
+def _join_states(curves: Sequence[Curve]) -> list[Curve]:
+    """Return curves, in which single states that differ in their load alone are one curve."""
+    joined = list[Curve]()
+    singles = set[int]()  # numbers of curves that are made of single states
+    for curve in curves:
+        is_single = curve.x.size == 1
+        like = [
+            n
+            for n in sorted(singles)
+            if joined[n].facts == curve.facts and joined[n].units == curve.units
+        ]
+        if is_single and like:
+            joined[like[0]] = joined[like[0]].join(curve)
+            continue
+        if is_single:
+            singles.add(len(joined))
+        joined.append(curve)
+    return joined
+
+
+def _name_runs(curves: Sequence[Curve]) -> list[Curve]:
+    """Return curves, in which curves with the same facts have the names of their runs too."""
+    facts = [curve.facts for curve in curves]
+    return [
+        replace(curve, facts={"run": curve.run} | curve.facts)
+        if facts.count(curve.facts) > 1
+        else curve
+        for curve in curves
+    ]
 
 
 # -- bands, and densities of states ----------------------------------------------------------------
@@ -1355,40 +1358,41 @@ def _draw_spectra(
     runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]
 ) -> _Drawn:
     """Draw the lines of each run, each in one look; their group ids begin with ``name``."""
-    facts = []
-    for run in runs:
-        told = {"name": run.name} if run.named else {}
-        if run.dataset is not None:
-            kind = find_load(run.dataset)
-            load = run.dataset[kind]
-            (facts_of_state, _), *_ = describe_lines(run.dataset, "force")
-            value = write_value(float(load.values[0]), load.attrs.get("units", ""))
-            told |= facts_of_state | {"load": f"{kind} {value}"}
-        facts.append(told)
-    # what one run does not tell of itself is no difference between it and the others
-    known = all(facts)
+    facts = [_describe_state(run) for run in runs]
+    # a run without facts of its own cannot be said to differ from the others
+    all_described = all(facts)
     facts = [
-        one if known and facts.count(one) == 1 else {"run": run.name} | (one if known else {})
-        for run, one in zip(runs, facts, strict=True)
+        facts_of_run
+        if all_described and facts.count(facts_of_run) == 1
+        else {"run": run.name} | (facts_of_run if all_described else {})
+        for run, facts_of_run in zip(runs, facts, strict=True)
     ]
     differing, common = find_differing(facts)
-    labels = [
-        join_facts(
-            [one["name"]]
-            if "name" in one
-            else [one[k] for k in differing if k in one] or [run.name],
-            _LETTERS,
-        )
-        for run, one in zip(runs, facts, strict=True)
-    ]
+    labels = []
+    for run, facts_of_run in zip(runs, facts, strict=True):
+        words = [facts_of_run[kind] for kind in differing if kind in facts_of_run] or [run.name]
+        if "name" in facts_of_run:
+            words = [facts_of_run["name"]]
+        labels.append(join_facts(words, _LETTERS))
     handles = []
-    for n, (parts, look, label) in enumerate(
-        zip(lines, make_looks(len(runs)), labels, strict=True)
-    ):
-        dashes: dict[str, Any] = {"dashes": look.dashes} if look.dashes else {}
-        for x, y in parts:
-            ax.plot(x, y, gid=f"{name}-{n}", color=look.colour, linewidth=look.width, **dashes)
-        handles.append(
-            Line2D([], [], label=label, color=look.colour, linewidth=look.width, **dashes)
-        )
+    looks = make_looks(len(runs))
+    for n, (lines_of_run, look, label) in enumerate(zip(lines, looks, labels, strict=True)):
+        style: dict[str, Any] = {"color": look.colour, "linewidth": look.width}
+        if look.dashes:
+            style |= {"dashes": look.dashes}
+        for x, y in lines_of_run:
+            ax.plot(x, y, gid=f"{name}-{n}", **style)
+        handles.append(Line2D([], [], label=label, **style))
     return handles, common if len(runs) > 1 else []
+
+
+def _describe_state(run: Run) -> dict[str, str]:
+    """Return the facts of a run of one state, in words by kind."""
+    facts = {"name": run.name} if run.named else {}
+    if run.dataset is None:
+        return facts
+    kind = find_load(run.dataset)
+    load = run.dataset[kind]
+    (facts_of_state, _), *_ = describe_lines(run.dataset, "force")
+    value = write_value(float(load.values[0]), load.attrs.get("units", ""))
+    return facts | facts_of_state | {"load": f"{kind} {value}"}
