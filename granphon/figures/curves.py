@@ -1358,15 +1358,16 @@ def _draw_spectra(
     runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]
 ) -> _Drawn:
     """Draw the lines of each run, each in one look; their group ids begin with ``name``."""
-    facts = [_describe_state(run) for run in runs]
-    # a run without facts of its own cannot be said to differ from the others
-    all_described = all(facts)
-    facts = [
-        facts_of_run
-        if all_described and facts.count(facts_of_run) == 1
-        else {"run": run.name} | (facts_of_run if all_described else {})
-        for run, facts_of_run in zip(runs, facts, strict=True)
-    ]
+    known_facts = [_describe_state(run) for run in runs]
+    facts = []
+    for run, facts_of_run in zip(runs, known_facts, strict=True):
+        if not all(known_facts):
+            # a run without facts does not differ from the others by its facts
+            facts.append({"run": run.name})
+        elif known_facts.count(facts_of_run) > 1:
+            facts.append({"run": run.name} | facts_of_run)
+        else:
+            facts.append(facts_of_run)
     differing, common = find_differing(facts)
     labels = []
     for run, facts_of_run in zip(runs, facts, strict=True):
