@@ -447,7 +447,7 @@ def test_lines_of_a_legend_break_between_facts():
 
 def test_an_automatic_medium_shows_which_medium_served(ax):
     data = gp.sweep(balls(), force=[3.0, 10.0, 200.0], media={"auto": {"tolerance": 0.02}})
-    served = [str(choice).partition("(")[0] for choice in data["choice"].values[:, 0]]
+    served = [str(label).partition("(")[0] for label in data["choice"].values[:, 0]]
     assert len(set(served)) > 1
     plot_sweep(data, ax)
     for name in set(served):
