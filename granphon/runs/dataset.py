@@ -1,5 +1,5 @@
-"""The data set of a sweep: its frame, which says what is computed, the results of the cases in
-their places, and its files.
+"""The data set of a sweep: its frame, which says what is computed, the results of the cases in it,
+and its files.
 
 The files are netCDF for programs, which is read back, and a table for spreadsheets.
 
@@ -83,7 +83,7 @@ Array = NDArray[Any]
 _WAVE_COSTS = ("pulse", "spectrum", "dos", "surface", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
-#: dimensions of tables of waves besides those of states, by the name of the file
+#: dimensions of tables of waves besides the dimensions of states, by the stem of the file
 _TABLE_DIMS = {
     "sweep_dos": ("node",),
     "sweep_spectra": ("polarisation", "wavevector"),
@@ -180,7 +180,7 @@ class SweepRun:
         """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
         frame = make_frame(grid)
         for case in grid.cases if grid.request.sound else ():
-            # an array is not the lattice, and has its own forces
+            # an array has its own forces, which are not those of the lattice
             finite_overlap = grid.request.finite_overlap and not case.medium.is_exact
             try:
                 case.medium.of(case.packing).require_sound(finite_overlap)
@@ -344,7 +344,7 @@ def _frame_states(grid: Grid) -> dict[str, Any]:
     load = grid.load
     packing = grid.cases[0].packing
     load_attributes = _list_attributes(load.kind, load.array, packing)
-    if load.kind == "pressure":  # of what was cut it acts on the faces too
+    if load.kind == "pressure":  # the pressure of a cut crystal acts on the faces too
         structure = packing.structure
         load_attributes["units"] = find_load_unit(
             "pressure", structure.periods, structure.pressed_axes
@@ -583,7 +583,7 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
     For each result, a sentence says which are nan and why; the sentence is empty if none is, and
     for a mechanism, which has its own warning. Bulk and shear moduli and the anisotropy are left
     out if one of the lattices has a tensor without them. If no modulus is left out the tensor is.
-    The standard error of what is left out is left out with it.
+    A variable is left out with its standard error.
     """
     examples = {
         name: value
@@ -614,7 +614,7 @@ def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskRe
         reasons = list[str]()
         if "pressure" in nans:
             reasons.append("pressure is nan, as the stress of the lattice is not one")
-        # of waves in arrays a case has its own notes
+        # a case has its own notes on waves in arrays
         lacking = [name for name in nans if name != "pressure" and _is_of_sound(name)]
         if lacking and any(map(_is_of_sound, result)):
             are, waves = ("is", "wave") if len(lacking) == 1 else ("are", "waves")

@@ -34,8 +34,8 @@ from granphon.runs.workers import (
 
 #: time after which a worker begins nothing more of a call, s
 CALL_SECONDS = 0.1
-#: number of workers that are lost with a task before it counts as the reason; the last one has
-#: nothing else to do
+#: number of workers that are lost with a task before the task counts as the reason; the last worker
+#: has nothing else to do
 MOST_LOSSES = 3
 
 
@@ -81,8 +81,8 @@ def advance(
     package_versions: Mapping[str, str],
     added: Sequence[str] = (),
 ) -> list[Result]:
-    """Do, in a worker, the next step of each task after those in its entry, and return the results
-    of the first tasks.
+    """Do, in a worker, the next step of each task after the steps in its entry, and return the
+    results of the first tasks.
 
     Packages must have the ``package_versions`` of the process that began the work, and observables
     that were ``added`` must be known. After ``CALL_SECONDS`` nothing more is begun. An error of the
@@ -131,15 +131,15 @@ def solve_all(
         kept.
     tasks : the tasks; those whose results ``store`` holds are not done again, nor are steps that it
         holds.
-    executor : any executor with the interface of :class:`concurrent.futures.Executor`, that of a
-        dask client among them; None does one task after the other. It is not shut down.
+    executor : any executor with the interface of :class:`concurrent.futures.Executor`, such as that
+        of a dask client, which is not shut down; None does one task after the other.
     store : where each result is kept as soon as it is found.
 
-    An error of a task is raised as it is. A task whose worker is lost is done again; if that
-    happens to it thrice, or if the executor takes no more work then,
-    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption,
-    results that come within half a second are kept, and calls that have not begun by then are
-    cancelled.
+    An error of a task is raised as it is. A task whose worker is lost is done again; if three
+    workers are lost with a task, or if the executor takes no more work then,
+    :class:`~granphon.base.errors.GranphonError` names the task. After an error, and on an
+    interruption, results that come within half a second are kept, and calls that have not begun by
+    then are cancelled.
     """
     with closing(Store()) if store is None else nullcontext(store) as task_store:
         with progress.step(label, sum(task.steps for task in tasks)) as step:

@@ -40,8 +40,8 @@ _TABLE = "CREATE TABLE task (name TEXT, piece INTEGER, entry BLOB, PRIMARY KEY (
 _PIECE = 2**28
 #: name under which the identity of the work is kept, which no task has
 _IDENTITY = ""
-#: what the head of the file begins with, and its bytes from 68 and 60 on: the kind of file, and the
-#: version of its layout
+#: first bytes of the file, and its bytes from 68 and from 60 on: the kind of file, and the version
+#: of its layout
 _SQLITE = b"SQLite format 3\0"
 _KIND = b"gran"
 _VERSION = b"\0\0\0\1"
@@ -195,15 +195,15 @@ class Store:
         return bool(self._query("SELECT 1 FROM task WHERE name = ? LIMIT 1", name))
 
     def read(self, name: str) -> TaskResult | None:
-        """Return the result of the task of this name or of its first steps; None if there is none,
-        or it is damaged.
+        """Return the result of the task of this name or of its first steps; None for no result, or
+        a damaged one.
         """
         with suppress(Exception):  # whatever fails is in the file
             return decode(self._read(name))
         return None
 
     def _read(self, name: str) -> bytes:
-        """Return a sound entry; ValueError if there is none."""
+        """Return the entry of a name; ValueError if no entry is sound."""
         rows = self._query("SELECT entry FROM task WHERE name = ? ORDER BY piece", name)
         entry = b"".join(piece for (piece,) in rows)
         sealed = hashlib.sha256(memoryview(entry)[_HEAD:]).digest() == entry[:_HEAD]
@@ -407,8 +407,8 @@ def _is_empty(base: sqlite3.Connection) -> bool:
 
 
 def _find_differences(kept: Any, claimed: Any, where: str) -> Iterator[str]:
-    """Yield the differences of the identities of two works, of which one is ``kept`` there in the
-    store, and one is claimed here; ``where`` names the part of the identities.
+    """Yield the differences of two identities, in words: "there" is the identity ``kept`` in the
+    store, "here" the ``claimed`` one; ``where`` names the part of the identities.
     """
     if isinstance(kept, dict) and isinstance(claimed, dict):
         for key in kept | claimed:

@@ -8,7 +8,7 @@ are averaged are kept, and of a single state its balls too, for files and figure
 averages equal those of one simulation of all samples, to the last bit.
 
 A sample that is loaded with friction may not reach all loads of its path. Its task is then done as
-far as it goes: the result has the loads that were reached, and as marks the places of the others
+far as it goes: the result has the loads that were reached, and as marks the indices of the others
 and why the path ended. When all tasks are done, the run is an error, with the data set at the loads
 that all tasks have reached.
 """
@@ -61,8 +61,8 @@ LATTICE_BANDS = (
     " sweep_dos and sweep_spectra: "
     "observe [dos, spectrum]"
 )
-#: in a result: indices of the loads that were not reached, why the path ended, and the index of the
-#: load at which the path ended
+#: marks of a result: indices of the loads that were not reached, why the path ended, and the index
+#: of the load at which the path ended
 _MARKS = _MISSED, _WHY, _END = "path.missed", "path.why", "path.at"
 #: the marks of a path that did not end early
 _NONE = np.zeros(0)
@@ -76,9 +76,9 @@ _AVERAGED = (
     "contact_force_fluctuation",
     "elastic_tensor",
 )
-#: what the names of numbers of waves begin with in the result of a task
+#: prefix of the names of numbers of waves in the result of a task
 _WAVES = "waves."
-#: what the names of arrays of the balls begin with in the result of a task
+#: prefix of the names of arrays of the balls in the result of a task
 _BALLS = "balls."
 #: version of the format of a sweep, attribute "schema" of its file; files of another one are
 #: refused
@@ -188,8 +188,8 @@ class Case:
 
     @cached_property
     def media(self) -> list[MediumTask]:
-        """A task for each medium that serves loads; an error names the case, and the load if it is
-        known.
+        """A task for each medium that serves loads; an error names the case, and the load if the
+        load is known.
         """
         try:
             serving_media = [
@@ -520,17 +520,18 @@ class MediumTask(Task):
     def _locate(self, error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load.
 
-        It is ``error`` if its load is known, otherwise that of the first load which fails alone;
-        its ``load_index`` is the index of that load in the sweep. If no load fails alone, ``error``
-        is returned with the task only.
+        If the load of ``error`` is not known, the error of the first load that fails alone is
+        returned instead. The ``load_index`` is the index of the load in the sweep. If no load fails
+        alone, ``error`` is returned with the task only.
         """
         if self.request.alone:
             error.load_index = 0 if error.option is None else None
             return error
         periods = self.serving.packing.structure.periods
-        if error.option is not None:  # it is not about a load
+        if error.option is not None:  # the error is not about a load
             return _name_load(self.where, self.load, None, error, periods)
-        index = error.load_index  # an error of a simulation knows it: nothing is simulated again
+        # an error of a simulation knows its load, so that nothing is simulated again
+        index = error.load_index
         first_error = error
         for number in range(self.load.size) if index is None else ():
             try:
@@ -599,8 +600,8 @@ def _observe_bands(
 def _name_load(
     where: str, load: Load, index: int | None, error: GranphonError, periods: int
 ) -> GranphonError:
-    """Return ``error`` with the task, and the load number ``index`` if it is known, which it keeps,
-    before its message.
+    """Return ``error`` with the task before its message, and the load number ``index`` if it is
+    known; the error keeps this number.
     """
     if index is None:
         return error.restate(f"{where}: {error}")
@@ -613,12 +614,10 @@ def add_waves(
     out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]
 ) -> TaskResult:
     """Return ``out`` with the means over samples of the waves at the loads of a task, and notes on
-    what is not known.
+    observables that are not known.
 
-    A state without samples has one record at each load.
-
-    An observable that is not known at some of the loads is nan there; one that is known at none is
-    left out.
+    A state without samples has one record at each load. An observable is nan at a load at which it
+    is not known, and left out if it is known at no load.
     """
     # imported here: a sweep without waves does not need them
     from granphon.runs.wave_records import average_waves

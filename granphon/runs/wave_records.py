@@ -95,16 +95,16 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 Record = Mapping[str, Array]
-#: what the names of whole results begin with
+#: prefix of the names of whole results
 _WHOLE = "whole."
-#: numbers of a pulse that are averaged, and what a pulse calls them
+#: numbers of a pulse that are averaged, and their attributes of a pulse
 _PULSE = {
     "pulse_velocity": "velocity",
     "time_of_flight": "time_of_flight",
     "coherent_fraction": "coherent_fraction",
 }
-#: what is found of a motion, and over time, by the names of the catalogue; and what has standard
-#: errors over samples
+#: numbers of a motion, numbers over time, and numbers with standard errors over samples, by the
+#: names of the catalogue
 NUMBERS = (
     "front_velocity",
     "peak_velocity",
@@ -138,7 +138,7 @@ def require_waves(
     Each array of up to ``most`` balls is looked at as one of equal balls at the same mean force,
     which takes no simulation: the wave vectors of its cell, the motions of its balls, the path of
     the pulse and the time for which a pulse may be heard. What depends on the load is refused if it
-    fails at the least and at the greatest load.
+    fails at the least load and at the greatest.
     """
     if settings.spectrum is None and settings.pulse is None:
         return
@@ -170,8 +170,8 @@ def require_waves(
 def _require_spectrum(
     network: ContactNetwork, packing: Packing, spectrum: SpectrumSettings, path: Any
 ) -> None:
-    """Raise if a network, of equal balls in the place of those of a ``packing``, has not the wave
-    vectors of a ``path``, the resolution or the polarisations of a spectrum.
+    """Raise if a network of equal balls, which stands for the array of a ``packing``, has not the
+    wave vectors of a ``path``, the resolution or the polarisations of a spectrum.
     """
     points = find_path_points(
         network, ideal_lattice(packing), packing.diameter, path, spectrum.points
@@ -409,7 +409,8 @@ def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> Non
     """Return the balls of a ``network``, made of the state, sample or network ``x``, with the law
     of its contacts.
     """
-    from granphon.waves.nonlinear import NonlinearWaves  # imported here: other tasks do not need it
+    # imported here: other tasks do not need nonlinear waves
+    from granphon.waves.nonlinear import NonlinearWaves
 
     state = x.source if isinstance(x, NetworkState) else x
     law = state.crystal if isinstance(state, CrystalState) else None
@@ -420,10 +421,10 @@ def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> Non
 
 
 class PreparedMotion:
-    """The balls of a state, or of a network, that move, and what drives them.
+    """The balls of a state, or of a network, that move, and the drives that move them.
 
-    Raises :class:`~granphon.base.errors.InputError` for what is known to be wrong before anything
-    moves.
+    Raises :class:`~granphon.base.errors.InputError` for settings that are known to be wrong before
+    anything moves.
 
     Attributes
     ----------
@@ -434,7 +435,8 @@ class PreparedMotion:
     """
 
     def __init__(self, x: Any, settings: MotionSettings) -> None:
-        from granphon.waves.nonlinear import Drive  # imported here: other tasks do not need it
+        # imported here: other tasks do not need nonlinear waves
+        from granphon.waves.nonlinear import Drive
 
         network = settings.shape(given_network(x))
         self.settings = settings
@@ -476,10 +478,12 @@ class PreparedMotion:
             problem = f"a shaker has the frequency {frequency:.4g} Hz, and steps have {step:.3g} s"
             why = f"A period would have fewer than {_PER_PERIOD} steps"
             raise InputError(problem, why, "Give a shorter step")
-        lost = max((table.lost(step, settings.duration) for table in tables if table), default=0.0)
-        if lost > _MOST_LOST:
+        lost_fraction = max(
+            (table.lost(step, settings.duration) for table in tables if table), default=0.0
+        )
+        if lost_fraction > _MOST_LOST:
             problem = (
-                f"{100.0 * lost:.3g} % of the table of a drive are lost between steps of"
+                f"{100.0 * lost_fraction:.3g} % of the table of a drive are lost between steps of"
                 f" {step:.3g} s"
             )
             raise InputError(problem, mend="Give a shorter step")
@@ -544,7 +548,7 @@ class Passage(NamedTuple):
 
     @classmethod
     def of(cls, motion: Motion, source: Index) -> Self:
-        """Find what passes the contacts of a motion from the balls ``source``."""
+        """Find the wave that passes the contacts of a motion from the balls ``source``."""
         network = motion.network
         shifts = [[-1, 0, 1] if periodic else [0] for periodic in network.pbc]
         cells = np.array(list(product(*shifts)))

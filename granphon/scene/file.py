@@ -1,8 +1,8 @@
-"""The scene file: its keys in one table, by which it is read, checked and written, and the place of
-every error in it.
+"""The scene file: its keys in one table, by which a file is read, checked and written, and the key
+at which each error stands.
 
 The page of the reference is made of the same table. Defaults of keys that a file leaves out are
-those of the classes of which a scene is made.
+the defaults of the classes of which a scene is made.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def _wave_field(key: str, words: str, default: str, kind: Kind | None = None) ->
 
 
 def _network_fields(name: str) -> tuple[Field, Field]:
-    """Return the fields of a block about the network of a state that say how it is repeated and
-    cut.
+    """Return the fields of a block about the network of a state that say how the network is
+    repeated and cut.
     """
     return (
         _wave_field(
@@ -522,7 +522,7 @@ FIELDS: tuple[Field, ...] = (
     ),
 )
 
-#: the fields of each block by their keys; those at the top level stand alone under their own key
+#: the fields of each block by their keys; a field at the top level stands alone under its own key
 _BLOCKS: dict[str, dict[str, Field]] = {}
 for _field in FIELDS:
     _BLOCKS.setdefault(_field.key.partition(".")[0], {})[_field.key.partition(".")[2]] = _field
@@ -530,7 +530,7 @@ for _field in FIELDS:
 _NEEDED_BLOCKS = ("material", "packing", "load")
 #: the blocks of a scene with balls of several kinds, which stand in place of the first two
 _CRYSTAL_BLOCKS = ("balls", "crystal")
-#: what a block "load" must hold, in words for messages; and that of a crystal
+#: content of a block "load" of a packing, and of a crystal, in words for messages
 _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 _ONE_LOAD_OF_CRYSTAL = (
     "exactly one of force, pressure, overlap, stress, strain; with gravity none of them is needed"
@@ -541,7 +541,7 @@ _ONE_LOAD_OF_CRYSTAL = (
 
 
 def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
-    """Return what the file of a scene holds, with every default written out, as plain data."""
+    """Return the blocks of the file of a scene, with every default written out, as plain data."""
     out: dict[str, Any] = {}
     absent_blocks = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
     for name, fields in _BLOCKS.items():
@@ -564,7 +564,7 @@ def scene_rule(attribute: str, context: Context) -> Any:
 
 
 def write_preset(name: str) -> str:
-    """Return the text of a scene of the package, in which the words of each key stand where it
+    """Return the text of a scene of the package, in which the words of each key stand where the key
     comes first.
     """
     text = (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8")
@@ -714,7 +714,7 @@ def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any
             "Each site has its kind.",
             ("crystal", "kinds"),
         )
-    # as the table has it, the kinds in turn are the attribute "order"
+    # by the table the key "kinds" is the attribute "order"
     attributes = {
         key: field.attribute.rpartition(".")[2] for key, field in _BLOCKS["crystal"].items()
     }
@@ -817,7 +817,7 @@ def _find_lattice(data: Any) -> Lattice:
 # -- the file of a scene ---------------------------------------------------------------------------
 
 
-#: ordinary values of what the scales of a ball are made of, Pa, kg/m^3 and m
+#: ordinary values of the quantities of which the scales of a ball are made, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: the blocks of a scene file about waves, with their classes
 _WAVES: dict[str, Any] = {
@@ -835,9 +835,9 @@ class SceneSource:
     made in Python.
 
     A document that was read from a text has no path. The context managers turn errors of the
-    library into :class:`~granphon.base.errors.SceneError`, which names file, line and key, and so
-    do those of a computation that fails, as :class:`~granphon.base.errors.ConvergenceError`;
-    without a document errors pass unchanged.
+    library into :class:`~granphon.base.errors.SceneError`, which names file, line and key. An error
+    of a computation that fails stays a :class:`~granphon.base.errors.ConvergenceError`, and names
+    them too. Without a document errors pass unchanged.
     """
 
     document: Document | None = None
@@ -872,9 +872,9 @@ class SceneSource:
     # -- places in the file ------------------------------------------------------------------------
 
     @contextmanager
-    def at(self, *path: str | int, before: str = "") -> Iterator[None]:
+    def at(self, *path: str | int, prefix: str = "") -> Iterator[None]:
         """Place errors of the block at the key ``path``, else at the key that a rule refused, with
-        ``before`` in front.
+        ``prefix`` in front.
         """
         try:
             yield
@@ -885,14 +885,14 @@ class SceneSource:
             block_of_error = getattr(error, "block", None)
             if block_of_error is not None:  # the error knows better
                 key_path = block_of_error
-                before = ""
+                prefix = ""
             option = getattr(error, "option", None)
             if option is not None:
                 key_path, found = self._find_option(option)
-                # as it turned out
+                # the load of a history must be one that its start bears
                 allowed = {"start": "a load that the balls bear without friction, or gas"}
-                before = f"found {found}; allowed: {allowed[option]}; "
-            placed: GranphonError = self.document.error(key_path, f"{before}{error}")
+                prefix = f"found {found}; allowed: {allowed[option]}; "
+            placed: GranphonError = self.document.error(key_path, f"{prefix}{error}")
             if isinstance(error, ConvergenceError):
                 # the scene is not wrong, the computation has failed
                 placed = ConvergenceError(str(placed))
@@ -925,24 +925,24 @@ class SceneSource:
             with self.at(
                 "packing",
                 "finite_overlap",
-                before="found true; allowed: false where the lattice buckles; ",
+                prefix="found true; allowed: false where the lattice buckles; ",
             ):
                 raise
 
     def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:
-        """Place errors of the block at the key of the medium ``label``; ``allowed`` says what may
-        stand there.
+        """Place errors of the block at the key of the medium ``label``; ``allowed`` are words for
+        the values of that key.
         """
         by_default = self.document is not None and "medium" not in self.document.data
         return self.at(
-            "medium", before=f"found {label!r}{', the default' * by_default}; allowed: {allowed}; "
+            "medium", prefix=f"found {label!r}{', the default' * by_default}; allowed: {allowed}; "
         )
 
     def at_index(
-        self, block: str, key: str, index: int, before: str = ""
+        self, block: str, key: str, index: int, prefix: str = ""
     ) -> AbstractContextManager[None]:
         """Place errors of the block at a value of a load, or of a parameter of the sweep, with
-        ``before`` in front.
+        ``prefix`` in front.
 
         The key holds one value, a list, or a range. Of a range, the place is "from" for the first
         value and "to" for the last; a value between them has no key of its own, and its place is
@@ -951,8 +951,8 @@ class SceneSource:
         if self.document is None:
             return self.at()
         if block == "load":
-            # the values of a tensor are those by which it is multiplied; gravity may be the only
-            # load
+            # the values of a tensor are the factors by which it is multiplied; gravity may be the
+            # only load
             key = "times" if key in TENSORS and "times" in self.document.data[block] else key
             key = key if key in self.document.data[block] else "gravity"
         values = self.document.data[block][key]
@@ -975,7 +975,7 @@ class SceneSource:
             if block == "load"
             else "a value that the packing can have"
         )
-        return self.at(*path, before=f"found {found}; allowed: {allowed}; {before}")
+        return self.at(*path, prefix=f"found {found}; allowed: {allowed}; {prefix}")
 
     # -- what a scene is made of -------------------------------------------------------------------
 
@@ -1037,12 +1037,12 @@ class SceneSource:
         refusal = (
             f"found {show(data[block_name][key])}; allowed: a ball that double precision can hold; "
         )
-        with self.at(block_name, key, before=refusal):
+        with self.at(block_name, key, prefix=refusal):
             names = [name for name in ("diameter", "lattice", "friction") if name in values]
             material = Material(**blocks["material"])
             packing = Packing(material, **{name: values[name] for name in names})
-        # what motions there may be, and what resists them, depends on the dimension of the lattices
-        # of a sweep
+        # the motions that balls may have, and the stiffnesses that resist them, depend on the
+        # dimension of the lattices of a sweep
         lattices = dict(blocks.get("sweep", ())).get("lattice", ())
         if choose_lattice(packing.structure, lattices) != packing.structure:
             packing = replace(packing, lattice=lattices[0])
@@ -1053,12 +1053,12 @@ class SceneSource:
             if name == "motions":
                 allowed = "motions of this lattice"
             refusal = f"found {show(data['packing'][name])}; allowed: {allowed}; "
-            with self.at("packing", name, before=refusal):
+            with self.at("packing", name, prefix=refusal):
                 packing = replace(packing, **{name: values[name]})
         if "spread" in values:
             ((kind, value),) = data["packing"]["spread"].items()
             allowed = "diameters about the packing's, all above zero"
             refusal = f"found {show(value)}; allowed: {allowed}; "
-            with self.at("packing", "spread", kind, before=refusal):
+            with self.at("packing", "spread", kind, prefix=refusal):
                 packing = replace(packing, spread=values["spread"])
         return packing

@@ -1,5 +1,5 @@
-"""The plan of a scene: what it asks for, checked, its cases, the media that serve the loads, and
-memory and time.
+"""The plan of a scene: its values, checked, its cases, the media that serve the loads, and memory
+and time.
 
 Reading, checking, running and estimating the cost all use the plan of a scene, so that nothing is
 computed twice.
@@ -62,18 +62,17 @@ if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
 
 
-#: what a spectrum is by default
+#: the settings of a spectrum by default
 _SPECTRUM = SpectrumSettings()
 #: attributes of a scene that are checked by the rules of their keys in a file
 _CHECKED = ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction")
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and
 #: its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
-#: greatest number of cases that are all checked; if there are more, only those at the ends of the
-#: axes are
+#: greatest number of cases that are all checked; of more cases, only the ends of the axes are
 MOST_CASES = 100
-#: greatest number of states that a survey solves; if there are more, it solves those at the ends of
-#: the axes and loads
+#: greatest number of states that are all solved by a survey; of more states, the survey solves the
+#: ends of the axes and loads
 MOST_STATES = 20_000
 #: most balls of a network whose product with a vector is timed
 _PRODUCT_BALLS = 2000
@@ -89,7 +88,7 @@ class PlannedCase:
     """A case of a scene, whose errors are placed in the file: one medium on one packing, at all
     loads.
 
-    The load of the ``case`` is what the contacts bear, a force, pressure or overlap; ``written`` is
+    The load of the ``case`` is a load of the contacts: a force, pressure or overlap; ``written`` is
     the kind of load that the scene gives, which may be a side force instead.
     """
 
@@ -154,11 +153,11 @@ class PlannedCase:
                     most -= balls
         return most
 
-    def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
-        """Place errors of the block at the load number ``index``, with ``before`` in front; see
+    def at_load(self, index: int, prefix: str = "") -> AbstractContextManager[None]:
+        """Place errors of the block at the load number ``index``, with ``prefix`` in front; see
         :class:`SceneSource`.
         """
-        return self.origin.at_index("load", self.written, index, before)
+        return self.origin.at_index("load", self.written, index, prefix)
 
     def _find_state(self, index: int) -> ContactState:
         serving = next(serving for serving in self.serving_media if index in serving.loads)
@@ -169,7 +168,7 @@ class PlannedCase:
 
     def _solve(self, serving: ServingMedium, load: Load) -> ContactState:
         with np.errstate(all="ignore"):
-            # False is the default of a scene, so it counts as not given
+            # False is the default of a scene, and counts as no wish of the user
             return serving.at(load, finite_overlap=self.case.request.finite_overlap or None)
 
 
@@ -192,8 +191,8 @@ class Conflict(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """The values of a :class:`~granphon.scene.scene.Scene`, which describes them, and how it is
-    carried out.
+    """The values of a :class:`~granphon.scene.scene.Scene`, which describes each of them, and how a
+    scene is carried out.
     """
 
     schema: ClassVar[int] = rules.SCENE_SCHEMA
@@ -290,18 +289,16 @@ class Plan:
 
     @property
     def is_single(self) -> bool:
-        """Whether there is one state alone: one load, one medium, and no parameter that is
-        swept.
-        """
+        """Whether the scene has one state alone: one load, one medium, and no swept parameter."""
         return len(self.load.values) == len(self.media) == 1 and not self.parameters
 
     def to_yaml(self) -> str:
         """Return the text of the scene with every default written out and quantities in SI units.
 
-        Read again, it gives the same scene to the last bit. A measured spread of more than 1000
-        diameters is written as the name of a table, whose text is :attr:`diameters`.
-        :class:`~granphon.base.errors.InputError` if a file has no name for the lattice, or the text
-        is too long.
+        The text gives the same scene, to the last bit, when it is read again. A measured spread of
+        more than 1000 diameters is written as the name of a table, whose text is
+        :attr:`diameters`. :class:`~granphon.base.errors.InputError` if a file has no name for the
+        lattice, or the text is too long.
         """
         text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
         if len(text.encode()) > MOST_SCENE_BYTES:
@@ -312,8 +309,9 @@ class Plan:
         return text
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of what the scene says; no state is computed."""
-        from granphon.figures.words import describe_medium  # imported here: a run does not need it
+        """Return names, values and SI units of the settings of the scene; no state is computed."""
+        # imported here: a run does not need words for figures
+        from granphon.figures.words import describe_medium
 
         load = self.load
         structure = self.packing.structure
@@ -343,7 +341,7 @@ class Plan:
         return [row for row in rows if row[1] is not None]
 
     def _describe_observed(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of the settings of what the scene observes."""
+        """Return names, values and SI units of the settings of the observables."""
         rows: list[tuple[str, Any, str]] = []
         if {"bands", "spectrum"} & set(self.observe):
             path = " ".join(self.path.labels) if self.path.labels else str(self.path)
@@ -503,7 +501,7 @@ class Plan:
 
     @cached_property
     def checked_cases(self) -> tuple[PlannedCase, ...]:
-        """All cases, or, if they are more than :data:`MOST_CASES`, those at the ends of the axes.
+        """All cases, or the cases at the ends of the axes if all are more than :data:`MOST_CASES`.
 
         The ends suffice for checks: a packing that is possible at two values of a parameter is
         possible between them.
@@ -556,13 +554,13 @@ class Plan:
         allowed_medium = f"a medium for the {lattice} lattice"
         with self.origin.at_medium(case.medium.label, allowed_medium):
             medium = case.medium.of(case.packing)
-        with self.origin.at(*path, before=refusal):
+        with self.origin.at(*path, prefix=refusal):
             if "velocities" in self.observe:
                 try:
                     medium.require_sound()
                 except MechanismError as error:
                     raise MechanismError(str(error), mend=self._mend_mechanism()) from None
-        # a sweep leaves it to its own processes to solve one law after the other
+        # the processes of a sweep solve one law after the other by themselves
         is_solved_later = not self.is_single and medium.is_solved_anew
         if not is_solved_later:
             with self.origin.at_medium(case.medium.label, allowed_medium):
@@ -571,7 +569,7 @@ class Plan:
             if "velocities" in self.observe and all(
                 serving.is_quick for serving in planned.serving_media
             ):
-                with self.origin.at(*path, before=refusal):
+                with self.origin.at(*path, prefix=refusal):
                     planned.state.reference_lattice.require_rigid()
         return planned.require_start(most_balls)
 
@@ -592,7 +590,7 @@ class Plan:
         """Raise if arrays are known not to have the waves that are observed.
 
         Arrays of up to ``most`` balls, a number without a unit, are looked at, and nothing is
-        simulated; those of more than a hundred thousand balls take seconds.
+        simulated; arrays of more than a hundred thousand balls take seconds.
         """
         waves = self.waves
         if waves is None or (
@@ -946,8 +944,8 @@ class Plan:
         for choice in self.media:
             with rules.refusing(choice.label, "a medium of these balls", "medium"):
                 choice.require_for(self.packing)
-        # the density of states of one state is that of its lattice, and of a simulation that of the
-        # array too
+        # the density of states of one state is that of its lattice; a simulation adds the density
+        # of states of the array
         names = [
             name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")
         ]

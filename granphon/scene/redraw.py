@@ -39,7 +39,7 @@ def redraw(
 
     Parameters
     ----------
-    folder : folder of the run; it holds sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both.
+    folder : folder of the run, with sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both.
     out : file of the figure, whose ending .pdf, .png or .svg is the format. A name surface means
         the waves of an edge, spectrum, pulse or sample_dos that result of a simulation, sweep_dos
         or sweep_spectra that of a sweep of simulations. By default sweep.png, fit.png, bands.png
@@ -54,7 +54,7 @@ def redraw(
     ------
     MissingFileError : there is no such folder, or a file of the run that is drawn is missing there.
     InputError : the folder holds nothing to draw, its files are damaged, the format or the variable
-        is unknown, or what is asked for belongs to another kind of result.
+        is unknown, or an option belongs to another kind of result.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
@@ -111,8 +111,8 @@ class _Choice(NamedTuple):
 
 
 def _choose_results(source: Path, stem: str | None, variable: str | None) -> _Choice:
-    """Choose what is drawn of the results in a folder, by the ``stem`` of the figure's file, None
-    if the user names no file, and the ``variable`` of a sweep.
+    """Choose the results in a folder that are drawn, by the ``stem`` of the figure's file, None if
+    the user names no file, and the ``variable`` of a sweep.
     """
     files = _find_results(source)
     wave_files = {name: source / f"{name}.json" for name in KEPT}

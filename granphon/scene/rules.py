@@ -1,7 +1,7 @@
 """How values of a scene file are read and written, one :class:`Kind` for each sort of value.
 
-A reader takes what stands in the file and the :class:`Context` of the scene, and raises
-:class:`~granphon.base.errors.Refused` for what it does not take, see
+A reader takes a value of the file and the :class:`Context` of the scene, and raises
+:class:`~granphon.base.errors.Refused` for a value that is not allowed, see
 :mod:`granphon.base.validation`. A writer returns plain data that the reader turns into the same
 value, to the last bit.
 """
@@ -81,7 +81,7 @@ from granphon.waves.settings import NETWORK_BLOCKS, read_drives, write_drives
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
-#: what a scene may compute, in the order in which a scene keeps it
+#: the observables of a scene, in the order in which a scene keeps them
 OBSERVABLES = (
     "velocities",
     "bands",
@@ -107,13 +107,13 @@ _POSITIONS = ("on a line", "in a plane", "in space")
 
 @dataclass(frozen=True)
 class Context:
-    """What the values of a scene depend on.
+    """The parts of a scene on which its values depend.
 
     Attributes
     ----------
-    lattice : of the packing; it says what motions, pressures, samples, directions, paths and meshes
-        there are.
-    swept : the lattices of a sweep; motions must be those of each.
+    lattice : lattice of the packing, on which motions, pressures, samples, directions, paths and
+        meshes depend.
+    swept : the lattices of a sweep; motions must be allowed on each.
     kinds : names of the kinds of balls of a crystal.
     folder : in which tables named in the file are sought.
     written : whether values stand in a file, where quantities have units; in Python plain numbers
@@ -301,7 +301,7 @@ def is_long(spread: Any) -> bool:
     return isinstance(spread, Measured) and len(spread.diameters) > MOST_DIAMETERS
 
 
-# -- what the packing is made of, which a sweep may vary -------------------------------------------
+# -- the parameters of the packing, which a sweep may vary -----------------------------------------
 
 
 def read_lattice(value: Any) -> str | Lattice:
@@ -367,8 +367,8 @@ def _read_motions(value: Any, context: Context) -> str:
 
 
 def _read_torsion(value: Any) -> float | str:
-    """Read a torsional stiffness over k d^2, zero or above, or the word for that of a contact that
-    does not slip.
+    """Read a torsional stiffness over k d^2, zero or above, or the word for the stiffness of a
+    contact that does not slip.
     """
     if value == MINDLIN:
         return MINDLIN
@@ -455,11 +455,11 @@ def _write_parameters(
 PARAMETERS_SWEPT = Kind(_read_parameters, _write_parameters)
 
 
-# -- loads, media, and what is observed ------------------------------------------------------------
+# -- loads, media and observables ------------------------------------------------------------------
 
 
 def load_kind(name: str) -> Kind:
-    """Return the kind of the values of a load: the lattice says what a pressure is."""
+    """Return the kind of the values of a load; the unit of a pressure depends on the lattice."""
 
     def read_load(value: Any, context: Context) -> float:
         quantity = load_quantities(context.lattice.pressed_axes)[name]
@@ -526,7 +526,7 @@ def read_schema(value: Any) -> int:
 
 
 def read_observables(value: Any) -> tuple[str, ...]:
-    """Read the names of what a scene observes, each once; they are returned in the order of
+    """Read the names of the observables of a scene, each once, and return them in the order of
     ``OBSERVABLES``.
 
     Registered observables come behind those of the package, and bring the velocities with them if

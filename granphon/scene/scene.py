@@ -6,9 +6,9 @@ mistake in a file raises a :class:`~granphon.base.errors.SceneError` that names 
 what was found, what is allowed, and the likely intention.
 
 A run computes everything first, and then writes it into one folder. The result is a data set of all
-states, and of a single state its samples, bands and densities of states. A state is a sweep of one:
-it has the same data set. Whatever is drawn or written is a view of that, or an export of the one
-state for other programs. The files are these:
+states, and of a single state its samples, bands and densities of states. A single state is a sweep
+of one, with the same data set. Every figure and file is a view of the data set, or an export of the
+single state for other programs. The files are these:
 
 ====================== ============================================================================
 file                   holds
@@ -110,11 +110,11 @@ SUMMARY_SCHEMA = 1
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been
 #: written
 WORK_FILE = ".granphon-sweep"
-#: figures of the waves in simulated arrays of a sweep, and what they are of
+#: figures of the waves in simulated arrays of a sweep, each with its observable
 SWEEP_FIGURES = {"sweep_dos.png": "dos", "sweep_spectra.png": "spectrum"}
-#: what a scene observes of the waves in the samples of one state, by the names of their files
+#: observables of the waves in the samples of one state, by the stems of their files
 SAMPLE_WAVES = {"sample_dos": "dos", "spectrum": "spectrum", "pulse": "pulse"}
-#: what is kept as a result in a file .json, with a figure of it
+#: results that are kept in a file .json and drawn in a figure, with their observables
 KEPT = {**SAMPLE_WAVES, "surface": "surface"}
 #: files of a motion of a single state besides those of every state
 MOTION_FILES = ("motion.nc", "motion_contacts.csv")
@@ -188,8 +188,7 @@ class Scene(Plan):
     Attributes
     ----------
     packing, load : the balls and their arrangement, and the load that presses them. Balls of
-        several kinds are an
-        :class:`~granphon.media.arrangement.Arrangement`.
+        several kinds are an :class:`~granphon.media.arrangement.Arrangement`.
     media : the ways to average over a spread of diameters, one or more; by default "ema" if the
         balls differ, else "ala". Balls of several kinds have "crystal" alone. May be given as names
         ("ala", "afa", "ema", "simulation", "auto") or mappings with options, alone or in a list.
@@ -295,8 +294,8 @@ class Scene(Plan):
         self.require_waves()
         text = self.to_yaml()
         work_file = target / WORK_FILE
-        # a state that is found at once keeps no parts, but those of another run are not to stand
-        # beside its result
+        # a state that is found at once keeps no parts, but the parts of another run are not to
+        # stand beside its result
         has_store = self.has_tasks or os.path.lexists(work_file)
         result_files = ResultFiles(
             target, names, force, earlier=RESULT_FILES, inputs=self.origin.inputs
@@ -326,7 +325,7 @@ class Scene(Plan):
             store.claim(None)
         if not self.is_single:
             return RunResult(self, target, work.join(results))
-        # what only a single state has: its samples, bands and densities of states
+        # a single state alone has samples, bands and densities of states
         state = work.grid.cases[0].restore(results) if results else self.state()
         with self.origin.where_it_buckles():
             return _describe_alone(self, target, work, state, results, progress)
@@ -427,18 +426,18 @@ class RunResult:
 
     Attributes
     ----------
-    scene : what was asked for.
+    scene : the scene that was run.
     folder, files : folder of the results, and the paths of the files written there.
     dataset : every state, with velocities, moduli and bands, as :func:`granphon.runs.sweep.sweep`
         returns it.
-    given : of a single state, what has been found of it; None after reading it from its folder.
+    given : the analysis of a single state; None after reading the result from its folder.
     phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for,
         as of several states, and after reading the result from its folder, where files hold these.
     bands, dos, gaps : of a single state, frequencies along the path, Hz, their density of states,
         1/Hz, and intervals without a branch, (n, 2) Hz; likewise.
     surface : of a single state, the spectrum of the outer layer at the edge, with its waves;
         likewise.
-    waves : what was asked for of the waves in the samples of a single state; likewise.
+    waves : the waves in the samples of a single state; likewise.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
@@ -484,8 +483,8 @@ class RunResult:
 
     @property
     def moduli(self) -> Moduli | None:
-        """Elastic constants of the only state, Pa; None if velocities were not asked for, or it has
-        none.
+        """Elastic constants of the only state, Pa; None if the scene does not observe velocities,
+        or the state has none.
         """
         return self._analysis.moduli if "velocities" in self.scene.observe else None
 
