@@ -23,7 +23,7 @@ GROUPS = SCENES, PICTURES, COMPARISONS, ABOUT = (
 )
 #: group of the options that say who does the work
 WORK = "Work"
-#: what the option --force says
+#: help of the option --force
 FORCE = "Replace files that granphon wrote and that were not changed since."
 
 #: last paragraph of the help of ``granphon``; \b keeps its line breaks
@@ -48,20 +48,22 @@ class _Grouped:
         subcommands by groups.
         """
         entries: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
-        for one in self.get_params(ctx):
-            if record := one.get_help_record(ctx):
-                plain = "Arguments" if one.param_type_name == "argument" else "Options"
-                # the type of a value, as "<str>", says nothing beside its name
-                row = re.sub(r" <[\w\[\]]+>", "", record[0]), record[1]
-                entries.setdefault(getattr(one, "rich_help_panel", None) or plain, []).append(row)
-        found = (
-            {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
-            if hasattr(self, "commands")
-            else {}
-        )
-        room = formatter.width - 6 - max(map(len, found), default=0)
-        for name, one in found.items():
-            entries.setdefault(one.rich_help_panel, []).append((name, one.get_short_help_str(room)))
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if not record:
+                continue
+            default_group = "Arguments" if parameter.param_type_name == "argument" else "Options"
+            group = getattr(parameter, "rich_help_panel", None) or default_group
+            # the type of a value, as "<str>", says nothing beside its name
+            names = re.sub(r" <[\w\[\]]+>", "", record[0])
+            entries.setdefault(group, []).append((names, record[1]))
+        commands = {}
+        if hasattr(self, "commands"):
+            commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
+        width = formatter.width - 6 - max(map(len, commands), default=0)
+        for name, subcommand in commands.items():
+            row = (name, subcommand.get_short_help_str(width))
+            entries.setdefault(subcommand.rich_help_panel, []).append(row)
         for group, rows in entries.items():
             if rows:
                 with formatter.section(group):
@@ -77,13 +79,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-#: what adds a subcommand to :data:`app`: a name, and the group of the help in which it stands,
-#: ``rich_help_panel``
+#: decorator that adds a subcommand to :data:`app`; it takes a name and ``rich_help_panel``, the group
+#: of the help in which the subcommand stands
 command = partial(app.command, cls=_Command)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_requested: bool) -> None:
+    if is_requested:
         from granphon import __version__
 
         say(f"granphon {__version__}")

@@ -27,11 +27,13 @@ from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
 
 # by groups, whatever the order in which the modules were imported
-app.registered_commands.sort(key=lambda one: GROUPS.index(one.rich_help_panel))
+app.registered_commands.sort(key=lambda command: GROUPS.index(command.rich_help_panel))
 
 #: the class ClickException, base of typer's usage errors; found by its name, as its module depends
 #: on the version of typer
-_USAGE_ERROR = next(one for one in typer.BadParameter.__mro__ if one.__name__ == "ClickException")
+_USAGE_ERROR = next(
+    base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException"
+)
 
 
 @contextmanager
@@ -59,7 +61,7 @@ def _take_signals_and_warnings() -> Iterator[None]:
 
     # no other thread may set a handler
     is_main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler) if is_main else None
+    handler = signal.signal(signal.SIGTERM, signal.default_int_handler) if is_main else None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", UnverifiedFileWarning)
@@ -67,7 +69,7 @@ def _take_signals_and_warnings() -> Iterator[None]:
             yield
     finally:
         if is_main:
-            signal.signal(signal.SIGTERM, before)
+            signal.signal(signal.SIGTERM, handler)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -111,11 +113,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return fail(f"{error.filename or 'output'}: {error.strerror or error}", 1)
     except Exception as error:
         if isinstance(error, _USAGE_ERROR):
-            said = error.format_message().rstrip(".")  # type: ignore[attr-defined]
+            message = error.format_message().rstrip(".")  # type: ignore[attr-defined]
+            if not message.endswith("?"):
+                message += "."
             context = getattr(error, "ctx", None)
-            return fail(
-                f"{said}{'' if said.endswith('?') else '.'} See"
-                f" '{context.command_path if context else 'granphon'} --help'.",
-                2,
-            )
+            command = context.command_path if context else "granphon"
+            return fail(f"{message} See '{command} --help'.", 2)
         raise

@@ -18,7 +18,7 @@ from granphon.cli.terminal import write_of_scene
 #: the programs for which ``export`` writes
 _FORMATS = ("phononwebsite",)
 
-At = Annotated[
+Point = Annotated[
     str,
     typer.Option(
         "--at",
@@ -55,7 +55,7 @@ Along = Annotated[
 @command("mode", rich_help_panel=PICTURES)
 def draw_mode(
     scene: SceneFile,
-    at: At,
+    point: Point,
     out: Annotated[
         str,
         typer.Option(
@@ -84,19 +84,21 @@ def draw_mode(
       granphon mode scene.yaml --at "1/4 0" --branch 2 --cells "8 2" -o mode.pdf
     """
 
-    def draw(place: Path, *mode: Any, **options: Any) -> None:
+    def draw(file: Path, *mode: Any, **options: Any) -> None:
         from granphon.figures.modes import mode_figure
         from granphon.figures.style import save_figure
 
-        save_figure(mode_figure(*mode, **options), place)
+        save_figure(mode_figure(*mode, **options), file)
 
-    _write_picture(scene, at, branch, cells, direction, out, (".png", ".pdf", ".svg"), force, draw)
+    _write_picture(
+        scene, point, branch, cells, direction, out, (".png", ".pdf", ".svg"), force, draw
+    )
 
 
 @command("animate", rich_help_panel=PICTURES)
 def animate_scene(
     scene: SceneFile,
-    at: At,
+    point: Point,
     out: Annotated[
         str,
         typer.Option(
@@ -127,18 +129,18 @@ def animate_scene(
       granphon animate fcc.yaml --at "1/2 1/2 0" --frames 48 -o mode.gif
     """
 
-    def draw(place: Path, *mode: Any, **options: Any) -> None:
+    def draw(file: Path, *mode: Any, **options: Any) -> None:
         from granphon.figures.modes import animate_mode
         from granphon.figures.style import save_animation
 
-        save_animation(animate_mode(*mode, **options, frames=frames), place)
+        save_animation(animate_mode(*mode, **options, frames=frames), file)
 
-    _write_picture(scene, at, branch, cells, direction, out, (".gif",), force, draw)
+    _write_picture(scene, point, branch, cells, direction, out, (".gif",), force, draw)
 
 
 def _write_picture(
     scene: str,
-    at: str,
+    point: str,
     branch: int,
     cells: str | None,
     direction: str | None,
@@ -147,42 +149,37 @@ def _write_picture(
     force: bool,
     draw: Callable[..., None],
 ) -> None:
-    """Read the scene and the mode, and have ``draw`` draw it into the file ``out``, which arrives
-    whole or not at all.
+    """Read the scene and the mode, and have ``draw`` draw the mode into the file ``out``, which
+    arrives whole or not at all.
     """
     from granphon.base.validation import lengths, require
     from granphon.phonons.paths import read_point
     from granphon.scene.rules import read_directions
 
-    with write_of_scene(scene, out, endings, force, "A mode is drawn of one state") as (
-        read,
-        place,
-    ):
-        lattice = read.packing.structure
-        q = require("--at", partial(read_point, structure=lattice), at)
+    why = "A mode is drawn of one state"
+    with write_of_scene(scene, out, endings, force, why) as (plan, staged_file):
+        lattice = plan.packing.structure
+        q = require("--at", partial(read_point, structure=lattice), point)
         options: dict[str, Any] = {}
         if direction is not None:
-            options["direction"] = require(
-                "--direction", partial(read_directions, lattice=lattice), direction
-            )
+            read_direction = partial(read_directions, lattice=lattice)
+            options["direction"] = require("--direction", read_direction, direction)
+        elif plan.directions:
+            options["direction"] = plan.directions[0]
         else:
-            options["direction"] = (
-                read.directions[0] if read.directions else (1.0, 0.0, 0.0)[: lattice.periods]
-            )
+            options["direction"] = (1.0, 0.0, 0.0)[: lattice.periods]
         if cells is not None:
             # of more no ball could be told from others
             limited = partial(lengths, low=1, high=100, periods=lattice.periods)
             options["cells"] = require("--cells", limited, cells)
-        count = lattice.n_balls * read.packing.ball_motions.count
+        count = lattice.n_balls * plan.packing.ball_motions.count
         if branch >= count:  # told here too, before a state is solved
             raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}")
-        # after what can be refused, as it loads phonopy
-        from granphon.phonons.phonons import (
-            Phonons,
-        )
+        # after all that can be refused, as phonopy takes long to load
+        from granphon.phonons.phonons import Phonons
 
-        with read.origin.where_it_buckles():
-            draw(place, Phonons(read.state()), q, branch, **options)
+        with plan.origin.where_it_buckles():
+            draw(staged_file, Phonons(plan.state()), q, branch, **options)
 
 
 @command("page", rich_help_panel=PICTURES)
@@ -212,35 +209,39 @@ def make_scene_page(
       granphon page scene.yaml -o page.html
     """
 
-    with write_of_scene(scene, out, (".html", ".htm"), force) as (read, place):
+    with write_of_scene(scene, out, (".html", ".htm"), force) as (plan, staged_file):
         from granphon.page.page import make_page
 
-        first = read.cases[0].case
-        title = f"{first.packing.structure.name} lattice, {Path(scene).name}"
-        given: dict[str, Any] = {
-            "direction": next(iter(read.directions), None),
-            "title": title,
-            "losses": read.bands,
+        first = plan.cases[0].case
+        options: dict[str, Any] = {
+            "direction": next(iter(plan.directions), None),
+            "title": f"{first.packing.structure.name} lattice, {Path(scene).name}",
+            "losses": plan.bands,
         }
-        with read.origin.at():
+        remarks: list[str] = []
+        with plan.origin.at():
             if first.packing.kind_names:
-                state: Any = first.medium.of(first.packing).at(
-                    first.load[0], finite_overlap=read.finite_overlap
-                )
-                begins = "The scene has several states; this page is that of the first."
-                text = make_page(state.source, **given, remarks=[begins] * (not read.is_single))
+                if not plan.is_single:
+                    remarks.append("The scene has several states; this page is that of the first.")
+                medium = first.medium.of(first.packing)
+                state: Any = medium.at(first.load[0], finite_overlap=plan.finite_overlap)
+                text = make_page(state.source, **options, remarks=remarks)
             else:
-                begins = (
-                    f"The scene sweeps parameters; this page is that of the first values:"
-                    f" {first.where}."
+                if first.where:
+                    remarks.append(
+                        "The scene sweeps parameters; this page is that of the first values:"
+                        f" {first.where}."
+                    )
+                text = make_page(
+                    first.packing,
+                    plan.media,
+                    plan.load,
+                    **options,
+                    finite_overlap=plan.finite_overlap,
+                    path=plan.band,
+                    remarks=remarks,
                 )
-                given |= {
-                    "finite_overlap": read.finite_overlap,
-                    "path": read.band,
-                    "remarks": [begins] * bool(first.where),
-                }
-                text = make_page(first.packing, read.media, read.load, **given)
-        place.write_text(text, encoding="utf-8")
+        staged_file.write_text(text, encoding="utf-8")
 
 
 @command("export", rich_help_panel=PICTURES)
@@ -277,16 +278,15 @@ def export_scene(
     if format not in _FORMATS:
         raise InputError(f"--format is {format}", mend=f"Use {' or '.join(_FORMATS)}")
 
-    with write_of_scene(scene, out, (".json",), force, "Modes are those of one state") as (
-        read,
-        place,
-    ):
+    why = "Modes are those of one state"
+    with write_of_scene(scene, out, (".json",), force, why) as (plan, staged_file):
         from granphon.page.phononwebsite import write_phononwebsite
         from granphon.phonons.phonons import Phonons
 
-        with read.origin.where_it_buckles():
-            path = read.path
-            bands = Phonons(read.state()).bands(
-                path.arrays, npoints=read.band_points, labels=path.labels
+        with plan.origin.where_it_buckles():
+            path = plan.path
+            bands = Phonons(plan.state()).bands(
+                path.arrays, npoints=plan.band_points, labels=path.labels
             )
-        place.write_text(write_phononwebsite(bands, read.packing.structure.name), encoding="utf-8")
+        text = write_phononwebsite(bands, plan.packing.structure.name)
+        staged_file.write_text(text, encoding="utf-8")

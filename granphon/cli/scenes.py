@@ -100,18 +100,21 @@ def check_scene(scene: SceneFile) -> None:
     from granphon.runs.tasks import label_warnings
     from granphon.scene.scene import Scene, expected_files
 
-    read = Scene.from_yaml(scene)
-    rows = describe_scene(read)  # first, because it raises if there is too little memory
-    states, left = read.survey()
-    with read.origin.where_it_buckles():
-        found = [
-            (where, warning) for where, state in states for warning in validity(state).warnings
+    plan = Scene.from_yaml(scene)
+    rows = describe_scene(plan)  # first, because it raises if there is too little memory
+    states, left_out = plan.survey()
+    with plan.origin.where_it_buckles():
+        labelled = [
+            (label, warning) for label, state in states for warning in validity(state).warnings
         ]
-    found += read.expect_warnings()
-    warnings = [warning for _, warning in found] if read.is_single else label_warnings(found)
-    read.to_yaml()  # raises now if a run could not write the scene
-    rows += [("not checked yet", left)] if left else []
-    rows += [("will write", ", ".join(expected_files(read)))]
+    labelled += plan.expect_warnings()
+    warnings = [warning for _, warning in labelled]
+    if not plan.is_single:
+        warnings = label_warnings(labelled)
+    plan.to_yaml()  # raises now if a run could not write the scene
+    if left_out:
+        rows.append(("not checked yet", left_out))
+    rows.append(("will write", ", ".join(expected_files(plan))))
     say(f"{scene} can be run.")
     say_table(rows)
     warn(warnings)
@@ -173,26 +176,26 @@ def run_scene(
     from granphon.runs.workers import open_executor, require_workers
     from granphon.scene.scene import WORK_FILE, Scene, is_complete
 
-    def left() -> str:
-        """Describe what an interruption has left in the folder."""
-        if is_complete(read, out):
+    def describe_folder() -> str:
+        """Describe the folder after an interruption."""
+        if is_complete(plan, out):
             return f"{out} holds the whole result of this scene."
-        kept = read.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
-        return f"{NOTHING_WRITTEN} {GO_ON}" if kept else NOTHING_WRITTEN
+        has_work = plan.has_tasks and os.path.isfile(os.path.join(out, WORK_FILE))
+        return f"{NOTHING_WRITTEN} {GO_ON}" if has_work else NOTHING_WRITTEN
 
     require_name("--out", out)
     require_workers(workers, scheduler)
-    read = Scene.from_yaml(scene)
-    if resume and not force and is_complete(read, out):
+    plan = Scene.from_yaml(scene)
+    if resume and not force and is_complete(plan, out):
         if not quiet:
             say(f"{out} is complete: it holds the results of this scene. Nothing was computed.")
         return
-    cost = read.cost()
+    cost = plan.cost()
     if cost is not None and not quiet and cost.takes_longer(10.0):
         print(f"granphon: {cost.text} on one processor", file=sys.stderr, flush=True)
-    with tell_interruption(left):
-        with open_executor(workers, scheduler) if read.has_tasks else nullcontext() as executor:
-            result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
+    with tell_interruption(describe_folder):
+        with open_executor(workers, scheduler) if plan.has_tasks else nullcontext() as executor:
+            result = plan.run(out, force, on_stderr(quiet), figures, resume, executor)
         warn(result.warnings)
         if not quiet:
             say_table(describe_result(result))

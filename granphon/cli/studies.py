@@ -123,55 +123,53 @@ def fit_measurements(
     from granphon.scene.scene import Scene
 
     require_name("--out", out)
-    read = Scene.from_yaml(scene)
-    files = (
-        None
-        if out is None
-        else ResultFiles(out, FIT_FILES, force, inputs=(*read.origin.inputs, data))
-    )
-    if files is not None:
+    plan = Scene.from_yaml(scene)
+    files = None
+    if out is not None:
+        files = ResultFiles(out, FIT_FILES, force, inputs=(*plan.origin.inputs, data))
         files.require_free()
-    given = tuple(parameter or ())
-    columns = {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())}
-    if twice := [name for name in dict.fromkeys(given) if given.count(name) > 1]:
-        raise InputError(
-            f"--parameter {twice[0]} is given {given.count(twice[0])} times", mend="Give it once"
-        )
+    parameters = tuple(parameter or ())
+    pairs = [words.partition("=") for words in column or ()]
+    columns = {kind.strip(): name for kind, _, name in pairs}
+    for name in parameters:
+        if parameters.count(name) > 1:
+            problem = f"--parameter {name} is given {parameters.count(name)} times"
+            raise InputError(problem, mend="Give it once")
     table = Table.read(data)
-    if any(columns.get(one, one) in table for one in ("magnitude", "phase")):
+    if any(columns.get(kind, kind) in table for kind in ("magnitude", "phase")):
         options = {
             "--frequency": frequency,
             "--distance": distance,
             "--sigma": sigma,
             "--direction": direction,
         }
-        for name in (name for name, value in options.items() if value is not None):
-            raise InputError(
-                f"{name} is for velocities, and {data} has a transfer function", mend="Leave it out"
-            )
-        damped = _fit_response(scene, read, data, columns, given)
+        for name, value in options.items():
+            if value is not None:
+                problem = f"{name} is for velocities, and {data} has a transfer function"
+                raise InputError(problem, mend="Leave it out")
+        damped = _fit_response(scene, plan, data, columns, parameters)
         _finish_fit(out, files, damped, damped.warnings, describe_response_fit(damped))
         return
-    sound = any(columns.get(one, one) in table for one in ("velocity", "time", "cutoff"))
-    if not sound and (read.packing.kind_names or read.response is not None):
+    has_sound = any(columns.get(kind, kind) in table for kind in ("velocity", "time", "cutoff"))
+    if not has_sound and (plan.packing.kind_names or plan.response is not None):
         TransferFunction.read(data, columns)  # names the column that a transfer function lacks
-    packing = _require_one_packing("A fit", scene, read)
+    packing = _require_one_packing("A fit", scene, plan)
     # the direction of the option, else that of the scene
-    along: Sequence[float] | None = read.directions[0] if len(read.directions) == 1 else None
+    along: Sequence[float] | None = plan.directions[0] if len(plan.directions) == 1 else None
     if direction is not None:
         along = require("--direction", _read_direction, direction)
-    elif len(read.directions) > 1:
+    elif len(plan.directions) > 1:
         why = "A fit takes sound along one direction"
         raise InputError(
-            f"{scene} has {len(read.directions)} directions", why, "Name one by --direction"
+            f"{scene} has {len(plan.directions)} directions", why, "Name one by --direction"
         )
-    if len(read.media) > 1:
+    if len(plan.media) > 1:
         raise InputError(f"{scene} has several media", mend="Keep only the one to fit with")
-    if "width" in given and not width:
+    if "width" in parameters and not width:
         raise InputError(
             "--no-width keeps the width, and --parameter width fits it", mend="Leave one out"
         )
-    if not (width or parameter):
+    if not (width or parameters):
         raise InputError(
             "nothing is left to fit",
             "--no-width keeps the spread",
@@ -179,51 +177,59 @@ def fit_measurements(
         )
     # "ala" is the default for equal balls, so it does not say how balls that differ are to be
     # averaged
-    replaced = width and read.media[0].name == "ala" and not read.balls_differ
-    medium = "ema" if replaced else read.media[0]
-    balls = read.load.balls_per_side
-    far = None if distance is None else require("--distance", LENGTH.read, distance)
+    replaced = width and plan.media[0].name == "ala" and not plan.balls_differ
+    medium = "ema" if replaced else plan.media[0]
+    balls = plan.load.balls_per_side
+    length = None if distance is None else require("--distance", LENGTH.read, distance)
     frame = None if balls is None else partial(force_of_frame, balls_per_side=balls)
-    pressed = partial(convert_pressure, packing, read.finite_overlap, medium, given)
-    carried = partial(convert_cutoff, packing, branch, along, read.finite_overlap, given)
     measured = Measurements.read(
-        data, columns, far, frame, pressed, packing.structure.periods, carried
+        data,
+        columns,
+        length,
+        frame,
+        partial(convert_pressure, packing, plan.finite_overlap, medium, parameters),
+        packing.structure.periods,
+        partial(convert_cutoff, packing, branch, along, plan.finite_overlap, parameters),
     )
-    found = fit_width(
+    velocity_sigma = measured.sigma
+    if sigma is not None:
+        velocity_sigma = require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma)
+    pulse_frequency = measured.frequency
+    if frequency is not None:
+        pulse_frequency = require("--frequency", FREQUENCY.read, frequency)
+    fit = fit_width(
         packing,
         measured.force,
         measured.velocity,
-        measured.sigma
-        if sigma is None
-        else require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
-        measured.frequency
-        if frequency is None
-        else require("--frequency", FREQUENCY.read, frequency),
+        velocity_sigma,
+        pulse_frequency,
         medium=medium,
-        parameters=tuple(dict.fromkeys(("width",) * width + given)),
+        parameters=tuple(dict.fromkeys(("width",) * width + parameters)),
         branch=branch,
         direction=along,
-        finite_overlap=read.finite_overlap,
+        finite_overlap=plan.finite_overlap,
     )
 
-    notes = [
-        f"{scene} has the medium ala, which knows no width: the fit takes ema. Name afa or"
-        f" ema in it"
-    ] * replaced
-    if (count := len(read.load.values)) > 1:
-        notes.append(f"the {count} loads of {scene} are not used: a fit takes the loads of {data}")
-    if direction is None and read.direction is None and not found.is_isotropic:
+    notes = list[str]()
+    if replaced:
         notes.append(
-            f"sound in the lattice {found.packing.structure.name} depends on the direction,"
-            f" and none is given: the fit"
-            f" takes {write_direction(found.waves.direction)}. Give --direction, or direction"
-            f" in {scene}"
+            f"{scene} has the medium ala, which knows no width: the fit takes ema. Name afa or"
+            " ema in it"
         )
-    _finish_fit(out, files, found, (*notes, *found.warnings), describe_fit(found))
+    count = len(plan.load.values)
+    if count > 1:
+        notes.append(f"the {count} loads of {scene} are not used: a fit takes the loads of {data}")
+    if direction is None and plan.direction is None and not fit.is_isotropic:
+        notes.append(
+            f"sound in the lattice {fit.packing.structure.name} depends on the direction, and none"
+            f" is given: the fit takes {write_direction(fit.waves.direction)}. Give --direction,"
+            f" or direction in {scene}"
+        )
+    _finish_fit(out, files, fit, (*notes, *fit.warnings), describe_fit(fit))
 
 
 def _fit_response(
-    scene: str, read: Scene, data: str, columns: Mapping[str, str], names: tuple[str, ...]
+    scene: str, plan: Scene, data: str, columns: Mapping[str, str], names: tuple[str, ...]
 ) -> DampingFit:
     """Fit the damping of the network of a scene with one state, and a block response, to a transfer
     function.
@@ -231,40 +237,37 @@ def _fit_response(
     from granphon.fits.transfer import TransferFunction, fit_damping
     from granphon.waves.settings import find_place
 
-    wanted = read.response
-    if wanted is None:
-        what = f"{scene} has no block response, and {data} has a transfer function"
+    settings = plan.response
+    if settings is None:
+        problem = f"{scene} has no block response, and {data} has a transfer function"
+        why = "It says where the network is driven and heard"
+        raise InputError(problem, why, "Write it, with observe: [response]")
+    if plan.n_states > 1:
         raise InputError(
-            what,
-            "It says where the network is driven and heard",
-            "Write it, with observe: [response]",
-        )
-    if read.n_states > 1:
-        raise InputError(
-            f"{scene} has {read.n_states} states",
+            f"{scene} has {plan.n_states} states",
             "A transfer function is of one",
             "Keep one load and medium",
         )
-    measured = TransferFunction.read(data, columns, wanted.quantity)
+    measured = TransferFunction.read(data, columns, settings.quantity)
     return fit_damping(
-        wanted.shape(read.cases[0].state.network),
+        settings.shape(plan.cases[0].state.network),
         measured,
-        [find_place(one) for one in wanted.source],
-        [find_place(one) for one in wanted.receiver],
+        [find_place(words) for words in settings.source],
+        [find_place(words) for words in settings.receiver],
         parameters=names or ("damping",),
-        damping=wanted.damping,
-        loss_factor=wanted.loss_factor,
-        quantity=wanted.quantity,
-        direction=wanted.direction,
-        polarisation=wanted.polarisation,
-        distance=wanted.distance,
+        damping=settings.damping,
+        loss_factor=settings.loss_factor,
+        quantity=settings.quantity,
+        direction=settings.direction,
+        polarisation=settings.polarisation,
+        distance=settings.distance,
     )
 
 
 def _finish_fit(
     out: str | None,
     files: ResultFiles | None,
-    found: Any,
+    fit: Any,
     notes: Sequence[str],
     table: list[tuple[str, str]],
 ) -> None:
@@ -272,19 +275,16 @@ def _finish_fit(
 
     def figure(_: str) -> Any:
         # here, so that a failed import counts as a failed figure
-        from granphon.figures.plot import (
-            plot,
-        )
+        from granphon.figures.plot import plot
 
-        return plot(found)
+        return plot(fit)
 
     failures: dict[str, str] = {}
     if files is not None:
         with files.open() as locked:
-            failures = _stage_study(locked, found.write, figure)
-    with tell_interruption(
-        lambda: NOTHING_WRITTEN if out is None else f"the result was written into {out}."
-    ):
+            failures = _stage_study(locked, fit.write, figure)
+    end = NOTHING_WRITTEN if out is None else f"the result was written into {out}."
+    with tell_interruption(lambda: end):
         warn((*notes, *failures.values()))
         say_table(table)
         _say_written(out, FIT_FILES, failures)
@@ -351,62 +351,56 @@ def measure_tradeoff(
     require_name("--out", out)
     require_workers(workers, scheduler)
     seconds = require("--budget", TIME.read, budget)
-    read = Scene.from_yaml(scene)
-    files = (
-        None if out is None else ResultFiles(out, TRADEOFF_FILES, force, inputs=read.origin.inputs)
-    )
-    if files is not None:
+    plan = Scene.from_yaml(scene)
+    files = None
+    if out is not None:
+        files = ResultFiles(out, TRADEOFF_FILES, force, inputs=plan.origin.inputs)
         files.require_free()
-    packing = _require_one_packing("A trade-off", scene, read)
-    load = read.load.applied
+    packing = _require_one_packing("A trade-off", scene, plan)
+    load = plan.load.applied
     # the truth that the media name: arrays at rest without friction, unless one has a history
-    loaded = list(
-        dict.fromkeys(one.history.reference for one in read.media if one.history.is_loaded)
-    ) or [REST]
-    if len(loaded) > 1:
-        what = f"the media of {scene} are loaded with friction in {len(loaded)} ways"
-        raise InputError(what, "A trade-off judges all by one of them", "Keep one")
-    truth = loaded[0].options
-    given: dict[str, Any] = {
-        load.kind: load.values,
-        **{name: truth[name] for name in REFERENCE_OPTIONS},
-    }
+    histories = [choice.history for choice in plan.media if choice.history.is_loaded]
+    references = list(dict.fromkeys(history.reference for history in histories)) or [REST]
+    if len(references) > 1:
+        problem = f"the media of {scene} are loaded with friction in {len(references)} ways"
+        raise InputError(problem, "A trade-off judges all by one of them", "Keep one")
+    truth = {name: references[0].options[name] for name in REFERENCE_OPTIONS}
+    loads_of_scene: dict[str, Any] = {load.kind: load.values}
+    # of simulations in their exact geometry the scene has not asked for finite overlap, and media
+    # are compared in the limit
+    finite_overlap = plan.finite_overlap and not all(choice.is_exact for choice in plan.media)
     work = None if out is None else Path(out) / WORK_FILE
     failures: dict[str, str] | None = None
 
-    def left() -> str:
-        """Describe what an interruption has left in the folder."""
+    def describe_folder() -> str:
+        """Describe the folder after an interruption."""
         if work is None:
             return NOTHING_WRITTEN
         if failures is not None:
             return f"the result was written into {out}."
         return f"{NOTHING_WRITTEN} {GO_ON}" if work.is_file() else NOTHING_WRITTEN
 
-    def write(place: Path) -> None:
-        (place / "tradeoff.csv").write_text(found.csv(), encoding="utf-8")
+    def write(folder: Path) -> None:
+        (folder / "tradeoff.csv").write_text(measured.csv(), encoding="utf-8")
 
     def figure(_: str) -> Any:
         # here: a failed import counts as a failed figure
-        from granphon.figures.work_precision import (
-            tradeoff_figure,
-        )
+        from granphon.figures.work_precision import tradeoff_figure
 
-        return tradeoff_figure(found)
+        return tradeoff_figure(measured)
 
     with (
-        tell_interruption(left),
+        tell_interruption(describe_folder),
         nullcontext() if files is None else files.open() as locked,
         open_store(work, force) as store,
     ):
         with open_executor(workers, scheduler) as executor:
-            # of simulations in their exact geometry the scene has not asked for it, and media are
-            # compared in the limit
-            asked = read.finite_overlap and not all(one.is_exact for one in read.media)
-            found = tradeoff(
+            measured = tradeoff(
                 packing,
-                **given,
-                observe=read.observe,
-                finite_overlap=asked,
+                **loads_of_scene,
+                **truth,
+                observe=plan.observe,
+                finite_overlap=finite_overlap,
                 budget=seconds,
                 most_loads=loads,
                 runs=runs,
@@ -415,10 +409,10 @@ def measure_tradeoff(
                 store=store,
             )
         failures = {} if locked is None else _stage_study(locked, write, figure)
-    with tell_interruption(left):
+    with tell_interruption(describe_folder):
         warn(tuple(failures.values()))
         if not quiet:
-            for line in describe_tradeoff(found, packing.structure.periods):
+            for line in describe_tradeoff(measured, packing.structure.periods):
                 say(line)
             _say_written(out, TRADEOFF_FILES, failures)
 
@@ -433,9 +427,9 @@ def _stage_study(
     from granphon.figures.style import draw
 
     drawn = [name for name in locked.names if name.endswith(".png")]
-    with locked.staging(drawn) as place:
-        write(place)
-        return draw(figure, drawn, place)
+    with locked.staging(drawn) as stage:
+        write(stage)
+        return draw(figure, drawn, stage)
 
 
 def _say_written(out: str | None, names: Sequence[str], failures: Mapping[str, str]) -> None:
@@ -443,11 +437,12 @@ def _say_written(out: str | None, names: Sequence[str], failures: Mapping[str, s
         say(f"Wrote {', '.join(name for name in names if name not in failures)} into {out}")
 
 
-def _require_one_packing(what: str, scene: str, read: Scene) -> Packing:
-    if read.packing.kind_names:
+def _require_one_packing(study: str, scene: str, plan: Scene) -> Packing:
+    why = f"{study} is for one packing"
+    if plan.packing.kind_names:
         mend = "Describe balls of one kind by the blocks material and packing"
-        raise InputError(f"{scene} has balls of several kinds", f"{what} is for one packing", mend)
-    if read.parameters:
-        swept = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
-        raise InputError(swept, f"{what} is for one packing", "Leave the block 'sweep' out")
-    return cast("Packing", read.packing)
+        raise InputError(f"{scene} has balls of several kinds", why, mend)
+    if plan.parameters:
+        problem = f"{scene} sweeps {', '.join(name for name, _ in plan.parameters)}"
+        raise InputError(problem, why, "Leave the block 'sweep' out")
+    return cast("Packing", plan.packing)

@@ -1,4 +1,4 @@
-"""What the command line prints: lines, tables, warnings and errors; scenes and results in words.
+"""Output of the command line: lines, tables, warnings and errors; scenes and results in words.
 
 This module imports no code that computes.
 """
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 #: end of the message of an interruption that comes before a result is written
 NOTHING_WRITTEN = "no result was written."
-#: what it adds if tasks have been finished
+#: addition to that message if tasks have been finished
 GO_ON = "The finished parts are kept: run the same command again to continue."
 
 
@@ -46,8 +46,10 @@ def say(text: str) -> None:
 
 def warn(warnings: Sequence[str], most: int = 10) -> None:
     """Print at most ``most`` warnings on standard error, and then how many more there are."""
-    more = [f"and {len(warnings) - most} more"] if len(warnings) > most else []
-    for warning in (*warnings[:most], *more):
+    lines = list(warnings[:most])
+    if len(warnings) > most:
+        lines.append(f"and {len(warnings) - most} more")
+    for warning in lines:
         print(f"granphon: warning: {one_line(warning)}", file=sys.stderr)
 
 
@@ -80,13 +82,13 @@ class Interrupted(Exception):
 
 @contextmanager
 def write_of_scene(
-    scene: str, out: str, endings: Sequence[str], force: bool, one: str = ""
+    scene: str, out: str, endings: Sequence[str], force: bool, why_single: str = ""
 ) -> Iterator[tuple[Scene, Path]]:
-    """Read a scene, and yield it with the place where the block writes the file ``out``, which
+    """Read a scene, and yield it with the path at which the block writes the file ``out``, which
     arrives whole or not at all.
 
     Raises :class:`~granphon.base.errors.InputError` if the name has none of the ``endings``, or if
-    the scene has several states and the block, as ``one`` says, takes a single one.
+    the scene has several states and the block takes a single state, as ``why_single`` says.
     """
     from granphon.base.staging import ResultFiles
     from granphon.scene.scene import Scene
@@ -94,34 +96,31 @@ def write_of_scene(
     require_name("--out", out)
     target = Path(out)
     if target.suffix not in endings:
-        what = f"--out is {out}, whose ending is not {' or '.join(endings)}"
-        mend = (
-            f"Use {' or '.join(endings)}"
-            if len(endings) > 1
-            else f"Give a name that ends in {endings[0]}"
-        )
-        raise InputError(what, mend=mend)
-    read = Scene.from_yaml(scene)
-    with ResultFiles(
-        target.parent, [target.name], force, inputs=read.origin.inputs
-    ).open() as locked:
-        if one and not read.is_single:
+        problem = f"--out is {out}, whose ending is not {' or '.join(endings)}"
+        mend = f"Use {' or '.join(endings)}"
+        if len(endings) == 1:
+            mend = f"Give a name that ends in {endings[0]}"
+        raise InputError(problem, mend=mend)
+    plan = Scene.from_yaml(scene)
+    files = ResultFiles(target.parent, [target.name], force, inputs=plan.origin.inputs)
+    with files.open() as locked:
+        if why_single and not plan.is_single:
             mend = "Keep one load, one medium, and no block 'sweep'"
-            raise InputError(f"{scene} has many states", one, mend)
-        with locked.staging() as place:
-            yield read, place / target.name
+            raise InputError(f"{scene} has many states", why_single, mend)
+        with locked.staging() as stage:
+            yield plan, stage / target.name
     say(f"Wrote {out}")
 
 
 @contextmanager
-def tell_interruption(left: Callable[[], str]) -> Iterator[None]:
-    """Turn an interruption of the block into :class:`Interrupted`, with the text that ``left``
-    returns then.
+def tell_interruption(describe_folder: Callable[[], str]) -> Iterator[None]:
+    """Turn an interruption of the block into :class:`Interrupted`, with the text that
+    ``describe_folder`` returns then.
     """
     try:
         yield
     except KeyboardInterrupt:
-        raise Interrupted(left()) from None
+        raise Interrupted(describe_folder()) from None
 
 
 def write_range(value: Any, unit: str) -> str:
@@ -141,9 +140,7 @@ def _write(value: Any, unit: str) -> str:
     if unit in ("m", "Pa", "N", "N/m", "Hz"):
         return write_range(value, unit)
     # with numpy, which the help of a command does not need
-    from granphon.base.results import (
-        describe_value,
-    )
+    from granphon.base.results import describe_value
 
     return f"{describe_value(value)}{write_unit(unit)}"
 
@@ -154,12 +151,10 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     if scene.is_single and scene.serving.chosen_automatically:
         serving = scene.serving
         error = float(serving.errors[0])
-        told = (
-            f"expected error {error:.2g} against {serving.truth}"
-            if error
-            else "exact for equal balls"
-        )
-        rows.append(("chosen", f"{serving.medium.label}, {told}"))
+        words = "exact for equal balls"
+        if error:
+            words = f"expected error {error:.2g} against {serving.truth}"
+        rows.append(("chosen", f"{serving.medium.label}, {words}"))
     if not scene.is_single:
         sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
         sizes += [
@@ -167,7 +162,7 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
             for name, values in scene.parameters
         ]
         states = math.prod(count for count, *_ in sizes)
-        counts = " x ".join(counted(*one) for one in sizes)
+        counts = " x ".join(counted(*size) for size in sizes)
         rows.append(("sweep", f"{counts} = {counted(states, 'state')}"))
     elif scene.serving.is_quick:
         state = scene.state()
@@ -197,41 +192,39 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
 
     numbers: dict[str, Any] = result.summary()
     rows = [("states", str(numbers["states"]))] if "states" in numbers else []
-    along = f" along {write_direction(numbers['direction'])}" if "direction" in numbers else ""
+    direction = ""
+    if "direction" in numbers:
+        direction = f" along {write_direction(numbers['direction'])}"
     for name in CATALOGUE:
-        one = result.entry(name)
-        if one is not None and one.told and name in numbers:
-            # a value, or the ends of several, with their standard errors if these are known
-            said = write_range(numbers[name], one.unit)
-            error = numbers.get(f"{name}_error")
-            if error is not None:
-                values = np.ravel(numbers[name])
-                errors = np.ravel(error)
-                several = f"{said} +/- {write_range(errors, one.unit)}"
-                said = (
-                    write_uncertain(float(values[0]), float(errors[0]), one.unit)
-                    if len(values) == 1
-                    else several
-                )
-            rows.append(
-                (
-                    one.label.lower(),
-                    said + (along if one.unit == "m/s" and one.cost != "surface" else ""),
-                )
-            )
-    if (gaps := numbers.get("gaps")) is not None:
-        widest = sorted(gaps, key=lambda one: one[0] - one[1])[:3]
-        told = ", ".join(write_range(one, "Hz") for one in sorted(widest)) or "none"
-        more = f", and {len(gaps) - len(widest)} narrower ones" if len(gaps) > len(widest) else ""
-        rows.append(("gaps" if len(gaps) > 1 else "gap", told + more))
+        entry = result.entry(name)
+        if entry is None or not entry.told or name not in numbers:
+            continue
+        # a value, or the ends of several, with their standard errors if these are known
+        text = write_range(numbers[name], entry.unit)
+        error = numbers.get(f"{name}_error")
+        if error is not None and np.size(numbers[name]) == 1:
+            value = float(np.ravel(numbers[name])[0])
+            text = write_uncertain(value, float(np.ravel(error)[0]), entry.unit)
+        elif error is not None:
+            text = f"{text} +/- {write_range(np.ravel(error), entry.unit)}"
+        if entry.unit == "m/s" and entry.cost != "surface":
+            text += direction
+        rows.append((entry.label.lower(), text))
+    gaps = numbers.get("gaps")
+    if gaps is not None:
+        widest = sorted(gaps, key=lambda gap: gap[0] - gap[1])[:3]
+        text = ", ".join(write_range(gap, "Hz") for gap in sorted(widest)) or "none"
+        if len(gaps) > len(widest):
+            text += f", and {len(gaps) - len(widest)} narrower ones"
+        rows.append(("gaps" if len(gaps) > 1 else "gap", text))
     return rows
 
 
-def write_direction(given: Any) -> str:
+def write_direction(direction: Any) -> str:
     """Text of one direction, or of the number of them."""
-    if isinstance(given[0], float | int):
-        return f"({', '.join(f'{x:g}' for x in given)})"
-    return counted(len(given), "direction")
+    if isinstance(direction[0], float | int):
+        return f"({', '.join(f'{x:g}' for x in direction)})"
+    return counted(len(direction), "direction")
 
 
 def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
@@ -248,9 +241,11 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
         if name == "width":
             rows.append(("standard deviation", _write_valued(fit.std, fit.std_stderr, "m")))
     source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"
-    each = " to ".join(dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma))))
-    known = f"each +/- {each} m/s ({source})" if fit.errors_are_known else "error not known"
-    rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, {known}")]
+    ends = dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma)))
+    errors = "error not known"
+    if fit.errors_are_known:
+        errors = f"each +/- {' to '.join(ends)} m/s ({source})"
+    rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, {errors}")]
     if not fit.is_isotropic:
         rows.append(("direction", write_direction(fit.waves.direction)))
     if fit.sigma_given:
@@ -260,14 +255,11 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
 
 
 def _write_valued(value: float, error: float, unit: str) -> str:
-    known = math.isfinite(error)
-    if known and not unit:  # a number takes no prefix
+    if not math.isfinite(error):
+        return f"{write_quantity(value, unit)}, error not known"
+    if not unit:  # a number takes no prefix
         return f"{value:.4g} +/- {error:.2g}"
-    return (
-        write_uncertain(value, error, unit)
-        if known
-        else f"{write_quantity(value, unit)}, error not known"
-    )
+    return write_uncertain(value, error, unit)
 
 
 def _judge_fit(fit: WidthFit | DampingFit) -> tuple[str, str]:
@@ -282,18 +274,16 @@ def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
     from granphon.fits.transfer import PARAMETERS
 
     units = [PARAMETERS[name].replace("1", "") for name in fit.parameters]
-    each = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), units, strict=True)
+    columns = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), units, strict=True)
     rows = [
         (name.replace("_", " "), _write_valued(value, error, unit))
-        for name, value, error, unit in each
+        for name, value, error, unit in columns
     ]
-    what = "magnitudes" if fit.measured.phase is None else "magnitudes and phases"
-    source = (
-        "sigma given"
-        if fit.sigma_given
-        else f"sigma from the scatter, {fit.dof} degrees of freedom"
-    )
-    rows.append(("data", f"{len(fit.magnitude)} {what}, {source}"))
+    data = "magnitudes" if fit.measured.phase is None else "magnitudes and phases"
+    source = "sigma given"
+    if not fit.sigma_given:
+        source = f"sigma from the scatter, {fit.dof} degrees of freedom"
+    rows.append(("data", f"{len(fit.magnitude)} {data}, {source}"))
     return [*rows, _judge_fit(fit)] if fit.sigma_given else rows
 
 
@@ -323,16 +313,17 @@ def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
             rows.append((point.method, point.knob, *[""] * 8, point.failure))
             continue
         times = [
-            write_quantity(one, "s") if one else "0 s"
-            for one in (point.seconds, point.spread, point.setup)
+            write_quantity(time, "s") if time else "0 s"
+            for time in (point.seconds, point.spread, point.setup)
         ]
-        error = f"{point.error:.2e}" if point.errors.size else "?"
-        found = (error, f"{point.stderr:.0e}" if point.stderr else "", str(point.draws), *times)
         rows.append(
             (
                 point.method,
                 point.knob,
-                *found,
+                f"{point.error:.2e}" if point.errors.size else "?",
+                f"{point.stderr:.0e}" if point.stderr else "",
+                str(point.draws),
+                *times,
                 write_quantity(point.memory, "B"),
                 f"{point.floor:.0e}",
                 point.note,

@@ -1,5 +1,5 @@
-"""The data set of a sweep: its frame, which says what is computed, the results of the cases in
-their places, and its files.
+"""The data set of a sweep: its frame, which says what is computed, the results of the cases in it,
+and its files.
 
 The files are netCDF for programs, which is read back, and a table for spreadsheets.
 
@@ -80,11 +80,11 @@ else:
 
 Array = NDArray[Any]
 #: costs of the observables of the waves in simulated arrays, at edges, and in networks
-_OF_WAVES = ("pulse", "spectrum", "dos", "surface", "network")
+_WAVE_COSTS = ("pulse", "spectrum", "dos", "surface", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
-#: dimensions of tables of waves besides those of states, by the name of the file
-_ROWS = {
+#: dimensions of tables of waves besides the dimensions of states, by the stem of the file
+_TABLE_DIMS = {
     "sweep_dos": ("node",),
     "sweep_spectra": ("polarisation", "wavevector"),
     "response": ("response_frequency", "receiver"),
@@ -179,11 +179,11 @@ class SweepRun:
     def of(cls, grid: Grid) -> Self:
         """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
         frame = make_frame(grid)
-        for case in grid.cases if grid.asked.sound else ():
-            try:  # an array is not the lattice, and has its own forces
-                case.medium.of(case.packing).require_sound(
-                    grid.asked.finite_overlap and not case.medium.is_exact
-                )
+        for case in grid.cases if grid.request.sound else ():
+            # an array has its own forces, which are not those of the lattice
+            finite_overlap = grid.request.finite_overlap and not case.medium.is_exact
+            try:
+                case.medium.of(case.packing).require_sound(finite_overlap)
             except (MechanismError, InstabilityError) as error:
                 raise error.restate(f"{case.label}: {error}") from None
         return cls(grid, frame)
@@ -194,27 +194,26 @@ class SweepRun:
         progress: Progress = silent,
         store: Store | None = None,
     ) -> list[TaskResult]:
-        """Do all tasks, case by case, whose results the ``store`` keeps, and return these."""
-        place = store or Store()
+        """Do all tasks, case by case, and return their results, which the ``store`` keeps."""
+        task_store = store or Store()
         tasks = [task for case in self.grid.cases for task in case.tasks]
-        place.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
-        return solve_all(
-            "simulation" if self.grid.asked.alone else "sweep", tasks, executor, progress, place
-        )
+        task_store.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
+        label = "simulation" if self.grid.request.alone else "sweep"
+        return solve_all(label, tasks, executor, progress, task_store)
 
-    def join(self, found: Sequence[TaskResult]) -> Dataset:
+    def join(self, results: Sequence[TaskResult]) -> Dataset:
         """Return the data set from the results of all tasks.
 
         :class:`~granphon.base.errors.ConvergenceError` if a path of loads ends early; its
         ``reached`` is the data set of the loads before.
         """
-        left = iter(found)
-        parts = [case.join(list(islice(left, len(case.tasks)))) for case in self.grid.cases]
-        dataset = fill(self.frame, self.grid, [drop_marks(part) for part in parts])
-        places = find_reached(parts, dataset.sizes["load"])
-        if len(places) < dataset.sizes["load"]:
-            error = explain_end(parts)
-            error.reached = dataset.isel(load=places).assign_attrs({INCOMPLETE: str(error)})
+        remaining = iter(results)
+        joined = [case.join(list(islice(remaining, len(case.tasks)))) for case in self.grid.cases]
+        dataset = fill(self.frame, self.grid, [drop_marks(result) for result in joined])
+        reached = find_reached(joined, dataset.sizes["load"])
+        if len(reached) < dataset.sizes["load"]:
+            error = explain_end(joined)
+            error.reached = dataset.isel(load=reached).assign_attrs({INCOMPLETE: str(error)})
             raise error
         return dataset
 
@@ -223,12 +222,10 @@ class SweepRun:
         samples; see :meth:`join`.
         """
         (task,) = self.grid.cases[0].media
-        out = task.observe(analysis)
-        return fill(
-            self.frame,
-            self.grid,
-            [out if task.asked.waves is None else add_waves(out, task, task.load, records)],
-        )
+        result = task.observe(analysis)
+        if task.request.waves is not None:
+            result = add_waves(result, task, task.load, records)
+        return fill(self.frame, self.grid, [result])
 
 
 # -- the frame, and results in it ------------------------------------------------------------------
@@ -249,110 +246,139 @@ def make_frame(grid: Grid) -> Dataset:
 
         register_accessor()
 
-    load = grid.load
     packing = grid.cases[0].packing
-    asked = grid.asked
-    finite = [one.has_finite_overlap(asked.finite_overlap) for one in grid.media]
-    variables: dict[str, Any] = {}
-    if (way := asked.find_path(packing.structure)) is not None:
-        if len({(case.packing.structure, case.packing.ball_motions) for case in grid.cases}) > 1:
-            why = (
-                "The number of branches, or the Brillouin zone, differs, so that they do not fit"
-                " into one array"
-            )
-            raise InputError(
-                "bands cannot be swept over friction, motions or lattices",
-                why,
-                "Make a sweep of each",
-            )
-        vectors = packing.structure.vectors
-        p = packing.structure.periods
-        qpoints, ticks = way
-        cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
-        # no step leads to the first point of a segment, so that segments that do not join are drawn
-        # side by side
-        steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
-        # put in words: programs that parse units read "1/d" as once a day, and the spacing a
-        # differs from load to load
-        unit = (
-            "1/a" if all(finite) else "1/d" + ", or 1/a of media with finite overlap" * any(finite)
-        )
-        about = {
-            "long_name": f"distance along the path in units of {unit}, without 2 pi",
-            "units": "1",
-        }
-        fractions = {"long_name": "fractions of the reciprocal cell", "units": "1"}
-        variables["qpoints"] = (("segment", "point", "fraction"), qpoints, fractions)
-        variables["distances"] = (
-            ("segment", "point"),
-            np.cumsum(steps).reshape(steps.shape),
-            about,
-        )
-        variables["labels"] = ("corner", np.array(ticks), {"long_name": "corners of the path"})
-    loads = ("load", load.array, _list_attributes(load.kind, load.array, packing))
-    if load.kind == "pressure":  # of what was cut it acts on the faces too
-        loads[2]["units"] = find_load_unit(
-            "pressure", packing.structure.periods, packing.structure.pressed_axes
-        )
-    coordinates: dict[str, Any] = {
-        load.kind: loads,
-        "medium": [choice.label for choice in grid.media],
-    }
-    for axis in grid.axes:
-        # a label does not describe a spread or a lattice completely
-        whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
-        labels = np.array(axis.labels)
-        coordinates[axis.name] = (
-            axis.name,
-            labels,
-            _list_attributes(axis.name, labels, packing) | whole,
-        )
-    along = (
-        f"{('(1)', '(1, 0)', '(1, 0, 0)')[packing.structure.periods - 1]}, Cartesian, where"
-        f" velocities depend on it"
-    )
-    if (given := asked.direction) is not None:
-        many = isinstance(given[0], tuple)
-        each: Any = given if many else (given,)
-        # with as many digits as tell them apart
-        short = [f"({', '.join(f'{x:g}' for x in numbers)})" for numbers in each]
-        exact = [f"({', '.join(map(repr, numbers))})" for numbers in each]
-        names = np.array(short if len(set(short)) == len(short) else exact)
-        along = f"{', '.join(names.tolist())}, Cartesian"
-        about = {"long_name": "direction of propagation, Cartesian", "values": to_json(given)}
-        coordinates["direction"] = ("direction", names, about) if many else ((), names[0], about)
-    attrs = {
+    request = grid.request
+    finite = [medium.has_finite_overlap(request.finite_overlap) for medium in grid.media]
+    variables = _frame_bands(grid, finite)
+    coordinates = _frame_states(grid)
+    attrs: dict[str, Any] = {
         "format": FORMAT,
         "schema": SWEEP_SCHEMA,
         "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
-        "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
+        "media": to_json(
+            [{medium.name: medium.settings_on(packing.structure)} for medium in grid.media]
+        ),
         "finite_overlap": int(all(finite)),
-        "direction": along,
-        "observe": to_json(asked.observe),
+        "direction": (
+            f"{('(1)', '(1, 0)', '(1, 0, 0)')[packing.structure.periods - 1]}, Cartesian, where"
+            " velocities depend on it"
+        ),
+        "observe": to_json(request.observe),
     }
-    if (waves := asked.waves) is not None:
-        attrs["waves"] = to_json({"of": waves, "exponents": asked.exponents})
-        if waves.spectrum is not None:
-            # imported here: other sweeps do not need it
-            from granphon.waves.path_spectra import (
-                join_labels,
-            )
+    if request.direction is not None:
+        direction, words = _frame_direction(request.direction)
+        coordinates["direction"] = direction
+        attrs["direction"] = words
+    waves = request.waves
+    if waves is not None:
+        attrs["waves"] = to_json({"of": waves, "exponents": request.exponents})
+    if waves is not None and waves.spectrum is not None:
+        # imported here: other sweeps do not need spectra
+        from granphon.waves.path_spectra import join_labels
 
-            coordinates["polarisation"] = list(waves.spectrum.polarisation)
-            labels = np.array(join_labels(waves.path, waves.labels))
-            about = {"long_name": "corners of the path of the spectra"}
-            variables["labels_of_path"] = ("corner_of_path", labels, about)
-        for one in waves.of_networks:
-            for name, (values, unit) in one.coordinates.items():
-                coordinates[name] = (name, np.array(values), {"units": unit} if unit else {})
-    attrs |= {
-        name: to_json(one)
-        for name, one in (("surface", asked.surface), ("damping", asked.bands))
-        if one is not None
-    }
-    if asked.finite_overlap and not all(one.is_exact for one in grid.media):
+        coordinates["polarisation"] = list(waves.spectrum.polarisation)
+        labels = np.array(join_labels(waves.path, waves.labels))
+        meaning = {"long_name": "corners of the path of the spectra"}
+        variables["labels_of_path"] = ("corner_of_path", labels, meaning)
+    for settings in waves.of_networks if waves is not None else ():
+        for name, (values, unit) in settings.coordinates.items():
+            coordinates[name] = (name, np.array(values), {"units": unit} if unit else {})
+    if request.surface is not None:
+        attrs["surface"] = to_json(request.surface)
+    if request.bands is not None:
+        attrs["damping"] = to_json(request.bands)
+    if request.finite_overlap and not all(medium.is_exact for medium in grid.media):
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
-    return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
+    attrs["packing"] = to_json(grid.packing)
+    return Dataset(variables, coordinates, attrs)
+
+
+def _frame_bands(grid: Grid, finite: Sequence[bool]) -> dict[str, Any]:
+    """Return the variables of the path of the bands, empty without bands; ``finite`` says of each
+    medium whether its states have finite overlap.
+    """
+    structure = grid.cases[0].packing.structure
+    path = grid.request.find_path(structure)
+    if path is None:
+        return {}
+    if len({(case.packing.structure, case.packing.ball_motions) for case in grid.cases}) > 1:
+        why = (
+            "The number of branches, or the Brillouin zone, differs, so that they do not fit into"
+            " one array"
+        )
+        problem = "bands cannot be swept over friction, motions or lattices"
+        raise InputError(problem, why, "Make a sweep of each")
+    p = structure.periods
+    qpoints, corners = path
+    cartesian = qpoints[..., :p] @ np.linalg.inv(structure.vectors[:, :p]).T
+    # no step leads to the first point of a segment, so that segments that do not join are drawn
+    # side by side
+    steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
+    distances = np.cumsum(steps).reshape(steps.shape)
+    # put in words: programs that parse units read "1/d" as once a day, and the spacing a differs
+    # from load to load
+    unit = "1/d"
+    if all(finite):
+        unit = "1/a"
+    elif any(finite):
+        unit = "1/d, or 1/a of media with finite overlap"
+    distance_words = f"distance along the path in units of {unit}, without 2 pi"
+    fraction_words = "fractions of the reciprocal cell"
+    return {
+        "qpoints": (
+            ("segment", "point", "fraction"),
+            qpoints,
+            {"long_name": fraction_words, "units": "1"},
+        ),
+        "distances": (
+            ("segment", "point"),
+            distances,
+            {"long_name": distance_words, "units": "1"},
+        ),
+        "labels": ("corner", np.array(corners), {"long_name": "corners of the path"}),
+    }
+
+
+def _frame_states(grid: Grid) -> dict[str, Any]:
+    """Return the coordinates of the states: loads, media and swept parameters."""
+    load = grid.load
+    packing = grid.cases[0].packing
+    load_attributes = _list_attributes(load.kind, load.array, packing)
+    if load.kind == "pressure":  # the pressure of a cut crystal acts on the faces too
+        structure = packing.structure
+        load_attributes["units"] = find_load_unit(
+            "pressure", structure.periods, structure.pressed_axes
+        )
+    coordinates: dict[str, Any] = {
+        load.kind: ("load", load.array, load_attributes),
+        "medium": [medium.label for medium in grid.media],
+    }
+    for axis in grid.axes:
+        labels = np.array(axis.labels)
+        attributes = _list_attributes(axis.name, labels, packing)
+        if axis.name in ("spread", "lattice"):
+            # a label does not describe a spread or a lattice completely
+            attributes["values"] = to_json(axis.values)
+        coordinates[axis.name] = (axis.name, labels, attributes)
+    return coordinates
+
+
+def _frame_direction(direction: tuple[Any, ...]) -> tuple[tuple[Any, ...], str]:
+    """Return the coordinate of the direction of sound, one or many, and its words."""
+    is_many = isinstance(direction[0], tuple)
+    directions: Any = direction if is_many else (direction,)
+    # with as many digits as tell them apart
+    short = [f"({', '.join(f'{x:g}' for x in numbers)})" for numbers in directions]
+    exact = [f"({', '.join(map(repr, numbers))})" for numbers in directions]
+    names = np.array(short if len(set(short)) == len(short) else exact)
+    attributes = {
+        "long_name": "direction of propagation, Cartesian",
+        "values": to_json(direction),
+    }
+    words = f"{', '.join(names.tolist())}, Cartesian"
+    if is_many:
+        return ("direction", names, attributes), words
+    return ((), names[0], attributes), words
 
 
 def tabulate(
@@ -383,32 +409,26 @@ def tabulate(
 
 def find_dataset(result: Any) -> Dataset | None:
     """Return the data set of states, all in SI, that a result is, or has as its ``dataset``; None
-    if there is none.
+    for a result without a data set.
     """
-    found: Dataset = getattr(result, "dataset", result)
-    if not (hasattr(found, "data_vars") and "valid" in found):
+    dataset: Dataset = getattr(result, "dataset", result)
+    if not (hasattr(dataset, "data_vars") and "valid" in dataset):
         return None
-    for name, values in found.variables.items():
-        if not is_si(own := str(find_unit_of(values) or values.attrs.get("units", ""))):
-            what = f"{name} of the data set is in {own}"
-            raise InputError(
-                what,
-                "Variables have SI units",
-                "Convert it back (.pint.to), or plot it with xarray",
-            )
-    return found
+    for name, values in dataset.variables.items():
+        unit = str(find_unit_of(values) or values.attrs.get("units", ""))
+        if not is_si(unit):
+            mend = "Convert it back (.pint.to), or plot it with xarray"
+            problem = f"{name} of the data set is in {unit}"
+            raise InputError(problem, "Variables have SI units", mend)
+    return dataset
 
 
 def find_load(dataset: Dataset) -> str:
-    """Return the name of the load that was given: a coordinate along the loads."""
-    return next(
-        (
-            str(name)
-            for name in LOAD_KINDS
-            if name in dataset.coords and dataset[name].dims == ("load",)
-        ),
-        "force",
-    )
+    """Return the kind of load that was applied: the name of a coordinate along the loads."""
+    for name in LOAD_KINDS:
+        if name in dataset.coords and dataset[name].dims == ("load",):
+            return str(name)
+    return "force"
 
 
 def list_finite_overlap(dataset: Dataset) -> list[bool]:
@@ -431,7 +451,7 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     """Return all that determines the numbers, as plain data; a frame and the sweep read from its
     file give the same.
     """
-    made = json.loads(frame.attrs["versions"])
+    package_versions = json.loads(frame.attrs["versions"])
     path = [name for name in ("labels", "qpoints") if name in frame]
     out = {
         name: json.loads(frame.attrs[name])
@@ -440,141 +460,169 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     }
     out |= {
         "finite_overlap": bool(frame.attrs["finite_overlap"]),
-        "versions": {name: made[name] for name in packages()},
+        "versions": {name: package_versions[name] for name in packages()},
     }
-    known = {*LOAD_KINDS, *PARAMETERS, "direction"}
-    for name in [name for name in frame.coords if name in known or "." in str(name)] + path:
-        whole = frame[name].attrs.get("values")
-        out[str(name)] = frame[name].values.tolist() if whole is None else json.loads(whole)
+    parameters = {*LOAD_KINDS, *PARAMETERS, "direction"}
+    swept = [name for name in frame.coords if name in parameters or "." in str(name)]
+    for name in swept + path:
+        values = frame[name].attrs.get("values")
+        out[str(name)] = frame[name].values.tolist() if values is None else json.loads(values)
     return out
 
 
-def fill(frame: Dataset, grid: Grid, parts: list[TaskResult]) -> Dataset:
-    """Return the frame with the results of the cases, ``parts``, filled in."""
-    load = grid.load
-    axes = grid.axes
-    dims, counts = (
-        ("load", "medium", *(axis.name for axis in axes)),
-        [len(axis.values) for axis in axes],
-    )
-    along = ("direction",) * ("direction" in frame.dims)
-    voigt = list(voigt_names(grid.cases[0].packing.structure.periods))
-    sizes = {
-        name: part[name].shape[1:]
-        for part in parts
-        for name in part
-        if name in CATALOGUE and CATALOGUE[name].sampled
-    }
-    for number, case in enumerate(grid.cases):
-        # standard errors that a result lacks are zero for a medium that samples nothing, and nan,
-        # not known, for one sample
-        error = np.zeros(load.size)
-        for serving in case.serving_media:
-            error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
-        lacking = {name: shape for name, shape in sizes.items() if name not in parts[number]}
-        parts[number] |= {
-            name: np.moveaxis(np.broadcast_to(error, (*shape, load.size)), -1, 0)
-            for name, shape in lacking.items()
-        }
+def fill(frame: Dataset, grid: Grid, results: list[TaskResult]) -> Dataset:
+    """Return the frame with the ``results`` of the cases filled in."""
+    packing = grid.cases[0].packing
     labels = [case.label for case in grid.cases]
-    told = [
+    warnings = [
         (label, text)
-        for label, part in zip(labels, parts, strict=True)
-        for text in tell_warnings(part)
+        for label, result in zip(labels, results, strict=True)
+        for text in tell_warnings(result)
     ]
-    for name in {
-        name
-        for part in parts
-        for name in part
-        if name in CATALOGUE and CATALOGUE[name].dims[-1:] in _UNEVEN
-    }:
-        holders = [part for part in parts if name in part]
-        for part, table in zip(holders, pad_alike([part[name] for part in holders]), strict=True):
-            part[name] = table
-    parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
-    told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
-    # a single state needs no name
-    warnings = (
-        list(dict.fromkeys(text for _, text in told)) if grid.asked.alone else label_warnings(told)
-    )
-    if any(serving.chosen_automatically for one in grid.cases for serving in one.serving_media):
-        # the medium that serves each load, and its error, +inf where that is not known
-        for number, one in enumerate(grid.cases):
-            choice = np.empty(load.size, object)
-            error = np.empty(load.size)
-            for serving in one.serving_media:
-                choice[serving.loads], error[serving.loads] = serving.medium.label, serving.errors
-            parts[number] |= {"choice": choice.astype(str), "expected_error": error}
+    _fill_errors(grid, results)
+    _pad_uneven(results)
+    results, sentences = _fill_gaps(results, packing.structure.periods)
+    warnings += [(label, text) for label, text in zip(labels, sentences, strict=True) if text]
+    texts = label_warnings(warnings)
+    if grid.request.alone:  # a single state needs no name
+        texts = list(dict.fromkeys(text for _, text in warnings))
+    _fill_choices(grid, results)
     # keep the variables that every case has
     names = [
         name
-        for name in parts[0]
-        if name not in (load.kind, "warnings") and all(name in part for part in parts)
+        for name in results[0]
+        if name not in (grid.load.kind, "warnings") and all(name in result for result in results)
     ]
-    packing = grid.cases[0].packing
     variables: dict[str, Any] = {}
     for name in names:
-        stack = np.array([part[name] for part in parts])
-        stack = stack.reshape(*counts, frame.sizes["medium"], load.size, *stack.shape[2:])
-        stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
-        own = (*dims, *along * CATALOGUE[name].per_direction, *CATALOGUE[name].dims)
-        variables[name] = (own, stack, _list_attributes(name, stack, packing))
+        dims, values = _stack(name, frame, grid, results)
+        variables[name] = (dims, values, _list_attributes(name, values, packing))
     if "tensor" in names:
+        voigt = list(voigt_names(packing.structure.periods))
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
     along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
     return (
         frame.drop_vars(list(along_path))
         .assign(variables)
         .assign(along_path)
-        .assign_attrs(warnings=to_json(warnings))
+        .assign_attrs(warnings=to_json(texts))
     )
 
 
-def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
+def _stack(
+    name: str, frame: Dataset, grid: Grid, results: Sequence[TaskResult]
+) -> tuple[tuple[str, ...], Array]:
+    """Return the dimensions and the values of a variable of all cases."""
+    axes = grid.axes
+    counts = [len(axis.values) for axis in axes]
+    values = np.array([result[name] for result in results])
+    values = values.reshape(*counts, frame.sizes["medium"], grid.load.size, *values.shape[2:])
+    values = np.moveaxis(values, (len(axes) + 1, len(axes)), (0, 1))
+    dims = ["load", "medium", *(axis.name for axis in axes)]
+    if CATALOGUE[name].per_direction and "direction" in frame.dims:
+        dims.append("direction")
+    return (*dims, *CATALOGUE[name].dims), values
+
+
+def _fill_errors(grid: Grid, results: Sequence[TaskResult]) -> None:
+    """Add the standard errors that results lack: zero for a medium that samples nothing, and nan,
+    not known, for one sample.
+    """
+    shapes = {
+        name: result[name].shape[1:]
+        for result in results
+        for name in result
+        if name in CATALOGUE and CATALOGUE[name].sampled
+    }
+    size = grid.load.size
+    for case, result in zip(grid.cases, results, strict=True):
+        error = np.zeros(size)
+        for serving in case.serving_media:
+            error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
+        for name, shape in shapes.items():
+            if name not in result:
+                result[name] = np.moveaxis(np.broadcast_to(error, (*shape, size)), -1, 0)
+
+
+def _pad_uneven(results: Sequence[TaskResult]) -> None:
+    """Pad, with nan, the variables of which some states have fewer values than others."""
+    uneven = {
+        name
+        for result in results
+        for name in result
+        if name in CATALOGUE and CATALOGUE[name].dims[-1:] in _UNEVEN
+    }
+    for name in uneven:
+        holders = [result for result in results if name in result]
+        tables = pad_alike([result[name] for result in holders])
+        for result, table in zip(holders, tables, strict=True):
+            result[name] = table
+
+
+def _fill_choices(grid: Grid, results: Sequence[TaskResult]) -> None:
+    """Add the medium that serves each load, and its error, +inf where that is not known, if a
+    medium of the sweep was chosen automatically.
+    """
+    serving_media = [serving for case in grid.cases for serving in case.serving_media]
+    if not any(serving.chosen_automatically for serving in serving_media):
+        return
+    for case, result in zip(grid.cases, results, strict=True):
+        choice = np.empty(grid.load.size, object)
+        error = np.empty(grid.load.size)
+        for serving in case.serving_media:
+            choice[serving.loads] = serving.medium.label
+            error[serving.loads] = serving.errors
+        result["choice"] = choice.astype(str)
+        result["expected_error"] = error
+
+
+def _fill_gaps(results: Sequence[TaskResult], periods: int) -> tuple[list[TaskResult], list[str]]:
     """Return results in which velocities, moduli, pressures and waves that only some of them have
     are nan in the others.
 
-    For each result, a sentence says which are nan and why; it is empty if none is, and for a
-    mechanism, which has its own warning. Bulk and shear moduli and the anisotropy are left out if
-    one of the lattices has a tensor without them. If no modulus is left out the tensor is. The
-    standard error of what is left out is left out with it.
+    For each result, a sentence says which are nan and why; the sentence is empty if none is, and
+    for a mechanism, which has its own warning. Bulk and shear moduli and the anisotropy are left
+    out if one of the lattices has a tensor without them. If no modulus is left out the tensor is.
+    A variable is left out with its standard error.
     """
-    known = {
+    examples = {
         name: value
-        for part in reversed(parts)
-        for name, value in part.items()
+        for result in reversed(results)
+        for name, value in result.items()
         if name == "pressure"
-        or (name in CATALOGUE and CATALOGUE[name].cost in ("velocities", *_OF_WAVES))
+        or (name in CATALOGUE and CATALOGUE[name].cost in ("velocities", *_WAVE_COSTS))
     }
     left_out = {
         name
         for name in ("bulk", "shear", "anisotropy")
-        if any("tensor" in part and name not in part for part in parts)
+        if any("tensor" in result and name not in result for result in results)
     }
-    if "bulk" in known and left_out - {"anisotropy"} <= ({"shear"} if periods == 1 else set()):
+    may_lack = {"shear", "anisotropy"} if periods == 1 else {"anisotropy"}
+    if "bulk" in examples and left_out <= may_lack:
         left_out.add("tensor")
     left_out |= {f"{name}_error" for name in left_out}
     filled = list[TaskResult]()
-    missing = list[str]()
-    for part in parts:
+    sentences = list[str]()
+    for result in results:
         nans = {
-            name: np.full_like(one, np.nan)
-            for name, one in known.items()
-            if name not in part and name not in left_out
+            name: np.full_like(example, np.nan)
+            for name, example in examples.items()
+            if name not in result and name not in left_out
         }
-        filled.append({name: one for name, one in part.items() if name not in left_out} | nans)
-        told = ["pressure is nan, as the stress of the lattice is not one"] * (
-            nans.pop("pressure", None) is not None
-        )
-        # of waves in arrays a case has its own notes
-        lacking = [name for name in nans if _is_of_sound(name)]
-        if lacking and any(map(_is_of_sound, part)):
+        kept = {name: value for name, value in result.items() if name not in left_out}
+        filled.append(kept | nans)
+        reasons = list[str]()
+        if "pressure" in nans:
+            reasons.append("pressure is nan, as the stress of the lattice is not one")
+        # a case has its own notes on waves in arrays
+        lacking = [name for name in nans if name != "pressure" and _is_of_sound(name)]
+        if lacking and any(map(_is_of_sound, result)):
             are, waves = ("is", "wave") if len(lacking) == 1 else ("are", "waves")
-            told.append(
+            reasons.append(
                 f"{', '.join(lacking)} {are} nan, as balls with these motions have no such {waves}"
             )
-        missing.append("; ".join(told))
-    return filled, missing
+        sentences.append("; ".join(reasons))
+    return filled, sentences
 
 
 def _is_of_sound(name: str) -> bool:
@@ -583,9 +631,10 @@ def _is_of_sound(name: str) -> bool:
 
 def _list_attributes(name: str, values: Array, packing: Balls) -> dict[str, str]:
     entry = entry_of(name, packing)
-    return {"long_name": entry.title} | (
-        {"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {}
-    )
+    attributes = {"long_name": entry.title}
+    if entry.unit and values.dtype.kind in "iuf":
+        attributes["units"] = entry.unit
+    return attributes
 
 
 # -- files -----------------------------------------------------------------------------------------
@@ -624,12 +673,11 @@ def open_bytes(data: bytes) -> Dataset:
         from xarray import open_dataset
 
     def check(_: str, item: Any) -> None:
-        group = isinstance(item, h5py.Group)
-        if group and any(
-            isinstance(item.get(key, getlink=True), h5py.ExternalLink) for key in item
-        ):
-            raise ValueError("it refers to another file")
-        if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+        keys = item if isinstance(item, h5py.Group) else ()
+        links = [item.get(key, getlink=True) for key in keys]
+        is_data = isinstance(item, h5py.Dataset)
+        is_outside = is_data and (item.external or item.is_virtual)
+        if is_outside or any(isinstance(link, h5py.ExternalLink) for link in links):
             raise ValueError("it refers to another file")
 
     stream = io.BytesIO(data)
@@ -653,13 +701,14 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     path.write_bytes(data)
     with path.open("ab") as stream:
         stream.write(_TRAILER + hashlib.sha256(data).hexdigest().encode())
-    # a row for each load, medium, combination of parameters and direction of sound
-    # a single direction is a coordinate without a dimension
-    along = ("direction",) * ("direction" in dataset.coords)
-    own = dataset["valid"].dims
-    dims = (*own, *(name for name in along if name in dataset.dims))
-    columns = [name for name, data in dataset.data_vars.items() if data.dims in (own, dims)]
-    _write_rows(dataset, path.with_suffix(".csv"), dims, [*along, *columns])
+    # a row for each load, medium, combination of parameters and direction of sound; a single
+    # direction is a coordinate without a dimension
+    dims = state_dims = dataset["valid"].dims
+    if "direction" in dataset.dims:
+        dims = (*state_dims, "direction")
+    columns = [name for name, data in dataset.data_vars.items() if data.dims in (state_dims, dims)]
+    direction = ["direction"] if "direction" in dataset.coords else []
+    _write_rows(dataset, path.with_suffix(".csv"), dims, [*direction, *columns])
 
 
 def _digest_numbers(dataset: Dataset) -> str:
@@ -701,16 +750,18 @@ def write_waves(dataset: Dataset, path: Path) -> None:
     polarisation and wave vector, and that of a block about networks one for each state and each of
     its coordinates.
     """
-    extra = _ROWS[path.stem]
-    dims = (*dataset["valid"].dims, *extra)
+    wave_dims = _TABLE_DIMS[path.stem]
+    dims = (*dataset["valid"].dims, *wave_dims)
     if path.stem == "damped_bands":  # numbered, from zero
-        dataset = dataset.assign_coords({name: np.arange(dataset.sizes[name]) for name in extra})
-    whole = [
-        one
-        for one, data in dataset.data_vars.items()
-        if set(extra[-1:]) <= set(data.dims) <= set(dims)
+        numbers = {name: np.arange(dataset.sizes[name]) for name in wave_dims}
+        dataset = dataset.assign_coords(numbers)
+    coordinates = [name for name in wave_dims if name in dataset.coords]
+    variables = [
+        name
+        for name, data in dataset.data_vars.items()
+        if set(wave_dims[-1:]) <= set(data.dims) <= set(dims)
     ]
-    _write_rows(dataset, path, dims, [*(one for one in extra if one in dataset.coords), *whole])
+    _write_rows(dataset, path, dims, [*coordinates, *variables])
 
 
 def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
@@ -718,9 +769,9 @@ def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequ
     ``columns``, all digits.
     """
     load = find_load(dataset)
-    own = dataset["valid"].dims
-    names = [load, *own[1:], *columns]
-    grid = dataset["valid"].broadcast_like(dataset[names[len(own) :]])
+    state_dims = dataset["valid"].dims
+    names = [load, *state_dims[1:], *columns]
+    grid = dataset["valid"].broadcast_like(dataset[list(columns)])
     headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]
     values = [dataset[name].broadcast_like(grid).transpose(*dims).values.ravel() for name in names]
     with path.open("w", encoding="utf-8", newline="") as stream:
@@ -743,10 +794,10 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     raw = read_bytes(path, _MOST_BYTES)
     body = raw[:-_TRAILER_BYTES]
     trailer = raw[-_TRAILER_BYTES:]
-    sound = trailer.startswith(_TRAILER)
-    if sound and trailer != _TRAILER + hashlib.sha256(body).hexdigest().encode():
+    has_file_digest = trailer.startswith(_TRAILER)
+    if has_file_digest and trailer != _TRAILER + hashlib.sha256(body).hexdigest().encode():
         raise damage_error(path, "sha256 of the file, at its end")
-    if not sound:
+    if not has_file_digest:
         body = raw
         _try_elsewhere(path, body)
     try:
@@ -766,10 +817,10 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         raise InputError(
             f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again"
         )
-    told = dataset.attrs.pop(DIGEST, None)
-    if told is not None and told != _digest_numbers(dataset):
+    kept_digest = dataset.attrs.pop(DIGEST, None)
+    if kept_digest is not None and kept_digest != _digest_numbers(dataset):
         raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
-    if told is None and not sound:
+    if kept_digest is None and not has_file_digest:
         _require_sense(path, dataset)
         warn_unverified(path)
     return dataset
@@ -784,53 +835,55 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
             if name in dataset.attrs and not isinstance(json.loads(dataset.attrs[name]), kind):
                 raise ValueError
         except (TypeError, ValueError, RecursionError):
-            what = (
+            problem = (
                 f"{path} is damaged: its attribute {name} is {show(dataset.attrs[name])}, which"
                 f" is no JSON {_WORDS[kind]}"
             )
-            raise InputError(what, mend="Run the sweep again") from None
+            raise InputError(problem, mend="Run the sweep again") from None
     # velocities that balls with some of the motions do not have are nan, and pressures that some
     # lattices do not have
-    lacking = not {"motions", "torsion", "bending", "lattice"}.isdisjoint(dataset.coords)
-    # nan where not known
-    errors = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}
-    # likewise
-    unknown = {
-        name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES or CATALOGUE.is_added(name)
-    }
+    may_lack = not {"motions", "torsion", "bending", "lattice"}.isdisjoint(dataset.coords)
     for name in map(str, dataset.variables):
         values = dataset[name].values
         if name not in CATALOGUE or not CATALOGUE[name].unit or values.dtype.kind == "b":
             continue
         if name in ("torsion", "direction") and values.dtype.kind in "OUT":
             continue  # "mindlin" is among the values of torsion; directions are named
-        wrong = None if values.dtype.kind in "iuf" else "which are no numbers"
-        if wrong is None:
-            if lacking and (CATALOGUE[name].cost == "velocities" or name == "pressure"):
-                values = values[~np.isnan(values)]
-            good = np.isfinite(values)
-            allowed = "finite"
-            if name in _MAY_BE_INFINITE:
-                good |= values == np.inf
-            if name in _ABOVE_ZERO:
-                good = good & (values > 0.0)
-                allowed = "above zero"
-            elif name in _ZERO_OR_ABOVE or name in errors:
-                good = good & (values >= 0.0)
-                allowed = "zero or above"
-            if name in _VELOCITIES:
-                good = good & (values < LIGHT_VELOCITY)
-                allowed = f"{allowed}, and below the velocity of light"
-            if name in errors | unknown:
-                good |= np.isnan(values)
-            wrong = (
-                None
-                if np.all(good)
-                else f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
-            )
-        if wrong is not None:
-            what = f"{path} is damaged: it holds values of {name}, {wrong}"
-            raise InputError(what, mend="Run the sweep again")
+        fault = _find_fault(name, values, may_lack)
+        if fault:
+            problem = f"{path} is damaged: it holds values of {name}, {fault}"
+            raise InputError(problem, mend="Run the sweep again")
+
+
+def _find_fault(name: str, values: Array, may_lack: bool) -> str:
+    """Return words for the first of the ``values`` of a variable that cannot be of a sweep; empty
+    if all can be. With ``may_lack`` velocities and pressures may be nan.
+    """
+    if values.dtype.kind not in "iuf":
+        return "which are no numbers"
+    entry = CATALOGUE[name]
+    if may_lack and (entry.cost == "velocities" or name == "pressure"):
+        values = values[~np.isnan(values)]
+    is_error = entry.sampled or name == "exponent_error"
+    good = np.isfinite(values)
+    allowed = "finite"
+    if name in _MAY_BE_INFINITE:
+        good |= values == np.inf
+    if name in _ABOVE_ZERO:
+        good = good & (values > 0.0)
+        allowed = "above zero"
+    elif name in _ZERO_OR_ABOVE or is_error:
+        good = good & (values >= 0.0)
+        allowed = "zero or above"
+    if name in _VELOCITIES:
+        good = good & (values < LIGHT_VELOCITY)
+        allowed = f"{allowed}, and below the velocity of light"
+    # standard errors, waves and registered observables are nan where they are not known
+    if is_error or entry.cost in _WAVE_COSTS or CATALOGUE.is_added(name):
+        good |= np.isnan(values)
+    if np.all(good):
+        return ""
+    return f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
 
 
 def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
@@ -847,15 +900,13 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
     if not data.startswith(b"\x89HDF\r\n\x1a\n"):
         raise _explain_unreadable(path, "It is not a netCDF-4 file")
     # -I isolates the process: files of the current folder, such as a sitecustomize.py, are not run
-    # when Python starts. It
-    # imports the granphon of this process, and searches the rest of this process's path last
-    found = [
-        str(Path(str(sys.modules["granphon"].__file__)).parent.parent),
-        *(place for place in sys.path if place),
-    ]
+    # when Python starts. The process imports the granphon of this process, and searches the rest of
+    # this process's path last
+    package_folder = Path(str(sys.modules["granphon"].__file__)).parent.parent
+    folders = [str(package_folder), *(folder for folder in sys.path if folder)]
     try:
-        done = subprocess.run(
-            [sys.executable, "-I", "-c", _TRIAL, *found],
+        trial = subprocess.run(
+            [sys.executable, "-I", "-c", _TRIAL, *folders],
             input=data,
             capture_output=True,
             timeout=TRIAL_SECONDS,
@@ -868,11 +919,10 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
     except OSError as error:
         why = f"It carries no digest, and no process could be started to test it: {error}"
         raise _explain_unreadable(path, why) from None
-    if done.returncode != 0 or done.stdout.strip() != b"good":
-        said = done.stderr.decode("utf-8", "replace").strip().splitlines()
-        raise _explain_unreadable(
-            path, f"HDF5 fails on it: {said[-1] if done.returncode > 0 and said else 'it crashes'}"
-        )
+    if trial.returncode != 0 or trial.stdout.strip() != b"good":
+        lines = trial.stderr.decode("utf-8", "replace").strip().splitlines()
+        reason = lines[-1] if trial.returncode > 0 and lines else "it crashes"
+        raise _explain_unreadable(path, f"HDF5 fails on it: {reason}")
 
 
 # -- what a data set does by itself ----------------------------------------------------------------
@@ -892,13 +942,13 @@ class SweepAccessor:
         granphon has not made.
         """
         try:
-            found: Packing = restore(
+            packing: Packing = restore(
                 json.loads(self._dataset.attrs["packing"]), Packing, "the attribute packing"
             )
         except (KeyError, ValueError, TypeError):
             why = "It is a crystal's, or was not made by granphon.sweep"
             raise InputError("the data set holds no packing", why) from None
-        return found
+        return packing
 
     def plot(self, **options: Any) -> Any:
         """Return the figure of the sweep; ``options`` are those of :func:`~granphon.plot`, as
@@ -912,9 +962,9 @@ class SweepAccessor:
         """Return the local exponent of a variable over the load, d log(variable)/d log(load), of
         the variable's shape.
 
-        It is the slope of the parabola through each load and its neighbours, on logarithmic scales,
-        so that its error goes as the square of their distance. The variable ``exponent`` of a sweep
-        has that of the velocities at each load alone.
+        The exponent is the slope of the parabola through each load and its neighbours, on
+        logarithmic scales, so that its error goes as the square of their distance. The variable
+        ``exponent`` of a sweep has that of the velocities at each load alone.
 
         Parameters
         ----------
@@ -927,32 +977,36 @@ class SweepAccessor:
             not ascend, or values that are not above zero.
         """
         data = self._dataset
-        for one in (name, over or name):
-            if one not in data.variables:
-                raise InputError(
-                    f"the data set has no {one!r}",
-                    mend=suggest(one, list(map(str, data.variables))),
-                )
+        for variable in (name, over or name):
+            if variable not in data.variables:
+                mend = suggest(variable, list(map(str, data.variables)))
+                raise InputError(f"the data set has no {variable!r}", mend=mend)
         values = data[name]
         loads = data[over or find_load(data)]
         if "load" not in values.dims or data.sizes["load"] < 3:
             raise InputError("an exponent needs three loads or more", mend="Sweep more loads")
-        x, y = (one.transpose("load", ...).values.astype(float) for one in (loads, values))
-        if not (
-            np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0) and np.all(np.diff(x, axis=0) > 0.0)
-        ):
+        ordered = values.transpose("load", ...)
+        x = loads.transpose("load", ...).values.astype(float)
+        y = ordered.values.astype(float)
+        is_positive = np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0)
+        if not (is_positive and np.all(np.diff(x, axis=0) > 0.0)):
             raise InputError(
                 f"{name} has no exponent here", "Loads must ascend, and values be above zero"
             )
-        x = np.broadcast_to(x.reshape(len(x), *(1,) * (y.ndim - 1)) if x.ndim == 1 else x, y.shape)
-        columns = (np.log(one).reshape(len(one), -1).T for one in (x, y))
-        slopes = [np.gradient(f, at, edge_order=2) for at, f in zip(*columns, strict=True)]
-        found = values.transpose("load", ...).copy(data=np.transpose(slopes).reshape(y.shape))
-        found.attrs = {
+        if x.ndim == 1:
+            x = x.reshape(len(x), *(1,) * (y.ndim - 1))
+        log_loads = np.log(np.broadcast_to(x, y.shape)).reshape(len(y), -1).T
+        log_values = np.log(y).reshape(len(y), -1).T
+        slopes = [
+            np.gradient(values_of_column, loads_of_column, edge_order=2)
+            for loads_of_column, values_of_column in zip(log_loads, log_values, strict=True)
+        ]
+        exponents = ordered.copy(data=np.transpose(slopes).reshape(y.shape))
+        exponents.attrs = {
             "units": "1",
             "long_name": f"local exponent of {values.attrs.get('long_name', name)}",
         }
-        return found.transpose(*values.dims).rename(f"{name}_exponent")
+        return exponents.transpose(*values.dims).rename(f"{name}_exponent")
 
     def fit(self, force: ArrayLike, velocity: ArrayLike, *more: Any, **options: Any) -> Any:
         """Fit the width of the packing to measured ``velocity``, m/s (n,), over ``force``, N (n,).

@@ -34,8 +34,8 @@ from granphon.runs.workers import (
 
 #: time after which a worker begins nothing more of a call, s
 CALL_SECONDS = 0.1
-#: number of workers that are lost with a task before it counts as the reason; the last one has
-#: nothing else to do
+#: number of workers that are lost with a task before the task counts as the reason; the last worker
+#: has nothing else to do
 MOST_LOSSES = 3
 
 
@@ -55,8 +55,8 @@ class Task:
         """Number of steps that the task takes."""
         return 1
 
-    def done(self, part: TaskResult) -> int:
-        """Return the number of steps that ``part`` contains."""
+    def done(self, result: TaskResult) -> int:
+        """Return the number of steps that a ``result`` contains."""
         return 1
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
@@ -67,8 +67,8 @@ class Task:
 
 
 class Result(NamedTuple):
-    """What a worker has found of a task: the entry of its steps so far, their number, and the time
-    of the last one, s.
+    """Result of a worker: the entry of the steps of a task so far, their number, and the time of
+    the last step, s.
     """
 
     entry: bytes
@@ -78,36 +78,37 @@ class Result(NamedTuple):
 
 def advance(
     orders: Sequence[tuple[Task, bytes | None]],
-    wanted: Mapping[str, str],
+    package_versions: Mapping[str, str],
     added: Sequence[str] = (),
 ) -> list[Result]:
-    """Do, in a worker, the next step of each task after those in its entry, and return the results
-    of the first tasks.
+    """Do, in a worker, the next step of each task after the steps in its entry, and return the
+    results of the first tasks.
 
-    Packages must have the versions that are ``wanted``, and observables that were ``added`` must be
-    known. After ``CALL_SECONDS`` nothing more is begun. An error of the first task is raised; that
-    of a later one ends the call before it, and it will come again as the first.
+    Packages must have the ``package_versions`` of the process that began the work, and observables
+    that were ``added`` must be known. After ``CALL_SECONDS`` nothing more is begun. An error of the
+    first task is raised; that of a later task ends the call before that task, which will come again
+    as the first.
     """
-    require_packages(f"the worker on {platform.node()}", wanted)
-    if missing := set(added).difference(list_added("observable")):
-        what = f"a worker does not know the observable {min(missing)!r}"
+    require_packages(f"the worker on {platform.node()}", package_versions)
+    missing = set(added).difference(list_added("observable"))
+    if missing:
+        problem = f"a worker does not know the observable {min(missing)!r}"
         why = "It was registered in the process that began the work"
         mend = (
             "Register it by an entry point of granphon.plugins, or in a script above its if"
             " __name__ == '__main__'"
         )
-        raise GranphonError(what, why, mend)
+        raise GranphonError(problem, why, mend)
     results = list[Result]()
-    begun = time.perf_counter()
+    call_start = time.perf_counter()
     for task, entry in orders:
-        before = time.perf_counter()
-        if results and before - begun > CALL_SECONDS:
+        start = time.perf_counter()
+        if results and start - call_start > CALL_SECONDS:
             break
         try:
-            part = task.solve(None if entry is None else decode(entry))
-            results.append(
-                Result(encode(task.name, part), task.done(part), time.perf_counter() - before)
-            )
+            result = task.solve(None if entry is None else decode(entry))
+            new_entry = encode(task.name, result)
+            results.append(Result(new_entry, task.done(result), time.perf_counter() - start))
         except Exception:
             if not results:
                 raise
@@ -130,134 +131,139 @@ def solve_all(
         kept.
     tasks : the tasks; those whose results ``store`` holds are not done again, nor are steps that it
         holds.
-    executor : any executor with the interface of :class:`concurrent.futures.Executor`, that of a
-        dask client among them; None does one task after the other. It is not shut down.
+    executor : any executor with the interface of :class:`concurrent.futures.Executor`, such as that
+        of a dask client, which is not shut down; None does one task after the other.
     store : where each result is kept as soon as it is found.
 
-    An error of a task is raised as it is. A task whose worker is lost is done again; if that
-    happens to it thrice, or if the executor takes no more work then,
-    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption,
-    results that come within half a second are kept, and calls that have not begun by then are
-    cancelled.
+    An error of a task is raised as it is. A task whose worker is lost is done again; if three
+    workers are lost with a task, or if the executor takes no more work then,
+    :class:`~granphon.base.errors.GranphonError` names the task. After an error, and on an
+    interruption, results that come within half a second are kept, and calls that have not begun by
+    then are cancelled.
     """
-    with closing(Store()) if store is None else nullcontext(store) as known:
+    with closing(Store()) if store is None else nullcontext(store) as task_store:
         with progress.step(label, sum(task.steps for task in tasks)) as step:
-            _Work(tasks, known, step).run(InProcess() if executor is None else executor)
-        parts = list[TaskResult]()
+            _Work(tasks, task_store, step).run(InProcess() if executor is None else executor)
+        results = list[TaskResult]()
         for task in tasks:
-            part = known.read(task.name)
-            while part is None or task.done(part) < task.steps:
-                # it has been damaged meanwhile, and is found again
-                part = task.solve(part)
-            parts.append(part)
-    return parts
+            result = task_store.read(task.name)
+            while result is None or task.done(result) < task.steps:
+                # the entry has been damaged meanwhile, and the result is found again
+                result = task.solve(result)
+            results.append(result)
+    return results
 
 
 class _Work:
-    """Tasks under way, by their indices: ``left`` are those that are not finished and not sent, a
-    heap.
+    """Tasks under way, by their indices: ``waiting`` is a heap of the tasks that are neither
+    finished nor sent.
     """
 
     def __init__(self, tasks: Sequence[Task], store: Store, step: Step) -> None:
         self.tasks = tasks
         self.store = store
         self.step = step
-        self.left = list[int]()
-        #: tasks of each call under way; entries of tasks that have begun; how often a worker was
-        #: lost with each
+        self.waiting = list[int]()
+        #: tasks of each call under way
         self.running = dict[Future[list[Result]], list[int]]()
+        #: entries of tasks that have begun
         self.begun = dict[int, bytes]()
+        #: number of workers that were lost with each task
         self.losses = Counter[int]()
         #: time of a step of each kind of task, s
         self.seconds: dict[str, float] = {}
-        found = 0
+        n_steps = 0
         for index, task in enumerate(tasks):
-            part = store.read(task.name) if task.name in store else None
-            steps = 0 if part is None else task.done(part)
-            found += steps
-            if part is None or steps < task.steps:
-                self.left.append(index)
-                self.begun |= {} if part is None else {index: encode(task.name, part)}
-        step.advance(found)  # also if nothing was: the clock of the progress begins here
+            result = store.read(task.name) if task.name in store else None
+            steps = 0 if result is None else task.done(result)
+            n_steps += steps
+            if result is None or steps < task.steps:
+                self.waiting.append(index)
+            if result is not None and steps < task.steps:
+                self.begun[index] = encode(task.name, result)
+        step.advance(n_steps)  # also by zero: the clock of the progress begins here
 
     def run(self, executor: Executor) -> None:
         """Have the tasks done, by calls of which a few are under way for each worker."""
         ready = SimpleQueue[Future[list[Result]]]()
         most = count_calls(executor)
         try:
-            while self.left or self.running:
-                while self.left and ready.empty():
-                    # the next task or one under way may be why workers were lost, and is then to be
-                    # alone
-                    suspects = {
-                        index for index, times in self.losses.items() if times >= MOST_LOSSES - 1
-                    }
-                    alone = not suspects.isdisjoint(chain([self.left[0]], *self.running.values()))
-                    if len(self.running) >= (1 if alone else most or 1):
+            while self.waiting or self.running:
+                while self.waiting and ready.empty():
+                    most_running = 1 if self._has_suspect() else most or 1
+                    if len(self.running) >= most_running:
                         break
                     indices = self._take(most)
                     orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
-                    with naming_lost_workers(self._name_lost(indices[0])):
-                        future = executor.submit(
-                            advance, orders, packages(), list_added("observable")
-                        )
+                    added = list_added("observable")
+                    with naming_lost_workers(self._name_suspects(indices[0])):
+                        future = executor.submit(advance, orders, packages(), added)
                     self.running[future] = indices
                     future.add_done_callback(ready.put)
                 future = ready.get()
                 self._receive(future, self.running[future])
                 del self.running[future]
         finally:
-            wait(self.running, 0.5)  # s, after an error or an interruption
-            for future, indices in self.running.items():
-                if (
-                    not future.cancel()
-                    and future.done()
-                    and not future.cancelled()
-                    and future.exception() is None
-                ):
-                    with suppress(OutputError):  # this may be the very error that is being raised
-                        for index, result in zip(indices, future.result(), strict=False):
-                            self.store.append(self.tasks[index].name, result.entry)
+            self._keep_finished()
 
-    def _name_lost(self, following: int) -> str:
-        """Name the tasks with which workers were lost, or the ``following`` one where none were."""
-        lost = sorted(self.losses) or [following]
-        others = f", or one of {len(lost) - 1} tasks beside it" if len(lost) > 1 else ""
-        return f"{self.tasks[lost[0]].where}{others}"
+    def _keep_finished(self) -> None:
+        """Keep the results of calls that come within half a second, and cancel the other calls."""
+        wait(self.running, 0.5)  # s, after an error or an interruption
+        for future, indices in self.running.items():
+            is_done = not future.cancel() and future.done() and not future.cancelled()
+            if is_done and future.exception() is None:
+                # an error of the store may be the very error that is being raised
+                with suppress(OutputError):
+                    for index, result in zip(indices, future.result(), strict=False):
+                        self.store.append(self.tasks[index].name, result.entry)
+
+    def _has_suspect(self) -> bool:
+        """Whether the next task, or one under way, may be why workers were lost; such a task is to
+        run alone.
+        """
+        suspects = {index for index, times in self.losses.items() if times >= MOST_LOSSES - 1}
+        return not suspects.isdisjoint(chain([self.waiting[0]], *self.running.values()))
+
+    def _name_suspects(self, following: int) -> str:
+        """Name the tasks with which workers were lost, or the ``following`` task where no worker
+        was lost.
+        """
+        suspects = sorted(self.losses) or [following]
+        name = str(self.tasks[suspects[0]].where)
+        if len(suspects) == 1:
+            return name
+        return f"{name}, or one of {len(suspects) - 1} tasks beside it"
 
     def _take(self, calls: int) -> list[int]:
-        """Take the tasks of the next of so many calls: one if it is not known to be short, or if a
-        worker was lost with it.
+        """Take the tasks of the next of so many ``calls``: a single task unless it is known to be
+        short and no worker was lost with it.
 
         Towards the end calls become shorter, so that all workers end at about the same time.
         """
-        most = max(1, len(self.left) // (2 * calls)) if calls else 1
+        most = max(1, len(self.waiting) // (2 * calls)) if calls else 1
         indices = list[int]()
         seconds = 0.0
-        while self.left and len(indices) < most:
-            index = self.left[0]
-            seconds += (
-                math.inf
-                if self.losses[index]
-                else self.seconds.get(self.tasks[index].kind, math.inf)
-            )
+        while self.waiting and len(indices) < most:
+            index = self.waiting[0]
+            task_seconds = self.seconds.get(self.tasks[index].kind, math.inf)
+            seconds += math.inf if self.losses[index] else task_seconds
             if indices and seconds > CALL_SECONDS:
                 break
-            indices.append(heappop(self.left))
+            indices.append(heappop(self.waiting))
         return indices
 
     def _receive(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
-        """Keep what a call has brought, and put back what is left of it; if its worker was lost,
-        all of it.
+        """Keep the results of a call, and put back its tasks that are not done; if its worker was
+        lost, all of them.
         """
         results: list[Result] = []
         try:
             results = future.result()
         except CancelledError:
-            what = "the scheduler does not answer any more"
+            problem = "the scheduler does not answer any more"
             why = "It has ended, or the network has failed"
             mend = "What is finished is kept: run the same command again to continue"
-            raise GranphonError(what, why, mend) from None
+            raise GranphonError(problem, why, mend) from None
         except Exception as error:  # BrokenProcessPool, or KilledWorker of dask
             if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":
                 raise
@@ -265,16 +271,17 @@ class _Work:
             times = self.losses[indices[0]]
             where = self.tasks[indices[0]].where
             if len(self.running) == len(indices) == 1 and times >= MOST_LOSSES:
-                what = f"{where}: the worker process that did it has ended, {times} times"
+                problem = f"{where}: the worker process that did it has ended, {times} times"
                 mend = (
                     "Give workers more memory, or take fewer --workers; run the same command"
                     " again to continue"
                 )
-                raise GranphonError(what, "It was killed, or ran out of memory", mend) from None
+                why = "It was killed, or ran out of memory"
+                raise GranphonError(problem, why, mend) from None
         for index, result in zip(indices, results, strict=False):
             self.store.append(self.tasks[index].name, result.entry)
         for index in indices[len(results) :]:
-            heappush(self.left, index)
+            heappush(self.waiting, index)
         for index, result in zip(indices, results, strict=False):
             task = self.tasks[index]
             self.seconds[task.kind] = 0.5 * (
@@ -283,5 +290,5 @@ class _Work:
             self.begun.pop(index, None)
             if result.steps < task.steps:
                 self.begun[index] = result.entry
-                heappush(self.left, index)
+                heappush(self.waiting, index)
             self.step.advance()

@@ -40,8 +40,8 @@ _TABLE = "CREATE TABLE task (name TEXT, piece INTEGER, entry BLOB, PRIMARY KEY (
 _PIECE = 2**28
 #: name under which the identity of the work is kept, which no task has
 _IDENTITY = ""
-#: what the head of the file begins with, and its bytes from 68 and 60 on: the kind of file, and the
-#: version of its layout
+#: first bytes of the file, and its bytes from 68 and from 60 on: the kind of file, and the version
+#: of its layout
 _SQLITE = b"SQLite format 3\0"
 _KIND = b"gran"
 _VERSION = b"\0\0\0\1"
@@ -54,49 +54,52 @@ _MAKE = (
 _MOST_NAMED = 3
 
 
-def encode(name: str, part: TaskResult) -> bytes:
+def encode(name: str, result: TaskResult) -> bytes:
     """Return the entry of a result: SHA-256 of the rest, name, layout, arrays. Equal results give
     equal bytes.
     """
-    layout = json.dumps([(key, one.dtype.str, one.shape) for key, one in part.items()])
-    for key, one in part.items():
-        if one.dtype.hasobject:
-            raise TypeError(f"the array {key!r} of a result holds {one.dtype}")
-    return _seal(name, f"{layout}\n".encode(), *(one.tobytes() for one in part.values()))
+    layout = json.dumps([(key, array.dtype.str, array.shape) for key, array in result.items()])
+    for key, array in result.items():
+        if array.dtype.hasobject:
+            raise TypeError(f"the array {key!r} of a result holds {array.dtype}")
+    return _seal(name, f"{layout}\n".encode(), *(array.tobytes() for array in result.values()))
 
 
 def _seal(name: str, *data: bytes) -> bytes:
-    parts, digest = [f"{name}\n".encode(), *data], hashlib.sha256()
-    for one in parts:  # joined once: results may be large
-        digest.update(one)
-    return b"".join([digest.digest(), *parts])
+    pieces = [f"{name}\n".encode(), *data]
+    digest = hashlib.sha256()
+    for piece in pieces:  # joined once: results may be large
+        digest.update(piece)
+    return b"".join([digest.digest(), *pieces])
 
 
 def decode(entry: bytes) -> TaskResult:
     """Return the result that :func:`encode` has made an entry of."""
-    begin = entry.index(b"\n", _HEAD) + 1
-    place = entry.index(b"\n", begin) + 1
-    part = TaskResult()
-    for key, kind, shape in json.loads(entry[begin:place]):
+    layout = entry.index(b"\n", _HEAD) + 1
+    offset = entry.index(b"\n", layout) + 1
+    result = TaskResult()
+    for key, kind, shape in json.loads(entry[layout:offset]):
         # unlike numpy.ndarray, frombuffer refuses objects, whose addresses would be those in the
         # file
-        part[key] = np.frombuffer(entry, kind, math.prod(shape), place).reshape(shape).copy()
-        place += part[key].nbytes
-    return part
+        array = np.frombuffer(entry, kind, math.prod(shape), offset)
+        result[key] = array.reshape(shape).copy()
+        offset += array.nbytes
+    return result
 
 
 def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult]]:
     """Yield name and result of every sound entry of a store, in the order in which they were found.
 
-    The store may be growing meanwhile. Of a task that is done in steps, the entry has those that
+    The store may be growing meanwhile. The entry of a task that is done in steps has the steps that
     were done.
     """
     os.stat(path)  # an error where there is no such file
     store = Store(Path(path))
     try:
         for name in store.names:
-            if (part := store.read(name)) is not None:
-                yield name, part
+            result = store.read(name)
+            if result is not None:
+                yield name, result
     finally:
         store.close()
 
@@ -116,12 +119,12 @@ class Store:
         self._base: sqlite3.Connection | None = None
         #: the identity that is to be written with the next result, as JSON
         self._pending: str | None = None
-        #: which folder was claimed, and which file is open
+        #: identity of the folder that was claimed, and of the file that is open
         self._home = (0, 0)
         self._file = (0, 0)
-        #: when the disk was waited for, and whether something has been written since
+        #: time at which the disk was waited for, s, and whether something has been written since
         self._synced = time.monotonic()
-        self._loose = False
+        self._is_unsynced = False
 
     def claim(
         self, identity: Mapping[str, Any] | None, names: Callable[[], Iterable[str]] = tuple
@@ -144,61 +147,65 @@ class Store:
             return
         self._home = _identify(self.path.parent)
         text = json.dumps(identity, sort_keys=True)
-        there = set(self.names)
-        mine = json.loads(text)
-        before = None
-        with suppress(ValueError, TypeError, RecursionError):  # it cannot be read
-            before = json.loads(self._read(_IDENTITY)[_HEAD:].partition(b"\n")[2])
-        if (identity is None or before != mine) and there - set(names()):
+        plain_identity = json.loads(text)
+        kept_names = set(self.names)
+        kept_identity = None
+        with suppress(ValueError, TypeError, RecursionError):  # the file does not tell
+            kept_identity = json.loads(self._read(_IDENTITY)[_HEAD:].partition(b"\n")[2])
+        is_same_work = identity is not None and kept_identity == plain_identity
+        if not is_same_work and kept_names - set(names()):
             if not self.force:
-                found = (
-                    list(_find_differences(before, mine, "")) if before and mine is not None else []
-                )
-                more = [f"and {len(found) - _MOST_NAMED} more"] if len(found) > _MOST_NAMED else []
-                why = f"They differ: {'; '.join(found[:_MOST_NAMED] + more)}"
-                if mine is None:
-                    why = (
-                        "This work has no parts that are kept, and its result would stand beside it"
-                    )
-                elif not before:
-                    why = "The file does not say which work it belongs to"
-                mend = (
-                    "Repeat that command, use --force (force=True, overwrite=True), or choose"
-                    " another folder"
-                )
-                raise FileExistsInRunError(
-                    f"{self.path} holds the finished part of other work", why, mend
-                )
+                raise self._explain_other_work(kept_identity, plain_identity)
             self.clear()
-        if there and self.path.exists() and not os.access(self.path, os.W_OK):
+        if kept_names and self.path.exists() and not os.access(self.path, os.W_OK):
             raise self._explain(PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
-        self._pending = None if identity is None or (there and before == mine) else text
+        is_written = bool(kept_names) and kept_identity == plain_identity
+        self._pending = None if identity is None or is_written else text
+
+    def _explain_other_work(self, kept: Any, claimed: Any) -> FileExistsInRunError:
+        """Return the error of a store of other work: identity of the work that is ``kept``, and of
+        the work that has ``claimed`` the store.
+        """
+        if claimed is None:
+            why = "This work has no parts that are kept, and its result would stand beside it"
+        elif not kept:
+            why = "The file does not say which work it belongs to"
+        else:
+            differences = list(_find_differences(kept, claimed, ""))
+            named = differences[:_MOST_NAMED]
+            if len(differences) > _MOST_NAMED:
+                named.append(f"and {len(differences) - _MOST_NAMED} more")
+            why = f"They differ: {'; '.join(named)}"
+        mend = (
+            "Repeat that command, use --force (force=True, overwrite=True), or choose another"
+            " folder"
+        )
+        problem = f"{self.path} holds the finished part of other work"
+        return FileExistsInRunError(problem, why, mend)
 
     @property
     def names(self) -> list[str]:
         """The names of the results that are kept, in the order in which they were found."""
-        rows = self._ask(
+        rows = self._query(
             "SELECT name FROM task WHERE name <> ? AND piece = 0 ORDER BY rowid", _IDENTITY
         )
         return [str(name) for (name,) in rows]
 
     def __contains__(self, name: str) -> bool:
-        return bool(self._ask("SELECT 1 FROM task WHERE name = ? LIMIT 1", name))
+        return bool(self._query("SELECT 1 FROM task WHERE name = ? LIMIT 1", name))
 
     def read(self, name: str) -> TaskResult | None:
-        """Return the result of the task of this name or of its first steps; None if there is none,
-        or it is damaged.
+        """Return the result of the task of this name or of its first steps; None for no result, or
+        a damaged one.
         """
         with suppress(Exception):  # whatever fails is in the file
             return decode(self._read(name))
         return None
 
     def _read(self, name: str) -> bytes:
-        """Return a sound entry; ValueError if there is none."""
-        entry = b"".join(
-            part
-            for (part,) in self._ask("SELECT entry FROM task WHERE name = ? ORDER BY piece", name)
-        )
+        """Return the entry of a name; ValueError if no entry is sound."""
+        rows = self._query("SELECT entry FROM task WHERE name = ? ORDER BY piece", name)
+        entry = b"".join(piece for (piece,) in rows)
         sealed = hashlib.sha256(memoryview(entry)[_HEAD:]).digest() == entry[:_HEAD]
         if not sealed or not entry.startswith(f"{name}\n".encode(), _HEAD):
             raise ValueError
@@ -216,16 +223,16 @@ class Store:
         now = time.monotonic()
         assert base is not None
         wait = now - self._synced > 1.0  # s, for which results are left to the system's memory
-        whose = (
-            {} if self._pending is None else {_IDENTITY: _seal(_IDENTITY, self._pending.encode())}
-        )
+        entries = {name: entry}
+        if self._pending is not None:
+            entries = {_IDENTITY: _seal(_IDENTITY, self._pending.encode()), name: entry}
         try:
             base.execute(f"PRAGMA synchronous = {'FULL' if wait else 'OFF'}")
             with base:  # all or nothing: no file holds the identity of work alone
                 base.execute("BEGIN IMMEDIATE")
                 for order in _MAKE if _is_empty(base) else ():
                     base.execute(order)
-                for key, whole in (whose | {name: entry}).items():
+                for key, whole in entries.items():
                     pieces = [
                         (key, n, whole[n * _PIECE : (n + 1) * _PIECE])
                         for n in range(1 + len(whole) // _PIECE)
@@ -238,18 +245,16 @@ class Store:
                     self.clear()  # nothing was ever kept there
             raise self._explain(error) from None
         self._pending = None
-        self._loose = not wait
+        self._is_unsynced = not wait
         self._synced = now if wait else self._synced
 
-    def _ask(self, question: str, name: str) -> list[tuple[Any, ...]]:
+    def _query(self, question: str, name: str) -> list[tuple[Any, ...]]:
         """Return the rows that answer a question about a name; none if there is no file yet."""
         base = self._connect()
         try:
-            return (
-                []
-                if base is None or _is_empty(base)
-                else base.execute(question, (name,)).fetchall()
-            )
+            if base is None or _is_empty(base):
+                return []
+            return base.execute(question, (name,)).fetchall()
         except sqlite3.Error as error:
             raise self._explain(error, "read") from None
 
@@ -264,40 +269,10 @@ class Store:
             elif self._base is not None:
                 if make and _identify(path) != self._file:
                     raise FileNotFoundError
-            elif self._is_there() or make:
+            elif self._has_file() or make:
                 if make and self._home not in ((0, 0), _identify(path.parent)):
                     raise FileNotFoundError
-                flags = (os.O_RDWR | os.O_CREAT if make else os.O_RDONLY) | getattr(
-                    os, "O_NOFOLLOW", 0
-                )
-                descriptor = os.open(path, flags, 0o666)  # its errors say more than those of SQLite
-                locks = has_locks(descriptor)
-                os.close(descriptor)
-                # without locks a reader would take the journal of a writer for that of a killed
-                # one, and undo its work
-                mode = "rw" if locks or make or self._home != (0, 0) else "ro"
-                address = f"{path.absolute().as_uri()}?mode={mode}&nolock={int(not locks)}"
-                base = sqlite3.connect(
-                    address, timeout=60.0, isolation_level=None, check_same_thread=False, uri=True
-                )
-                try:
-                    base.execute("PRAGMA trusted_schema = OFF")
-                    # it must be empty, or have the one table that a store has, undamaged
-                    found = [
-                        order
-                        for (order,) in base.execute(
-                            "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"
-                        )
-                    ]
-                    if found and found != [_TABLE]:
-                        raise sqlite3.DatabaseError("it holds something else")
-                    for (said,) in base.execute("PRAGMA integrity_check(1)").fetchall():
-                        if said != "ok":
-                            raise sqlite3.DatabaseError(said)
-                except sqlite3.Error:
-                    base.close()
-                    raise
-                self._base = base
+                self._base = self._open(path, make)
                 self._file = _identify(path)
         except (OSError, sqlite3.OperationalError) as error:
             raise self._explain(error, "written" if make else "read") from None
@@ -305,18 +280,47 @@ class Store:
             if self.force:
                 self.clear()
             if path is None or os.path.lexists(path):
-                what = (
+                problem = (
                     f"{path}, with the finished parts of work that was interrupted, is damaged:"
                     f" {error}"
                 )
                 mend = "Use --force (force=True, overwrite=True) to discard it, or move it away"
-                raise OutputError(what, mend=mend) from None
+                raise OutputError(problem, mend=mend) from None
             return self._connect(make)
         return self._base
 
-    def _is_there(self) -> bool:
-        """Return whether there is a file; :class:`~granphon.base.errors.OutputError` if something
-        else is there.
+    def _open(self, path: Path, make: bool) -> sqlite3.Connection:
+        """Open the data base in a file; DatabaseError unless it is empty, or has the one table of a
+        store, undamaged.
+        """
+        flags = (os.O_RDWR | os.O_CREAT if make else os.O_RDONLY) | getattr(os, "O_NOFOLLOW", 0)
+        descriptor = os.open(path, flags, 0o666)  # its errors say more than those of SQLite
+        locks = has_locks(descriptor)
+        os.close(descriptor)
+        # without locks a reader would take the journal of a writer for that of a killed one, and
+        # undo its work
+        mode = "rw" if locks or make or self._home != (0, 0) else "ro"
+        address = f"{path.absolute().as_uri()}?mode={mode}&nolock={int(not locks)}"
+        base = sqlite3.connect(
+            address, timeout=60.0, isolation_level=None, check_same_thread=False, uri=True
+        )
+        try:
+            base.execute("PRAGMA trusted_schema = OFF")
+            rows = base.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
+            tables = [table for (table,) in rows]
+            if tables and tables != [_TABLE]:
+                raise sqlite3.DatabaseError("it holds something else")
+            for (verdict,) in base.execute("PRAGMA integrity_check(1)").fetchall():
+                if verdict != "ok":
+                    raise sqlite3.DatabaseError(verdict)
+        except sqlite3.Error:
+            base.close()
+            raise
+        return base
+
+    def _has_file(self) -> bool:
+        """Return whether the file exists; :class:`~granphon.base.errors.OutputError` if its path is
+        that of something else.
         """
         path = Path(str(self.path))
         if not os.path.lexists(path):
@@ -326,25 +330,27 @@ class Store:
             with path.open("rb") as stream:
                 head = stream.read(100)
         if head and (not head.startswith(_SQLITE) or head[60:64] + head[68:72] != _VERSION + _KIND):
+            problem = f"{path} is no store of finished tasks, or one of another version of granphon"
             why = "The finished parts of work under way are kept in a file of that name"
-            what = f"{path} is no store of finished tasks, or one of another version of granphon"
-            raise OutputError(what, why, "Move it away, or choose another folder")
+            raise OutputError(problem, why, "Move it away, or choose another folder")
         return True
 
     def _explain(self, error: OSError | sqlite3.Error, done: str = "written") -> OutputError:
         if isinstance(error, OutputError):
             return error
         if isinstance(error, FileNotFoundError):
-            what = f"{self.path}, or its folder, has been removed or replaced while it was written"
+            problem = (
+                f"{self.path}, or its folder, has been removed or replaced while it was written"
+            )
             mend = "Run the same command again: it starts from the beginning"
-            return OutputError(what, "The parts that were finished are not there", mend)
+            return OutputError(problem, "The parts that were finished are not there", mend)
         full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
         number = errno.ENOSPC if full else getattr(error, "errno", None)
-        what = f"{self.path} cannot be {done}: {os.strerror(number) if number else error}"
+        problem = f"{self.path} cannot be {done}: {os.strerror(number) if number else error}"
         mend = f"Run the same command again when it can be {done}"
         if number == errno.ENOSPC:
             mend = "Free some space, and run the same command again"
-        return OutputError(what, "What was finished before is kept", mend)
+        return OutputError(problem, "What was finished before is kept", mend)
 
     def close(self) -> None:
         """Force what has been written to the disk, and close the file; it is opened again when it
@@ -353,10 +359,10 @@ class Store:
         if self._base is not None:
             self._base.close()
             self._base = None
-            if self._loose and self.path is not None:
+            if self._is_unsynced and self.path is not None:
                 with suppress(OSError), open(self.path, "r+b") as stream:
                     os.fsync(stream.fileno())
-            self._loose = False
+            self._is_unsynced = False
 
     def __del__(self) -> None:
         if self._base is not None:
@@ -364,11 +370,11 @@ class Store:
 
     def clear(self) -> None:
         """Delete every result, and the file."""
-        ours = self.path is not None and (
-            self._is_there() if self._base is None else _identify(self.path) == self._file
+        has_own_file = self.path is not None and (
+            self._has_file() if self._base is None else _identify(self.path) == self._file
         )
         self.close()
-        for name in (f"{self.path}", f"{self.path}-journal") if ours else ():
+        for name in (f"{self.path}", f"{self.path}-journal") if has_own_file else ():
             with suppress(OSError):
                 os.unlink(name)
 
@@ -386,13 +392,13 @@ def open_store(path: Path | None, force: bool = False) -> Iterator[Store]:
         store.close()
 
 
-def _identify(place: Path) -> tuple[int, int]:
-    """Return device and inode, which identify a folder or a file whatever its name; zeros if it is
-    not there.
+def _identify(path: Path) -> tuple[int, int]:
+    """Return device and inode, which identify a folder or a file whatever its name; zeros if
+    ``path`` names nothing.
     """
     with suppress(OSError):
-        found = os.lstat(place)
-        return found.st_dev, found.st_ino
+        status = os.lstat(path)
+        return status.st_dev, status.st_ino
     return 0, 0
 
 
@@ -400,20 +406,22 @@ def _is_empty(base: sqlite3.Connection) -> bool:
     return not base.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchall()
 
 
-def _find_differences(there: Any, here: Any, where: str) -> Iterator[str]:
-    if isinstance(there, dict) and isinstance(here, dict):
-        for key in there | here:
+def _find_differences(kept: Any, claimed: Any, where: str) -> Iterator[str]:
+    """Yield the differences of two identities, in words: "there" is the identity ``kept`` in the
+    store, "here" the ``claimed`` one; ``where`` names the part of the identities.
+    """
+    if isinstance(kept, dict) and isinstance(claimed, dict):
+        for key in kept | claimed:
             name = f"{where}.{key}" if where else str(key)
-            if key in there and key in here:
-                yield from _find_differences(there[key], here[key], name)
+            if key in kept and key in claimed:
+                yield from _find_differences(kept[key], claimed[key], name)
             else:
-                yield f"{name} is given {'there' if key in there else 'here'} only"
-    elif isinstance(there, list) and isinstance(here, list):
-        if len(there) != len(here):
-            yield f"{where} has {len(there)} values there, and {len(here)} here"
-        for index, (one, other) in enumerate(
-            zip(there, here, strict=False) if len(there) == len(here) else ()
-        ):
-            yield from _find_differences(one, other, f"{where}[{index}]")
-    elif there != here:
-        yield f"{where} is {show(there)} there, and {show(here)} here"
+                yield f"{name} is given {'there' if key in kept else 'here'} only"
+    elif isinstance(kept, list) and isinstance(claimed, list):
+        if len(kept) != len(claimed):
+            yield f"{where} has {len(kept)} values there, and {len(claimed)} here"
+            return
+        for index, pair in enumerate(zip(kept, claimed, strict=True)):
+            yield from _find_differences(*pair, f"{where}[{index}]")
+    elif kept != claimed:
+        yield f"{where} is {show(kept)} there, and {show(claimed)} here"

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.lattices import as_direction, find_lattice
+from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Axis, Packing, find_double
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, OutputError
@@ -40,7 +40,7 @@ from granphon.runs.dataset import (
     write_sweep,
 )
 from granphon.runs.store import Store, open_store
-from granphon.runs.tasks import INCOMPLETE, Asked, Grid, require_arrays, to_json
+from granphon.runs.tasks import INCOMPLETE, Grid, Request, require_arrays, to_json
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, wave_rules
 
 Array = NDArray[Any]
@@ -159,46 +159,24 @@ def sweep(
     """
     packing = given_balls(packing)
     media = default_medium(packing) if media is None else media
-    if load is not None and any(one is not None for one in (force, pressure, overlap)):
+    if load is not None and not (force is None and pressure is None and overlap is None):
         raise InputError(
             "a load is given twice", mend="Give load alone, or one of force, pressure, overlap"
         )
-    load = (
-        Load.only(force=force, pressure=pressure, overlap=overlap)
-        if load is None
-        else load.applied.flat
-    )
-    axes = [Axis.of(name, given) for name, given in parameters.items()]
+    if load is None:
+        load = Load.only(force=force, pressure=pressure, overlap=overlap)
+    else:
+        load = load.applied.flat
+    axes = [Axis.of(name, values) for name, values in parameters.items()]
     # all lattices of a sweep have the same number of periods
-    lattice = find_lattice(
-        next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure)
-    )
-    choices = [
-        MediumChoice.parse(one, lattice)
-        for one in (media if isinstance(media, list | tuple) else [media])
-    ]
-    for one in choices:
-        one.require_for(packing)
-    if not choices:
-        raise InputError(
-            "there is no medium to sweep over", mend="Give at least one, such as 'ala'"
-        )
-    if twice := [choice.label for choice in choices if choices.count(choice) > 1]:
-        raise InputError(f"the medium {twice[0]!r} is given twice", mend="Give each once")
+    lattices = [axis.values[0] for axis in axes if axis.name == "lattice"]
+    lattice = find_lattice(lattices[0] if lattices else packing.structure)
+    choices = _read_media(media, lattice, packing)
     if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
+    directions = None if direction is None else _read_directions(direction, lattice)
 
-    # one direction as its numbers, or many as a tuple of these
-    way: tuple[Any, ...] | None = None
-    if direction is not None:
-        along = as_direction(direction, lattice.periods)
-        numbers = np.asarray(direction, float).tolist()
-        way = tuple(map(tuple, numbers)) if along.ndim > 1 else tuple(numbers)
-        if along.ndim > 1 and (double := find_double(along.tolist())) is not None:
-            what = f"the sweep has the direction {way[double]} twice"
-            raise InputError(what, mend="Give each direction once")
-
-    # what of the waves in samples
+    # the waves in samples
     waves = None
     density = require("dos", truth, dos)
     path_of_spectra = BandPath.default(lattice) if spectrum is not None else None
@@ -206,36 +184,39 @@ def sweep(
         rules = wave_rules("spectrum", read=False) | {
             "path": partial(BandPath.read, structure=lattice)
         }
-        given = require("spectrum", partial(block, rules=rules), spectrum)
-        path_of_spectra = given.pop("path", path_of_spectra)
-        spectrum = SpectrumSettings(**given)
+        settings = require("spectrum", partial(block, rules=rules), spectrum)
+        path_of_spectra = settings.pop("path", path_of_spectra)
+        spectrum = SpectrumSettings(**settings)
     if pulse is not None and not isinstance(pulse, PulseSettings):
-        rules = wave_rules("pulse", read=False)
-        pulse = PulseSettings(
-            **require("pulse", partial(block, rules=rules, needed=("frequency",)), pulse)
-        )
-    if pulse is not None and way and isinstance(way[0], tuple):
+        read_pulse = partial(block, rules=wave_rules("pulse", read=False), needed=("frequency",))
+        pulse = PulseSettings(**require("pulse", read_pulse, pulse))
+    if pulse is not None and directions and isinstance(directions[0], tuple):
         raise InputError("a pulse is asked for in several directions", mend="Give one direction")
     if density or spectrum is not None or pulse is not None:
-        corners = (
-            ((), ()) if path_of_spectra is None else (path_of_spectra.paths, path_of_spectra.names)
-        )
-        waves = WaveSettings(density, spectrum, *corners, pulse, way if pulse is not None else None)
+        corners: tuple[Any, Any] = ((), ())
+        if path_of_spectra is not None:
+            corners = (path_of_spectra.paths, path_of_spectra.names)
+        pulse_direction = None if pulse is None else directions
+        waves = WaveSettings(density, spectrum, *corners, pulse, pulse_direction)
 
-    # bands are those of a mechanism too
-    along_path = None if bands is None else (bands, npoints, labels)
-    observe = (
-        "velocities",
-        *("bands",) * (bands is not None),
-        *(waves.names if waves is not None else ()),
-    )
-    asked = Asked(finite_overlap, along_path, way, waves, sound=bands is None, observe=observe)
-    grid = Grid(packing, axes, choices, load, asked)
+    path_of_bands = None if bands is None else (bands, npoints, labels)
+    observe = ["velocities"]
+    if bands is not None:
+        observe.append("bands")
     if waves is not None:
-        # imported here: a sweep without waves does not need it
-        from granphon.runs.wave_records import (
-            require_waves,
-        )
+        observe += waves.names
+    request = Request(
+        finite_overlap,
+        path_of_bands,
+        directions,
+        waves,
+        sound=bands is None,  # bands are those of a mechanism too
+        observe=tuple(observe),
+    )
+    grid = Grid(packing, axes, choices, load, request)
+    if waves is not None:
+        # imported here: a sweep without waves does not need them
+        from granphon.runs.wave_records import require_waves
 
         require_arrays(choices, parameters, waves.names)
         for case in grid.cases:
@@ -254,6 +235,41 @@ def sweep(
     )
 
 
+def _read_media(media: Any, lattice: Lattice, packing: Packing | Arrangement) -> list[MediumChoice]:
+    """Read the media of a sweep, one or a list; InputError for none, or for one that is given
+    twice.
+    """
+    listed = media if isinstance(media, list | tuple) else [media]
+    choices = [MediumChoice.parse(medium, lattice) for medium in listed]
+    for choice in choices:
+        choice.require_for(packing)
+    if not choices:
+        raise InputError(
+            "there is no medium to sweep over", mend="Give at least one, such as 'ala'"
+        )
+    for choice in choices:
+        if choices.count(choice) > 1:
+            problem = f"the medium {choice.label!r} is given twice"
+            raise InputError(problem, mend="Give each once")
+    return choices
+
+
+def _read_directions(direction: ArrayLike, lattice: Lattice) -> tuple[Any, ...]:
+    """Read the direction of sound: the numbers of one direction, or a tuple of such numbers for
+    many.
+    """
+    unit_vectors = as_direction(direction, lattice.periods)
+    numbers = np.asarray(direction, float).tolist()
+    if unit_vectors.ndim == 1:
+        return tuple(numbers)
+    directions = tuple(map(tuple, numbers))
+    index = find_double(unit_vectors.tolist())
+    if index is not None:
+        problem = f"the sweep has the direction {directions[index]} twice"
+        raise InputError(problem, mend="Give each direction once")
+    return directions
+
+
 def sweep_grid(
     grid: Grid,
     *,
@@ -264,7 +280,7 @@ def sweep_grid(
     overwrite: bool = False,
     store: Store | None = None,
 ) -> Dataset:
-    """Carry out :func:`sweep` for the cases of a grid; what is known of them, such as a choice of
+    """Carry out :func:`sweep` for the cases of a grid; what the cases know, such as a choice of
     media, is not found again.
 
     Arguments, the data set and errors are those of :func:`sweep`. The load is an applied one, of at
@@ -273,30 +289,32 @@ def sweep_grid(
     run = SweepRun.of(grid)
     target = None if path is None else Path(path)
     if target is None and resume:
-        what = "a sweep without a path cannot be resumed"
+        problem = "a sweep without a path cannot be resumed"
         why = "Its finished parts are kept beside its file"
-        raise InputError(what, why, "Give path")
+        raise InputError(problem, why, "Give path")
     if target is None:
-        with nullcontext(store) if store is not None else open_store(None) as place:
-            return run.join(run.do(executor, progress, place))
+        with nullcontext(store) if store is not None else open_store(None) as task_store:
+            return run.join(run.do(executor, progress, task_store))
     if target.suffix != ".nc":
         raise InputError(
             f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"
         )
     names = file_names(target)
     if resume and not overwrite and is_whole(target.parent, names):
-        there = load_sweep(target)
-        if collect_identity(there) == json.loads(to_json(collect_identity(run.frame))):
-            return there
+        earlier_sweep = load_sweep(target)
+        identity = json.loads(to_json(collect_identity(run.frame)))
+        if collect_identity(earlier_sweep) == identity:
+            return earlier_sweep
     files = ResultFiles(target.parent, names, overwrite, earlier=_incomplete_files(target.name))
-    own = open_store(target.with_name(f".{target.name}.partial"), overwrite)
-    with files.open() as locked, own if store is None else nullcontext(store) as place:
+    store_beside = open_store(target.with_name(f".{target.name}.partial"), overwrite)
+    store_context = store_beside if store is None else nullcontext(store)
+    with files.open() as locked, store_context as task_store:
         try:
-            dataset = run.join(run.do(executor, progress, place))
+            dataset = run.join(run.do(executor, progress, task_store))
         except ConvergenceError as error:
             if error.reached is None:
                 raise
-            raise keep_incomplete(error, locked, target.name, place) from None
+            raise keep_incomplete(error, locked, target.name, task_store) from None
         with locked.staging() as stage:
             write_sweep(dataset, stage / target.name)
     return dataset
@@ -311,21 +329,19 @@ def keep_incomplete(
     error: GranphonError, files: ResultFiles, name: str, store: Store
 ) -> GranphonError:
     """Write the data set that an error has ``reached`` into a folder under lock, and return the
-    error which says so.
+    error, which then names the files.
 
-    The finished tasks are deleted then. If the files cannot be written, these stay, and the error
-    is returned as it is.
+    The finished tasks are deleted then. If the files cannot be written, the tasks stay, and the
+    error is returned as it is.
     """
     names = _incomplete_files(name)
     count = error.reached.sizes["load"]
     with suppress(OutputError):
-        with replace(files, names=names, force=True, earlier=()).staging() as place:
-            write_sweep(error.reached, place / names[0])
+        with replace(files, names=names, force=True, earlier=()).staging() as stage:
+            write_sweep(error.reached, stage / names[0])
         store.clear()
-        told = (
-            f"The {count} loads that were reached are"
-            if count > 1
-            else "The load that was reached is"
-        )
-        return error.restate(f"{error} {told} in {' and '.join(names)} in {files.folder}.")
+        loads = "The load that was reached is"
+        if count > 1:
+            loads = f"The {count} loads that were reached are"
+        return error.restate(f"{error} {loads} in {' and '.join(names)} in {files.folder}.")
     return error

@@ -8,7 +8,7 @@ are averaged are kept, and of a single state its balls too, for files and figure
 averages equal those of one simulation of all samples, to the last bit.
 
 A sample that is loaded with friction may not reach all loads of its path. Its task is then done as
-far as it goes: the result has the loads that were reached, and as marks the places of the others
+far as it goes: the result has the loads that were reached, and as marks the indices of the others
 and why the path ended. When all tasks are done, the run is an error, with the data set at the loads
 that all tasks have reached.
 """
@@ -61,9 +61,11 @@ LATTICE_BANDS = (
     " sweep_dos and sweep_spectra: "
     "observe [dos, spectrum]"
 )
-#: in a result: places of the loads that were not reached, why the path ended, and the place of the
-#: load at which it did
-_MARKS = _MISSED, _WHY, _AT = "path.missed", "path.why", "path.at"
+#: marks of a result: indices of the loads that were not reached, why the path ended, and the index
+#: of the load at which the path ended
+_MARKS = _MISSED, _WHY, _END = "path.missed", "path.why", "path.at"
+#: the marks of a path that did not end early
+_NONE = np.zeros(0)
 #: numbers of any sample that its state averages
 _AVERAGED = (
     "force",
@@ -74,9 +76,9 @@ _AVERAGED = (
     "contact_force_fluctuation",
     "elastic_tensor",
 )
-#: what the names of numbers of waves begin with in the result of a task
+#: prefix of the names of numbers of waves in the result of a task
 _WAVES = "waves."
-#: what the names of arrays of the balls begin with in the result of a task
+#: prefix of the names of arrays of the balls in the result of a task
 _BALLS = "balls."
 #: version of the format of a sweep, attribute "schema" of its file; files of another one are
 #: refused
@@ -91,12 +93,10 @@ def to_json(data: Any) -> str:
     """
 
     def write(value: Any) -> Any:
-        found = plain(value)
-        return (
-            found
-            if found is not value
-            else {"class": type(value).__qualname__} | getattr(value, "__dict__", {})
-        )
+        data = plain(value)
+        if data is not value:
+            return data
+        return {"class": type(value).__qualname__} | getattr(value, "__dict__", {})
 
     return json.dumps(data, default=write, sort_keys=True)
 
@@ -105,26 +105,26 @@ def to_json(data: Any) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
-    """What is asked of each state.
+class Request:
+    """The observables that are requested of each state, and how they are found.
 
     Attributes
     ----------
-    finite_overlap : whether terms of relative order delta/d are.
-    path : that of the bands: letters or corners, points in a segment, and labels of the corners;
+    finite_overlap : whether the terms of relative order delta/d are kept.
+    path : path of the bands: letters or corners, points in a segment, and labels of the corners;
         None without bands.
-    direction : that of sound, Cartesian, one or many; None for x.
-    waves : what is asked of the waves in each sample of a simulation; None for nothing.
-    surface : the edge whose waves are asked for; None for none.
+    direction : direction of sound, Cartesian, one or many; None for x.
+    waves : settings of the waves in each sample of a simulation; None without waves.
+    surface : the edge whose waves are requested; None for none.
     bands : how contacts damp the bands; None for bands without loss alone.
-    exponents : whether those of the velocities are, for which a simulation solves two more
-        equilibria at each load.
-    sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are
+    exponents : whether the exponents of the velocities are requested, for which a simulation solves
+        two more equilibria at each load.
+    sound : whether a lattice without velocities, a mechanism, is an error; otherwise velocities are
         left out.
-    observe : the words for what is asked, as of a scene; a registered observable among them must be
-        found.
-    alone : whether it is the only state. The balls of its samples are kept, for files and figures
-        of them, and messages need not say which state they are about.
+    observe : the names of the observables, as in a scene; a registered observable among them must
+        be found.
+    alone : whether there is only one state. The balls of its samples are kept, for files and
+        figures of them, and messages need not name the state.
     """
 
     finite_overlap: bool = False
@@ -151,7 +151,7 @@ class Asked:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One medium on one packing, at all values of an applied load, and what is asked of its states.
+    """One medium on one packing, at all values of an applied load, and the request of its states.
 
     ``where`` names the swept parameters of the packing with their values, in words; empty if none
     is swept.
@@ -161,7 +161,7 @@ class Case:
     packing: Balls
     medium: MediumChoice
     load: Load
-    asked: Asked = Asked()
+    request: Request = Request()
 
     @property
     def label(self) -> str:
@@ -169,12 +169,12 @@ class Case:
         return ", ".join(filter(None, (self.medium.label, self.where)))
 
     def name(self, serving: ServingMedium) -> str:
-        """Return the label of one of the media that serve the loads, with its own where it was
-        chosen automatically.
+        """Return the label of one of the media that serve the loads; where the medium was chosen
+        automatically, its own label follows that of the case.
         """
-        return (
-            f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label
-        )
+        if serving.chosen_automatically:
+            return f"{self.label}: {serving.medium.label}"
+        return self.label
 
     @cached_property
     def serving_media(self) -> list[ServingMedium]:
@@ -188,92 +188,77 @@ class Case:
 
     @cached_property
     def media(self) -> list[MediumTask]:
-        """A task for each medium that serves loads; an error names the case, and the load if it is
-        known.
+        """A task for each medium that serves loads; an error names the case, and the load if the
+        load is known.
         """
         try:
             serving_media = [
-                one
-                for serving in self.serving_media
-                for one in serving.by_geometry(self.asked.finite_overlap)
+                serving
+                for chosen in self.serving_media
+                for serving in chosen.by_geometry(self.request.finite_overlap)
             ]
         except InputError as error:
-            at = error.load_index
             periods = self.packing.structure.periods
-            raise _name_load(self.label, self.load, at, error, periods) from error
-        # lattices have no waves of their own here, but for those of networks, and their exponents
-        # cost nothing
-        networks = () if self.asked.waves is None else self.asked.waves.of_networks
-        ideal = replace(
-            self.asked,
+            raise _name_load(self.label, self.load, error.load_index, error, periods) from error
+        # lattices have no waves but those of networks, and their exponents cost nothing
+        networks = () if self.request.waves is None else self.request.waves.of_networks
+        lattice_request = replace(
+            self.request,
             waves=WaveSettings(of_networks=networks) if networks else None,
             exponents=True,
         )
         return [
-            MediumTask(self.name(one), one, self.asked if one.arrays else ideal)
-            for one in serving_media
+            MediumTask(
+                self.name(serving), serving, self.request if serving.arrays else lattice_request
+            )
+            for serving in serving_media
         ]
 
     @cached_property
     def tasks(self) -> list[MediumTask]:
         """The tasks that can run side by side: of a simulation one for each sample."""
-        return [task for one in self.media for task in one.tasks]
+        return [task for medium_task in self.media for task in medium_task.tasks]
 
-    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """Put the results of the :attr:`tasks` together; variables that only some of several media
-        have are left out.
+    def join(self, results: Sequence[TaskResult]) -> TaskResult:
+        """Join the results of the :attr:`tasks`; variables that only some of several media have are
+        left out.
         """
-        left = iter(parts)
-        found = list[TaskResult]()
-        for one in self.media:
-            found.append(one.join(list(islice(left, len(one.tasks)))))
-        if len(found) == 1:
-            return found[0]
-        marks = _join_marks(found, [one.serving.loads for one in self.media])
-        found = [drop_marks(part) for part in found]
-        order = np.argsort(np.concatenate([one.serving.loads for one in self.media]))
-        # notes on parts of the loads become notes on all of them: each condition and each sentence
-        # appears once
-        notes: dict[Any, Check | str] = {}
-        for note in (_read_note(text) for part in found for text in part["warnings"].tolist()):
-            key = (
-                note
-                if isinstance(note, str)
-                else (note.name, note.limit, note.reason, note.at_least)
-            )
-            before = notes.get(key)
-            notes[key] = (
-                before.join(note) if isinstance(before, Check) and isinstance(note, Check) else note
-            )
-        out: TaskResult = {"warnings": _write_notes(notes.values())}
-        named = {
-            name: value for part in found for name, value in part.items() if name != "warnings"
-        }
-        for name, value in named.items():
+        media = self.media
+        remaining = iter(results)
+        joined = [medium.join(list(islice(remaining, len(medium.tasks)))) for medium in media]
+        if len(joined) == 1:
+            return joined[0]
+        loads = [medium.serving.loads for medium in media]
+        marks = _join_marks(joined, loads)
+        joined = [drop_marks(result) for result in joined]
+        order = np.argsort(np.concatenate(loads))
+        out: TaskResult = {"warnings": _join_notes(joined)}
+        variables = {name: value for result in joined for name, value in result.items()}
+        del variables["warnings"]
+        for name, value in variables.items():
             # arrays of one medium in two geometries have the same variables, of which some may be
             # known in one alone
-            if (
-                all(name in part for part in found)
-                or not self.media[0].serving.chosen_automatically
-            ):
-                rows = [
-                    part[name]
-                    if name in part
-                    else np.full((one.load.size, *value.shape[1:]), np.nan)
-                    for part, one in zip(found, self.media, strict=True)
-                ]
-                out[name] = np.concatenate(pad_alike(rows))[order]
+            is_in_all = all(name in result for result in joined)
+            if not is_in_all and media[0].serving.chosen_automatically:
+                continue
+            rows = [
+                result[name]
+                if name in result
+                else np.full((medium.load.size, *value.shape[1:]), np.nan)
+                for result, medium in zip(joined, media, strict=True)
+            ]
+            out[name] = np.concatenate(pad_alike(rows))[order]
         return out | marks
 
-    def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
+    def restore(self, results: Sequence[TaskResult]) -> SimulatedState:
         """Return the only state, that of a simulation, with the samples whose balls the
         :attr:`tasks` kept.
         """
         (serving,) = self.serving_media
         (medium,) = serving.arrays
         samples = [
-            restore_sample(task.simulation, part)
-            for task, part in zip(self.tasks, parts, strict=True)
+            restore_sample(task.simulation, result)
+            for task, result in zip(self.tasks, results, strict=True)
         ]
         state = SimulatedState.of(medium, samples, serving.load.applied[0])
         return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
@@ -289,7 +274,7 @@ class Grid:
     axes: Sequence[Axis]
     media: Sequence[MediumChoice]
     load: Load
-    asked: Asked = Asked()
+    request: Request = Request()
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
@@ -297,7 +282,7 @@ class Grid:
         impossible packing.
         """
         return tuple(
-            Case(where, packing, medium, self.load, self.asked)
+            Case(where, packing, medium, self.load, self.request)
             for where, packing in combine(self.packing, self.axes)
             for medium in self.media
         )
@@ -309,50 +294,54 @@ def require_arrays(
     """Raise :class:`~granphon.base.errors.InputError` if there are no arrays for the waves
     ``names``.
 
-    These are "dos", "spectrum" and "pulse" of simulated arrays themselves. ``swept`` are the
+    The waves "dos", "spectrum" and "pulse" are of simulated arrays themselves. ``swept`` are the
     parameters that are swept.
     """
-    wanted = list(names)
-    for one in media if wanted else ():
-        one.require_arrays(wanted[0])
-    if "spectrum" not in wanted:
+    waves = list(names)
+    for choice in media if waves else ():
+        choice.require_arrays(waves[0])
+    if "spectrum" not in waves:
         return
-    if changing := [name for name in swept if name in ("lattice", "motions")]:
-        what = f"the spectra of a sweep over {changing[0]} do not fit into one array"
-        raise InputError(what, "Their wave vectors or polarisations differ", "Make a scene of each")
-    if len({one.settings.get("shape") for one in media}) > 1:
-        what = "the spectra of arrays of several shapes do not fit into one array"
-        raise InputError(what, "Their wave vectors differ", "Make a scene of each shape")
+    for name in swept:
+        if name in ("lattice", "motions"):
+            problem = f"the spectra of a sweep over {name} do not fit into one array"
+            why = "Their wave vectors or polarisations differ"
+            raise InputError(problem, why, "Make a scene of each")
+    if len({choice.settings.get("shape") for choice in media}) > 1:
+        problem = "the spectra of arrays of several shapes do not fit into one array"
+        raise InputError(problem, "Their wave vectors differ", "Make a scene of each shape")
 
 
 def pad_alike(arrays: Sequence[Array]) -> list[Array]:
-    """Return arrays with as many columns each as the widest has; what one lacks is nan."""
-    most = max(one.shape[-1] if one.ndim > 1 else 0 for one in arrays)
-    return [
-        np.pad(one, [(0, 0)] * (one.ndim - 1) + [(0, most - one.shape[-1])], constant_values=np.nan)
-        if one.ndim > 1 and one.shape[-1] < most
-        else one
-        for one in arrays
-    ]
+    """Return arrays with as many columns each as the widest has; columns that are added are nan."""
+    most = max(array.shape[-1] if array.ndim > 1 else 0 for array in arrays)
+    padded = list[Array]()
+    for array in arrays:
+        if array.ndim > 1 and array.shape[-1] < most:
+            widths = [(0, 0)] * (array.ndim - 1) + [(0, most - array.shape[-1])]
+            array = np.pad(array, widths, constant_values=np.nan)
+        padded.append(array)
+    return padded
 
 
 def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
     """Return warnings of cases, given as (label, text), each after the label of its case; a text of
-    many is said once.
+    several cases appears once.
 
     A text that begins with the label, as one about a medium, stands alone.
     """
-    labels: dict[str, list[str]] = {}
+    labels_of_texts: dict[str, list[str]] = {}
     for label, text in labelled:
-        labels.setdefault(text, []).append(label)
-    return [
-        f"{first} and {len(others)} more: {text}"
-        if others
-        else text
-        if text.startswith(f"{first} ")
-        else f"{first}: {text}"
-        for text, (first, *others) in labels.items()
-    ]
+        labels_of_texts.setdefault(text, []).append(label)
+    sentences = []
+    for text, labels in labels_of_texts.items():
+        if len(labels) > 1:
+            sentences.append(f"{labels[0]} and {len(labels) - 1} more: {text}")
+        elif text.startswith(f"{labels[0]} "):
+            sentences.append(text)
+        else:
+            sentences.append(f"{labels[0]}: {text}")
+    return sentences
 
 
 # -- of a medium -----------------------------------------------------------------------------------
@@ -366,7 +355,7 @@ class MediumTask(Task):
 
     where: str
     serving: ServingMedium
-    asked: Asked
+    request: Request
 
     @property
     def load(self) -> Load:
@@ -376,8 +365,8 @@ class MediumTask(Task):
     @property
     def simulation(self) -> DirectSimulation:
         """The simulation of the packing, if it is one."""
-        (found,) = self.serving.arrays
-        return found
+        (simulation,) = self.serving.arrays
+        return simulation
 
     @cached_property
     def name(self) -> str:
@@ -389,7 +378,7 @@ class MediumTask(Task):
             "packing": serving.packing,
             "medium": serving.medium,
             "load": serving.load,
-            "asked": vars(self.asked),
+            "asked": vars(self.request),  # the key is part of names of results that are kept
             "chosen": serving.chosen_automatically,
             "schema": SWEEP_SCHEMA,
             "versions": packages(),
@@ -400,10 +389,8 @@ class MediumTask(Task):
     @property
     def kind(self) -> str:
         """Medium, size of an array and number of loads, on which the time depends most."""
-        serving = self.serving
-        return (
-            f"{serving.medium.name} {serving.medium.settings.get('shape', '')} {len(serving.loads)}"
-        )
+        medium = self.serving.medium
+        return f"{medium.name} {medium.settings.get('shape', '')} {len(self.serving.loads)}"
 
     @property
     def tasks(self) -> list[MediumTask]:
@@ -411,34 +398,37 @@ class MediumTask(Task):
         itself.
         """
         samples = self.serving.samples
-        ends = [f", seed {one.medium.settings['seed']}" * (len(samples) > 1) for one in samples]
-        # none is asked for of a sample
-        asked = replace(self.asked, path=None, direction=None, surface=None, observe=())
-        return [
-            SampleTask(self.where + end, one, asked) for end, one in zip(ends, samples, strict=True)
-        ] or [self]
+        # bands, directions, edges and observables are found of the mean over samples
+        request = replace(self.request, path=None, direction=None, surface=None, observe=())
+        tasks: list[MediumTask] = []
+        for sample in samples:
+            seed = f", seed {sample.medium.settings['seed']}" if len(samples) > 1 else ""
+            tasks.append(SampleTask(self.where + seed, sample, request))
+        return tasks or [self]
 
-    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
+    def join(self, results: Sequence[TaskResult]) -> TaskResult:
         """Return the result of the :attr:`tasks`: samples are averaged, at the loads that all of
         them have reached.
         """
         if not self.serving.arrays:
-            return parts[0]
+            return results[0]
         size = self.load.size
-        places = find_reached(parts, self.load.size)
-        own = [drop_marks(part) for part in parts]
-        load = self.load if len(places) == size else self.load[places]
-        records = [SampleRecord.from_part(part, index) for index in places for part in own]
-        out = self.observe(
-            Analysis(SimulatedState.of(self.simulation, records, load), self.asked.direction)
-        )
-        if self.asked.waves is not None:
+        reached = find_reached(results, size)
+        samples = [drop_marks(result) for result in results]
+        load = self.load if len(reached) == size else self.load[reached]
+        records = [
+            SampleRecord.from_result(sample, index) for index in reached for sample in samples
+        ]
+        state = SimulatedState.of(self.simulation, records, load)
+        out = self.observe(Analysis(state, self.request.direction))
+        if self.request.waves is not None:
             out = add_waves(out, self, load, records)
-        return _expand_loads(out, places, size) | _join_marks(parts, [np.arange(size)] * len(parts))
+        marks = _join_marks(results, [np.arange(size)] * len(results))
+        return _expand_loads(out, reached, size) | marks
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the task."""
-        return self.serving.at(load, finite_overlap=self.asked.finite_overlap or None)
+        return self.serving.at(load, finite_overlap=self.request.finite_overlap or None)
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Find every variable at every load, and the "warnings" that :func:`tell_warnings` reads.
@@ -446,7 +436,7 @@ class MediumTask(Task):
         An error names its task and, if it is known, its load.
         """
         try:
-            analysis = Analysis(self.state(self.load), self.asked.direction)
+            analysis = Analysis(self.state(self.load), self.request.direction)
             out = self.observe(analysis)
         except GranphonError as error:
             raise self._locate(error) from error
@@ -456,96 +446,71 @@ class MediumTask(Task):
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
         state = analysis.state
-        asked = self.asked
+        request = self.request
         # conditions that hold are kept only where another medium, at other loads, may not meet them
         notes: list[Check | str] = [
-            one
-            for one in analysis.validity.checks
-            if one.failing or self.serving.chosen_automatically
+            check
+            for check in analysis.validity.checks
+            if check.failing or self.serving.chosen_automatically
         ]
-        find = partial(find_all, analysis, swept=True, observed=asked.observe)
+        find = partial(find_all, analysis, swept=True, observed=request.observe)
         out = find(("state",))
+        # a floor or clamp holds the balls, which long waves move
+        packing = self.serving.packing
         try:
-            # a floor or clamp holds the balls, which long waves move
-            if asked.sound or (self.serving.packing.repeats and not self.serving.packing.is_held):
+            if request.sound or (packing.repeats and not packing.is_held):
                 out |= find(("velocities",))
                 notes += warn_of_free_branches(state, analysis.velocities.velocities)
         except MechanismError as error:
-            if asked.sound:
+            if request.sound:
                 raise
             notes.append(f"velocities and moduli are left out: {error}")
-        out |= find(("exponent",)) if asked.exponents else {}
+        if request.exponents:
+            out |= find(("exponent",))
         notes += [*warn_of_missing_error(out), *analysis.failed.values()]
-        found = {
+        variables = {
             name: np.asarray(value)[None] if state.is_single else np.asarray(value)
             for name, value in out.items()
         }
-        # in the paper's limit one dispersion relation serves all loads, unless the torsion is that
-        # of a Hertz contact
-        way = asked.find_path(self.serving.packing.structure)
-        many = not state.is_single and (asked.surface is not None or way is not None)
-        loads = [state[i] for i in range(len(state.force))] if many else [state]
-        different = loads[:1] if state.has_one_lattice else loads
-        if asked.surface is not None and state.n_samples:
+        path = request.find_path(packing.structure)
+        states = list[ContactState]()
+        if request.surface is not None or path is not None:
+            states = _split_loads(state)
+        if request.surface is not None and state.n_samples:
             notes.append("waves of an edge are left out: those of a simulated array are not known")
-        elif asked.surface is not None:
-            # imported here: other runs do not need it
-            from granphon.phonons.surfaces import (
-                observe_surface,
-            )
+        elif request.surface is not None:
+            # imported here: other runs do not need surfaces
+            from granphon.phonons.surfaces import observe_surface
 
-            of = asked.surface
-            found |= observe_surface(loads, different, of.axis, of.edge, of.points)
-        if way is not None:
-            # the frequencies that phonopy gives, but from C(q), which needs no force constants
-            lattices = [one.contact_lattice() for one in different]
-            paths = [one.wavevectors(way[0].reshape(-1, 3)) for one in lattices]
-            rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
-            hertz = np.array([one.scales.frequency for one in loads])
-            found["frequencies"] = (hertz[:, None, None] * rows).reshape(
-                len(loads), *way[0].shape[:2], -1
-            )
-            notes += [
-                *lattices[0].free_branch_warnings,
-                *lattices[0].soft_mode_warnings(paths[0], rows[0]),
-            ]
-            notes += [LATTICE_BANDS] * bool(state.n_samples)
-            if (lossy := asked.bands) is not None:
-                # imported here: other runs do not need phonopy
-                from granphon.phonons.phonons import (
-                    Phonons,
-                )
-
-                q, shape = way[0].reshape(-1, 3), (len(loads), *way[0].shape[:2], -1)
-                damped = [Phonons(one).damped(q, lossy.damping, lossy.loss_factor) for one in loads]
-                found["damped_frequency"] = np.array(
-                    [one.frequencies.real for one in damped]
-                ).reshape(shape)
-                found["damped_decay"] = np.array([one.decay for one in damped]).reshape(shape)
-                found["damped_quality"] = np.array([one.quality for one in damped]).reshape(shape)
-        return found | {"warnings": _write_notes(notes)}
+            edge = request.surface
+            distinct = _find_distinct(state, states)
+            variables |= observe_surface(states, distinct, edge.axis, edge.edge, edge.points)
+        if path is not None:
+            bands, notes_on_bands = _observe_bands(state, states, path[0], request.bands)
+            variables |= bands
+            notes += notes_on_bands
+        return variables | {"warnings": _write_notes(notes)}
 
     def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:
-        """Return what is asked of the network at each load, without samples; nothing if nothing is.
-        Errors name the load.
+        """Return the records of the network at each load, without samples; none if no waves are
+        requested. Errors name the load.
 
         With ``whole`` the results themselves are kept too.
         """
         records = list[SampleRecord]()
         periods = self.serving.packing.structure.periods
-        if self.asked.waves is None:
+        if self.request.waves is None:
             return records
-        # imported here: other runs do not need it
-        from granphon.runs.wave_records import (
-            record_networks,
-        )
+        # imported here: other runs do not need waves
+        from granphon.runs.wave_records import record_networks
 
         for index in range(self.load.size):
             try:
-                one = state if state.is_single else state[index]
-                records.append(SampleRecord(of_waves=record_networks(one, self.asked.waves, whole)))
+                single = state if state.is_single else state[index]
+                waves = record_networks(single, self.request.waves, whole)
+                records.append(SampleRecord(of_waves=waves))
             except GranphonError as error:
-                if self.asked.alone:
+                if self.request.alone:
                     raise
                 raise error.restate(
                     f"{self.where}, {self.load[index].describe(periods)}: {error}"
@@ -555,35 +520,88 @@ class MediumTask(Task):
     def _locate(self, error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load.
 
-        It is ``error`` if its load is known, otherwise that of the first load which fails alone;
-        its ``load_index`` is the index of that load in the sweep. If no load fails alone, ``error``
-        is returned with the task only.
+        If the load of ``error`` is not known, the error of the first load that fails alone is
+        returned instead. The ``load_index`` is the index of the load in the sweep. If no load fails
+        alone, ``error`` is returned with the task only.
         """
-        if self.asked.alone:
+        if self.request.alone:
             error.load_index = 0 if error.option is None else None
             return error
         periods = self.serving.packing.structure.periods
-        if error.option is not None:  # it is not about a load
+        if error.option is not None:  # the error is not about a load
             return _name_load(self.where, self.load, None, error, periods)
-        at = error.load_index
-        first = error  # an error of a simulation knows its load: nothing is simulated again
-        for index in range(self.load.size) if at is None else ():
+        # an error of a simulation knows its load, so that nothing is simulated again
+        index = error.load_index
+        first_error = error
+        for number in range(self.load.size) if index is None else ():
             try:
-                self.observe(Analysis(self.state(self.load[[index]]), self.asked.direction))
-            except GranphonError as alone:
-                at = index
-                first = alone
+                state = self.state(self.load[[number]])
+                self.observe(Analysis(state, self.request.direction))
+            except GranphonError as error_alone:
+                index = number
+                first_error = error_alone
                 break
-        located = _name_load(self.where, self.load, at, first if at is not None else error, periods)
-        located.load_index = error.load_index if at is None else int(self.serving.loads[at])
+        located = _name_load(self.where, self.load, index, first_error, periods)
+        located.load_index = None if index is None else int(self.serving.loads[index])
         return located
+
+
+def _split_loads(state: ContactState) -> list[ContactState]:
+    """Return the state at each load."""
+    return [state] if state.is_single else [state[index] for index in range(len(state.force))]
+
+
+def _find_distinct(state: ContactState, states: list[ContactState]) -> list[ContactState]:
+    """Return the states whose lattices differ: in the paper's limit one dispersion relation serves
+    all loads, unless the torsion is that of a Hertz contact.
+    """
+    return states[:1] if state.has_one_lattice else states
+
+
+def _observe_bands(
+    state: ContactState,
+    states: list[ContactState],
+    qpoints: Array,
+    losses: BandsSettings | None,
+) -> tuple[TaskResult, list[str]]:
+    """Return the frequencies, Hz, at ``qpoints`` (s, p, 3) and each load, with decay and Q of the
+    bands where contacts have ``losses``, and notes on them; ``states`` are those at each load.
+    """
+    # the frequencies that phonopy gives, but from C(q), which needs no force constants
+    q = qpoints.reshape(-1, 3)
+    shape = (len(states), *qpoints.shape[:2], -1)
+    lattices = [distinct.contact_lattice() for distinct in _find_distinct(state, states)]
+    paths = [lattice.wavevectors(q) for lattice in lattices]
+    reduced = np.array(
+        [lattice.frequencies(path) for lattice, path in zip(lattices, paths, strict=True)]
+    )
+    units = np.array([single.scales.frequency for single in states])  # Hz
+    out: TaskResult = {"frequencies": (units[:, None, None] * reduced).reshape(shape)}
+    notes = [
+        *lattices[0].free_branch_warnings,
+        *lattices[0].soft_mode_warnings(paths[0], reduced[0]),
+    ]
+    if state.n_samples:
+        notes.append(LATTICE_BANDS)
+    if losses is not None:
+        # imported here: other runs do not need phonopy
+        from granphon.phonons.phonons import Phonons
+
+        damped = [
+            Phonons(single).damped(q, losses.damping, losses.loss_factor) for single in states
+        ]
+        frequencies = np.array([bands.frequencies.real for bands in damped])
+        out["damped_frequency"] = frequencies.reshape(shape)
+        out["damped_decay"] = np.array([bands.decay for bands in damped]).reshape(shape)
+        out["damped_quality"] = np.array([bands.quality for bands in damped]).reshape(shape)
+    return out, notes
 
 
 def _name_load(
     where: str, load: Load, index: int | None, error: GranphonError, periods: int
 ) -> GranphonError:
-    """Return ``error`` with the task, and the load number ``index`` if it is known, which it keeps,
-    before its message.
+    """Return ``error`` with the task before its message, and the load number ``index`` if it is
+    known; the error keeps this number.
     """
     if index is None:
         return error.restate(f"{where}: {error}")
@@ -596,43 +614,39 @@ def add_waves(
     out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]
 ) -> TaskResult:
     """Return ``out`` with the means over samples of the waves at the loads of a task, and notes on
-    what is not known.
+    observables that are not known.
 
-    A state without samples has one record at each load.
-
-    An observable that is not known at some of the loads is nan there; one that is known at none is
-    left out.
+    A state without samples has one record at each load. An observable is nan at a load at which it
+    is not known, and left out if it is known at no load.
     """
-    # imported here: a sweep without waves does not need it
-    from granphon.runs.wave_records import (
-        average_waves,
-    )
+    # imported here: a sweep without waves does not need them
+    from granphon.runs.wave_records import average_waves
 
-    assert task.asked.waves is not None
+    assert task.request.waves is not None
     count = len(records) // load.size
     rows = list[dict[str, Array]]()
-    said = dict[str, list[int]]()
+    indices_of_texts = dict[str, list[int]]()
     for index in range(load.size):
-        row, texts = average_waves(
-            [one.of_waves for one in records[index * count : (index + 1) * count]], task.asked.waves
-        )
+        samples = [record.of_waves for record in records[index * count : (index + 1) * count]]
+        row, texts = average_waves(samples, task.request.waves)
         rows.append(row)
         for text in texts:
-            said.setdefault(text, []).append(index)
-    known = {name: value for row in rows for name, value in row.items()}
-    found = {
-        name: np.array(pad_alike([row.get(name, np.full_like(one, np.nan)) for row in rows]))
-        for name, one in known.items()
+            indices_of_texts.setdefault(text, []).append(index)
+    examples = {name: value for row in rows for name, value in row.items()}
+    waves = {
+        name: np.array(pad_alike([row.get(name, np.full_like(example, np.nan)) for row in rows]))
+        for name, example in examples.items()
     }
+    periods = task.serving.packing.structure.periods
     notes = []
-    for text, indices in said.items():
-        more = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
-        where = f"at {load[indices[0]].describe(task.serving.packing.structure.periods)}{more}, "
+    for text, indices in indices_of_texts.items():
         # a note need not name the loads if they are all those of the medium
-        notes.append(
-            text if len(indices) == load.size and not task.serving.is_part else where + text
-        )
-    return out | found | {"warnings": np.concatenate([out["warnings"], _write_notes(notes)])}
+        if len(indices) < load.size or task.serving.is_part:
+            further = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
+            text = f"at {load[indices[0]].describe(periods)}{further}, {text}"
+        notes.append(text)
+    warnings = np.concatenate([out["warnings"], _write_notes(notes)])
+    return out | waves | {"warnings": warnings}
 
 
 # -- of a sample -----------------------------------------------------------------------------------
@@ -651,57 +665,61 @@ class SampleTask(MediumTask):
         """Number of steps: one for each load, or one for a whole path."""
         return 1 if self.simulation.friction_history else self.load.size
 
-    def done(self, part: TaskResult) -> int:
+    def done(self, result: TaskResult) -> int:
         """Return the number of steps that a result contains."""
-        return 1 if self.simulation.friction_history else len(part["force"])
+        return 1 if self.simulation.friction_history else len(result["force"])
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Add one load to ``begun``; with the last, return every number of the sample that is
         averaged, (n_loads, ...).
         """
         simulation = self.simulation
-        size = self.load.size
         if simulation.friction_history:
-            try:
-                return super().solve()
-            except GranphonError as error:
-                if error.reached is None:
-                    raise
-                # the path has ended early: the result is that at the loads before, marked with the
-                # error
-                history: Any = simulation.history
-                order = history.sort(simulation.prescribed(self.load))
-                places = sorted(order[: len(error.reached.force)])
-                at = -1 if error.load_index is None else error.load_index
-                marks = {
-                    _MISSED: np.setdiff1d(np.arange(size), places),
-                    _WHY: np.array([str(error)]),
-                    _AT: np.array([at]),
-                }
-                return _expand_loads(self._record(error.reached.samples), places, size) | marks
+            return self._solve_path()
         index: int | None = None
         try:
             loads = simulation.prescribed(self.load)
             order = sort_by_load(loads)
             so_far = dict(begun or {})
-            before = (
-                (so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")) if so_far else None
-            )
+            start = None
+            if so_far:
+                start = so_far.pop("rest_overlap").item(), so_far.pop("rest_balls")
             index = order[self.done(so_far) if so_far else 0]
-            sample = simulation.sample(loads[index], before)
-            found = self._record([sample])
+            sample = simulation.sample(loads[index], start)
+            result = self._record([sample])
         except GranphonError as error:
             if index is not None:
                 error.load_index = index
             raise self._locate(error) from error
-        found = {
-            name: np.concatenate([so_far[name], value]) if so_far else value
-            for name, value in found.items()
-        }
-        if self.done(found) < len(order):
-            rest = sample.equilibrium
-            return found | {"rest_overlap": np.array(rest.overlap), "rest_balls": rest.balls}
-        return {name: value[np.argsort(order)] for name, value in found.items()}
+        if so_far:
+            result = {name: np.concatenate([so_far[name], value]) for name, value in result.items()}
+        if self.done(result) < len(order):
+            equilibrium = sample.equilibrium
+            return result | {
+                "rest_overlap": np.array(equilibrium.overlap),
+                "rest_balls": equilibrium.balls,
+            }
+        return {name: value[np.argsort(order)] for name, value in result.items()}
+
+    def _solve_path(self) -> TaskResult:
+        """Return every number of a sample along its path of loads with friction; if the path ends
+        early, those of the loads before, with marks.
+        """
+        try:
+            return super().solve()
+        except GranphonError as error:
+            if error.reached is None:
+                raise
+            size = self.load.size
+            history: Any = self.simulation.history
+            order = history.sort(self.simulation.prescribed(self.load))
+            reached = sorted(order[: len(error.reached.force)])
+            marks = {
+                _MISSED: np.setdiff1d(np.arange(size), reached),
+                _WHY: np.array([str(error)]),
+                _END: np.array([-1 if error.load_index is None else error.load_index]),
+            }
+            return _expand_loads(self._record(error.reached.samples), reached, size) | marks
 
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return every number of the samples that is averaged, (n_loads, ...), and the balls if
@@ -710,29 +728,34 @@ class SampleTask(MediumTask):
         return self._record(analysis.state.samples)
 
     def _record(self, samples: Sequence[Any]) -> TaskResult:
-        asked = self.asked
-        found = SampleRecord.to_part(
-            [SampleRecord.of(one, asked.waves, asked.exponents, asked.alone) for one in samples]
-        )
-        if not asked.alone:
-            return found
+        request = self.request
+        records = [
+            SampleRecord.of(sample, request.waves, request.exponents, request.alone)
+            for sample in samples
+        ]
+        result = SampleRecord.to_result(records)
+        if not request.alone:
+            return result
         # the balls at rest, each array after an axis of one load
-        rest = samples[0].equilibrium
-        kept = {name: np.asarray(getattr(rest, name)) for name in _list_kept(type(rest))}
+        equilibrium = samples[0].equilibrium
+        kept = {
+            name: np.asarray(getattr(equilibrium, name))
+            for name in _list_kept_fields(type(equilibrium))
+        }
         if not isinstance(samples[0], PressedSample):
-            # after a history they follow from the elastic tensors
-            kept["derivatives"] = np.array([rest.stiffness, rest.stiffness_slope])
-        return found | {_BALLS + name: value[None] for name, value in kept.items()}
+            # after a history the derivatives follow from the elastic tensors
+            kept["derivatives"] = np.array([equilibrium.stiffness, equilibrium.stiffness_slope])
+        return result | {_BALLS + name: value[None] for name, value in kept.items()}
 
 
 class SampleRecord(SimpleNamespace):
     """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units,
     under the sample's names.
 
-    It stands where the state has samples. ``fraction`` is the sample's ``contact_fraction()``, and
-    ``of_waves`` what :func:`~granphon.runs.wave_records.record_waves` found of its waves, if
-    anything was asked for. Numbers of a history of friction, and tensors at neighbouring loads, are
-    there where the sample has them.
+    A record stands where a state has samples. ``fraction`` is the sample's ``contact_fraction()``,
+    and ``of_waves`` are the arrays that :func:`~granphon.runs.wave_records.record_waves` keeps of
+    its waves, if any were requested. A record has the numbers of a history of friction, and tensors
+    at neighbouring loads, where the sample has them.
     """
 
     @classmethod
@@ -743,49 +766,45 @@ class SampleRecord(SimpleNamespace):
         exponents: bool = True,
         whole: bool = False,
     ) -> Self:
-        """Record a sample; what it has not computed yet is computed now, with the ``waves`` that
-        are asked for.
+        """Record a sample, whose numbers are computed now unless they are known, with the ``waves``
+        that are requested.
 
-        There are tensors at neighbouring loads for ``exponents`` of balls that differ. With
+        Tensors at neighbouring loads are recorded for ``exponents`` of balls that differ. With
         ``whole`` the waves themselves are kept too.
         """
-        found: dict[str, Any] = {}
+        of_waves: dict[str, Any] = {}
         if waves is not None:
-            # imported here: a sweep without waves does not need it
-            from granphon.runs.wave_records import (
-                record_waves,
-            )
+            # imported here: a sweep without waves does not need them
+            from granphon.runs.wave_records import record_waves
 
-            found = record_waves(sample, waves, whole)
-        beside = ("elastic_tensors_beside",) * bool(exponents and sample.packing.spread_matters)
-        names = (*_AVERAGED, *beside, *(name for name in HISTORY_UNITS if hasattr(sample, name)))
-        return cls(
-            **{name: getattr(sample, name) for name in names},
-            fraction=sample.contact_fraction(),
-            of_waves=found,
-        )
+            of_waves = record_waves(sample, waves, whole)
+        names = [*_AVERAGED]
+        if exponents and sample.packing.spread_matters:
+            names.append("elastic_tensors_beside")
+        names += [name for name in HISTORY_UNITS if hasattr(sample, name)]
+        numbers = {name: getattr(sample, name) for name in names}
+        return cls(**numbers, fraction=sample.contact_fraction(), of_waves=of_waves)
 
     @classmethod
-    def from_part(cls, part: TaskResult, index: int) -> Self:
+    def from_result(cls, result: TaskResult, index: int) -> Self:
         """Take the record at one of the loads from the result of a task."""
-        numbers = {name: value[index] for name, value in part.items()}
+        values = {name: value[index] for name, value in result.items()}
+        numbers = {name: value for name, value in values.items() if "." not in name}
         waves = {
             name.removeprefix(_WAVES): value
-            for name, value in numbers.items()
+            for name, value in values.items()
             if name.startswith(_WAVES)
         }
-        return cls(
-            **{name: value for name, value in numbers.items() if "." not in name}, of_waves=waves
-        )
+        return cls(**numbers, of_waves=waves)
 
     @classmethod
-    def to_part(cls, records: Sequence[Self]) -> TaskResult:
+    def to_result(cls, records: Sequence[Self]) -> TaskResult:
         """Stack the records at several loads as the result of a task: each number (n_loads,
         ...).
         """
         rows = [
-            vars(one) | {_WAVES + name: value for name, value in one.of_waves.items()}
-            for one in records
+            vars(record) | {_WAVES + name: value for name, value in record.of_waves.items()}
+            for record in records
         ]
         return {
             name: np.array([row[name] for row in rows]) for name in rows[0] if name != "of_waves"
@@ -798,89 +817,90 @@ class SampleRecord(SimpleNamespace):
         return float(self.fraction)
 
 
-def restore_sample(simulation: DirectSimulation, part: TaskResult) -> Sample | PressedSample:
-    """Return the one sample of a simulation, with what a task has found of it and its balls."""
+def restore_sample(simulation: DirectSimulation, result: TaskResult) -> Sample | PressedSample:
+    """Return the one sample of a simulation, with the numbers and balls in the ``result`` of its
+    task.
+    """
     packing = simulation.packing
     seed = simulation.seed_of(0)
     history = simulation.history
-    kind = (
-        PressedEquilibrium
-        if history.is_loaded
-        else TrueEquilibrium
-        if simulation.ratio
-        else Equilibrium
+    kind: type[Equilibrium] = TrueEquilibrium if simulation.ratio else Equilibrium
+    if history.is_loaded:
+        kind = PressedEquilibrium
+    arrays: dict[str, Any] = {name: result[_BALLS + name][0] for name in _list_kept_fields(kind)}
+    equilibrium: Any = kind(
+        deviations=read_only(simulation.deviations(0)), lattice=packing.structure, **arrays
     )
-    given: dict[str, Any] = {name: part[_BALLS + name][0] for name in _list_kept(kind)}
-    rest: Any = kind(
-        deviations=read_only(simulation.deviations(0)), lattice=packing.structure, **given
-    )
-    if not history.is_loaded:
-        vars(rest)["_derivatives"] = tuple(part[_BALLS + "derivatives"][0].tolist())
-        sample: Sample | PressedSample = Sample(packing, seed, rest)
+    if history.is_loaded:
+        response = history.shear_response
+        sample: Sample | PressedSample = PressedSample(packing, seed, equilibrium, response)
     else:
-        sample = PressedSample(packing, seed, rest, history.shear_response)
-    vars(sample).update({name: one[0] for name, one in part.items() if name.startswith("elastic_")})
+        vars(equilibrium)["_derivatives"] = tuple(result[_BALLS + "derivatives"][0].tolist())
+        sample = Sample(packing, seed, equilibrium)
+    tensors = {name: rows[0] for name, rows in result.items() if name.startswith("elastic_")}
+    vars(sample).update(tensors)
     return sample
 
 
-def _list_kept(kind: type[Equilibrium]) -> list[str]:
+def _list_kept_fields(kind: type[Equilibrium]) -> list[str]:
     # the sample is drawn again from its seed
-    return [one.name for one in fields(kind) if one.name not in ("deviations", "lattice")]
+    return [field.name for field in fields(kind) if field.name not in ("deviations", "lattice")]
 
 
 # -- paths of loads that end early -----------------------------------------------------------------
 
 
-def _expand_loads(part: TaskResult, places: Sequence[int], size: int) -> TaskResult:
-    """Return a result at the loads in ``places`` with a row for each of all loads; the other rows
-    mean nothing.
+def _expand_loads(result: TaskResult, reached: Sequence[int], size: int) -> TaskResult:
+    """Return a result at the loads of the indices ``reached`` with a row for each of all loads; the
+    other rows mean nothing.
     """
     rows = np.zeros(size, int)
-    rows[list(places)] = range(len(places))
-    return {name: value if name == "warnings" else value[rows] for name, value in part.items()}
+    rows[list(reached)] = range(len(reached))
+    return {name: value if name == "warnings" else value[rows] for name, value in result.items()}
 
 
-def drop_marks(part: TaskResult) -> TaskResult:
+def drop_marks(result: TaskResult) -> TaskResult:
     """Return a result without its marks."""
-    return {name: value for name, value in part.items() if name not in _MARKS}
+    return {name: value for name, value in result.items() if name not in _MARKS}
 
 
-def find_reached(parts: Sequence[TaskResult], size: int) -> list[int]:
-    """Return the places of the loads, of ``size``, that all results have; raise the error of a path
-    if there is none.
+def find_reached(results: Sequence[TaskResult], size: int) -> list[int]:
+    """Return the indices of the loads, of ``size``, that all results have; raise the error of a
+    path if no load is reached by all.
     """
-    missed = {place for part in parts if _MISSED in part for place in part[_MISSED].tolist()}
+    missed = set[int]()
+    for result in results:
+        missed.update(result[_MISSED].tolist() if _MISSED in result else ())
     if len(missed) == size:
-        raise explain_end(parts)
-    return [place for place in range(size) if place not in missed]
+        raise explain_end(results)
+    return [index for index in range(size) if index not in missed]
 
 
-def _join_marks(parts: Sequence[TaskResult], loads: Sequence[NDArray[Any]]) -> TaskResult:
-    """Return the marks of what is made of several results, each at some of the ``loads``; nothing
-    if no path ended early.
+def _join_marks(results: Sequence[TaskResult], loads: Sequence[NDArray[Any]]) -> TaskResult:
+    """Return the marks of the join of several results, each at some of the ``loads``; empty if no
+    path ended early.
     """
-    ended = [(part, own) for part, own in zip(parts, loads, strict=True) if _MISSED in part]
-    if not ended:
+    missed = [
+        indices[result[_MISSED]]
+        for result, indices in zip(results, loads, strict=True)
+        if _MISSED in result
+    ]
+    if not missed:
         return {}
-    missed = np.unique(np.concatenate([own[part[_MISSED]] for part, own in ended]))
-    return {_MISSED: missed} | {
-        name: np.concatenate([part[name] for part, _ in ended]) for name in (_WHY, _AT)
-    }
+    ended = [result for result in results if _MISSED in result]
+    marks = {name: np.concatenate([result[name] for result in ended]) for name in (_WHY, _END)}
+    return {_MISSED: np.unique(np.concatenate(missed))} | marks
 
 
-def explain_end(parts: Sequence[TaskResult]) -> ConvergenceError:
+def explain_end(results: Sequence[TaskResult]) -> ConvergenceError:
     """Return the error of the first path that ended early."""
-    whys, places = (
-        [one for part in parts if name in part for one in part[name].tolist()]
-        for name in (_WHY, _AT)
-    )
-    more = (
-        ""
-        if len(whys) == 1
-        else f" {counted(len(whys) - 1, 'more path')} of the sweep ended early."
-    )
-    error = ConvergenceError(whys[0] + more)
-    error.load_index = places[0] if places[0] >= 0 else None
+    reasons = [reason for result in results for reason in result.get(_WHY, _NONE).tolist()]
+    indices = [index for result in results for index in result.get(_END, _NONE).tolist()]
+    message = reasons[0]
+    if len(reasons) > 1:
+        message += f" {counted(len(reasons) - 1, 'more path')} of the sweep ended early."
+    error = ConvergenceError(message)
+    error.load_index = indices[0] if indices[0] >= 0 else None
     return error
 
 
@@ -897,15 +917,31 @@ def _write_notes(notes: Iterable[Check | str]) -> NDArray[Any]:
     return np.array(list(dict.fromkeys(texts)), "S")  # ASCII: one byte for each letter
 
 
+def _join_notes(results: Iterable[TaskResult]) -> NDArray[Any]:
+    """Return the notes on parts of the loads as notes on all of them: each condition and each
+    sentence once.
+    """
+    notes: dict[Any, Check | str] = {}
+    for result in results:
+        for note in map(_read_note, result["warnings"].tolist()):
+            if isinstance(note, str):
+                notes[note] = note
+                continue
+            key = (note.name, note.limit, note.reason, note.at_least)
+            check = notes.get(key)
+            notes[key] = check.join(note) if isinstance(check, Check) else note
+    return _write_notes(notes.values())
+
+
 def _read_note(text: bytes) -> Check | str:
     note = json.loads(text)
     return note if isinstance(note, str) else Check(*note)
 
 
-def tell_warnings(part: TaskResult) -> list[str]:
+def tell_warnings(result: TaskResult) -> list[str]:
     """Return the warnings of a result: a sentence for each condition that fails."""
     sentences = (
         note if isinstance(note, str) else note.warning
-        for note in map(_read_note, part["warnings"].tolist())
+        for note in map(_read_note, result["warnings"].tolist())
     )
     return [sentence for sentence in sentences if sentence is not None]

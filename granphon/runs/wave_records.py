@@ -1,5 +1,5 @@
-"""What a run keeps of the waves in each sample or network, and its means over samples with their
-standard errors.
+"""The numbers that a run keeps of the waves in each sample or network, and their means over samples
+with standard errors.
 
 :func:`require_waves` and :func:`require_network` refuse what can be known to be impossible before
 anything is simulated.
@@ -35,6 +35,7 @@ from scipy.spatial import cKDTree
 
 from granphon.array.sample import Sample, standard_error
 from granphon.balls.loads import Load
+from granphon.balls.packing import Packing
 from granphon.base.arrays import Index
 from granphon.base.errors import (
     ConvergenceError,
@@ -74,7 +75,9 @@ from granphon.waves.settings import (
     RESPONSES,
     MotionSettings,
     NetworkSettings,
+    PulseSettings,
     ResponseSettings,
+    SpectrumSettings,
     WaveSettings,
     find_place,
 )
@@ -92,16 +95,16 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 Record = Mapping[str, Array]
-#: what the names of whole results begin with
+#: prefix of the names of whole results
 _WHOLE = "whole."
-#: numbers of a pulse that are averaged, and what a pulse calls them
+#: numbers of a pulse that are averaged, and their attributes of a pulse
 _PULSE = {
     "pulse_velocity": "velocity",
     "time_of_flight": "time_of_flight",
     "coherent_fraction": "coherent_fraction",
 }
-#: what is found of a motion, and over time, by the names of the catalogue; and what has standard
-#: errors over samples
+#: numbers of a motion, numbers over time, and numbers with standard errors over samples, by the
+#: names of the catalogue
 NUMBERS = (
     "front_velocity",
     "peak_velocity",
@@ -122,91 +125,98 @@ _NARROW = ("give frequencies closer to each other", "give a damping or a loss_fa
 _PER_PERIOD = 10
 #: most of the area under the table of a drive that may fall between steps
 _MOST_LOST = 0.1
-#: parts of the greatest distance between which velocities are read
-_BETWEEN = (0.25, 0.75)
+#: parts of the greatest distance between which velocities are fitted
+_FIT_RANGE = (0.25, 0.75)
 
 
 def require_waves(
-    serving_media: Sequence[ServingMedium], wanted: WaveSettings, most: float = np.inf
+    serving_media: Sequence[ServingMedium], settings: WaveSettings, most: float = np.inf
 ) -> None:
-    """Raise if what is ``wanted`` cannot be found in the arrays of a case, at any of its loads.
+    """Raise if the waves of the ``settings`` cannot be found in the arrays of a case, at any of its
+    loads.
 
     Each array of up to ``most`` balls is looked at as one of equal balls at the same mean force,
-    which takes no simulation: the wave vectors of its cell, the motions of its balls, the way of
-    the pulse and how long it may be heard. What depends on the load is refused if it fails at the
-    least and at the greatest.
+    which takes no simulation: the wave vectors of its cell, the motions of its balls, the path of
+    the pulse and the time for which a pulse may be heard. What depends on the load is refused if it
+    fails at the least load and at the greatest.
     """
-    if wanted.spectrum is None and wanted.pulse is None:
+    if settings.spectrum is None and settings.pulse is None:
         return
-    for medium, load in (
-        (one, serving.load)
+    arrays = [
+        (medium, serving.load)
         for serving in serving_media
-        for one in serving.arrays
-        if one.balls <= most
-    ):
+        for medium in serving.arrays
+        if medium.balls <= most
+    ]
+    for medium, load in arrays:
         errors = list[GranphonError]()
         forces = find_typical_force(medium.packing, load)
         ends = list(dict.fromkeys((float(np.min(forces)), float(np.max(forces)))))
         for number, force in enumerate(ends):
             ideal = AveragedLattice(medium.packing).at(Load.only(force=force))[0]
             network = ideal.network.repeat(medium.cells)
-            if (settings := wanted.spectrum) is not None and not number:
-                packing = medium.packing
-                way = find_path_points(
-                    network, ideal_lattice(packing), packing.diameter, wanted.path, settings.points
-                )
-                operator = WaveOperator(network)
-                # the bound of frequencies of equal balls is below that of differing ones, but for a
-                # little: it takes no more moments
-                Kernel.of(operator.top / (2.0 * math.pi * MARGIN), settings.resolution)
-                for name in settings.polarisation:
-                    find_polarisations(operator, way.q[0], name, None)
+            if settings.spectrum is not None and not number:
+                _require_spectrum(network, medium.packing, settings.spectrum, settings.path)
             try:
-                if wanted.pulse is not None:
-                    require_sendable(
-                        network, PulseSource.of(wanted.pulse, network, wanted.direction)
-                    )
+                if settings.pulse is not None:
+                    source = PulseSource.of(settings.pulse, network, settings.direction)
+                    require_sendable(network, source)
             except GranphonError as error:
                 errors.append(error)
         if len(errors) == len(ends):
             raise errors[0]
 
 
+def _require_spectrum(
+    network: ContactNetwork, packing: Packing, spectrum: SpectrumSettings, path: Any
+) -> None:
+    """Raise if a network of equal balls, which stands for the array of a ``packing``, has not the
+    wave vectors of a ``path``, the resolution or the polarisations of a spectrum.
+    """
+    points = find_path_points(
+        network, ideal_lattice(packing), packing.diameter, path, spectrum.points
+    )
+    operator = WaveOperator(network)
+    # the bound of frequencies of equal balls is below that of differing balls, or little above: a
+    # kernel of equal balls takes no more moments
+    Kernel.of(operator.top / (2.0 * math.pi * MARGIN), spectrum.resolution)
+    for polarisation in spectrum.polarisation:
+        find_polarisations(operator, points.q[0], polarisation, None)
+
+
 def require_network(
-    serving_media: Sequence[ServingMedium], wanted: NetworkSettings, key: str, most: float = np.inf
+    serving_media: Sequence[ServingMedium],
+    settings: NetworkSettings,
+    key: str,
+    most: float = np.inf,
 ) -> None:
     """Raise unless the networks of a case, repeated and cut, have what the ``key`` of the settings
     says of them.
 
-    Those of packings are of equal balls at a typical force, and of arrays up to ``most`` balls;
+    Networks of packings are of equal balls at a typical force, and of arrays up to ``most`` balls;
     crystals that are not quickly loaded are left out.
     """
-    wanted = replace(wanted, cut=()) if key == "repeat" else wanted
+    settings = replace(settings, cut=()) if key == "repeat" else settings
     for serving in serving_media:
-        arrays = serving.arrays
-        if (arrays and arrays[0].balls > most) or (state := find_typical_state(serving)) is None:
+        cells = serving.arrays[0].cells if serving.arrays else None
+        balls = serving.arrays[0].balls if serving.arrays else 0
+        state = None if balls > most else find_typical_state(serving)
+        if state is None or settings.count(balls or state.network.n_balls) > most:
             continue
-        if wanted.count(arrays[0].balls if arrays else state.network.n_balls) > most:
+        network = state.network if cells is None else state.network.repeat(cells)
+        if isinstance(settings, MotionSettings) and key == "drive":
+            PreparedMotion(state if cells is None else network, settings)
             continue
-        network = state.network.repeat(arrays[0].cells) if arrays else state.network
-        if isinstance(wanted, MotionSettings) and key == "drive":
-            PreparedMotion(network if arrays else state, wanted)
-            continue
-        shaped = wanted.shape(network)
-        if isinstance(wanted, ResponseSettings) and key in ("source", "receiver"):
-            moved = wanted.quantity == "transmissibility" and key == "source"
-            require_places(
-                shaped,
-                key,
-                [find_place(one) for one in getattr(wanted, key)],
-                moved,
-                **_choose_plane(wanted),
-            )
+        shaped = settings.shape(network)
+        if isinstance(settings, ResponseSettings) and key in ("source", "receiver"):
+            is_moved = settings.quantity == "transmissibility" and key == "source"
+            places = [find_place(words) for words in getattr(settings, key)]
+            require_places(shaped, key, places, is_moved, **_choose_plane(settings))
 
 
 def find_typical_state(serving: ServingMedium) -> Any:
     """Return a state like the first of a case: of equal balls at a typical force, or a crystal's;
-    None if it takes long.
+    None for a crystal whose state takes long.
     """
     if serving.packing.kind_names:
         return serving.at(serving.load[0]) if serving.is_quick else None
@@ -214,172 +224,184 @@ def find_typical_state(serving: ServingMedium) -> Any:
     return AveragedLattice(serving.packing).at(Load.only(force=force))[0]
 
 
-def _choose_plane(wanted: ResponseSettings) -> dict[str, Any]:
-    return {name: getattr(wanted, name) for name in ("direction", "polarisation", "distance")}
+def _choose_plane(settings: ResponseSettings) -> dict[str, Any]:
+    return {name: getattr(settings, name) for name in ("direction", "polarisation", "distance")}
 
 
-def record_waves(sample: Sample, wanted: WaveSettings, whole: bool = False) -> dict[str, Array]:
-    """Find what is wanted of the waves in a sample, and return the numbers that are averaged, in SI
-    units by name.
+def record_waves(sample: Sample, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
+    """Find the waves of the ``settings`` in a sample, and return the numbers that are averaged, in
+    SI units by name.
 
     With ``whole`` the results themselves are kept too, for :class:`SampleWaves`.
     """
     waves = Waves(sample)
     out = dict[str, Array]()
     results = dict[str, Result]()
-    if wanted.dos:
+    if settings.dos:
         # random vectors differ from sample to sample, so that their noise is part of the standard
         # error over samples
-        found = waves.dos(seed=sample.seed or 0)
-        parts = (found.frequencies, found.translational, found.rotational, found.error)
-        out["dos"], results["dos"] = np.array(parts), found
-    if (settings := wanted.spectrum) is not None:
+        dos = waves.dos(seed=sample.seed or 0)
+        out["dos"] = np.array([dos.frequencies, dos.translational, dos.rotational, dos.error])
+        results["dos"] = dos
+    spectrum = settings.spectrum
+    if spectrum is not None:
         packing = sample.packing
-        way = find_path_points(
-            waves.network, ideal_lattice(packing), packing.diameter, wanted.path, settings.points
+        points = find_path_points(
+            waves.network,
+            ideal_lattice(packing),
+            packing.diameter,
+            settings.path,
+            spectrum.points,
         )
         spectra = {
-            name: waves.spectral_function(way.q, name, settings.resolution)
-            for name in settings.polarisation
+            polarisation: waves.spectral_function(points.q, polarisation, spectrum.resolution)
+            for polarisation in spectrum.polarisation
         }
-        lines = [(one.peak, one.width, one.resolved) for one in spectra.values()]
-        out |= {
-            "path_corners": way.corners,
-            "path_distance": way.distances,
-            "lines": np.array(lines, float),
-        }
-        out["wavenumber"] = spectra[settings.polarisation[0]].wavenumber
+        lines = [
+            (function.peak, function.width, function.resolved) for function in spectra.values()
+        ]
+        out["path_corners"] = points.corners
+        out["path_distance"] = points.distances
+        out["lines"] = np.array(lines, float)
+        out["wavenumber"] = spectra[spectrum.polarisation[0]].wavenumber
         results |= spectra
-    if wanted.pulse is not None:
-        # what cannot be known of a pulse is nan, and the text ``pulse_note`` says why
-        numbers = dict.fromkeys(_PULSE, math.nan)
-        note = ""
-        said = ""
-        try:
-            heard = transmit(
-                waves.network, PulseSource.of(wanted.pulse, waves.network, wanted.direction)
-            )
-            numbers |= {name: getattr(heard, source) for name, source in _PULSE.items()}
-            note = heard.why_unknown
-            results["pulse"] = heard
-            said = " ".join(text for text in heard.warnings if not note or note not in text)
-        except (
-            GranphonError
-        ) as error:  # what could be known before the simulation has been refused by now
-            note = str(error)
-        out |= {name: np.array(value) for name, value in numbers.items()}
-        out |= {"pulse_note": np.array(note), "pulse_echo": np.array(said)}
+    if settings.pulse is not None:
+        pulse, numbers = _record_pulse(waves.network, settings.pulse, settings.direction)
+        out |= numbers
+        if pulse is not None:
+            results["pulse"] = pulse
     if whole:
-        out |= {
-            _WHOLE + name: np.array(json.dumps(one.to_dict()).encode())
-            for name, one in results.items()
-        }
-    return out | record_networks(sample, wanted, whole)
+        for name, result in results.items():
+            out[_WHOLE + name] = np.array(json.dumps(result.to_dict()).encode())
+    return out | record_networks(sample, settings, whole)
 
 
-def record_networks(x: Any, wanted: WaveSettings, whole: bool = False) -> dict[str, Array]:
-    """Find what is wanted of the network of a state or sample, and return what is averaged, in SI
-    units by name.
+def _record_pulse(
+    network: ContactNetwork, settings: PulseSettings, direction: Any
+) -> tuple[Pulse | None, dict[str, Array]]:
+    """Return a pulse through a network, None if none can be sent, and its numbers.
+
+    A number that cannot be known is nan, and the text ``pulse_note`` says why; ``pulse_echo`` holds
+    the other warnings of the pulse.
+    """
+    numbers = dict.fromkeys(_PULSE, math.nan)
+    pulse = None
+    echo = ""
+    try:
+        pulse = transmit(network, PulseSource.of(settings, network, direction))
+        numbers = {name: getattr(pulse, source) for name, source in _PULSE.items()}
+        note = pulse.why_unknown
+        echo = " ".join(text for text in pulse.warnings if not note or note not in text)
+    except GranphonError as error:
+        # what could be known before the simulation has been refused by now
+        note = str(error)
+    arrays = {name: np.array(value) for name, value in numbers.items()}
+    return pulse, arrays | {"pulse_note": np.array(note), "pulse_echo": np.array(echo)}
+
+
+def record_networks(x: Any, settings: WaveSettings, whole: bool = False) -> dict[str, Array]:
+    """Find the waves of the ``settings`` in the network of a state or sample, and return the
+    numbers that are averaged, in SI units by name.
 
     With ``whole`` results that have a file of their own are kept too, as its bytes. An error knows
     its block.
     """
     out = dict[str, Array]()
-    for one in wanted.of_networks:
-        record, _ = RECORDS[one.block]
+    for block in settings.of_networks:
+        record, _ = RECORDS[block.block]
         try:
-            found, files = record(x, one)
+            arrays, files = record(x, block)
         except GranphonError as error:
-            error.block = (one.block,)
+            error.block = (block.block,)
             raise
-        out |= found | {
-            _WHOLE + name: np.frombuffer(write(), np.uint8)
-            for name, write in files.items()
-            if whole
-        }
+        out |= arrays
+        if whole:
+            for name, write in files.items():
+                out[_WHOLE + name] = np.frombuffer(write(), np.uint8)
     return out
 
 
 # -- of one network
 
 
-def _record_response(x: Any, wanted: ResponseSettings) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Find the response, (n_f, places of the receiver); that of a plane is the mean over its
-    balls.
-    """
-    places = [find_place(one) for one in wanted.receiver]
-    found: Response = Waves(wanted.shape(given_network(x))).response(
-        wanted.frequencies,
-        [find_place(one) for one in wanted.source],
+def _record_response(x: Any, settings: ResponseSettings) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Find the response, (n_f, receivers); the response of a plane is the mean over its balls."""
+    places = [find_place(words) for words in settings.receiver]
+    response: Response = Waves(settings.shape(given_network(x))).response(
+        settings.frequencies,
+        [find_place(words) for words in settings.source],
         places,
-        wanted.damping,
-        wanted.loss_factor,
-        quantity=wanted.quantity,
-        **_choose_plane(wanted),
+        settings.damping,
+        settings.loss_factor,
+        quantity=settings.quantity,
+        **_choose_plane(settings),
     )
-    balls = len(found.receivers) - len(places) + 1
-    starts = np.cumsum([0, *(balls if one == "plane" else 1 for one in places)])
+    n_plane = len(response.receivers) - len(places) + 1
+    starts = np.cumsum([0, *(n_plane if place == "plane" else 1 for place in places)])
     groups = [slice(first, end) for first, end in pairwise(starts.tolist())]
-    means = [np.mean(found.values[:, group], axis=1) for group in groups]
-    record = {"response": np.transpose(means), "response_note": np.array(" ".join(found.warnings))}
-    return record | {"response_peaks": _list_peaks(found.peaks_of_means(groups))}, {}
+    means = [np.mean(response.values[:, group], axis=1) for group in groups]
+    record = {
+        "response": np.transpose(means),
+        "response_note": np.array(" ".join(response.warnings)),
+        "response_peaks": _list_peaks(response.peaks_of_means(groups)),
+    }
+    return record, {}
 
 
 def _list_peaks(peaks: Sequence[Peaks]) -> Array:
-    """Return frequencies, heights and Q of the peaks at each place, (3, places, n), nan beyond
-    those that there are.
+    """Return frequencies, heights and Q of the peaks of each receiver, (3, receivers, n), nan
+    beyond the number of its peaks.
     """
-    table = np.full((3, len(peaks), max(len(one.frequencies) for one in peaks)), np.nan)
-    for place, one in enumerate(peaks):
-        table[:, place, : len(one.frequencies)] = one
+    most = max(len(of_receiver.frequencies) for of_receiver in peaks)
+    table = np.full((3, len(peaks), most), np.nan)
+    for index, of_receiver in enumerate(peaks):
+        table[:, index, : len(of_receiver.frequencies)] = of_receiver
     return table
 
 
 def _average_responses(
-    records: Sequence[Record], wanted: ResponseSettings
+    records: Sequence[Record], settings: ResponseSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the coherent response, the mean of complex amplitudes, its peaks, and the highest at
-    the first place.
+    """Return the coherent response, the mean of complex amplitudes, its peaks, and the highest peak
+    of the first receiver.
 
-    Peaks of one record are solved for between the frequencies; those of a mean are of the
+    Peaks of one record are solved for between the frequencies; peaks of a mean are of the
     frequencies that there are.
     """
-    every = np.array([one["response"] for one in records])
-    name = RESPONSES[wanted.quantity]
-    mean = np.mean(every, axis=0)
+    amplitudes = np.array([record["response"] for record in records])
+    name = RESPONSES[settings.quantity]
+    mean = np.mean(amplitudes, axis=0)
     out = {name: np.abs(mean), "response_phase": np.unwrap(np.angle(mean), axis=0)}
-    alone = len(records) == 1
-    peaks = (
-        records[0]["response_peaks"]
-        if alone
-        else _list_peaks(find_peaks(np.array(wanted.frequencies), mean))
-    )
-    notes = list(
-        dict.fromkeys(str(one["response_note"]) for one in records if str(one["response_note"]))
-    )
+    is_alone = len(records) == 1
+    if is_alone:
+        peaks = records[0]["response_peaks"]
+    else:
+        peaks = _list_peaks(find_peaks(np.array(settings.frequencies), mean))
+    texts = [str(record["response_note"]) for record in records]
+    notes = list(dict.fromkeys(text for text in texts if text))
     is_peak = np.isfinite(peaks[0])
-    unknown = is_peak & np.isnan(peaks[1])
+    is_narrow = is_peak & np.isnan(peaks[1])
     words = ("frequency", name, "quality")
     if np.any(is_peak):
         out |= {f"peaks_{word}": table for word, table in zip(words, peaks, strict=True)}
-    if np.any(unknown):
+    if np.any(is_narrow):
         lines = counted(
-            int(np.max(np.sum(unknown, axis=1))),
+            int(np.max(np.sum(is_narrow, axis=1))),
             "peak of the response is",
             "peaks of the response are",
         )
         notes.append(
             f"{lines} narrower than the step of the frequencies, and the height is not known:"
-            f" {_NARROW[alone]}"
+            f" {_NARROW[is_alone]}"
         )
-    if np.any(is_peak[0]) and not np.any(unknown[0]):
+    if np.any(is_peak[0]) and not np.any(is_narrow[0]):
         highest = np.nanargmax(peaks[1, 0])
         out |= {
             f"peak_{word}": np.array(table[0, highest])
             for word, table in zip(words, peaks, strict=True)
         }
-    if len(records) > 1:
-        out[f"{name}_error"] = np.asarray(standard_error(every, axis=0))
+    if not is_alone:
+        out[f"{name}_error"] = np.asarray(standard_error(amplitudes, axis=0))
     return out, notes
 
 
@@ -387,7 +409,8 @@ def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> Non
     """Return the balls of a ``network``, made of the state, sample or network ``x``, with the law
     of its contacts.
     """
-    from granphon.waves.nonlinear import NonlinearWaves  # imported here: other tasks do not need it
+    # imported here: other tasks do not need nonlinear waves
+    from granphon.waves.nonlinear import NonlinearWaves
 
     state = x.source if isinstance(x, NetworkState) else x
     law = state.crystal if isinstance(state, CrystalState) else None
@@ -398,21 +421,22 @@ def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> Non
 
 
 class PreparedMotion:
-    """The balls of a state, or of a network, that move, and what drives them.
+    """The balls of a state, or of a network, that move, and the drives that move them.
 
-    Raises :class:`~granphon.base.errors.InputError` for what is known to be wrong before anything
-    moves.
+    Raises :class:`~granphon.base.errors.InputError` for settings that are known to be wrong before
+    anything moves.
 
     Attributes
     ----------
     waves : the balls and their law.
     drives : :class:`~granphon.Drive`, in turn, without impacts.
-    velocities : (n, 3) those that impacts give, m/s.
-    notes : what the motion warned of, in sentences.
+    velocities : (n, 3) velocities that impacts give, m/s.
+    notes : the warnings of the motion, in sentences.
     """
 
     def __init__(self, x: Any, settings: MotionSettings) -> None:
-        from granphon.waves.nonlinear import Drive  # imported here: other tasks do not need it
+        # imported here: other tasks do not need nonlinear waves
+        from granphon.waves.nonlinear import Drive
 
         network = settings.shape(given_network(x))
         self.settings = settings
@@ -420,70 +444,68 @@ class PreparedMotion:
         self.waves = make_waves(x, network, settings)
         self.drives = list[Drive]()
         self.velocities = np.zeros((network.n_balls, 3))
-        for one in settings.drive:
-            balls = index_array("balls of the drive", one.find_balls(network), network.n_balls)
-            along = np.eye(network.dimension)[0] if one.direction is None else one.direction
-            vector = read_vector("direction of the drive", along, network.dimension)
+        for drive in settings.drive:
+            balls = index_array("balls of the drive", drive.find_balls(network), network.n_balls)
+            direction = np.eye(network.dimension)[0] if drive.direction is None else drive.direction
+            vector = read_vector("direction of the drive", direction, network.dimension)
             require_moves("drive", vector, network)
-            if one.impact is None:
-                moved: Any = one.shaker or one.displacement
-                self.drives.append(Drive(balls, vector, displacement=moved, force=one.force))
+            if drive.impact is None:
+                moved: Any = drive.shaker or drive.displacement
+                self.drives.append(Drive(balls, vector, displacement=moved, force=drive.force))
             else:
-                self.velocities[balls] += one.impact * vector
-        led = [
-            np.flatnonzero(~network.moving),
-            *(one.balls for one in self.drives if one.displacement is not None),
-        ]
-        if np.any(self.velocities[np.concatenate(led)]):
+                self.velocities[balls] += drive.impact * vector
+        displaced = [drive.balls for drive in self.drives if drive.displacement is not None]
+        led_balls = np.concatenate([np.flatnonzero(~network.moving), *displaced])
+        if np.any(self.velocities[led_balls]):
             raise InputError(
                 "an impact on a body that is held or displaced",
                 mend="Give it a shaker or a displacement",
             )
-        shaken = max(
-            (one.shaker.frequency for one in settings.drive if one.shaker is not None), default=0.0
+        self._require_step()
+
+    def _require_step(self) -> None:
+        """Raise if steps are too long for a shaker, or for the table of a drive."""
+        settings = self.settings
+        shakers = [drive.shaker for drive in settings.drive if drive.shaker is not None]
+        frequency = max((shaker.frequency for shaker in shakers), default=0.0)
+        tables = [drive.force or drive.displacement for drive in settings.drive]
+        if not shakers and not any(tables):
+            return
+        impact = float(np.linalg.norm(self.velocities, axis=1).max())
+        step = settings.step or self.waves.find_step(impact)
+        step = min(step, settings.duration / (settings.frames - 1))
+        if step * frequency * _PER_PERIOD > 1.0:
+            problem = f"a shaker has the frequency {frequency:.4g} Hz, and steps have {step:.3g} s"
+            why = f"A period would have fewer than {_PER_PERIOD} steps"
+            raise InputError(problem, why, "Give a shorter step")
+        lost_fraction = max(
+            (table.lost(step, settings.duration) for table in tables if table), default=0.0
         )
-        signals = [one.force or one.displacement for one in settings.drive]
-        if shaken or any(signals):
-            step = settings.step or self.waves.find_step(
-                float(np.linalg.norm(self.velocities, axis=1).max())
+        if lost_fraction > _MOST_LOST:
+            problem = (
+                f"{100.0 * lost_fraction:.3g} % of the table of a drive are lost between steps of"
+                f" {step:.3g} s"
             )
-            step = min(step, settings.duration / (settings.frames - 1))
-            if step * shaken * _PER_PERIOD > 1.0:
-                what = f"a shaker has the frequency {shaken:.4g} Hz, and steps have {step:.3g} s"
-                raise InputError(
-                    what,
-                    f"A period would have fewer than {_PER_PERIOD} steps",
-                    "Give a shorter step",
-                )
-            if (
-                lost := max(
-                    (one.lost(step, settings.duration) for one in signals if one), default=0.0
-                )
-            ) > _MOST_LOST:
-                what = (
-                    f"{100.0 * lost:.3g} % of the table of a drive are lost between steps of"
-                    f" {step:.3g} s"
-                )
-                raise InputError(what, mend="Give a shorter step")
+            raise InputError(problem, mend="Give a shorter step")
 
     def run(self) -> Motion:
         """Let the balls move; :class:`~granphon.base.errors.ConvergenceError` for a motion that
         ends before its time.
         """
-        of = self.settings
-        with warnings.catch_warnings(record=True) as told:
+        settings = self.settings
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", LimitWarning)
-            # its frames would not be those of other loads and samples
+            # the frames of a motion that ends early would not be those of other loads and samples
             warnings.simplefilter("error", StoppedEarlyWarning)
             try:
                 motion = self.waves.run(
-                    of.duration,
+                    settings.duration,
                     None,
                     self.velocities,
                     self.drives,
-                    frames=of.frames,
-                    step=of.step,
-                    scheme=of.scheme,
+                    frames=settings.frames,
+                    step=settings.step,
+                    scheme=settings.scheme,
                 )
             except StoppedEarlyWarning as stopped:
                 if stopped.interrupted:
@@ -491,24 +513,24 @@ class PreparedMotion:
                 raise ConvergenceError(
                     str(stopped), mend="Give a shorter duration, or a weaker drive"
                 ) from None
-        self.notes = [str(one.message) for one in told]
+        self.notes = [str(warning.message) for warning in caught]
         return motion
 
 
 def find_source(settings: MotionSettings, network: ContactNetwork) -> Index:
     """Return the numbers of all balls of a shaped network that are driven."""
-    return np.unique(np.concatenate([one.find_balls(network) for one in settings.drive]))
+    return np.unique(np.concatenate([drive.find_balls(network) for drive in settings.drive]))
 
 
 class Passage(NamedTuple):
-    """When what a drive sends comes to each contact, and how fast it goes.
+    """Times at which the wave of a drive comes to each contact, and its velocities.
 
     Attributes
     ----------
     distances : (n_c,) of contacts from the nearest ball or wall that is driven, or its nearest
         image, m.
     arrivals : (n_c,) times at which the front passes, s, as of :meth:`Motion.passages`; nan where
-        it is not known.
+        the time is not known.
     peaks, heights : (n_c,) times, s, and sizes, N, of the greatest force; a time is nan at the ends
         of the motion.
     front, peak : velocities, m/s, at which the front and the peak of :meth:`Motion.passages` pass
@@ -526,45 +548,45 @@ class Passage(NamedTuple):
 
     @classmethod
     def of(cls, motion: Motion, source: Index) -> Self:
-        """Find what passes the contacts of a motion from the balls ``source``."""
+        """Find the wave that passes the contacts of a motion from the balls ``source``."""
         network = motion.network
-        cells = np.array(list(product(*([-1, 0, 1] if one else [0] for one in network.pbc))))
+        shifts = [[-1, 0, 1] if periodic else [0] for periodic in network.pbc]
+        cells = np.array(list(product(*shifts)))
         images = (network.positions[source] + (cells @ network.cell)[:, None]).reshape(-1, 3)
         distances = np.asarray(cKDTree(images).query(motion.middles)[0])
         for wall in set(source.tolist()) & set(network.walls):
-            # a plane, which is nearer than the place that it is given at
-            place, toward = network.walls[wall]
-            distances = np.minimum(distances, np.abs((motion.middles - place) @ toward))
+            # a plane, which is nearer than the point by which the wall is given
+            point, normal = network.walls[wall]
+            distances = np.minimum(distances, np.abs((motion.middles - point) @ normal))
         peaks, heights = motion.peaks()
-        greatest = np.argmax(motion.forces, axis=0)
-        last = len(motion.times) - 1
+        frames = np.argmax(motion.forces, axis=0)
         fronts = motion.passages("front")
-        peaks = np.where(
-            np.isfinite(motion.passages()) & (greatest > 0) & (greatest < last), peaks, np.nan
-        )
-        velocities = (_find_velocity(distances, one) for one in (fronts, motion.passages()))
-        return cls(distances, fronts, peaks, heights, *velocities)
+        passages = motion.passages()
+        is_within = (frames > 0) & (frames < len(motion.times) - 1)
+        peaks = np.where(np.isfinite(passages) & is_within, peaks, np.nan)
+        front = _find_velocity(distances, fronts)
+        peak = _find_velocity(distances, passages)
+        return cls(distances, fronts, peaks, heights, front, peak)
 
 
 def _find_velocity(distances: Array, times: Array) -> float:
-    """Return the velocity of what passes contacts between a quarter and three quarters of the way,
-    m/s, or nan.
+    """Return the velocity, m/s, of a wave that passes contacts at ``times``, s, fitted between a
+    quarter and three quarters of the greatest distance; nan for fewer than three contacts.
     """
-    known = np.isfinite(times)
-    far = float(np.max(distances, initial=0.0, where=known))
-    known &= (distances >= _BETWEEN[0] * far) & (distances <= _BETWEEN[1] * far)
-    return (
-        fit_velocity(distances[known], times[known])[0]
-        if np.count_nonzero(known) >= 3
-        else math.nan
-    )
+    is_fitted = np.isfinite(times)
+    greatest = float(np.max(distances, initial=0.0, where=is_fitted))
+    low, high = _FIT_RANGE
+    is_fitted &= (distances >= low * greatest) & (distances <= high * greatest)
+    if np.count_nonzero(is_fitted) < 3:
+        return math.nan
+    return fit_velocity(distances[is_fitted], times[is_fitted])[0]
 
 
 def record_motion(
     x: Any, settings: MotionSettings
 ) -> tuple[dict[str, Array], dict[str, Callable[[], bytes]]]:
-    """Let the array of a state, sample or network move; return what is kept of it, and what makes
-    the bytes of its file.
+    """Let the array of a state, sample or network move; return the arrays that are kept, and by
+    name the function that makes the bytes of the file of the motion.
     """
     prepared = PreparedMotion(x, settings)
     motion = prepared.run()
@@ -604,26 +626,31 @@ def record_motion(
 def average_motions(
     records: Sequence[Mapping[str, Array]], _: MotionSettings
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return means over samples of what :func:`record_motion` keeps, standard errors, and notes."""
-    out = dict(zip(OVER_TIME, np.mean([one["motion"] for one in records], axis=0), strict=True))
-    said = [str(one["motion_note"]) for one in records if str(one["motion_note"])]
-    of = f"{len(said)} of {len(records)} samples, such as one: " if len(records) > 1 else ""
-    notes = [of + one for one in said[:1]]
+    """Return means over samples of the arrays of :func:`record_motion`, standard errors, and
+    notes.
+    """
+    motions = np.mean([record["motion"] for record in records], axis=0)
+    out = dict(zip(OVER_TIME, motions, strict=True))
+    texts = [str(record["motion_note"]) for record in records]
+    texts = [text for text in texts if text]
+    notes = texts[:1]
+    if notes and len(records) > 1:
+        notes = [f"{len(texts)} of {len(records)} samples, such as one: {texts[0]}"]
     for name in NUMBERS:
-        every = np.array([float(one[name]) for one in records])
-        known = every[np.isfinite(every)]
-        if known.size:
-            out[name] = np.array(np.mean(known))
-        if known.size > 1 and name in _WITH_ERRORS:
-            out[f"{name}_error"] = np.asarray(standard_error(known, axis=0))
-        if known.size < every.size:
-            where = (
-                f" in {every.size - known.size} of {every.size} samples" if every.size > 1 else ""
-            )
+        numbers = np.array([float(record[name]) for record in records])
+        finite = numbers[np.isfinite(numbers)]
+        if finite.size:
+            out[name] = np.array(np.mean(finite))
+        if finite.size > 1 and name in _WITH_ERRORS:
+            out[f"{name}_error"] = np.asarray(standard_error(finite, axis=0))
+        if finite.size < numbers.size:
+            samples = ""
+            if numbers.size > 1:
+                samples = f" in {numbers.size - finite.size} of {numbers.size} samples"
             notes.append(
-                f"the {name.replace('_', ' ')} is not known{where}: distances of contacts"
-                f" over the times at which the wave"
-                " comes are no straight line that rises; run for longer, or with more frames"
+                f"the {name.replace('_', ' ')} is not known{samples}: distances of contacts over"
+                " the times at which the wave comes are no straight line that rises; run for"
+                " longer, or with more frames"
             )
     return out, notes
 
@@ -633,21 +660,22 @@ def write_contacts(motion: Motion, path: Path, settings: MotionSettings) -> None
     passage = Passage.of(motion, find_source(settings, motion.network))
     network = motion.network
     ends = np.concatenate([np.column_stack([network.i, network.j]), motion.met])
-    columns: list[tuple[str, str, Any]] = [("ball_i", "", ends[:, 0]), ("ball_j", "", ends[:, 1])]
-    columns += [(axis, "m", one) for axis, one in zip("xyz", motion.middles.T, strict=True)]
-    columns += [
+    columns: list[tuple[str, str, Any]] = [
+        ("ball_i", "", ends[:, 0]),
+        ("ball_j", "", ends[:, 1]),
+        *((axis, "m", middles) for axis, middles in zip("xyz", motion.middles.T, strict=True)),
         ("distance", "m", passage.distances),
         ("arrival", "s", passage.arrivals),
         ("peak", "s", passage.peaks),
+        ("greatest_force", "N", passage.heights),
     ]
-    columns.append(("greatest_force", "N", passage.heights))
+    headings = [Heading(name, unit) for name, unit, _ in columns]
     rows = zip(*(values.tolist() for _, _, values in columns), strict=True)
-    path.write_text(
-        table_text([Heading(name, unit) for name, unit, _ in columns], rows), encoding="utf-8"
-    )
+    path.write_text(table_text(headings, rows), encoding="utf-8")
 
 
-#: for each block about networks, what is kept of a network, and how that of samples is averaged
+#: for each block about networks, the function that records a network, and the function that
+#: averages the records of samples
 RECORDS: dict[
     str, tuple[Callable[..., tuple[dict[str, Array], dict[str, Any]]], Callable[..., Any]]
 ] = {
@@ -675,49 +703,45 @@ class SampleWaves:
 
     @classmethod
     def of(
-        cls, wanted: WaveSettings | None, state: ContactState, records: Sequence[Record]
+        cls, settings: WaveSettings | None, state: ContactState, records: Sequence[Record]
     ) -> Self:
-        """Take the waves from what :func:`record_waves` has kept of the samples of a state."""
+        """Take the waves from the records of :func:`record_waves` of the samples of a state."""
 
         def read(record: Record, name: str, kind: type[Result]) -> Any:
             text = record.get(_WHOLE + name)
             return None if text is None else kind.from_dict(json.loads(text.item()))
 
         first = records[0]
-        path = None
-        if wanted is not None and wanted.spectrum is not None:
-            spectra = [read(first, name, SpectralFunction) for name in wanted.spectrum.polarisation]
-            ends = first["path_corners"]
-            way = first["path_distance"]
-            path = PathSpectra.of(
-                spectra,
-                ends,
-                way,
+        spectra = None
+        if settings is not None and settings.spectrum is not None:
+            polarisations = settings.spectrum.polarisation
+            spectra = PathSpectra.of(
+                [read(first, name, SpectralFunction) for name in polarisations],
+                first["path_corners"],
+                first["path_distance"],
                 state.contact_lattice(),
                 state.scales,
-                list(map(np.array, wanted.path)),
-                wanted.labels,
+                list(map(np.array, settings.path)),
+                settings.labels,
             )
-        sent = [one for record in records if (one := read(record, "pulse", Pulse)) is not None]
-        moved = (
-            Motion.read(io.BytesIO(first[f"{_WHOLE}motion"].tobytes()))
-            if f"{_WHOLE}motion" in first
-            else None
-        )
-        return cls(
-            read(first, "dos", SpectralDensity), path, average_pulses(sent) if sent else None, moved
-        )
+        pulses = [read(record, "pulse", Pulse) for record in records]
+        pulses = [pulse for pulse in pulses if pulse is not None]
+        motion = None
+        if f"{_WHOLE}motion" in first:
+            motion = Motion.read(io.BytesIO(first[f"{_WHOLE}motion"].tobytes()))
+        dos = read(first, "dos", SpectralDensity)
+        return cls(dos, spectra, average_pulses(pulses) if pulses else None, motion)
 
     @property
     def results(self) -> dict[str, Any]:
         """Results that exist, by the names of their files; each has :attr:`units`."""
-        found = {
+        results = {
             "sample_dos": self.dos,
             "spectrum": self.spectra,
             "pulse": self.pulse,
             "motion": self.motion,
         }
-        return {name: one for name, one in found.items() if one is not None}
+        return {name: result for name, result in results.items() if result is not None}
 
 
 def read_waves(path: Path) -> Any:
@@ -743,7 +767,7 @@ def read_waves(path: Path) -> Any:
 
 
 def average_waves(
-    records: Sequence[Record], wanted: WaveSettings
+    records: Sequence[Record], settings: WaveSettings
 ) -> tuple[dict[str, Array], list[str]]:
     """Return the observables of waves of the samples at one load, by name, and notes on them.
 
@@ -752,106 +776,131 @@ def average_waves(
     """
     out = dict[str, Array]()
     notes = list[str]()
-    several = len(records) > 1
-    if wanted.dos:
-        from scipy.interpolate import CubicSpline
+    if settings.dos:
+        out |= _average_densities([record["dos"] for record in records])
+    if settings.spectrum is not None:
+        spectra, texts = _average_spectra(records, settings.spectrum)
+        out |= spectra
+        notes += texts
+    if settings.pulse is not None:
+        pulses, texts = _average_pulse_numbers(records)
+        out |= pulses
+        notes += texts
+    for block in settings.of_networks:
+        _, average = RECORDS[block.block]
+        means, texts = average(records, block)
+        out |= means
+        notes += texts
+    return out, notes
 
-        # at the points of the sample whose frequencies reach highest; the densities of the others
-        # are interpolated
-        found = [one["dos"] for one in records]
-        points = max((one[0] for one in found), key=lambda one: float(one[-1]))
-        densities = [
-            one[1:]
-            if np.array_equal(one[0], points)
-            else np.where(
-                points <= one[0, -1],
-                np.maximum(CubicSpline(one[0], one[1:], axis=1)(points), 0.0),
-                0.0,
-            )
-            for one in found
-        ]
-        translational, rotational, own = np.mean(densities, axis=0)
-        totals = [one[0] + one[1] for one in densities]
-        out |= {
-            "dos_frequency": points,
-            "dos_total": translational + rotational,
-            "dos_translational": translational,
-            "dos_rotational": rotational,
-            "dos_error": standard_error(np.array(totals), axis=0) if several else own,
-        }
-    if wanted.spectrum is not None:
-        # peaks and widths are averaged; the other observables are those of the mean lines
-        out |= {name: records[0][name] for name in ("path_corners", "path_distance", "wavenumber")}
-        # samples, polarisations, (peak, width, resolved), wave vectors
-        every = np.array([one["lines"] for one in records])
-        q = out["wavenumber"]
-        peak, width, resolved = np.moveaxis(np.mean(every, axis=0), 1, 0)
-        velocity = 2.0 * np.pi * peak / q
-        out |= {
-            "line_frequency": peak,
-            "line_width": width,
-            "line_resolved": resolved,
-            "phase_velocity": velocity,
-            "attenuation": find_attenuation(velocity, width),
-            "mean_free_path": find_mean_free_path(velocity, width),
-        }
-        if several:
-            peaks = every[:, :, 0]
-            widths = every[:, :, 1]
-            out["line_frequency_error"] = standard_error(peaks, axis=0)
-            out["line_width_error"] = standard_error(widths, axis=0)
-            out["phase_velocity_error"] = 2.0 * np.pi * out["line_frequency_error"] / q
-            out["attenuation_error"] = standard_error(
-                find_attenuation(2.0 * np.pi * peaks / q, widths), axis=0
-            )
-        for number, name in enumerate(wanted.spectrum.polarisation):
-            why = "their mean free path is longer than 1/|q| all along the path"
-            crossing = None
-            try:
-                crossing = find_ioffe_regel(q, peak[number], width[number])
-            except InputError as error:
-                why = str(error)
-            if crossing is None:
-                notes.append(f"no Ioffe-Regel frequency of {name} waves: {why}")
-                continue
-            out[f"ioffe_regel_{name}"] = np.array(crossing)
-            if several:
-                out[f"ioffe_regel_{name}_error"] = np.array(_jackknife(q, every[:, number]))
-    if wanted.pulse is not None:
-        # pulses that could be read are averaged; notes say in how many samples they could not, and
-        # why
-        for name in _PULSE:
-            each = np.array([float(one[name]) for one in records])
-            known = each[np.isfinite(each)]
-            if known.size:
-                out[name] = np.array(np.mean(known))
-            if name == "pulse_velocity" and known.size > 1:
-                out["pulse_velocity_error"] = np.asarray(standard_error(known, axis=0))
-        notes += dict.fromkeys(str(one["pulse_echo"]) for one in records if str(one["pulse_echo"]))
-        if reasons := [str(one["pulse_note"]) for one in records if str(one["pulse_note"])]:
-            where = f" in {len(reasons)} of {len(records)} samples" if several else ""
-            rest = ", and the mean is that of the others" if len(reasons) < len(records) else ""
-            notes.append(f"the arrival of the pulse is not known{where}{rest}: {reasons[0]}")
-    for one in wanted.of_networks:
-        _, average = RECORDS[one.block]
-        means, said = average(records, one)
-        out = out | means
-        notes = notes + said
+
+def _average_densities(tables: Sequence[Array]) -> dict[str, Array]:
+    """Return the mean of densities of states: each of the ``tables`` has, of one sample, rows of
+    frequencies, translational and rotational density and their error.
+    """
+    from scipy.interpolate import CubicSpline
+
+    # at the points of the sample whose frequencies reach highest, where the densities of the other
+    # samples are interpolated
+    points = max((table[0] for table in tables), key=lambda frequencies: float(frequencies[-1]))
+    densities = []
+    for table in tables:
+        rows = table[1:]
+        if not np.array_equal(table[0], points):
+            spline = CubicSpline(table[0], rows, axis=1)
+            rows = np.where(points <= table[0, -1], np.maximum(spline(points), 0.0), 0.0)
+        densities.append(rows)
+    translational, rotational, error = np.mean(densities, axis=0)
+    if len(tables) > 1:
+        totals = [rows[0] + rows[1] for rows in densities]
+        error = standard_error(np.array(totals), axis=0)
+    return {
+        "dos_frequency": points,
+        "dos_total": translational + rotational,
+        "dos_translational": translational,
+        "dos_rotational": rotational,
+        "dos_error": error,
+    }
+
+
+def _average_spectra(
+    records: Sequence[Record], settings: SpectrumSettings
+) -> tuple[dict[str, Array], list[str]]:
+    """Return the means of the lines of plane waves, and notes: peaks and widths are averaged, and
+    the other observables are those of the mean lines.
+    """
+    notes = list[str]()
+    out = {name: records[0][name] for name in ("path_corners", "path_distance", "wavenumber")}
+    # samples, polarisations, (peak, width, resolved), wave vectors
+    lines = np.array([record["lines"] for record in records])
+    q = out["wavenumber"]
+    peak, width, resolved = np.moveaxis(np.mean(lines, axis=0), 1, 0)
+    velocity = 2.0 * np.pi * peak / q
+    out |= {
+        "line_frequency": peak,
+        "line_width": width,
+        "line_resolved": resolved,
+        "phase_velocity": velocity,
+        "attenuation": find_attenuation(velocity, width),
+        "mean_free_path": find_mean_free_path(velocity, width),
+    }
+    has_errors = len(records) > 1
+    if has_errors:
+        peaks = lines[:, :, 0]
+        widths = lines[:, :, 1]
+        attenuations = find_attenuation(2.0 * np.pi * peaks / q, widths)
+        out["line_frequency_error"] = standard_error(peaks, axis=0)
+        out["line_width_error"] = standard_error(widths, axis=0)
+        out["phase_velocity_error"] = 2.0 * np.pi * out["line_frequency_error"] / q
+        out["attenuation_error"] = standard_error(attenuations, axis=0)
+    for number, name in enumerate(settings.polarisation):
+        why = "their mean free path is longer than 1/|q| all along the path"
+        crossing = None
+        try:
+            crossing = find_ioffe_regel(q, peak[number], width[number])
+        except InputError as error:
+            why = str(error)
+        if crossing is None:
+            notes.append(f"no Ioffe-Regel frequency of {name} waves: {why}")
+            continue
+        out[f"ioffe_regel_{name}"] = np.array(crossing)
+        if has_errors:
+            out[f"ioffe_regel_{name}_error"] = np.array(_jackknife(q, lines[:, number]))
+    return out, notes
+
+
+def _average_pulse_numbers(records: Sequence[Record]) -> tuple[dict[str, Array], list[str]]:
+    """Return the means of the numbers of pulses that could be read, and notes, which say in how
+    many samples they could not, and why.
+    """
+    out = dict[str, Array]()
+    for name in _PULSE:
+        numbers = np.array([float(record[name]) for record in records])
+        finite = numbers[np.isfinite(numbers)]
+        if finite.size:
+            out[name] = np.array(np.mean(finite))
+        if name == "pulse_velocity" and finite.size > 1:
+            out["pulse_velocity_error"] = np.asarray(standard_error(finite, axis=0))
+    echoes = [str(record["pulse_echo"]) for record in records]
+    notes = [echo for echo in dict.fromkeys(echoes) if echo]
+    reasons = [str(record["pulse_note"]) for record in records]
+    reasons = [reason for reason in reasons if reason]
+    if reasons:
+        samples = f" in {len(reasons)} of {len(records)} samples" if len(records) > 1 else ""
+        mean = ", and the mean is that of the others" if len(reasons) < len(records) else ""
+        notes.append(f"the arrival of the pulse is not known{samples}{mean}: {reasons[0]}")
     return out, notes
 
 
 def _jackknife(q: Array, lines: Array) -> float:
     """Return the standard error of the Ioffe-Regel frequency, Hz, as the lines (samples, 3, n) are
-    left out one by one.
-
-    It is nan where the lines that are left have none.
+    left out one by one; nan where the other lines have no such frequency.
     """
-    found = []
-    for left in range(len(lines)):
-        peak, width, _ = np.mean(np.delete(lines, left, axis=0), axis=0)
+    frequencies = []
+    for sample in range(len(lines)):
+        peak, width, _ = np.mean(np.delete(lines, sample, axis=0), axis=0)
         with suppress(InputError):
-            found.append(find_ioffe_regel(q, peak, width))
-    unknown = len(found) < len(lines) or None in found
-    return (
-        math.nan if unknown else math.sqrt(len(lines) - 1) * float(np.std(np.array(found, float)))
-    )
+            frequencies.append(find_ioffe_regel(q, peak, width))
+    if len(frequencies) < len(lines) or None in frequencies:
+        return math.nan
+    return math.sqrt(len(lines) - 1) * float(np.std(np.array(frequencies, float)))

@@ -1,8 +1,8 @@
-"""The scene file: its keys in one table, by which it is read, checked and written, and the place of
-every error in it.
+"""The scene file: its keys in one table, by which a file is read, checked and written, and the key
+at which each error stands.
 
 The page of the reference is made of the same table. Defaults of keys that a file leaves out are
-those of the classes of which a scene is made.
+the defaults of the classes of which a scene is made.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from granphon.media.arrangement import Arrangement
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import rules
 from granphon.scene.rules import (
+    MATERIAL_KEYS,
     PARTS,
     SCENE_SCHEMA,
     Context,
@@ -55,7 +56,7 @@ from granphon.waves.settings import (
 )
 
 #: column at which the words of a key stand in a preset
-_WORDS_AT = 38
+_WORDS_COLUMN = 38
 #: the default of a key that has none
 NEEDED = "required"
 
@@ -66,45 +67,43 @@ class Field(NamedTuple):
     Attributes
     ----------
     key : the block and the key in it, or the key at the top level.
-    place : the attribute of a scene that has the value, with those that lead to it; if it is None
-        the key is not written.
+    attribute : the attribute of a scene that has the value, with those that lead to it; a key whose
+        value is None is not written.
     kind : how the value is read and written.
-    words : what it is, for the page of the reference.
-    default : what it is if it is left out, in words; empty if that is the plain default of the
+    words : meaning of the key, for the page of the reference.
+    default : the value of a key that is left out, in words; empty for the plain default of the
         class.
     """
 
     key: str
-    place: str
+    attribute: str
     kind: Kind
     words: str
     default: str = ""
 
 
-def _load(kind: str, words: str) -> Field:
+def _load_field(kind: str, words: str) -> Field:
     return Field(f"load.{kind}", "load", rules.load_kind(kind), words, "one load is required")
 
 
-def _wave(key: str, words: str, default: str, kind: Kind | None = None) -> Field:
-    name, own = key.split(".")
+def _wave_field(key: str, words: str, default: str, kind: Kind | None = None) -> Field:
+    block_name, setting = key.split(".")
+    if kind is None:
+        kind = Kind.plain(wave_rules(block_name)[setting], partial(write_setting, setting))
     # a spectrum that is not observed is not written
-    place = f"waves.{key}" if name == "spectrum" else key
-    return Field(
-        key,
-        place,
-        kind or Kind.plain(wave_rules(name)[own], partial(write_setting, own)),
-        words,
-        default,
-    )
+    attribute = f"waves.{key}" if block_name == "spectrum" else key
+    return Field(key, attribute, kind, words, default)
 
 
-def _network(name: str) -> tuple[Field, Field]:
-    """Return the fields of a block about the network of a state that say how it is repeated and
-    cut.
+def _network_fields(name: str) -> tuple[Field, Field]:
+    """Return the fields of a block about the network of a state that say how the network is
+    repeated and cut.
     """
     return (
-        _wave(f"{name}.repeat", "cells of the network along each period", "one cell", rules.REPEAT),
-        _wave(
+        _wave_field(
+            f"{name}.repeat", "cells of the network along each period", "one cell", rules.REPEAT
+        ),
+        _wave_field(
             f"{name}.cut",
             "block `axis`, `layers`, `edges` of a strip, slab or column of the network, or a list",
             "none",
@@ -113,26 +112,29 @@ def _network(name: str) -> tuple[Field, Field]:
     )
 
 
-def _part(
-    name: str, words: str, default: str = "", place: str = "", kind: Kind | None = None
+def _packing_field(
+    name: str, words: str, default: str = "", attribute: str = "", kind: Kind | None = None
 ) -> Field:
-    block = (
-        "material"
-        if name in ("young_modulus", "poisson_ratio", "density", "yield_strength")
-        else "packing"
-    )
-    own = name if block == "packing" else f"material.{name}"
-    return Field(f"{block}.{name}", place or f"packing.{own}", kind or PARTS[name], words, default)
+    """Return the field of a key of the block "packing", or of "material" for a material's."""
+    if name in MATERIAL_KEYS:
+        key = f"material.{name}"
+        attribute = attribute or f"packing.material.{name}"
+    else:
+        key = f"packing.{name}"
+        attribute = attribute or f"packing.{name}"
+    return Field(key, attribute, kind or PARTS[name], words, default)
 
 
 def _unless_zero(kind: Kind) -> Kind:
-    return Kind(kind.read, lambda value, at: kind.write(value, at) if value else None)
+    return Kind(kind.read, lambda value, context: kind.write(value, context) if value else None)
 
 
-_OWN_MOTIONS = Kind(  # those that the lattice has by default are left out
-    PARTS["motions"].read,
-    lambda value, at: None if value == next(iter(allowed_motions(at.lattice.dimension))) else value,
-)
+def _write_motions(motions: str, context: Context) -> str | None:
+    """Return the motions of a packing; None for those that its lattice has by default."""
+    default = next(iter(allowed_motions(context.lattice.dimension)))
+    return None if motions == default else motions
+
+
 FIELDS: tuple[Field, ...] = (
     Field(
         "schema",
@@ -141,50 +143,50 @@ FIELDS: tuple[Field, ...] = (
         "version of this format",
         f"`{SCENE_SCHEMA}`",
     ),
-    _part("young_modulus", "Young modulus of the material", NEEDED),
-    _part("poisson_ratio", "Poisson ratio of the material", NEEDED),
-    _part("density", "density of the material, not of the packing", NEEDED),
-    _part(
+    _packing_field("young_modulus", "Young modulus of the material", NEEDED),
+    _packing_field("poisson_ratio", "Poisson ratio of the material", NEEDED),
+    _packing_field("density", "density of the material, not of the packing", NEEDED),
+    _packing_field(
         "yield_strength",
         "uniaxial yield stress; you are warned where contacts would flow",
         "none: not checked",
     ),
-    _part(
+    _packing_field(
         "lattice",
         "how the balls are arranged, see [lattices](#lattices)",
-        place="packing.structure",
+        attribute="packing.structure",
     ),
-    _part("diameter", "diameter of a ball; the mean, if they differ", NEEDED),
-    _part(
+    _packing_field("diameter", "diameter of a ball; the mean, if they differ", NEEDED),
+    _packing_field(
         "spread",
         "how diameters differ, see [spread](#spread)",
         "equal balls",
         kind=rules.OWN_SPREAD,
     ),
-    _part(
+    _packing_field(
         "friction",
         "whether contacts resist shear; without friction, torsion and bending balls do not rotate",
     ),
-    _part(
+    _packing_field(
         "finite_overlap",
         "keep the [terms of relative order"
         " overlap/diameter](../explanation/model.md#finite-overlap)",
-        place="finite_overlap",
+        attribute="finite_overlap",
     ),
-    _part(
+    _packing_field(
         "motions",
         "how each ball moves, see [lattices](#lattices)",
         "`longitudinal` on a chain, `in_plane` in the plane, `all` in space",
-        kind=_OWN_MOTIONS,
+        kind=Kind(PARTS["motions"].read, _write_motions),
     ),
-    _part(
+    _packing_field(
         "torsion",
         "stiffness of a contact against twist, over k d²; `mindlin`: that of Hertz contacts"
         " without slip",
         "`0`",
         kind=_unless_zero(PARTS["torsion"]),
     ),
-    _part(
+    _packing_field(
         "bending",
         "stiffness of a contact against rolling, over k d²",
         "`0`",
@@ -198,8 +200,8 @@ FIELDS: tuple[Field, ...] = (
         NEEDED,
     ),
     *(
-        Field(f"crystal.{key}", f"packing.{place}", kind, words, default)
-        for key, place, kind, words, default in (
+        Field(f"crystal.{key}", f"packing.{attribute}", kind, words, default)
+        for key, attribute, kind, words, default in (
             (
                 "lattice",
                 "lattice",
@@ -282,17 +284,19 @@ FIELDS: tuple[Field, ...] = (
         PARTS["finite_overlap"],
         "the true geometry: contacts turn, the cell deforms, and static forces enter the response",
     ),
-    _load("force", "mean force between touching balls"),
-    _load(
+    _load_field("force", "mean force between touching balls"),
+    _load_field(
         "pressure",
         "force per length of the boundary; on a chain the force, N; in space the force per"
         " area, Pa",
     ),
-    _load(
+    _load_field(
         "overlap",
         "how far touching balls are pressed into each other; may be negative if balls differ",
     ),
-    _load("side_force", "push F on each side of a hexagonal frame: the contact force is F/(n √3)"),
+    _load_field(
+        "side_force", "push F on each side of a hexagonal frame: the contact force is F/(n √3)"
+    ),
     Field(
         "load.balls_per_side",
         "load.balls_per_side",
@@ -353,129 +357,133 @@ FIELDS: tuple[Field, ...] = (
     Field(
         "direction",
         "direction",
-        Kind(lambda value, at: rules.read_directions(value, at.lattice)),
+        Kind(lambda value, context: rules.read_directions(value, context.lattice)),
         "direction of sound, Cartesian, or a list of directions, see [direction](#direction)",
         "x",
     ),
-    _wave(
+    _wave_field(
         "spectrum.polarisation", f"`{'`, `'.join(POLARISATIONS)}`, one or a list", "`longitudinal`"
     ),
-    _wave(
+    _wave_field(
         "spectrum.resolution",
         "standard deviation of the kernel at frequency zero",
         "1/256 of a bound of the frequencies, about",
     ),
-    _wave(
+    _wave_field(
         "spectrum.points",
         "wave vectors between two corners of `phonopy.band`; each becomes the nearest one"
         " that the array has",
         "`21`",
     ),
-    _wave("pulse.frequency", "frequency of the burst that is sent", NEEDED),
-    _wave(
+    _wave_field("pulse.frequency", "frequency of the burst that is sent", NEEDED),
+    _wave_field(
         "pulse.distance",
         "of the receiving plane from the source, along `direction`",
         "half the length of the array along the direction; a quarter with `ends: periodic`",
     ),
-    _wave("pulse.cycles", "periods of the burst", "`5`"),
-    _wave("pulse.polarisation", "the way in which the source pushes", "`longitudinal`"),
-    _wave("pulse.source", "`plane`, the first plane of balls; `ball`, one of them", "`plane`"),
-    _wave(
+    _wave_field("pulse.cycles", "periods of the burst", "`5`"),
+    _wave_field("pulse.polarisation", "the way in which the source pushes", "`longitudinal`"),
+    _wave_field(
+        "pulse.source", "`plane`, the first plane of balls; `ball`, one of them", "`plane`"
+    ),
+    _wave_field(
         "pulse.ends",
         "`free`, `walls` (balls there are held), or `periodic`, where the pulse runs both ways",
         "`free`",
     ),
-    _wave("pulse.damping", "viscosity of a contact over its stiffness", "`0 s`"),
-    _wave(
+    _wave_field("pulse.damping", "viscosity of a contact over its stiffness", "`0 s`"),
+    _wave_field(
         "surface.axis",
         "across the edge: the number of a vector of the cell, or Miller indices, as `1 1 0`",
         NEEDED,
     ),
-    _wave(
+    _wave_field(
         "surface.edge",
         "`free`, `clamped` (the outer layer does not move) or `floor` (a plane touches it)",
         "`free`",
     ),
-    _wave("surface.points", "wave vectors between two corners of the path along the edge", "`31`"),
-    _wave("response.frequencies", "a list, or a range, ascending", NEEDED, rules.FREQUENCIES),
-    _wave(
+    _wave_field(
+        "surface.points", "wave vectors between two corners of the path along the edge", "`31`"
+    ),
+    _wave_field("response.frequencies", "a list, or a range, ascending", NEEDED, rules.FREQUENCIES),
+    _wave_field(
         "response.source",
         "what is driven: `plane`, or a ball and its direction, as `12 x`, or a list",
         NEEDED,
     ),
-    _wave(
+    _wave_field(
         "response.receiver",
         "what is heard, likewise; of `plane`, the last one, the mean over its balls",
         NEEDED,
     ),
-    _wave(
+    _wave_field(
         "response.damping",
         "viscosity of a contact over its stiffness; of normal and of other motion in a list",
         "`0 s`",
     ),
-    _wave(
+    _wave_field(
         "response.loss_factor",
         "loss factor of a contact; of normal and of other motion in a list",
         "`0`",
     ),
-    _wave(
+    _wave_field(
         "response.quantity",
         "`displacement` or `velocity` over force, or `transmissibility`: that of a wall that"
         " is moved",
         "`displacement`",
     ),
-    _wave(
+    _wave_field(
         "response.direction",
         "across the planes, Cartesian",
         "the first axis along which nothing repeats, or x",
     ),
-    _wave(
+    _wave_field(
         "response.polarisation", "the way in which a plane is driven and heard", "`longitudinal`"
     ),
-    _wave("response.distance", "of the receiving plane from the first one", "the last plane"),
-    *_network("response"),
-    _wave("motion.duration", "how long the balls move", NEEDED),
-    _wave(
+    _wave_field("response.distance", "of the receiving plane from the first one", "the last plane"),
+    *_network_fields("response"),
+    _wave_field("motion.duration", "how long the balls move", NEEDED),
+    _wave_field(
         "motion.drive",
         "what drives them, or a list: balls, a direction, and an impact, shaker, force or"
         " displacement, see [motion](#motion)",
         NEEDED,
         rules.DRIVE,
     ),
-    _wave("motion.friction_coefficient", "Coulomb's limit of slip", "contacts do not slide"),
-    _wave(
+    _wave_field("motion.friction_coefficient", "Coulomb's limit of slip", "contacts do not slide"),
+    _wave_field(
         "motion.damping",
         "viscosity of a contact over its stiffness; of normal and of other motion in a list",
         "`0 s`",
     ),
-    _wave(
+    _wave_field(
         "motion.frames",
         "number of times that are kept, the start and the end among them",
         f"`{FRAMES}`",
     ),
-    _wave(
+    _wave_field(
         "motion.step",
         "step of time, of which a frame has a whole number",
         "as the stiffest contact allows",
     ),
-    _wave(
+    _wave_field(
         "motion.geometry",
         "`lattice`: contacts keep their directions; `exact`: balls may go anywhere, and meet"
         " others",
         "`lattice`",
     ),
-    _wave(
+    _wave_field(
         "motion.scheme",
         "steps: `verlet`, explicit; `midpoint`, implicit, which keep the sum of energies",
         "`verlet`",
     ),
-    *_network("motion"),
-    _wave(
+    *_network_fields("motion"),
+    _wave_field(
         "bands.damping",
         "viscosity of a contact over its stiffness, of damped bands; as of `response`",
         "`0 s`",
     ),
-    _wave("bands.loss_factor", "loss factor of a contact; as of `response`", "`0`"),
+    _wave_field("bands.loss_factor", "loss factor of a contact; as of `response`", "`0`"),
     Field(
         "phonopy.dim",
         "dim",
@@ -487,7 +495,9 @@ FIELDS: tuple[Field, ...] = (
     Field(
         "phonopy.band",
         "band",
-        Kind(lambda value, at: BandPath.read(value, at.lattice), lambda path, _: str(path)),
+        Kind(
+            lambda value, context: BandPath.read(value, context.lattice), lambda path, _: str(path)
+        ),
         "corners of the path: letters, or three numbers each, in fractions of the reciprocal cell",
         "Γ-K-M-Γ; Γ-X-M-Γ on the square lattice; Γ-X on a chain; in space ASE's",
     ),
@@ -515,7 +525,7 @@ FIELDS: tuple[Field, ...] = (
     ),
 )
 
-#: the fields of each block by their keys; those at the top level stand alone under their own key
+#: the fields of each block by their keys; a field at the top level stands alone under its own key
 _BLOCKS: dict[str, dict[str, Field]] = {}
 for _field in FIELDS:
     _BLOCKS.setdefault(_field.key.partition(".")[0], {})[_field.key.partition(".")[2]] = _field
@@ -523,7 +533,7 @@ for _field in FIELDS:
 _NEEDED_BLOCKS = ("material", "packing", "load")
 #: the blocks of a scene with balls of several kinds, which stand in place of the first two
 _CRYSTAL_BLOCKS = ("balls", "crystal")
-#: what a block "load" must hold, in words for messages; and that of a crystal
+#: content of a block "load" of a packing, and of a crystal, in words for messages
 _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 _ONE_LOAD_OF_CRYSTAL = (
     "exactly one of force, pressure, overlap, stress, strain; with gravity none of them is needed"
@@ -533,72 +543,82 @@ _ONE_LOAD_OF_CRYSTAL = (
 # -- writing and checking --------------------------------------------------------------------------
 
 
-def write_blocks(scene: Any, at: Context) -> dict[str, Any]:
-    """Return what the file of a scene holds, with every default written out, as plain data."""
+def write_blocks(scene: Any, context: Context) -> dict[str, Any]:
+    """Return the blocks of the file of a scene, with every default written out, as plain data."""
     out: dict[str, Any] = {}
-    others = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
+    absent_blocks = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
     for name, fields in _BLOCKS.items():
+        if name in absent_blocks:
+            continue
         for key, field in fields.items():
-            value = scene if name not in others else None
-            for attribute in field.place.split("."):
+            value = scene
+            for attribute in field.attribute.split("."):
                 value = None if value is None else getattr(value, attribute)
             # a key is left out where it has no value, and where its kind writes none
-            if value is not None and (value := field.kind.write(value, at)) is not None:
-                out |= {name: out.get(name, {}) | {key: value} if key else value}
+            plain = None if value is None else field.kind.write(value, context)
+            if plain is not None:
+                out[name] = out.get(name, {}) | {key: plain} if key else plain
     return out
 
 
-def scene_rule(place: str, at: Context) -> Any:
-    """Return the rule of the attribute ``place`` of a scene."""
-    return next(field.kind.rule(at) for field in FIELDS if field.place == place)
+def scene_rule(attribute: str, context: Context) -> Any:
+    """Return the rule of an ``attribute`` of a scene."""
+    return next(field.kind.rule(context) for field in FIELDS if field.attribute == attribute)
 
 
 def write_preset(name: str) -> str:
-    """Return the text of a scene of the package, in which the words of each key stand where it
+    """Return the text of a scene of the package, in which the words of each key stand where the key
     comes first.
     """
     text = (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8")
-    out, block, told = list[str](), "", set[str]()
+    lines = list[str]()
+    explained = set[str]()
+    block_name = ""
     for line in text.splitlines():
-        if not line and not block:
-            out += [
+        if not line and not block_name:
+            lines += [
                 "#",
                 '# A quantity is a number and its unit, as in "8 mm". What is commented out'
                 " shows other choices.",
             ]
-        out.append(line)
-        if (found := re.match(r"( *)(?:# )?(\w+):", line)) is None:
+        lines.append(line)
+        key_line = re.match(r"( *)(?:# )?(\w+):", line)
+        if key_line is None:
             continue
-        block = block if found[1] else found[2]
-        # kinds of balls have keys of the blocks material and packing
-        fields = [
-            _BLOCKS.get(name, {}).get(found[2] if found[1] else "")
-            for name in (block, *_NEEDED_BLOCKS[:2])
-        ]
-        field = next((one for one in fields if one is not None), None)
-        drawn = "path and meshes; this block matters to bands, dos and spectrum only"
-        words = (
-            {"load:": "one of these", "phonopy:": drawn}.get(line, "")
-            if field is None
-            else field.words
-        )
-        if words and words not in told:
-            told.add(words)
+        indent, key = key_line.groups()
+        if not indent:
+            block_name = key
+        words = _explain_key(line, block_name, key if indent else "")
+        if words and words not in explained:
+            explained.add(words)
             plain = re.sub(
                 r",? see \[[^]]*\]\([^)]*\)|`|\[(?=[^]]*\]\()|(?<=\w)\]\([^)]*\)", "", words
             )
-            first, *others = textwrap.wrap(plain, 80)
-            out[-1] = f"{line:<{_WORDS_AT}} # {first}"
-            out += [f"{'':<{_WORDS_AT}} #    {one}" for one in others]
-    return "\n".join(out) + "\n"
+            first, *following = textwrap.wrap(plain, 80)
+            lines[-1] = f"{line:<{_WORDS_COLUMN}} # {first}"
+            lines += [f"{'':<{_WORDS_COLUMN}} #    {words_of_line}" for words_of_line in following]
+    return "\n".join(lines) + "\n"
+
+
+def _explain_key(line: str, block_name: str, key: str) -> str:
+    """Return the words for the ``line`` of a ``key`` in a block; empty where there are none."""
+    # kinds of balls have keys of the blocks material and packing
+    for name in (block_name, *_NEEDED_BLOCKS[:2]):
+        field = _BLOCKS.get(name, {}).get(key)
+        if field is not None:
+            return field.words
+    return {
+        "load:": "one of these",
+        "phonopy:": "path and meshes; this block matters to bands, dos and spectrum only",
+    }.get(line, "")
 
 
 # -- reading ---------------------------------------------------------------------------------------
 
 
 def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
-    """Read the values in ``document``, in SI units, each block as a mapping; tables it names are
-    sought in ``folder``.
+    """Read the values in ``document``, in SI units, each block as a mapping; tables that the
+    document names are sought in ``folder``.
 
     :class:`~granphon.base.errors.SceneError` tells one mistake. An unknown key comes first, as a
     misspelt key is often the reason why another is missing; then the first value that its rule
@@ -611,186 +631,196 @@ def read_blocks(document: Document, folder: Path) -> dict[str, Any]:
         _require_known(data)
         if isinstance(data, Mapping) and set(_CRYSTAL_BLOCKS) & set(data):
             return _read_crystal_scene(document, folder)
-        at = Context(_find_lattice(data), folder=folder)
+        context = Context(_find_lattice(data), folder=folder)
         return block(
-            data, {name: partial(_read_block, name, at=at) for name in _BLOCKS}, _NEEDED_BLOCKS
+            data,
+            {name: partial(_read_block, name, context=context) for name in _BLOCKS},
+            _NEEDED_BLOCKS,
         )
     except Refused as refused:
         with suppress(LookupError, TypeError, Refused, AttributeError):
-            # a width in per cent is told as the length that it is of the diameter
-            value = data
-            for key in refused.path:
-                value = value[key]
-            told = re.fullmatch(rf"\s*({NUMBER})\s*(?:%|percent)\s*", value)
-            if told and refused.path[:2] in (
-                ("packing", "spread"),
-                ("sweep", "width"),
-                ("sweep", "spread"),
-            ):
-                diameter = LENGTH.read(data["packing"]["diameter"])
-                width = write_quantity(float(told[1]) / 100.0 * diameter, "m")
-                mend = (
-                    f"{told[1]} % of {write_quantity(diameter, 'm')} is {width}: write '{width}'."
-                )
-                refused = Refused(refused.found, refused.allowed, mend, refused.path)
+            refused = _convert_percent(refused, data)
         raise document.error(refused.path, str(refused)) from None
 
 
+def _convert_percent(refused: Refused, data: Any) -> Refused:
+    """Return the refusal of a width in per cent with the length in place of the per cent of the
+    diameter; any other refusal as it is.
+
+    Raises LookupError, TypeError, AttributeError or Refused where the document has no such width.
+    """
+    value = data
+    for key in refused.path:
+        value = value[key]
+    percent = re.fullmatch(rf"\s*({NUMBER})\s*(?:%|percent)\s*", value)
+    width_keys = (("packing", "spread"), ("sweep", "width"), ("sweep", "spread"))
+    if percent is None or refused.path[:2] not in width_keys:
+        return refused
+    diameter = LENGTH.read(data["packing"]["diameter"])
+    width = write_quantity(float(percent[1]) / 100.0 * diameter, "m")
+    mend = f"{percent[1]} % of {write_quantity(diameter, 'm')} is {width}: write '{width}'."
+    return Refused(refused.found, refused.allowed, mend, refused.path)
+
+
 def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
-    """Read a scene with balls of several kinds, whose crystal says what the other values mean; it
-    is under "packing".
+    """Read a scene with balls of several kinds, whose crystal says what the other values mean; the
+    crystal stands under "packing".
     """
     data = document.data
-    first = Context(folder=folder)
-    if beside := [name for name in _NEEDED_BLOCKS[:2] if name in data]:
-        mend = "Remove it: the balls have their materials, and the crystal its lattice."
+    packing_blocks = [name for name in _NEEDED_BLOCKS[:2] if name in data]
+    if packing_blocks:
+        crystal_blocks = " and ".join(name for name in _CRYSTAL_BLOCKS if name in data)
         raise Refused(
-            f"{beside[0]} beside {' and '.join(name for name in _CRYSTAL_BLOCKS if name in data)}",
+            f"{packing_blocks[0]} beside {crystal_blocks}",
             "balls and crystal in place of material and packing",
-            mend,
-            (beside[0],),
+            "Remove it: the balls have their materials, and the crystal its lattice.",
+            (packing_blocks[0],),
         )
-    own = block(
+    first = Context(folder=folder)
+    crystal_values = block(
         {name: data[name] for name in _CRYSTAL_BLOCKS if name in data},
-        {name: partial(_read_block, name, at=first) for name in _CRYSTAL_BLOCKS},
+        {name: partial(_read_block, name, context=first) for name in _CRYSTAL_BLOCKS},
         _CRYSTAL_BLOCKS,
     )
-    given: dict[str, Any] = dict(own["crystal"])
-    finite = {"finite_overlap": given.pop("finite_overlap")} if "finite_overlap" in given else {}
-    if ("lattice" in given) == ("cell" in given or "sites" in given) or ("cell" in given) != (
-        "sites" in given
-    ):
-        found = (
-            " and ".join(name for name in ("lattice", "cell", "sites") if name in given)
-            or "no lattice"
+    settings: dict[str, Any] = dict(crystal_values["crystal"])
+    packing: dict[str, Any] = {}
+    if "finite_overlap" in settings:
+        packing["finite_overlap"] = settings.pop("finite_overlap")
+    arrangement = _make_arrangement(document, crystal_values["balls"], settings)
+    packing["arrangement"] = arrangement
+    context = Context(arrangement.structure, kinds=arrangement.kind_names, folder=folder)
+    # spectrum and pulse are of arrays, which packings have
+    unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")
+    readers = {
+        name: partial(_read_block, name, context=context) for name in _BLOCKS if name not in unused
+    }
+    blocks = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
+    return block(blocks, readers, ("load",)) | {"packing": packing}
+
+
+def _make_arrangement(document: Document, kinds: Any, settings: Mapping[str, Any]) -> Arrangement:
+    """Return the crystal of ``kinds`` of balls from the values of its block; SceneError names the
+    key that fails.
+    """
+    has_lattice = "lattice" in settings
+    has_cell = "cell" in settings
+    has_sites = "sites" in settings
+    if has_cell != has_sites or has_lattice == has_cell:
+        names = [name for name in ("lattice", "cell", "sites") if name in settings]
+        raise Refused(
+            " and ".join(names) or "no lattice", "a lattice, or cell and sites", path=("crystal",)
         )
-        raise Refused(found, "a lattice, or cell and sites", path=("crystal",))
-    if "kinds" in given and "lattice" not in given:
+    if "kinds" in settings and not has_lattice:
         raise Refused(
             "kinds with cell and sites",
             "kinds with a lattice",
             "Each site has its kind.",
             ("crystal", "kinds"),
         )
-    # as the table has it, the kinds in turn are the attribute "order"
-    places = {key: field.place.rpartition(".")[2] for key, field in _BLOCKS["crystal"].items()}
-    made = {places[key]: value for key, value in given.items()}
+    # by the table the key "kinds" is the attribute "order"
+    attributes = {
+        key: field.attribute.rpartition(".")[2] for key, field in _BLOCKS["crystal"].items()
+    }
+    arguments = {attributes[key]: value for key, value in settings.items()}
     try:
-        arrangement = Arrangement(own["balls"], **made)
+        return Arrangement(kinds, **arguments)
     except GranphonError as error:
         # the first step without which the crystal can be made
         steps = ("repeat", "cut", "replace", "remove")
-        place: tuple[str, ...] = ("crystal",)
+        path: tuple[str, ...] = ("crystal",)
         for number, step in enumerate(steps):
+            kept = {key: value for key, value in arguments.items() if key not in steps[number:]}
             with suppress(GranphonError):
-                Arrangement(
-                    own["balls"],
-                    **{key: value for key, value in made.items() if key not in steps[number:]},
-                )
-                place = ("crystal", step)
-        raise document.error(place, str(error)) from None
-    at = Context(arrangement.structure, kinds=arrangement.kind_names, folder=folder)
-    # arrays are those of packings
-    unused = (
-        *_CRYSTAL_BLOCKS,
-        *_NEEDED_BLOCKS[:2],
-        "spectrum",
-        "pulse",
-    )
-    rest = {name: partial(_read_block, name, at=at) for name in _BLOCKS if name not in unused}
-    others = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
-    return block(others, rest, ("load",)) | {"packing": finite | {"arrangement": arrangement}}
+                Arrangement(kinds, **kept)
+                path = ("crystal", step)
+        raise document.error(path, str(error)) from None
 
 
-def _read_block(name: str, value: Any, at: Context) -> Any:
+def _read_block(name: str, value: Any, context: Context) -> Any:
     fields = _BLOCKS[name]
     if "" in fields:
-        return fields[""].kind.read(value, at)
+        return fields[""].kind.read(value, context)
     if name in ("phonopy", "spectrum") and value is None:
         return {}  # every key below it is commented out
     if name == "load" and isinstance(value, dict):
         # block() refuses another value, with the keys that are allowed
-        of_crystal = bool(at.kinds)
-        given = [kind for kind in LOAD_KINDS if kind in value]
-        one = _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
-        if not of_crystal and (
-            wrong := [key for key in ("stress", "strain", "times", "gravity") if key in value]
-        ):
-            mend = "Describe the balls by the blocks balls and crystal."
-            raise Refused(
-                f"{wrong[0]} of a packing, all contacts of which bear the same",
-                one,
-                mend,
-                (wrong[0],),
-            )
-        if not given and not (of_crystal and "gravity" in value):
-            raise Refused(
-                "balls_per_side without side_force" if "balls_per_side" in value else "no load", one
-            )
-        if len(given) > 1:
-            raise Refused(" and ".join(given), one, "Remove all but one.")
-        if "times" in value and not {"stress", "strain"} & set(given):
-            raise Refused(
-                f"times with {' '.join(given) or 'gravity'}",
-                "times with stress or strain",
-                path=("times",),
-            )
-        if ("side_force" in value) != ("balls_per_side" in value):
-            raise Refused(
-                "side_force alone" if "side_force" in value else f"{given[0]} and balls_per_side",
-                one,
-            )
-    needed = [key for key, field in fields.items() if field.default == NEEDED]
-    return block(value, {key: field.kind.rule(at) for key, field in fields.items()}, needed)
+        _require_one_load(value, of_crystal=bool(context.kinds))
+    needed_keys = [key for key, field in fields.items() if field.default == NEEDED]
+    return block(
+        value, {key: field.kind.rule(context) for key, field in fields.items()}, needed_keys
+    )
+
+
+def _require_one_load(value: Mapping[str, Any], of_crystal: bool) -> None:
+    """Raise Refused unless a block "load" has one kind of load, with the keys that belong to it."""
+    kinds = [kind for kind in LOAD_KINDS if kind in value]
+    allowed = _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
+    crystal_keys = [key for key in ("stress", "strain", "times", "gravity") if key in value]
+    if crystal_keys and not of_crystal:
+        raise Refused(
+            f"{crystal_keys[0]} of a packing, all contacts of which bear the same",
+            allowed,
+            "Describe the balls by the blocks balls and crystal.",
+            (crystal_keys[0],),
+        )
+    if not kinds and not (of_crystal and "gravity" in value):
+        found = "balls_per_side without side_force" if "balls_per_side" in value else "no load"
+        raise Refused(found, allowed)
+    if len(kinds) > 1:
+        raise Refused(" and ".join(kinds), allowed, "Remove all but one.")
+    if "times" in value and not {"stress", "strain"} & set(kinds):
+        found = f"times with {' '.join(kinds) or 'gravity'}"
+        raise Refused(found, "times with stress or strain", path=("times",))
+    if ("side_force" in value) != ("balls_per_side" in value):
+        alone = "side_force" in value
+        raise Refused("side_force alone" if alone else f"{kinds[0]} and balls_per_side", allowed)
 
 
 def _require_known(data: Any) -> None:
     """Refuse the first unknown key, and say to which block it belongs if another block has such a
     key.
     """
-    known = {"": list(_BLOCKS)} | {
+    keys_of_blocks = {"": list(_BLOCKS)} | {
         name: list(fields) for name, fields in _BLOCKS.items() if "" not in fields
     }
-    for name, keys in known.items():
-        given = data.get(name) if name and isinstance(data, Mapping) else data
-        ranges = isinstance(given, dict) and {"from", "to", "points", "scale"} & set(given)
-        if name == "load" and (isinstance(given, list) or ranges):
-            found = f"{show(given)}, without the kind of load"
+    for name, keys in keys_of_blocks.items():
+        value = data.get(name) if name and isinstance(data, Mapping) else data
+        is_range = isinstance(value, dict) and {"from", "to", "points", "scale"} & set(value)
+        if name == "load" and (isinstance(value, list) or is_range):
+            found = f"{show(value)}, without the kind of load"
             mend = "Write 'force:' before it, or another."
             raise Refused(found, _ONE_LOAD, mend, ("load",))
-        for key in given if isinstance(given, Mapping) else ():
-            if key not in keys:
-                home = next((home for home in known if key in known[home]), name)
-                mend = (
-                    ""
-                    if home == name
-                    else f"It belongs under '{home}'."
-                    if home
-                    else "It belongs at the top level."
-                )
-                refused = refuse_unknown_key(key, keys, mend)
-                raise refused.under(name) if name else refused
+        for key in value if isinstance(value, Mapping) else ():
+            if key in keys:
+                continue
+            mend = ""
+            for block_name, block_keys in keys_of_blocks.items():
+                if key in block_keys:
+                    mend = f"It belongs under '{block_name}'."
+                    if not block_name:
+                        mend = "It belongs at the top level."
+                    break
+            refused = refuse_unknown_key(key, keys, mend)
+            raise refused.under(name) if name else refused
 
 
 def _find_lattice(data: Any) -> Lattice:
     """Read the lattice of a scene before its other values, whose rules depend on it."""
     readers = {"packing": PARTS["lattice"].rule(Context()), "sweep": rules.read_lattices}
-    found = {}
+    lattices = {}
     for name, rule in readers.items():
-        inside = data.get(name) if isinstance(data, Mapping) else None
-        if isinstance(inside, Mapping) and "lattice" in inside:
-            found[name] = read_inside(
-                name, partial(read_inside, "lattice", rule), inside["lattice"]
-            )
-    return rules.choose_lattice(
-        find_lattice(found.get("packing", TRIANGULAR)), found.get("sweep", ())
-    )
+        values = data.get(name) if isinstance(data, Mapping) else None
+        if isinstance(values, Mapping) and "lattice" in values:
+            read = partial(read_inside, "lattice", rule)
+            lattices[name] = read_inside(name, read, values["lattice"])
+    packing_lattice = find_lattice(lattices.get("packing", TRIANGULAR))
+    return rules.choose_lattice(packing_lattice, lattices.get("sweep", ()))
 
 
 # -- the file of a scene ---------------------------------------------------------------------------
 
 
-#: ordinary values of what the scales of a ball are made of, Pa, kg/m^3 and m
+#: ordinary values of the quantities of which the scales of a ball are made, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: the blocks of a scene file about waves, with their classes
 _WAVES: dict[str, Any] = {
@@ -808,9 +838,9 @@ class SceneSource:
     made in Python.
 
     A document that was read from a text has no path. The context managers turn errors of the
-    library into :class:`~granphon.base.errors.SceneError`, which names file, line and key, and so
-    do those of a computation that fails, as :class:`~granphon.base.errors.ConvergenceError`;
-    without a document errors pass unchanged.
+    library into :class:`~granphon.base.errors.SceneError`, which names file, line and key. An error
+    of a computation that fails stays a :class:`~granphon.base.errors.ConvergenceError`, and names
+    them too. Without a document errors pass unchanged.
     """
 
     document: Document | None = None
@@ -837,52 +867,55 @@ class SceneSource:
             return ()
         data = self.document.data
         spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
-        own = () if self.path is None else (self.path,)
-        names = [name for spread in spreads if (name := table_named(spread)) is not None]
+        scene_file = () if self.path is None else (self.path,)
+        names = [name for name in map(table_named, spreads) if name is not None]
         names += named_tables(data["motion"].get("drive", [])) if "motion" in data else []
-        return (*own, *(self.folder / name for name in names))
+        return (*scene_file, *(self.folder / name for name in names))
 
     # -- places in the file ------------------------------------------------------------------------
 
     @contextmanager
-    def at(self, *path: str | int, before: str = "") -> Iterator[None]:
+    def at(self, *path: str | int, prefix: str = "") -> Iterator[None]:
         """Place errors of the block at the key ``path``, else at the key that a rule refused, with
-        ``before`` in front.
+        ``prefix`` in front.
         """
         try:
             yield
         except (GranphonError, ArithmeticError) as error:
             if self.document is None:
                 raise
-            place = path or getattr(error, "path", ())
-            if (of := getattr(error, "block", None)) is not None:  # the error knows better
-                place = of
-                before = ""
-            if (option := getattr(error, "option", None)) is not None:
-                # the medium that has this option; if none of them has it, or several have, the
-                # media
-                found = [
-                    path
-                    for path in self.document.lines
-                    if path[:1] == ("medium",) and path[-1] == option
-                ]
-                place = ("medium",)
-                given = f"{'several times' if found else 'no'} {option}"
-                if len(found) == 1:
-                    (place,) = found
-                    value = reduce(lambda block, key: block[key], place, self.document.data)
-                    given = show(value)
-                    if isinstance(value, Mapping):
-                        given = f"{{{', '.join(f'{key}: {one}' for key, one in value.items())}}}"
-                # as it turned out
+            key_path = path or getattr(error, "path", ())
+            block_of_error = getattr(error, "block", None)
+            if block_of_error is not None:  # the error knows better
+                key_path = block_of_error
+                prefix = ""
+            option = getattr(error, "option", None)
+            if option is not None:
+                key_path, found = self._find_option(option)
+                # the load of a history must be one that its start bears
                 allowed = {"start": "a load that the balls bear without friction, or gas"}
-                before = f"found {given}; allowed: {allowed[option]}; "
-            placed: GranphonError = self.document.error(place, f"{before}{error}")
+                prefix = f"found {found}; allowed: {allowed[option]}; "
+            placed: GranphonError = self.document.error(key_path, f"{prefix}{error}")
             if isinstance(error, ConvergenceError):
                 # the scene is not wrong, the computation has failed
                 placed = ConvergenceError(str(placed))
             placed.reached = getattr(error, "reached", None)
             raise placed from None
+
+    def _find_option(self, option: str) -> tuple[tuple[Any, ...], str]:
+        """Return the path of the one key of a medium that has the name ``option``, and its value in
+        words; the path of the media if none of them has the option, or several have.
+        """
+        assert self.document is not None
+        paths = [
+            path for path in self.document.lines if path[:1] == ("medium",) and path[-1] == option
+        ]
+        if len(paths) != 1:
+            return ("medium",), f"{'several times' if paths else 'no'} {option}"
+        value = reduce(lambda values, key: values[key], paths[0], self.document.data)
+        if not isinstance(value, Mapping):
+            return paths[0], show(value)
+        return paths[0], f"{{{', '.join(f'{key}: {number}' for key, number in value.items())}}}"
 
     @contextmanager
     def where_it_buckles(self) -> Iterator[None]:
@@ -895,24 +928,24 @@ class SceneSource:
             with self.at(
                 "packing",
                 "finite_overlap",
-                before="found true; allowed: false where the lattice buckles; ",
+                prefix="found true; allowed: false where the lattice buckles; ",
             ):
                 raise
 
     def at_medium(self, label: str, allowed: str) -> AbstractContextManager[None]:
-        """Place errors of the block at the key of the medium ``label``; ``allowed`` says what may
-        stand there.
+        """Place errors of the block at the key of the medium ``label``; ``allowed`` are words for
+        the values of that key.
         """
         by_default = self.document is not None and "medium" not in self.document.data
         return self.at(
-            "medium", before=f"found {label!r}{', the default' * by_default}; allowed: {allowed}; "
+            "medium", prefix=f"found {label!r}{', the default' * by_default}; allowed: {allowed}; "
         )
 
     def at_index(
-        self, block: str, key: str, index: int, before: str = ""
+        self, block: str, key: str, index: int, prefix: str = ""
     ) -> AbstractContextManager[None]:
         """Place errors of the block at a value of a load, or of a parameter of the sweep, with
-        ``before`` in front.
+        ``prefix`` in front.
 
         The key holds one value, a list, or a range. Of a range, the place is "from" for the first
         value and "to" for the last; a value between them has no key of its own, and its place is
@@ -921,30 +954,31 @@ class SceneSource:
         if self.document is None:
             return self.at()
         if block == "load":
-            # the values of a tensor are those by which it is multiplied; gravity may be the only
-            # load
+            # the values of a tensor are the factors by which it is multiplied; gravity may be the
+            # only load
             key = "times" if key in TENSORS and "times" in self.document.data[block] else key
             key = key if key in self.document.data[block] else "gravity"
-        given = self.document.data[block][key]
+        values = self.document.data[block][key]
         path: tuple[str | int, ...] = (block, key)
-        found = show(given)
-        place = path
-        if isinstance(given, list) and key not in TENSORS:
-            found, place = show(given[index]), (*path, index)
-        elif isinstance(given, dict):
-            first = given["from"]
-            last = given["to"]
-            points = given["points"]
+        found = show(values)
+        if isinstance(values, list) and key not in TENSORS:
+            found = show(values[index])
+            path = (*path, index)
+        elif isinstance(values, dict):
+            first = values["from"]
+            last = values["to"]
+            points = values["points"]
             if 0 < index < points - 1:
                 found = f"value {index + 1} of {points} from {show(first)} to {show(last)}"
             else:
-                found, place = show(last if index else first), (*path, "to" if index else "from")
+                found = show(last if index else first)
+                path = (*path, "to" if index else "from")
         allowed = (
             "a load that the balls can carry"
             if block == "load"
             else "a value that the packing can have"
         )
-        return self.at(*place, before=f"found {found}; allowed: {allowed}; {before}")
+        return self.at(*path, prefix=f"found {found}; allowed: {allowed}; {prefix}")
 
     # -- what a scene is made of -------------------------------------------------------------------
 
@@ -954,11 +988,12 @@ class SceneSource:
         """
         if self.document is None:
             raise ValueError("there is no document")
-        given = read_blocks(self.document, self.folder)
-        drawing = given.get("phonopy", {})
-        load = given["load"]
-        own = given["packing"]
-        packing = own["arrangement"] if "arrangement" in own else self._make_packing(given)
+        blocks = read_blocks(self.document, self.folder)
+        drawing = blocks.get("phonopy", {})
+        load = blocks["load"]
+        packing = blocks["packing"].get("arrangement")
+        if packing is None:
+            packing = self._make_packing(blocks)
         out: dict[str, Any] = {"packing": packing}
         kind = next((key for key in load if key in LOAD_KINDS), "pressure")
         with self.at("load", *[kind] * (kind in load)):
@@ -975,55 +1010,58 @@ class SceneSource:
             with self.at("phonopy", "band_labels"):
                 path = drawing["band"] if "band" in drawing else BandPath.default(packing.structure)
                 out["band"] = replace(path, labels=drawing.get("band_labels", path.labels))
-        named = {
+        arguments = {
             "medium": "media",
             "sweep": "parameters",
             "observe": "observe",
             "direction": "direction",
         }
-        out |= {argument: given[key] for key, argument in named.items() if key in given}
-        out |= {key: made_of(**given[key]) for key, made_of in _WAVES.items() if key in given}
+        out |= {argument: blocks[key] for key, argument in arguments.items() if key in blocks}
+        out |= {key: settings(**blocks[key]) for key, settings in _WAVES.items() if key in blocks}
         out |= {key: drawing[key] for key in ("band_points", "mesh", "dim") if key in drawing}
-        out |= {"finite_overlap": own["finite_overlap"]} if "finite_overlap" in own else {}
+        if "finite_overlap" in blocks["packing"]:
+            out["finite_overlap"] = blocks["packing"]["finite_overlap"]
         return out | {"source": self.path}
 
-    def _make_packing(self, given: Mapping[str, Any]) -> Packing:
+    def _make_packing(self, blocks: Mapping[str, Any]) -> Packing:
         """Return the packing of the blocks material and packing, with errors placed at their
         keys.
         """
         assert self.document is not None
         data: Any = self.document.data
-        own = given["packing"]
+        values = blocks["packing"]
         # the scales of the ball are made of all three: the one that is farthest from the ordinary
         # is probably wrong
-        made = {**given["material"], "diameter": own["diameter"]}
-        key = max(_ORDINARY, key=lambda name: abs(math.log(made[name]) - math.log(_ORDINARY[name])))
-        name_of_block = "packing" if key == "diameter" else "material"
-        size = (
-            f"found {show(data[name_of_block][key])}; allowed: a ball that double precision can"
-            f" hold; "
+        scales = {**blocks["material"], "diameter": values["diameter"]}
+        key = max(
+            _ORDINARY, key=lambda name: abs(math.log(scales[name]) - math.log(_ORDINARY[name]))
         )
-        with self.at(name_of_block, key, before=size):
-            names = [name for name in ("diameter", "lattice", "friction") if name in own]
-            packing = Packing(Material(**given["material"]), **{name: own[name] for name in names})
-        # what motions there may be, and what resists them, depends on the dimension of the lattices
-        # of a sweep
-        lattices = dict(given.get("sweep", ())).get("lattice", ())
+        block_name = "packing" if key == "diameter" else "material"
+        refusal = (
+            f"found {show(data[block_name][key])}; allowed: a ball that double precision can hold; "
+        )
+        with self.at(block_name, key, prefix=refusal):
+            names = [name for name in ("diameter", "lattice", "friction") if name in values]
+            material = Material(**blocks["material"])
+            packing = Packing(material, **{name: values[name] for name in names})
+        # the motions that balls may have, and the stiffnesses that resist them, depend on the
+        # dimension of the lattices of a sweep
+        lattices = dict(blocks.get("sweep", ())).get("lattice", ())
         if choose_lattice(packing.structure, lattices) != packing.structure:
             packing = replace(packing, lattice=lattices[0])
-        for name in [name for name in ("motions", "torsion", "bending") if name in own]:
-            allowed = (
-                "motions of this lattice"
-                if name == "motions"
-                else "up to 1e6, and 0 where no motion is resisted by it"
-            )
-            with self.at(
-                "packing", name, before=f"found {show(data['packing'][name])}; allowed: {allowed}; "
-            ):
-                packing = replace(packing, **{name: own[name]})
-        if "spread" in own:
+        for name in ("motions", "torsion", "bending"):
+            if name not in values:
+                continue
+            allowed = "up to 1e6, and 0 where no motion is resisted by it"
+            if name == "motions":
+                allowed = "motions of this lattice"
+            refusal = f"found {show(data['packing'][name])}; allowed: {allowed}; "
+            with self.at("packing", name, prefix=refusal):
+                packing = replace(packing, **{name: values[name]})
+        if "spread" in values:
             ((kind, value),) = data["packing"]["spread"].items()
-            found = f"found {show(value)}; allowed: diameters about the packing's, all above zero; "
-            with self.at("packing", "spread", kind, before=found):
-                packing = replace(packing, spread=own["spread"])
+            allowed = "diameters about the packing's, all above zero"
+            refusal = f"found {show(value)}; allowed: {allowed}; "
+            with self.at("packing", "spread", kind, prefix=refusal):
+                packing = replace(packing, spread=values["spread"])
         return packing

@@ -1,5 +1,5 @@
-"""The plan of a scene: what it asks for, checked, its cases, the media that serve the loads, and
-memory and time.
+"""The plan of a scene: its values, checked, its cases, the media that serve the loads, and memory
+and time.
 
 Reading, checking, running and estimating the cost all use the plan of a scene, so that nothing is
 computed twice.
@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
 from granphon.observables.validity import expect_warnings
 from granphon.phonons.paths import MESHES, BandPath, read_paths
-from granphon.runs.tasks import Asked, Case, Grid, require_arrays
+from granphon.runs.tasks import Case, Grid, Request, require_arrays
 from granphon.scene import rules
 from granphon.scene.file import SceneSource, scene_rule, write_blocks
 from granphon.scene.rules import Context
@@ -62,16 +62,17 @@ if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
 
 
-#: what a spectrum is by default
+#: the settings of a spectrum by default
 _SPECTRUM = SpectrumSettings()
+#: attributes of a scene that are checked by the rules of their keys in a file
+_CHECKED = ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction")
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and
 #: its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
-#: greatest number of cases that are all checked; if there are more, only those at the ends of the
-#: axes are
+#: greatest number of cases that are all checked; of more cases, only the ends of the axes are
 MOST_CASES = 100
-#: greatest number of states that a survey solves; if there are more, it solves those at the ends of
-#: the axes and loads
+#: greatest number of states that are all solved by a survey; of more states, the survey solves the
+#: ends of the axes and loads
 MOST_STATES = 20_000
 #: most balls of a network whose product with a vector is timed
 _PRODUCT_BALLS = 2000
@@ -87,7 +88,7 @@ class PlannedCase:
     """A case of a scene, whose errors are placed in the file: one medium on one packing, at all
     loads.
 
-    The load of the ``case`` is what the contacts bear, a force, pressure or overlap; ``written`` is
+    The load of the ``case`` is a load of the contacts: a force, pressure or overlap; ``written`` is
     the kind of load that the scene gives, which may be a side force instead.
     """
 
@@ -126,9 +127,9 @@ class PlannedCase:
 
         For this no simulation and no effective medium of a long list of diameters is solved.
         """
-        for index in dict.fromkeys(
-            (int(np.argmin(self.case.load.array)), int(np.argmax(self.case.load.array)))
-        ):
+        least = int(np.argmin(self.case.load.array))
+        greatest = int(np.argmax(self.case.load.array))
+        for index in dict.fromkeys((least, greatest)):
             serving = next(serving for serving in self.serving_media if index in serving.loads)
             with self.at_load(index, f"{self.case.label}: "):
                 serving.medium.of(self.case.packing).require(self.case.load[index])
@@ -139,23 +140,24 @@ class PlannedCase:
 
     def require_start(self, most: float) -> float:
         """Raise if a load is below a start of another kind, in samples of up to ``most`` balls;
-        return how many are left.
+        return the number of balls that may still be looked at.
         """
         for serving in self.serving_media:
             medium = serving.medium.of(self.case.packing)
             index = int(serving.loads[np.argmin(np.ravel(self.case.load.array)[serving.loads])])
             load = self.case.load[index]
             with self.at_load(index, f"{self.case.label}: "):
-                if 0 < (balls := medium.count_start(load)) <= most:
+                balls = medium.count_start(load)
+                if 0 < balls <= most:
                     medium.require_start(load)
                     most -= balls
         return most
 
-    def at_load(self, index: int, before: str = "") -> AbstractContextManager[None]:
-        """Place errors of the block at the load number ``index``, with ``before`` in front; see
+    def at_load(self, index: int, prefix: str = "") -> AbstractContextManager[None]:
+        """Place errors of the block at the load number ``index``, with ``prefix`` in front; see
         :class:`SceneSource`.
         """
-        return self.origin.at_index("load", self.written, index, before)
+        return self.origin.at_index("load", self.written, index, prefix)
 
     def _find_state(self, index: int) -> ContactState:
         serving = next(serving for serving in self.serving_media if index in serving.loads)
@@ -166,14 +168,31 @@ class PlannedCase:
 
     def _solve(self, serving: ServingMedium, load: Load) -> ContactState:
         with np.errstate(all="ignore"):
-            # False is the default of a scene, so it counts as not given
-            return serving.at(load, finite_overlap=self.case.asked.finite_overlap or None)
+            # False is the default of a scene, and counts as no wish of the user
+            return serving.at(load, finite_overlap=self.case.request.finite_overlap or None)
+
+
+class Conflict(NamedTuple):
+    """A reason for which an observable cannot be observed.
+
+    Attributes
+    ----------
+    name : the observable.
+    holds : whether the reason holds in the scene, as the truth of any value.
+    problem, allowed, mend : the parts of the message, of which the first follows the name.
+    """
+
+    name: str
+    holds: Any
+    problem: str
+    allowed: str
+    mend: str
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The values of a :class:`~granphon.scene.scene.Scene`, which describes them, and how it is
-    carried out.
+    """The values of a :class:`~granphon.scene.scene.Scene`, which describes each of them, and how a
+    scene is carried out.
     """
 
     schema: ClassVar[int] = rules.SCENE_SCHEMA
@@ -212,24 +231,16 @@ class Plan:
             object.__setattr__(self, "mesh", MESHES[lattice.periods - 1])
         if isinstance(cast("object", self.media), tuple | list) and not self.media:
             object.__setattr__(self, "media", default_medium(self.packing, self.balls_differ))
-        at = Context(lattice, written=False, kinds=self.packing.kind_names)
-        for name in (
-            "media",
-            "finite_overlap",
-            "observe",
-            "band_points",
-            "mesh",
-            "dim",
-            "direction",
-        ):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, require(name, scene_rule(name, at), value))
-        if all(one.is_exact for one in self.media) and self.balls_differ:
+        context = Context(lattice, written=False, kinds=self.packing.kind_names)
+        for name in _CHECKED:
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, require(name, scene_rule(name, context), value))
+        if all(choice.is_exact for choice in self.media) and self.balls_differ:
             object.__setattr__(self, "finite_overlap", True)
-        # in space ASE knows the path: a scene without bands does not ask it
-        if self.band is None and (
-            lattice.periods == 2 or {"bands", "spectrum"} & set(self.observe)
-        ):
+        # in space ASE knows the path: a scene without bands does not ask ASE
+        has_path = lattice.periods == 2 or bool({"bands", "spectrum"} & set(self.observe))
+        if self.band is None and has_path:
             object.__setattr__(self, "band", BandPath.default(lattice))
         if self.load.array.ndim > 1:
             raise InputError(
@@ -245,9 +256,10 @@ class Plan:
 
     @property
     def directions(self) -> tuple[tuple[float, ...], ...]:
-        """The directions of sound that are given, one or many; empty if none is."""
-        given = self.direction or ()
-        return given if given and isinstance(given[0], tuple) else (given,) * bool(given)
+        """The directions of sound that the scene names, one or many; empty for none."""
+        if not self.direction:
+            return ()
+        return self.direction if isinstance(self.direction[0], tuple) else (self.direction,)
 
     @property
     def balls_differ(self) -> bool:
@@ -256,125 +268,129 @@ class Plan:
         """
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
-    def _asked(self, block: str) -> Any:
-        """The settings of a block, if the scene observes what they are about; else None."""
+    def observed_settings(self, block: str) -> Any:
+        """Return the settings of a block whose subject the scene observes; None for another."""
         return getattr(self, block) if block in self.observe else None
 
     @cached_property
     def waves(self) -> WaveSettings | None:
-        """What is observed of the waves in arrays, where media simulate them, and of networks; None
-        for nothing.
+        """The waves that are observed in arrays, where media simulate them, and in networks; None
+        for none.
         """
-        networks = tuple(one for one in map(self._asked, NETWORK_BLOCKS) if one is not None)
+        blocks = map(self.observed_settings, NETWORK_BLOCKS)
+        networks = tuple(settings for settings in blocks if settings is not None)
         if not networks and not set(WAVES) & set(self.observe):
             return None
-        spectrum = self._asked("spectrum")
-        pulse = self._asked("pulse")
-        way = ((), ()) if spectrum is None else (self.path.paths, self.path.names)
-        along = None if pulse is None else self.direction
-        return WaveSettings("dos" in self.observe, spectrum, *way, pulse, along, networks)
+        spectrum = self.observed_settings("spectrum")
+        pulse = self.observed_settings("pulse")
+        path = ((), ()) if spectrum is None else (self.path.paths, self.path.names)
+        direction = None if pulse is None else self.direction
+        return WaveSettings("dos" in self.observe, spectrum, *path, pulse, direction, networks)
 
     @property
     def is_single(self) -> bool:
-        """Whether there is one state alone: one load, one medium, and no parameter that is
-        swept.
-        """
+        """Whether the scene has one state alone: one load, one medium, and no swept parameter."""
         return len(self.load.values) == len(self.media) == 1 and not self.parameters
 
     def to_yaml(self) -> str:
         """Return the text of the scene with every default written out and quantities in SI units.
 
-        Read again, it gives the same scene to the last bit. A measured spread of more than 1000
-        diameters is written as the name of a table, whose text is :attr:`diameters`.
-        :class:`~granphon.base.errors.InputError` if a file has no name for the lattice, or the text
-        is too long.
+        The text gives the same scene, to the last bit, when it is read again. A measured spread of
+        more than 1000 diameters is written as the name of a table, whose text is
+        :attr:`diameters`. :class:`~granphon.base.errors.InputError` if a file has no name for the
+        lattice, or the text is too long.
         """
         text = dump_yaml(write_blocks(self, Context(self.packing.structure)))
         if len(text.encode()) > MOST_SCENE_BYTES:
             size = len(text.encode()) // 1000
             most = MOST_SCENE_BYTES // 1000
-            what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
-            raise InputError(what, mend="Give long lists as a range, or call granphon.sweep")
+            problem = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
+            raise InputError(problem, mend="Give long lists as a range, or call granphon.sweep")
         return text
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of what the scene says; no state is computed."""
-        from granphon.figures.words import describe_medium  # imported here: a run does not need it
+        """Return names, values and SI units of the settings of the scene; no state is computed."""
+        # imported here: a run does not need words for figures
+        from granphon.figures.words import describe_medium
 
         load = self.load
         structure = self.packing.structure
-        seen = set(self.observe)
-        spectrum, pulse, surface, of = map(
-            self._asked, ("spectrum", "pulse", "surface", "response")
-        )
         media = [
-            describe_medium(one.label, structure.periods, structure.n_balls) for one in self.media
+            describe_medium(choice.label, structure.periods, structure.n_balls)
+            for choice in self.media
         ]
+        if len(media) > 1 and not self.balls_differ:
+            media.append("the same for equal balls")
+        load_unit = find_load_unit(load.kind, structure.periods, structure.pressed_axes)
         rows: list[tuple[str, Any, str]] = [
             *self.packing.describe(),
-            (
-                load.kind.replace("_", " "),
-                load.array,
-                find_load_unit(load.kind, structure.periods, structure.pressed_axes),
-            ),
+            (load.kind.replace("_", " "), load.array, load_unit),
             ("components", load.tensor, "of that"),
             ("balls per side", load.balls_per_side, ""),
             ("gravity", load.gravity, "m/s^2"),
-            (
-                "medium",
-                media + ["the same for equal balls"] * (len(media) > 1 and not self.balls_differ),
-                "",
-            ),
+            ("medium", media, ""),
             *(
                 (f"sweep of {spell(name)}", values, find_unit(name) or "")
                 for name, values in self.parameters
             ),
             ("finite overlap", self.finite_overlap, ""),
             ("observe", self.observe, ""),
-            *(("direction", one, "") for one in self.directions[:4]),
+            *(("direction", direction, "") for direction in self.directions[:4]),
+            *self._describe_observed(),
         ]
-        if seen & {"bands", "spectrum"}:
-            rows.append(
-                ("path", " ".join(self.path.labels) if self.path.labels else str(self.path), "")
-            )
-        rows += [("points of a segment", self.band_points, "")] * ("bands" in seen)
+        return [row for row in rows if row[1] is not None]
+
+    def _describe_observed(self) -> list[tuple[str, Any, str]]:
+        """Return names, values and SI units of the settings of the observables."""
+        rows: list[tuple[str, Any, str]] = []
+        if {"bands", "spectrum"} & set(self.observe):
+            path = " ".join(self.path.labels) if self.path.labels else str(self.path)
+            rows.append(("path", path, ""))
+        if "bands" in self.observe:
+            rows.append(("points of a segment", self.band_points, ""))
+        spectrum = self.observed_settings("spectrum")
         if spectrum is not None:
             rows += [
                 ("polarisation", spectrum.polarisation, ""),
                 ("points of a leg", spectrum.points, ""),
             ]
+        pulse = self.observed_settings("pulse")
         if pulse is not None:
-            told = (("frequency", "Hz"), ("cycles", ""), ("polarisation", ""))
-            rows += [(f"{name} of the pulse", getattr(pulse, name), unit) for name, unit in told]
+            rows += [
+                ("frequency of the pulse", pulse.frequency, "Hz"),
+                ("cycles of the pulse", pulse.cycles, ""),
+                ("polarisation of the pulse", pulse.polarisation, ""),
+            ]
+        surface = self.observed_settings("surface")
         if surface is not None:
-            axis = (
-                surface.axis if isinstance(surface.axis, int) else " ".join(map(str, surface.axis))
-            )
+            axis = surface.axis
+            if not isinstance(axis, int):
+                axis = " ".join(map(str, axis))
             rows.append(("surface", f"axis {axis}, {surface.edge}", ""))
-        if of is not None:
+        response = self.observed_settings("response")
+        if response is not None:
             rows += [
-                ("response", of.quantity, ""),
-                ("frequencies of the response", of.frequencies, "Hz"),
+                ("response", response.quantity, ""),
+                ("frequencies of the response", response.frequencies, "Hz"),
+                ("source", ", ".join(response.source), ""),
+                ("receiver", ", ".join(response.receiver), ""),
+                ("damping of contacts", response.damping, "s"),
+                ("loss factor of contacts", response.loss_factor, ""),
             ]
-            rows += [(name, ", ".join(getattr(of, name)), "") for name in ("source", "receiver")]
-            rows += [
-                ("damping of contacts", of.damping, "s"),
-                ("loss factor of contacts", of.loss_factor, ""),
-            ]
-        rows += [("mesh", " x ".join(map(str, self.mesh)), "")] * ("dos" in seen)
-        return [row for row in rows if row[1] is not None]
+        if "dos" in self.observe:
+            rows.append(("mesh", " x ".join(map(str, self.mesh)), ""))
+        return rows
 
     @cached_property
     def diameters(self) -> str | None:
         """Text of ``diameters.csv``: the measured diameters, m, if they are too many for the scene
         file; else None.
         """
-        given: Any = self.packing.spread
-        if not rules.is_long(given):
+        spread: Any = self.packing.spread
+        if not rules.is_long(spread):
             return None
-        return table_text(
-            [Heading("diameter", LENGTH.unit)], ([diameter] for diameter in given.diameters)
-        )
+        rows = ([diameter] for diameter in spread.diameters)
+        return table_text([Heading("diameter", LENGTH.unit)], rows)
 
     @property
     def parameters_of_branches(self) -> list[str]:
@@ -395,20 +411,20 @@ class Plan:
 
     @contextmanager
     def place_errors(self) -> Iterator[None]:
-        """Place an error of the block in the file, if it says which option of a medium or which
-        load it is about.
+        """Place an error of the block in the file, if the error names an option of a medium or a
+        load.
         """
         try:
             yield
         except GranphonError as error:
             if error.option is not None or error.block is not None:
-                # unless it knows better
-                place: AbstractContextManager[None] = self.origin.at("medium")
+                # an error that knows its block is placed there instead
+                placing: AbstractContextManager[None] = self.origin.at("medium")
             elif error.load_index is None:
                 raise
             else:
-                place = self.origin.at_index("load", self.load.kind, error.load_index)
-            with place:
+                placing = self.origin.at_index("load", self.load.kind, error.load_index)
+            with placing:
                 raise
 
     @property
@@ -430,31 +446,29 @@ class Plan:
     def case_grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
         sound = "velocities" in self.observe
-        path = (
-            (self.path.arrays, self.band_points, self.path.labels)
-            if "bands" in self.observe
-            else None
-        )
-        asked = Asked(
+        path = None
+        if "bands" in self.observe:
+            path = (self.path.arrays, self.band_points, self.path.labels)
+        request = Request(
             self.finite_overlap,
             path=path,
             direction=self.direction,
             waves=self.waves,
             exponents=sound,
-            surface=self._asked("surface"),
-            bands=self._asked("bands"),
+            surface=self.observed_settings("surface"),
+            bands=self.observed_settings("bands"),
             observe=self.observe,
             sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe),
             alone=self.is_single,
         )
-        return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
+        return Grid(self.packing, self.axes, self.media, self.load.applied.flat, request)
 
     @cached_property
     def cases(self) -> tuple[PlannedCase, ...]:
         """The cases: every medium at every combination of parameters, the media running fastest."""
-        return self._place(self.case_grid)
+        return self._plan_cases(self.case_grid)
 
-    def _place(self, grid: Grid) -> tuple[PlannedCase, ...]:
+    def _plan_cases(self, grid: Grid) -> tuple[PlannedCase, ...]:
         return tuple(PlannedCase(case, self.load.kind, self.origin) for case in grid.cases)
 
     @property
@@ -486,15 +500,15 @@ class Plan:
         return not self.is_single or bool(self.serving.arrays)
 
     @cached_property
-    def few(self) -> tuple[PlannedCase, ...]:
-        """All cases, or, if they are more than :data:`MOST_CASES`, those at the ends of the axes.
+    def checked_cases(self) -> tuple[PlannedCase, ...]:
+        """All cases, or the cases at the ends of the axes if all are more than :data:`MOST_CASES`.
 
         The ends suffice for checks: a packing that is possible at two values of a parameter is
         possible between them.
         """
         if self.n_cases <= MOST_CASES:
             return self.cases
-        return self._place(replace(self.case_grid, axes=[axis.ends for axis in self.axes]))
+        return self._plan_cases(replace(self.case_grid, axes=[axis.ends for axis in self.axes]))
 
     # -- what can be carried out -------------------------------------------------------------------
 
@@ -502,94 +516,99 @@ class Plan:
         """Raise if a packing is not rigid or has no such medium, or if a quickly solved medium
         cannot carry a load.
         """
-        packing = self.packing
-        for axis in self.axes:  # the first value that the packing cannot have
+        self._require_parameters()
+        with self.origin.at("sweep"):
+            count_combinations(self.axes)
+            checked_cases = self.checked_cases
+        most_balls: float = QUICK_STARTS
+        for planned in checked_cases:
+            most_balls = self._require_case(planned, most_balls)
+        self.require_waves(QUICK_BALLS)
+
+    def _require_parameters(self) -> None:
+        """Raise for the first value of a parameter that the packing cannot have."""
+        for axis in self.axes:
             with suppress(GranphonError, ArithmeticError):
                 for value in axis.ends.values:
-                    change_packing(packing, {axis.name: value})
+                    change_packing(self.packing, {axis.name: value})
                 continue
             for index, value in enumerate(axis.values):
                 with self.origin.at_index("sweep", axis.name, index):
-                    change_packing(packing, {axis.name: value})
-        with self.origin.at("sweep"):
-            count_combinations(self.axes)
-            few = self.few
-        place = ("crystal",) if self.packing.kind_names else ("packing", "lattice")
-        place = ("sweep", "lattice") if "lattice" in dict(self.parameters) else place
-        left: float = QUICK_STARTS
-        for one in few:
-            case = one.case
-            packing = one.case.packing
-            found = (
-                f"found {packing.structure.name!r}; allowed: a lattice that is rigid;"
-                f" {case.where and f'{case.where}: '}"
-            )
-            with self.origin.at_medium(
-                case.medium.label, f"a medium for the {packing.structure.name} lattice"
-            ):
-                medium = case.medium.of(packing)
-            with self.origin.at(*place, before=found):
-                if "velocities" in self.observe:
-                    try:
-                        medium.require_sound()
-                    except MechanismError as error:
-                        bands = "It has bands and a density of states"
-                        mend = f"{bands}: observe them without velocities, as observe: [bands, dos]"
-                        if self.parameters_of_branches:
-                            mend = (
-                                "In a scene of its own it has bands and a density of states:"
-                                " observe: [bands, dos]"
-                            )
-                        elif not self.is_single:
-                            mend = (
-                                "It has bands, which a sweep without velocities has: observe:"
-                                " [bands]"
-                            )
-                        raise MechanismError(str(error), mend=mend) from None
-            with self.origin.at_medium(
-                case.medium.label, f"a medium for the {packing.structure.name} lattice"
-            ):
-                # a sweep leaves it to its own processes to solve one law after the other
-                later = not self.is_single and medium.is_solved_anew
-                if not later:
-                    medium.prepare()
-            _ = later or one.is_possible
-            if (
-                "velocities" in self.observe
-                and not later
-                and all(serving.is_quick for serving in one.serving_media)
-            ):
-                with self.origin.at(*place, before=found):
-                    one.state.reference_lattice.require_rigid()
-            left = one.require_start(left)
-        self.require_waves(QUICK_BALLS)
+                    change_packing(self.packing, {axis.name: value})
 
-    def require_waves(self, most: float = math.inf) -> None:
-        """Raise if it is known that arrays have not the waves that are observed.
-
-        Arrays of up to ``most`` balls, a number without a unit, are looked at, and nothing is
-        simulated; those of more than a hundred thousand balls take seconds.
+    def _require_case(self, planned: PlannedCase, most_balls: float) -> float:
+        """Raise if a case cannot be carried out; return, of the ``most_balls`` whose start may be
+        found, the number that remains.
         """
-        wanted = self.waves
-        if wanted is None or (
-            wanted.spectrum is None and wanted.pulse is None and not wanted.of_networks
-        ):
-            return
-        # imported here: not all scenes need it
-        from granphon.runs.wave_records import (
-            require_network,
-            require_waves,
+        path: tuple[str, ...] = ("packing", "lattice")
+        if self.packing.kind_names:
+            path = ("crystal",)
+        if "lattice" in dict(self.parameters):
+            path = ("sweep", "lattice")
+        case = planned.case
+        lattice = case.packing.structure.name
+        refusal = (
+            f"found {lattice!r}; allowed: a lattice that is rigid;"
+            f" {case.where and f'{case.where}: '}"
+        )
+        allowed_medium = f"a medium for the {lattice} lattice"
+        with self.origin.at_medium(case.medium.label, allowed_medium):
+            medium = case.medium.of(case.packing)
+        with self.origin.at(*path, prefix=refusal):
+            if "velocities" in self.observe:
+                try:
+                    medium.require_sound()
+                except MechanismError as error:
+                    raise MechanismError(str(error), mend=self._mend_mechanism()) from None
+        # the processes of a sweep solve one law after the other by themselves
+        is_solved_later = not self.is_single and medium.is_solved_anew
+        if not is_solved_later:
+            with self.origin.at_medium(case.medium.label, allowed_medium):
+                medium.prepare()
+            _ = planned.is_possible
+            if "velocities" in self.observe and all(
+                serving.is_quick for serving in planned.serving_media
+            ):
+                with self.origin.at(*path, prefix=refusal):
+                    planned.state.reference_lattice.require_rigid()
+        return planned.require_start(most_balls)
+
+    def _mend_mechanism(self) -> str:
+        """Return how a scene is mended whose lattice has no velocities."""
+        if self.parameters_of_branches:
+            return (
+                "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
+            )
+        if not self.is_single:
+            return "It has bands, which a sweep without velocities has: observe: [bands]"
+        return (
+            "It has bands and a density of states: observe them without velocities, as observe:"
+            " [bands, dos]"
         )
 
-        for one in self.few:
-            for block in wanted.of_networks:
-                for key in block.of_network:
-                    with self.origin.at(block.block, key):
-                        require_network(one.serving_media, block, key, most)
+    def require_waves(self, most: float = math.inf) -> None:
+        """Raise if arrays are known not to have the waves that are observed.
+
+        Arrays of up to ``most`` balls, a number without a unit, are looked at, and nothing is
+        simulated; arrays of more than a hundred thousand balls take seconds.
+        """
+        waves = self.waves
+        if waves is None or (
+            waves.spectrum is None and waves.pulse is None and not waves.of_networks
+        ):
+            return
+        # imported here: not all scenes need waves
+        from granphon.runs.wave_records import require_network, require_waves
+
+        for planned in self.checked_cases:
+            for settings in waves.of_networks:
+                for key in settings.of_network:
+                    with self.origin.at(settings.block, key):
+                        require_network(planned.serving_media, settings, key, most)
             with self.origin.at("spectrum"):
-                require_waves(one.serving_media, replace(wanted, pulse=None), most)
+                require_waves(planned.serving_media, replace(waves, pulse=None), most)
             with self.origin.at("pulse"):
-                require_waves(one.serving_media, replace(wanted, spectrum=None), most)
+                require_waves(planned.serving_media, replace(waves, spectrum=None), most)
 
     # -- states ------------------------------------------------------------------------------------
 
@@ -618,48 +637,48 @@ class Plan:
     def _solve(
         self, cases: Iterable[PlannedCase], quick: bool
     ) -> Iterator[tuple[str, ContactState]]:
-        for one in cases:
-            _ = one.is_possible
-            yield from one.states(quick)
+        for planned in cases:
+            _ = planned.is_possible
+            yield from planned.states(quick)
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
-        """Return the :meth:`states` that are quick to find, and words for what is left out, an
-        empty text if nothing is.
+        """Return the :meth:`states` that are quick to find, and words for the states that are left
+        out; an empty text for none.
 
         Simulations and effective media of long lists are left out. If there are more than 100
         combinations of medium and packing, or more than 20 000 states, so are all but those at the
         least and the greatest load and value of each numeric parameter.
         """
-        grid = self.case_grid
-        left = []
-        if many := self.n_cases > MOST_CASES or self.n_states > MOST_STATES:
+        left_out = list[str]()
+        cases = self.cases if self.n_cases <= MOST_CASES and self.n_states <= MOST_STATES else None
+        if cases is None:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
             grid = replace(
-                grid,
-                axes=[one.ends for one in self.axes],
+                self.case_grid,
+                axes=[axis.ends for axis in self.axes],
                 load=replace(self.load, array=ends).applied.flat,
             )
-            left.append(f"all but the ends of {self.n_states:,} states")
-        cases = self._place(grid) if many else self.cases
+            cases = self._plan_cases(grid)
+            left_out.append(f"all but the ends of {self.n_states:,} states")
         slow = {
             serving.medium.name
-            for one in cases
-            for serving in one.serving_media
+            for planned in cases
+            for serving in planned.serving_media
             if not serving.is_quick
         }
-        left += [
+        left_out += [
             medium.slow_part for name, medium in MEDIA.items() if name in slow and medium.slow_part
         ]
-        return self._solve(cases, True), " and ".join(left)
+        return self._solve(cases, True), " and ".join(left_out)
 
     def expect_warnings(self) -> list[tuple[str, str]]:
-        """Return what is known of simulations before they are run: the label of each medium, and a
-        warning.
+        """Return the warnings that are known before simulations are run, each after the label of
+        its medium.
         """
         return [
-            (one.case.label, warning)
-            for one in self.few
-            for serving in one.serving_media
+            (planned.case.label, warning)
+            for planned in self.checked_cases
+            for serving in planned.serving_media
             if not serving.chosen_automatically
             for medium in serving.arrays
             for warning in expect_warnings(medium, serving.load)
@@ -711,12 +730,12 @@ class Plan:
         """The parts of the work that may take much memory or time, each with its place in the scene
         file.
         """
-        n_few = len(self.few)
+        n_few = len(self.checked_cases)
         structure = self.packing.structure
         seen = {"bands", "dos"} & set(self.observe)
         arrays = [
             (medium, one.load)
-            for case in self.few
+            for case in self.checked_cases
             for one in case.serving_media
             for medium in one.arrays
         ]
@@ -750,11 +769,11 @@ class Plan:
             ("motion", _estimate_motion, "a shorter motion.duration or fewer motion.frames"),
             ("response", _estimate_response, "fewer response.frequencies, or give more damping"),
         ):
-            if (wanted := self._asked(block)) is not None:
+            if (wanted := self.observed_settings(block)) is not None:
                 with self.origin.at(block):
                     works = [
                         estimate(serving, wanted)
-                        for case in self.few
+                        for case in self.checked_cases
                         for serving in case.serving_media
                     ]
                 total = add_up([work for work in works if work is not None])
@@ -805,6 +824,103 @@ class Plan:
 
     # -- values that exclude each other, by the key in the file ------------------------------------
 
+    def _list_conflicts(self) -> list[Conflict]:
+        """Return every reason for which an observable cannot be observed, whether or not it holds
+        in this scene.
+        """
+        changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
+        branches = self.parameters_of_branches
+        return [
+            Conflict(
+                "velocities",
+                self.packing.is_held,
+                "of balls that are held",
+                "bands, gaps, dos of these",
+                "Long waves move all balls together, which a floor or clamp holds: write"
+                " observe: [bands].",
+            ),
+            *(
+                Conflict(
+                    name,
+                    not self.packing.repeats,
+                    "of what repeats nowhere",
+                    f"{', '.join(NETWORK_BLOCKS)} of these",
+                    f"Waves of this kind need a period: write observe:"
+                    f" [{next(iter(NETWORK_BLOCKS))}].",
+                )
+                for name in ("velocities", "bands", "gaps", "dos", "surface")
+            ),
+            Conflict(
+                "gaps",
+                not self.is_single,
+                "of several states",
+                "gaps of one state",
+                "Observe bands.",
+            ),
+            Conflict(
+                "surface",
+                self.surface is None,
+                "without an axis",
+                "surface with a block 'surface'",
+                "Add a block such as surface: {axis: 1}.",
+            ),
+            Conflict(
+                "surface",
+                any(choice.simulates for choice in self.media),
+                "of a simulation",
+                "surface of a lattice or crystal",
+                "An array has no edge of its own: take another medium.",
+            ),
+            Conflict(
+                "surface",
+                changing,
+                f"with a sweep over {' and '.join(changing)}",
+                "surface of one lattice",
+                "Make a scene of each.",
+            ),
+            Conflict(
+                "pulse",
+                self.pulse is None,
+                "without a frequency",
+                "pulse with a block 'pulse'",
+                "Add a block such as pulse: {frequency: 6.5 kHz}.",
+            ),
+            *(
+                Conflict(
+                    name,
+                    getattr(self, name) is None,
+                    "without its settings",
+                    f"{name} with a block '{name}'",
+                    f"Add a block '{name}'.",
+                )
+                for name in NETWORK_BLOCKS
+            ),
+            *(
+                Conflict(
+                    name,
+                    len({choice.simulates for choice in self.media}) > 1,
+                    "of lattices and of arrays",
+                    f"{name} of one or the other",
+                    "Make a scene of each.",
+                )
+                for name in NETWORK_BLOCKS
+            ),
+            Conflict(
+                "bands",
+                self.bands is not None and any(choice.simulates for choice in self.media),
+                "with losses of a simulation",
+                "damped bands of a lattice or crystal",
+                "Observe the response of the array, or leave the block 'bands' out.",
+            ),
+            Conflict(
+                "bands",
+                branches,
+                f"with a sweep over {' and '.join(branches)}",
+                "velocities, as the branches differ in number or zone",
+                "Make a scene of each.",
+            ),
+        ]
+
     def _require_consistency(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one
         exclude each other.
@@ -825,11 +941,11 @@ class Plan:
         if self.finite_overlap:
             with rules.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
                 no_simulation(self.media)
-        for one in self.media:
-            with rules.refusing(one.label, "a medium of these balls", "medium"):
-                one.require_for(self.packing)
-        # the density of states of one state is that of its lattice, and of a simulation that of the
-        # array too
+        for choice in self.media:
+            with rules.refusing(choice.label, "a medium of these balls", "medium"):
+                choice.require_for(self.packing)
+        # the density of states of one state is that of its lattice; a simulation adds the density
+        # of states of the array
         names = [
             name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")
         ]
@@ -839,106 +955,14 @@ class Plan:
         )
         with rules.refusing("".join(names[:1]), arrays, "observe"):
             require_arrays(self.media, dict(self.parameters), names)
-        changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
-        branches = self.parameters_of_branches
-        # an observable, whether it cannot be observed, what was found of it, what is allowed, and
-        # how to mend it
-        for name, fails, found, allowed, mend in (
-            (
-                "velocities",
-                self.packing.is_held,
-                "of balls that are held",
-                "bands, gaps, dos of these",
-                "Long waves move all balls together, which a floor or clamp holds: write"
-                " observe: [bands].",
-            ),
-            *(
-                (
-                    name,
-                    not self.packing.repeats,
-                    "of what repeats nowhere",
-                    f"{', '.join(NETWORK_BLOCKS)} of these",
-                    f"Waves of this kind need a period: write observe:"
-                    f" [{next(iter(NETWORK_BLOCKS))}].",
-                )
-                for name in ("velocities", "bands", "gaps", "dos", "surface")
-            ),
-            (
-                "gaps",
-                not self.is_single,
-                "of several states",
-                "gaps of one state",
-                "Observe bands.",
-            ),
-            (
-                "surface",
-                self.surface is None,
-                "without an axis",
-                "surface with a block 'surface'",
-                "Add a block such as surface: {axis: 1}.",
-            ),
-            (
-                "surface",
-                any(one.simulates for one in self.media),
-                "of a simulation",
-                "surface of a lattice or crystal",
-                "An array has no edge of its own: take another medium.",
-            ),
-            (
-                "surface",
-                changing,
-                f"with a sweep over {' and '.join(changing)}",
-                "surface of one lattice",
-                "Make a scene of each.",
-            ),
-            (
-                "pulse",
-                self.pulse is None,
-                "without a frequency",
-                "pulse with a block 'pulse'",
-                "Add a block such as pulse: {frequency: 6.5 kHz}.",
-            ),
-            *(
-                (
-                    name,
-                    getattr(self, name) is None,
-                    "without its settings",
-                    f"{name} with a block '{name}'",
-                    f"Add a block '{name}'.",
-                )
-                for name in NETWORK_BLOCKS
-            ),
-            *(
-                (
-                    name,
-                    len({one.simulates for one in self.media}) > 1,
-                    "of lattices and of arrays",
-                    f"{name} of one or the other",
-                    "Make a scene of each.",
-                )
-                for name in NETWORK_BLOCKS
-            ),
-            (
-                "bands",
-                self.bands is not None and any(one.simulates for one in self.media),
-                "with losses of a simulation",
-                "damped bands of a lattice or crystal",
-                "Observe the response of the array, or leave the block 'bands' out.",
-            ),
-            (
-                "bands",
-                branches,
-                f"with a sweep over {' and '.join(branches)}",
-                "velocities, as the branches differ in number or zone",
-                "Make a scene of each.",
-            ),
-        ):
-            if name in self.observe and fails:
-                raise Refused(f"{name!r} {found}", allowed, mend, ("observe",))
-        if (surface := self._asked("surface")) is not None:
-            with rules.refusing(
-                surface.axis, "an axis across which the balls repeat", "surface", "axis"
-            ):
+        for conflict in self._list_conflicts():
+            if conflict.name in self.observe and conflict.holds:
+                found = f"{conflict.name!r} {conflict.problem}"
+                raise Refused(found, conflict.allowed, conflict.mend, ("observe",))
+        surface = self.observed_settings("surface")
+        if surface is not None:
+            allowed = "an axis across which the balls repeat"
+            with rules.refusing(surface.axis, allowed, "surface", "axis"):
                 Layers.across(surface.axis, structure.vectors)
         if "pulse" in names and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))

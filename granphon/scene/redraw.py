@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 _FORMATS = (".pdf", ".png", ".svg")
 #: the files of results that are drawn over the load, as bands, and as densities of states
 DRAWN = ("sweep.nc", "fit.yaml", "band.yaml", "dos.csv")
-#: the names of files that mean one figure of waves in the arrays of a sweep, or in the networks of
+#: stems of the files, each of one figure, of waves in the arrays of a sweep or in the networks of
 #: states
-_OF_SWEEPS = {*(Path(name).stem for name in SWEEP_FIGURES), *NETWORK_BLOCKS}
+_SWEEP_STEMS = {*(Path(name).stem for name in SWEEP_FIGURES), *NETWORK_BLOCKS}
 
 
 def redraw(
@@ -39,7 +39,7 @@ def redraw(
 
     Parameters
     ----------
-    folder : folder of the run; it holds sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both.
+    folder : folder of the run, with sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both.
     out : file of the figure, whose ending .pdf, .png or .svg is the format. A name surface means
         the waves of an edge, spectrum, pulse or sample_dos that result of a simulation, sweep_dos
         or sweep_spectra that of a sweep of simulations. By default sweep.png, fit.png, bands.png
@@ -54,95 +54,100 @@ def redraw(
     ------
     MissingFileError : there is no such folder, or a file of the run that is drawn is missing there.
     InputError : the folder holds nothing to draw, its files are damaged, the format or the variable
-        is unknown, or what is asked for belongs to another kind of result.
+        is unknown, or an option belongs to another kind of result.
     FigureError : matplotlib cannot draw it.
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
     source = Path(folder)
-    have = _find_results(source)
-    kept_in = {stem: source / f"{stem}.json" for stem in KEPT} | {
-        "motion": source / MOTION_FILES[0]
-    }
-    waves = [stem for stem, path in kept_in.items() if path.exists()]
-    stem = None if out is None else Path(out).stem
-    there = {*waves, *(one for one in _OF_SWEEPS if (source / f"{one}.csv").exists())}
-    if stem in {*kept_in, *_OF_SWEEPS} - there:
-        raise InputError(f"{source} holds no {stem} to draw", mend="Give the figure another name")
-    # the one that the file's name says; without bands and the like, the first
-    alone = (
-        waves in (["surface"], ["motion"])
-        and set(have) == {"sweep.nc"}
-        and stem != "sweep"
-        and variable is None
-    )
-    wave = next(
-        (name for name in waves if name == stem),
-        next(iter(waves), None) if alone or not have else None,
-    )
-    if not (have or waves):
-        what = f"{source} holds no result that can be drawn"
-        why = (
-            "forces.png is drawn by 'granphon run' alone"
-            if (source / "forces.png").is_file()
-            else ""
-        )
-        raise InputError(
-            what, why, "Give a folder of 'granphon run' with bands, a density of states or a sweep"
-        )
-    if wave is not None:
-        have = {}
-    elif (
-        variable is None
-        and stem not in _OF_SWEEPS
-        and (spectra := {"band.yaml", "dos.csv"} & set(have))
-    ):
-        # of a single state they are the figure
-        have = {name: path for name, path in have.items() if name in spectra}
-    swept = "sweep.nc" in have
-    fitted = "fit.yaml" in have
-    kept = "sweep"
-    if (swept or fitted) and asymptotes:
-        what = f"{source} holds a {'sweep' if swept else 'fit'}"
-        raise InputError(what, "Long waves are drawn beside bands only", "Leave asymptotes out")
-    if variable is not None and not swept:
+    choice = _choose_results(source, None if out is None else Path(out).stem, variable)
+    is_fit = "fit.yaml" in choice.files
+    is_sweep = "sweep.nc" in choice.files
+    if (is_sweep or is_fit) and asymptotes:
+        problem = f"{source} holds a {'sweep' if is_sweep else 'fit'}"
+        raise InputError(problem, "Long waves are drawn beside bands only", "Leave asymptotes out")
+    if variable is not None and not is_sweep:
         raise InputError(
             f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out"
         )
-    block = next((name for name in NETWORK_BLOCKS if name in there), None)
-    if (
-        block
-        and swept
-        and stem not in ("sweep", *_OF_SWEEPS)
-        and variable is None
-        and "states" not in read_summary(source)
-    ):
-        kept = block  # a sweep of one state has no line
-    kind = wave or (
-        kept if swept else "fit" if fitted else "bands" if "band.yaml" in have else "dos"
-    )
-    target = source / f"{kind}.png" if out is None else Path(out)
+    target = source / f"{choice.name}.png" if out is None else Path(out)
 
     def draw() -> Any:
-        if wave is not None:
+        if choice.wave_file is not None:
             from granphon.figures.plot import plot
             from granphon.runs.wave_records import read_waves
 
-            return plot(read_waves(kept_in[wave]))
-        if fitted and not swept:
+            return plot(read_waves(choice.wave_file))
+        if is_fit and not is_sweep:
             from granphon.figures.plot import plot
             from granphon.fits.transfer import read_fit
 
-            return plot(read_fit(read_yaml(have["fit.yaml"])))
+            return plot(read_fit(read_yaml(choice.files["fit.yaml"])))
         from granphon.figures.bands import bands_figure
 
-        found = _read_files(str(source), have)
-        if found.dataset is not None:
-            return draw_sweep(found.dataset, target.name if kept == "sweep" else kept, variable)
-        lattice = _find_lattice(source) if asymptotes and found.bands is not None else None
+        run = _read_files(str(source), choice.files)
+        if run.dataset is not None:
+            name = target.name if choice.name == "sweep" else choice.name
+            return draw_sweep(run.dataset, name, variable)
+        lattice = _find_lattice(source) if asymptotes and run.bands is not None else None
         gaps = read_summary(source).get("gaps") if (source / "summary.yaml").is_file() else None
-        return bands_figure(found.bands, found.dos, asymptotes=lattice, gaps=gaps or None)
+        return bands_figure(run.bands, run.dos, asymptotes=lattice, gaps=gaps or None)
 
     return _draw(target, force, draw, [source], backend)
+
+
+class _Choice(NamedTuple):
+    """The results of a folder that are drawn.
+
+    Attributes
+    ----------
+    name : the stem of the figure's file by default.
+    files : the files over the load, of bands and of densities of states, by name.
+    wave_file : the file of the one result of waves that is drawn in place of these; None for none.
+    """
+
+    name: str
+    files: dict[str, Path]
+    wave_file: Path | None = None
+
+
+def _choose_results(source: Path, stem: str | None, variable: str | None) -> _Choice:
+    """Choose the results in a folder that are drawn, by the ``stem`` of the figure's file, None if
+    the user names no file, and the ``variable`` of a sweep.
+    """
+    files = _find_results(source)
+    wave_files = {name: source / f"{name}.json" for name in KEPT}
+    wave_files["motion"] = source / MOTION_FILES[0]
+    waves = [name for name, path in wave_files.items() if path.exists()]
+    tables = [name for name in _SWEEP_STEMS if (source / f"{name}.csv").exists()]
+    if stem in {*wave_files, *_SWEEP_STEMS} - {*waves, *tables}:
+        raise InputError(f"{source} holds no {stem} to draw", mend="Give the figure another name")
+    if not (files or waves):
+        why = ""
+        if (source / "forces.png").is_file():
+            why = "forces.png is drawn by 'granphon run' alone"
+        raise InputError(
+            f"{source} holds no result that can be drawn",
+            why,
+            "Give a folder of 'granphon run' with bands, a density of states or a sweep",
+        )
+    if stem in waves:
+        return _Choice(stem, {}, wave_files[stem])
+    # the waves of an edge or a motion of one state are the figure of their run
+    is_wave_run = waves in (["surface"], ["motion"]) and set(files) == {"sweep.nc"}
+    if not files or (is_wave_run and stem != "sweep" and variable is None):
+        return _Choice(waves[0], {}, wave_files[waves[0]])
+    spectra = {name: path for name, path in files.items() if name in ("band.yaml", "dos.csv")}
+    if spectra and variable is None and stem not in _SWEEP_STEMS:
+        # of a single state bands and density of states are the figure
+        return _Choice("bands" if "band.yaml" in spectra else "dos", spectra)
+    if "sweep.nc" not in files:
+        names = {"fit.yaml": "fit", "band.yaml": "bands", "dos.csv": "dos"}
+        return _Choice(next(name for file, name in names.items() if file in files), files)
+    blocks = [name for name in NETWORK_BLOCKS if name in {*waves, *tables}]
+    if not blocks or variable is not None or stem in ("sweep", *_SWEEP_STEMS):
+        return _Choice("sweep", files)
+    # a sweep of one state has no line over the load
+    return _Choice("sweep" if "states" in read_summary(source) else blocks[0], files)
 
 
 def draw_together(
@@ -175,15 +180,17 @@ def draw_together(
     FileExistsInRunError, OutputError : the figure cannot be written.
     """
     names = [str(source) for source in sources]
-    if (double := next((name for name in names if names.count(name) > 1), None)) is not None:
-        raise InputError(f"{double} is given twice", mend="Give each run once")
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{name} is given twice", mend="Give each run once")
 
     def draw() -> Any:
         from granphon.figures.curves import comparison_figure
 
-        runs, balls = [read_run(name) for name in names], set[Any]()
+        runs = [read_run(name) for name in names]
+        balls = set[Any]()
         if data:
-            # their loads may be side forces on the hexagonal frame that the scenes of the runs tell
+            # measured loads may be side forces on a hexagonal frame, whose size the scenes tell
             from granphon.scene.scene import Scene
 
             scenes = [
@@ -192,16 +199,14 @@ def draw_together(
             balls = {
                 Scene.from_yaml(scene).load.balls_per_side for scene in scenes if scene.is_file()
             } - {None}
-        return comparison_figure(
-            runs, x=x, y=y, data=data, balls_per_side=balls.pop() if len(balls) == 1 else None
-        )
+        balls_per_side = balls.pop() if len(balls) == 1 else None
+        return comparison_figure(runs, x=x, y=y, data=data, balls_per_side=balls_per_side)
 
-    given = [Path(name) for name in (*names, *map(str, data))]
+    paths = [Path(name) for name in (*names, *map(str, data))]
     folders = [path for path in map(Path, names) if path.is_dir()]
-    files = [one for one in given if one.is_file()]
-    return _draw(
-        Path("comparison.png" if out is None else out), force, draw, folders, backend, files
-    )
+    files = [path for path in paths if path.is_file()]
+    target = Path("comparison.png" if out is None else out)
+    return _draw(target, force, draw, folders, backend, files)
 
 
 def _draw(
@@ -216,64 +221,64 @@ def _draw(
     and return its path.
     """
     if target.suffix not in _FORMATS:
-        what = f"{target.name} has an ending that names no figure format"
-        raise InputError(what, mend="Use " + ", ".join(_FORMATS))
-    # lock before anything is read, so that no run can replace the results while the figure of them
-    # is drawn
+        problem = f"{target.name} has an ending that names no figure format"
+        raise InputError(problem, mend="Use " + ", ".join(_FORMATS))
+    # lock before anything is read, so that no run can replace the results while they are drawn
     with ResultFiles(target.parent, [target.name], force, inputs=inputs).open() as locked:
-        before = [read_written_files(folder) for folder in folders]
+        records = [read_written_files(folder) for folder in folders]
         figure = draw()
-        for folder, written in zip(folders, before, strict=True):
-            if read_written_files(folder) != written:
-                what = f"{folder} was written into while it was read"
-                raise InputError(what, "The figure would mix two results", "Draw it again")
+        for folder, record in zip(folders, records, strict=True):
+            if read_written_files(folder) != record:
+                problem = f"{folder} was written into while it was read"
+                raise InputError(problem, "The figure would mix two results", "Draw it again")
         from granphon.figures.style import save_figure
 
-        with locked.staging() as place:
-            save_figure(figure, place / target.name, backend=backend)
+        with locked.staging() as stage:
+            save_figure(figure, stage / target.name, backend=backend)
     return target
 
 
 def read_run(source: str | os.PathLike[str]) -> Run:
     """Read the results in the folder of a run, or in one of its files.
 
-    Raises :class:`~granphon.base.errors.MissingFileError` if there is nothing of that name, and
-    :class:`~granphon.base.errors.InputError` if it holds no results, or damaged ones.
+    Raises :class:`~granphon.base.errors.MissingFileError` if no folder or file has the name, and
+    :class:`~granphon.base.errors.InputError` if ``source`` holds no results, or damaged ones.
     """
-    path, name = Path(source), str(source)
+    path = Path(source)
+    name = str(source)
     if path.name == "summary.yaml" and path.is_file():
         read_summary(path.parent)
-        path = path.with_name("sweep.nc")  # whose numbers it tells
-    have = {_name_kind(path): path} if path.is_file() else _find_results(path)
-    if not have:
-        what = f"{name} holds no results to draw with others"
+        path = path.with_name("sweep.nc")  # the summary tells numbers of this file
+    files = {_name_kind(path): path} if path.is_file() else _find_results(path)
+    if not files:
         raise InputError(
-            what, mend="Give the folder of a run or of a fit, or one of its files, such as sweep.nc"
+            f"{name} holds no results to draw with others",
+            mend="Give the folder of a run or of a fit, or one of its files, such as sweep.nc",
         )
-    return _read_files(name, have)
+    return _read_files(name, files)
 
 
-def _read_files(name: str, have: dict[str, Path]) -> Run:
+def _read_files(name: str, files: dict[str, Path]) -> Run:
     """Read the files of a run or of a fit; beside a fit nothing else is read."""
     from granphon.figures.curves import Run
 
-    if "fit.yaml" in have and "sweep.nc" not in have:
+    if "fit.yaml" in files and "sweep.nc" not in files:
         from granphon.fits.transfer import read_fit
 
-        return Run.of(name, read_fit(read_yaml(have["fit.yaml"])))
+        return Run.of(name, read_fit(read_yaml(files["fit.yaml"])))
     dataset = bands = dos = None
-    if "sweep.nc" in have:
+    if "sweep.nc" in files:
         from granphon.runs.dataset import load_sweep
 
-        dataset = load_sweep(have["sweep.nc"])
-    if "band.yaml" in have:
+        dataset = load_sweep(files["sweep.nc"])
+    if "band.yaml" in files:
         from granphon.phonons.bands import Bands
 
-        bands = Bands.read(have["band.yaml"])
-    if "dos.csv" in have:
+        bands = Bands.read(files["band.yaml"])
+    if "dos.csv" in files:
         from granphon.phonons.dos import DensityOfStates
 
-        dos = DensityOfStates.read_csv(have["dos.csv"])
+        dos = DensityOfStates.read_csv(files["dos.csv"])
     return Run(name, dataset=dataset, bands=bands, dos=dos)
 
 
@@ -284,21 +289,22 @@ def _find_results(source: Path) -> dict[str, Path]:
     missing that a run wrote.
     """
     if not source.is_dir():
-        what = (
-            f"{source} is no folder" if os.path.lexists(source) else f"there is no folder {source}"
-        )
-        raise MissingFileError(what, mend="Give the folder of a run")
+        problem = f"there is no folder {source}"
+        if os.path.lexists(source):
+            problem = f"{source} is no folder"
+        raise MissingFileError(problem, mend="Give the folder of a run")
     # whatever has the name is read, and a folder or a link to nothing is then an error
-    have = {name: source / name for name in DRAWN if os.path.lexists(source / name)}
+    files = {name: source / name for name in DRAWN if os.path.lexists(source / name)}
     written = set(read_written_files(source))
     with suppress(InputError, AttributeError, TypeError):
         # without a summary that can be read, the hidden list alone counts
         written |= set(read_yaml(source / "summary.yaml").get("files", ()))
-    if lost := [name for name in DRAWN if name not in have and name in written]:
-        what = f"{source} holds no {' and no '.join(lost)}, though a run wrote it there"
+    missing = [name for name in DRAWN if name not in files and name in written]
+    if missing:
+        problem = f"{source} holds no {' and no '.join(missing)}, though a run wrote it there"
         mend = "Run the scene again, or copy what is to be drawn into a folder of its own"
-        raise MissingFileError(what, "The figure would leave it out", mend)
-    return have
+        raise MissingFileError(problem, "The figure would leave it out", mend)
+    return files
 
 
 def _name_kind(path: Path) -> str:
@@ -336,8 +342,8 @@ def _find_lattice(source: Path) -> ContactLattice:
     if not scene.finite_overlap:
         # in the paper's limit the lattice in reduced units is the same under every load
         return ideal_lattice(packing)
-    found = read_summary(source)
-    numbers = {name: found[name] for name in ("force", "overlap", "normal_stiffness")}
+    summary = read_summary(source)
+    numbers = {name: summary[name] for name in ("force", "overlap", "normal_stiffness")}
     medium = scene.media[0].name
     law = packing.law
     return ContactState(packing, medium, law, **numbers, finite_overlap=True).contact_lattice()

@@ -1,7 +1,7 @@
 """How values of a scene file are read and written, one :class:`Kind` for each sort of value.
 
-A reader takes what stands in the file and the :class:`Context` of the scene, and raises
-:class:`~granphon.base.errors.Refused` for what it does not take, see
+A reader takes a value of the file and the :class:`Context` of the scene, and raises
+:class:`~granphon.base.errors.Refused` for a value that is not allowed, see
 :mod:`granphon.base.validation`. A writer returns plain data that the reader turns into the same
 value, to the last bit.
 """
@@ -81,7 +81,7 @@ from granphon.waves.settings import NETWORK_BLOCKS, read_drives, write_drives
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
-#: what a scene may compute, in the order in which a scene keeps it
+#: the observables of a scene, in the order in which a scene keeps them
 OBSERVABLES = (
     "velocities",
     "bands",
@@ -101,19 +101,19 @@ MOST_DIAMETERS = 1000
 #: name of that table
 DIAMETERS_FILE = "diameters.csv"
 
-#: where the balls of a lattice of one, two or three dimensions lie
-_PLACES = ("on a line", "in a plane", "in space")
+#: where the balls of a lattice of one, two or three dimensions lie, in words
+_POSITIONS = ("on a line", "in a plane", "in space")
 
 
 @dataclass(frozen=True)
 class Context:
-    """What the values of a scene depend on.
+    """The parts of a scene on which its values depend.
 
     Attributes
     ----------
-    lattice : of the packing; it says what motions, pressures, samples, directions, paths and meshes
-        there are.
-    swept : the lattices of a sweep; motions must be those of each.
+    lattice : lattice of the packing, on which motions, pressures, samples, directions, paths and
+        meshes depend.
+    swept : the lattices of a sweep; motions must be allowed on each.
     kinds : names of the kinds of balls of a crystal.
     folder : in which tables named in the file are sought.
     written : whether values stand in a file, where quantities have units; in Python plain numbers
@@ -138,9 +138,9 @@ class Kind(NamedTuple):
         """Return the kind of values that do not depend on the scene."""
         return cls(lambda value, _: rule(value), lambda value, _: write(value))
 
-    def rule(self, at: Context) -> Rule:
+    def rule(self, context: Context) -> Rule:
         """Return the rule that reads such a value of a scene."""
-        return lambda value: self.read(value, at)
+        return lambda value: self.read(value, context)
 
 
 def quantity(kind: Quantity) -> Kind:
@@ -175,22 +175,17 @@ def read_values(value: Any, rule: Rule) -> tuple[float, ...]:
         "points": points,
         "scale": partial(choice, options=SCALES),
     }
-    given = block(value, rules, ("from", "to", "points"))
-    first = given["from"]
-    last = given["to"]
-    count = given["points"]
-    scale = given.get("scale", SCALES[0])
+    settings = block(value, rules, ("from", "to", "points"))
+    first = settings["from"]
+    last = settings["to"]
+    count = settings["points"]
+    scale = settings.get("scale", SCALES[0])
+    words = f"range from {value['from']} to {value['to']}"
     if (first == last) != (count == 1):
-        found = f"{count} for the range from {value['from']} to {value['to']}"
-        raise Refused(
-            found, "1 if both ends are the same, 2 or more if they are not", path=("points",)
-        )
+        allowed = "1 if both ends are the same, 2 or more if they are not"
+        raise Refused(f"{count} for the {words}", allowed, path=("points",))
     if scale == "log" and min(first, last) <= 0.0:
-        raise Refused(
-            f"a log range from {value['from']} to {value['to']}",
-            "values above zero",
-            "Write scale: linear.",
-        )
+        raise Refused(f"a log {words}", "values above zero", "Write scale: linear.")
     return space_evenly(first, last, count, scale)
 
 
@@ -198,72 +193,71 @@ def space_evenly(first: float, last: float, count: int, scale: str) -> tuple[flo
     """Return ``count`` numbers, evenly spaced on a log or a linear scale, from exactly ``first`` to
     exactly ``last``.
     """
-    between = np.geomspace if scale == "log" else np.linspace
+    space = np.geomspace if scale == "log" else np.linspace
     with np.errstate(all="ignore"):
         # the ends may be the smallest and the largest numbers of double precision
-        return tuple(between(first, last, count).tolist())
+        return tuple(space(first, last, count).tolist())
 
 
-def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
+def write_values(values: Sequence[float], write: Callable[[float], Any]) -> Any:
     """Write values as one number, as a range if that gives the same values, or else as a list."""
-    first = given[0]
-    last = given[-1]
-    count = len(given)
+    first = values[0]
+    last = values[-1]
+    count = len(values)
     if count == 1:
         return write(first)
     for scale in SCALES if count > 2 and first != last else ():
         positive = scale == "linear" or min(first, last) > 0.0
-        if positive and space_evenly(first, last, count, scale) == tuple(given):
+        if positive and space_evenly(first, last, count, scale) == tuple(values):
             return {"from": write(first), "to": write(last), "points": count, "scale": scale}
-    return [write(value) for value in given]
+    return [write(value) for value in values]
 
 
 DRIVE = Kind(
-    lambda value, at: read_drives(value, folder=at.folder), lambda drives, _: write_drives(drives)
+    lambda value, context: read_drives(value, folder=context.folder),
+    lambda drives, _: write_drives(drives),
 )
 FREQUENCIES = Kind.plain(
     lambda value: tuple(frequencies(read_values(value, FREQUENCY.read)).tolist()),
-    lambda found: write_values(found, FREQUENCY.write),
+    lambda values: write_values(values, FREQUENCY.write),
 )
 
 
 # -- spreads ---------------------------------------------------------------------------------------
 
 
-def _read_spread(value: Any, at: Context) -> Any:
+def _read_spread(value: Any, context: Context) -> Any:
     diameters = partial(each, rule=LENGTH.read, what="diameters")
     fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
 
     def normal(value: Any) -> Normal:
         """Read a standard deviation, or a block {std, cutoff}."""
+        if not isinstance(value, dict):
+            return Normal(WIDTH.read(value))
         rules: dict[str, Rule] = {"std": WIDTH.read, "cutoff": partial(number, low=1e-3, high=10.0)}
-        return (
-            Normal(**block(value, rules, ("std",)))
-            if isinstance(value, dict)
-            else Normal(WIDTH.read(value))
-        )
+        return Normal(**block(value, rules, ("std",)))
 
     def discrete(value: Any) -> Discrete:
         """Read a block {diameters, fractions} of two lists of the same length."""
-        given = block(
-            value, {"diameters": diameters, "fractions": fractions}, ("diameters", "fractions")
-        )
-        with refusing(
-            given["fractions"], "one fraction for each diameter, with the sum 1", "fractions"
-        ):
-            return Discrete(**given)
+        rules: dict[str, Rule] = {"diameters": diameters, "fractions": fractions}
+        lists = block(value, rules, ("diameters", "fractions"))
+        allowed = "one fraction for each diameter, with the sum 1"
+        with refusing(lists["fractions"], allowed, "fractions"):
+            return Discrete(**lists)
 
     def measured(value: Any) -> Measured:
         """Read the name of a table, a block {file, column}, or a block {diameters}."""
         if isinstance(value, dict) and "diameters" in value:
             return Measured(block(value, {"diameters": diameters})["diameters"])
-        given = (
-            block(value, {"file": text, "column": text}, ("file",))
-            if isinstance(value, dict)
-            else {"file": text(value)}
-        )
-        with refusing(given["file"], "a table with a column of diameters"):
-            return Measured.from_csv(at.folder / given["file"], given.get("column"), quoted=False)
+        column = None
+        if isinstance(value, dict):
+            settings = block(value, {"file": text, "column": text}, ("file",))
+            name = settings["file"]
+            column = settings.get("column")
+        else:
+            name = text(value)
+        with refusing(name, "a table with a column of diameters"):
+            return Measured.from_csv(context.folder / name, column, quoted=False)
 
     rules: dict[str, Rule] = {
         "uniform": lambda value: Uniform(WIDTH.read(value)),
@@ -273,43 +267,41 @@ def _read_spread(value: Any, at: Context) -> Any:
     }
     allowed = f"exactly one of {', '.join(rules)}"
     if not isinstance(value, dict):
-        mend = (
-            f"Did you mean {{uniform: {value}}}?"
-            if isinstance(value, str)
-            else "Leave spread out for equal balls."
-        )
+        mend = "Leave spread out for equal balls."
+        if isinstance(value, str):
+            mend = f"Did you mean {{uniform: {value}}}?"
         raise Refused(show(value), allowed, mend)
     if len(value) != 1:
         raise Refused(" and ".join(map(str, value)) or "no spread", allowed)
-    (found,) = block(value, rules).values()
-    return found
+    (spread,) = block(value, rules).values()
+    return spread
 
 
-def _write_spread(given: Any, at: Context) -> dict[str, Any]:
-    if isinstance(given, Uniform):
-        return {"uniform": WIDTH.write(given.width)}
-    if isinstance(given, Normal):
-        return {"normal": {"std": WIDTH.write(given.std), "cutoff": given.cutoff}}
-    diameters = {"diameters": [LENGTH.write(diameter) for diameter in given.diameters]}
-    if isinstance(given, Discrete):
-        return {"discrete": diameters | {"fractions": given.fractions}}
+def _write_spread(spread: Any, context: Context) -> dict[str, Any]:
+    if isinstance(spread, Uniform):
+        return {"uniform": WIDTH.write(spread.width)}
+    if isinstance(spread, Normal):
+        return {"normal": {"std": WIDTH.write(spread.std), "cutoff": spread.cutoff}}
+    diameters = {"diameters": [LENGTH.write(diameter) for diameter in spread.diameters]}
+    if isinstance(spread, Discrete):
+        return {"discrete": diameters | {"fractions": spread.fractions}}
     return {"measured": diameters}
 
 
 def table_named(value: Any) -> str | None:
-    """Name of the table that a spread of a valid scene file takes its diameters from; None if it
-    names no table.
+    """Name of the table from which a spread of a valid scene file takes its diameters; None for a
+    spread without a table.
     """
     measured = value.get("measured") if isinstance(value, dict) else None
     return measured.get("file") if isinstance(measured, dict) else measured
 
 
-def is_long(given: Any) -> bool:
+def is_long(spread: Any) -> bool:
     """Whether a spread has more measured diameters than a scene file lists itself."""
-    return isinstance(given, Measured) and len(given.diameters) > MOST_DIAMETERS
+    return isinstance(spread, Measured) and len(spread.diameters) > MOST_DIAMETERS
 
 
-# -- what the packing is made of, which a sweep may vary -------------------------------------------
+# -- the parameters of the packing, which a sweep may vary -----------------------------------------
 
 
 def read_lattice(value: Any) -> str | Lattice:
@@ -317,16 +309,13 @@ def read_lattice(value: Any) -> str | Lattice:
     several are called so.
     """
     if isinstance(value, dict):  # one ball at the origin if the sites are left out
-        rows = partial(
-            each,
-            rule=partial(each, rule=partial(fraction, largest=1e3), what="numbers"),
-            what="lists of numbers",
-        )
-        given = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
-        with refusing(given["name"], "a lattice of balls that touch and do not overlap"):
-            return Lattice(**given)
-    own = "a block of name, cell (vectors, in spacings of touching balls) and sites (fractions)"
-    allowed = f"{', '.join(LATTICES)}, or {own}"
+        row = partial(each, rule=partial(fraction, largest=1e3), what="numbers")
+        rows = partial(each, rule=row, what="lists of numbers")
+        settings = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
+        with refusing(settings["name"], "a lattice of balls that touch and do not overlap"):
+            return Lattice(**settings)
+    keys = "a block of name, cell (vectors, in spacings of touching balls) and sites (fractions)"
+    allowed = f"{', '.join(LATTICES)}, or {keys}"
     if value == "hexagonal":
         raise Refused("'hexagonal'", allowed, "Did you mean 'triangular', with six neighbours?")
     try:
@@ -349,27 +338,28 @@ def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
 
 def read_lattices(value: Any) -> tuple[str | Lattice, ...]:
     """Read a list of lattices of one dimension, which a sweep takes in turn."""
-    found: tuple[str | Lattice, ...] = each(value, read_lattice, "values")
+    lattices: tuple[str | Lattice, ...] = each(value, read_lattice, "values")
     with refusing(value, "lattices of one dimension, each once"):
-        Axis.of("lattice", found)
-    return found
+        Axis.of("lattice", lattices)
+    return lattices
 
 
-def choose_lattice(own: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
-    """Return the lattice to which the keys of a scene refer: its packing's, or the first of a sweep
-    in another dimension.
+def choose_lattice(lattice: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
+    """Return the lattice to which the keys of a scene refer: the ``lattice`` of the packing, or the
+    first of a sweep in another dimension.
     """
-    first = find_lattice(swept[0]) if swept else own
-    return own if (first.periods, first.dimension) == (own.periods, own.dimension) else first
+    first = find_lattice(swept[0]) if swept else lattice
+    is_alike = (first.periods, first.dimension) == (lattice.periods, lattice.dimension)
+    return lattice if is_alike else first
 
 
-def _read_motions(value: Any, at: Context) -> str:
-    for lattice in at.swept or (at.lattice,):
+def _read_motions(value: Any, context: Context) -> str:
+    for lattice in context.swept or (context.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
         if not is_one_of(value, options):
             allowed = (
                 f"{', '.join(options)}; the {lattice.name} lattice lies"
-                f" {_PLACES[lattice.dimension - 1]}"
+                f" {_POSITIONS[lattice.dimension - 1]}"
             )
             meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
             raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
@@ -377,8 +367,8 @@ def _read_motions(value: Any, at: Context) -> str:
 
 
 def _read_torsion(value: Any) -> float | str:
-    """Read a torsional stiffness over k d^2, zero or above, or the word for that of a contact that
-    does not slip.
+    """Read a torsional stiffness over k d^2, zero or above, or the word for the stiffness of a
+    contact that does not slip.
     """
     if value == MINDLIN:
         return MINDLIN
@@ -411,107 +401,109 @@ PARTS: dict[str, Kind] = {
     ),
     "bending": Kind.plain(zero_or_above, float),
 }
+
+
+def _write_own_spread(spread: Any, context: Context) -> dict[str, Any]:
+    return {"measured": DIAMETERS_FILE} if is_long(spread) else _write_spread(spread, context)
+
+
 #: the spread of a packing: if its diameters are too many, the scene names a table of them
-OWN_SPREAD = Kind(
-    _read_spread,
-    lambda given, at: {"measured": DIAMETERS_FILE} if is_long(given) else _write_spread(given, at),
-)
+OWN_SPREAD = Kind(_read_spread, _write_own_spread)
 
 
-def _read_parameters(value: Any, at: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
-    if at.kinds:
-        names = [f"{kind}.{name}" for kind in at.kinds for name in KIND_PARAMETERS]
-        return tuple(
-            block(value, {name: partial(_read_axis, name=name, at=at) for name in names}).items()
-        )
-    if isinstance(value, Mapping) and "lattice" in value:
-        at = replace(at, swept=tuple(map(find_lattice, read_lattices(value["lattice"]))))
-    return tuple(
-        block(value, {name: partial(_read_axis, name=name, at=at) for name in PARAMETERS}).items()
-    )
+def _read_parameters(value: Any, context: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+    names = list(PARAMETERS)
+    if context.kinds:
+        names = [f"{kind}.{name}" for kind in context.kinds for name in KIND_PARAMETERS]
+    elif isinstance(value, Mapping) and "lattice" in value:
+        context = replace(context, swept=tuple(map(find_lattice, read_lattices(value["lattice"]))))
+    rules: dict[str, Rule] = {
+        name: partial(_read_axis, name=name, context=context) for name in names
+    }
+    return tuple(block(value, rules).items())
 
 
-def _read_axis(value: Any, name: str, at: Context) -> tuple[Any, ...]:
-    rule = PARTS[name.rpartition(".")[2]].rule(at)
-    found: tuple[Any, ...] = (
-        read_values(value, rule)
-        if find_unit(name)
-        else read_lattices(value)
-        if name == "lattice"
-        else each(value, rule, "values")
-    )
-    if (double := find_double(found)) is not None:
-        told = show(value[double]) if isinstance(value, list | tuple) else "a value"
-        raise Refused(
-            f"{told} twice",
-            "each value once",
-            path=(double,) if isinstance(value, list | tuple) else (),
-        )
-    return found
+def _read_axis(value: Any, name: str, context: Context) -> tuple[Any, ...]:
+    rule = PARTS[name.rpartition(".")[2]].rule(context)
+    values: tuple[Any, ...]
+    if find_unit(name):
+        values = read_values(value, rule)
+    elif name == "lattice":
+        values = read_lattices(value)
+    else:
+        values = each(value, rule, "values")
+    index = find_double(values)
+    if index is not None and isinstance(value, list | tuple):
+        raise Refused(f"{show(value[index])} twice", "each value once", path=(index,))
+    if index is not None:
+        raise Refused("a value twice", "each value once")
+    return values
 
 
 def _write_parameters(
-    given: Sequence[tuple[str, tuple[Any, ...]]], at: Context
+    parameters: Sequence[tuple[str, tuple[Any, ...]]], context: Context
 ) -> dict[str, Any] | None:
     def write(name: str, values: tuple[Any, ...]) -> Any:
         if find_unit(name) and not any(isinstance(value, str) for value in values):
-            return write_values(
-                values, lambda value: PARTS[name.rpartition(".")[2]].write(value, at)
-            )
-        return [PARTS[name].write(value, at) for value in values]
+            kind = PARTS[name.rpartition(".")[2]]
+            return write_values(values, lambda value: kind.write(value, context))
+        return [PARTS[name].write(value, context) for value in values]
 
-    return {name: write(name, values) for name, values in given} or None
+    return {name: write(name, values) for name, values in parameters} or None
 
 
 PARAMETERS_SWEPT = Kind(_read_parameters, _write_parameters)
 
 
-# -- loads, media, and what is observed ------------------------------------------------------------
+# -- loads, media and observables ------------------------------------------------------------------
 
 
 def load_kind(name: str) -> Kind:
-    """Return the kind of the values of a load: the lattice says what a pressure is."""
+    """Return the kind of the values of a load; the unit of a pressure depends on the lattice."""
 
-    def read_one(value: Any, at: Context) -> float:
-        own = load_quantities(at.lattice.pressed_axes)[name]
+    def read_load(value: Any, context: Context) -> float:
+        quantity = load_quantities(context.lattice.pressed_axes)[name]
         try:
-            return own.read(value)
+            return quantity.read(value)
         except Refused as refused:
-            for others in map(load_quantities, (1, 2, 3)):
+            for quantities in map(load_quantities, (1, 2, 3)):
                 with suppress(Refused):
-                    others[name].read(value)
+                    quantities[name].read(value)
                     break
             else:
                 raise
             mend = (
-                f"The pressure of the {at.lattice.name} lattice is in {own.unit}. {refused.mend}"
-            ).rstrip()
-            raise Refused(refused.found, refused.allowed, mend) from None
+                f"The pressure of the {context.lattice.name} lattice is in {quantity.unit}."
+                f" {refused.mend}"
+            )
+            raise Refused(refused.found, refused.allowed, mend.rstrip()) from None
 
-    return Kind(
-        lambda value, at: read_values(value, lambda one: read_one(one, at)),
-        lambda load, at: (
-            # gravity alone is a pressure of zero
-            write_values(load.values, load_quantities(at.lattice.pressed_axes)[name].write)
-            if load.kind == name and any(load.values)
-            else None
-        ),
-    )
+    def read(value: Any, context: Context) -> tuple[float, ...]:
+        return read_values(value, lambda number: read_load(number, context))
+
+    def write(load: Any, context: Context) -> Any:
+        # gravity alone is a pressure of zero
+        if load.kind != name or not any(load.values):
+            return None
+        return write_values(load.values, load_quantities(context.lattice.pressed_axes)[name].write)
+
+    return Kind(read, write)
 
 
-def _read_media(value: Any, at: Context) -> tuple[MediumChoice, ...]:
-    rule = partial(read_medium, lattice=at.lattice, written=at.written)
+def _read_media(value: Any, context: Context) -> tuple[MediumChoice, ...]:
+    rule = partial(read_medium, lattice=context.lattice, written=context.written)
     if not isinstance(value, list | tuple):
         return (rule(value),)
-    found: tuple[MediumChoice, ...] = each(value, rule, "media")
-    labels = [one.label for one in found]
-    if double := [label for label in labels if labels.count(label) > 1]:
-        raise Refused(f"{double[0]!r} twice", f"{', '.join(MEDIA)}, each once")
-    return found
+    choices: tuple[MediumChoice, ...] = each(value, rule, "media")
+    labels = [choice.label for choice in choices]
+    for name in labels:
+        if labels.count(name) > 1:
+            raise Refused(f"{name!r} twice", f"{', '.join(MEDIA)}, each once")
+    return choices
 
 
-def _write_media(given: Sequence[MediumChoice], at: Context) -> Any:
-    settings = [(one.name, one.settings_on(at.lattice)) for one in given]
+def _write_media(choices: Sequence[MediumChoice], context: Context) -> Any:
+    settings = [(choice.name, choice.settings_on(context.lattice)) for choice in choices]
     media = [{name: options} if options else name for name, options in settings]
     return media if len(media) > 1 else media[0]
 
@@ -534,42 +526,43 @@ def read_schema(value: Any) -> int:
 
 
 def read_observables(value: Any) -> tuple[str, ...]:
-    """Read the names of what a scene observes, each once; they are returned in the order of
+    """Read the names of the observables of a scene, each once, and return them in the order of
     ``OBSERVABLES``.
 
-    Registered observables come behind these, and bring the velocities with them if they are found
-    from these.
+    Registered observables come behind those of the package, and bring the velocities with them if
+    they are found from velocities.
     """
-    added = {name: one.cost for name, one in CATALOGUE.items() if CATALOGUE.is_added(name)}
-    every = (*OBSERVABLES, *added)
-    allowed = "a list of one or more of " + ", ".join(every)
+    added = {name: entry.cost for name, entry in CATALOGUE.items() if CATALOGUE.is_added(name)}
+    observables = (*OBSERVABLES, *added)
+    allowed = "a list of one or more of " + ", ".join(observables)
     if not isinstance(value, list | tuple) or not value:
-        mend = f"Did you mean [{value}]?" if isinstance(value, str) and value in every else ""
+        is_name = isinstance(value, str) and value in observables
+        mend = f"Did you mean [{value}]?" if is_name else ""
         raise Refused(show(value) if value != [] else "an empty list", allowed, mend)
     for name in value:
         try:
-            choice(name, every)
+            choice(name, observables)
         except Refused as refused:
-            raise Refused(
-                refused.found, refused.allowed, refused.mend or CATALOGUE.failures
-            ) from None
+            mend = refused.mend or CATALOGUE.failures
+            raise Refused(refused.found, refused.allowed, mend) from None
     names = list(value)
-    if double := [name for name in names if names.count(name) > 1]:
-        raise Refused(f"{double[0]!r} twice", allowed + ", each once")
+    for name in names:
+        if names.count(name) > 1:
+            raise Refused(f"{name!r} twice", allowed + ", each once")
     if any(added.get(name, "state") != "state" for name in names):
         names.append(OBSERVABLES[0])
-    return tuple(name for name in every if name in names)
+    return tuple(name for name in observables if name in names)
 
 
 def grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -> Kind:
-    """Return the kind of whole numbers for each period, written as three words as phonopy writes
-    them: 1 beyond those.
+    """Return the kind of whole numbers for each period, written as phonopy writes them: three
+    words, of which those beyond the periods are 1.
     """
 
-    def read(value: Any, at: Context) -> tuple[int, ...]:
-        p = at.lattice.periods
-        given = [value] if p == 1 and is_whole(value) else value
-        return grid(given, low_in_space if p == 3 else low, high, examples[p - 1], p)
+    def read(value: Any, context: Context) -> tuple[int, ...]:
+        p = context.lattice.periods
+        numbers = [value] if p == 1 and is_whole(value) else value
+        return grid(numbers, low_in_space if p == 3 else low, high, examples[p - 1], p)
 
     return Kind(read, lambda numbers, _: write_grid(numbers))
 
@@ -580,8 +573,8 @@ def write_grid(numbers: Sequence[int]) -> str:
 
 
 def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
-    """Read the direction of sound on a lattice, Cartesian: one as its numbers, many as a tuple of
-    these.
+    """Read the direction of sound on a lattice, Cartesian: the numbers of one direction, or a tuple
+    of such numbers for many directions.
     """
     p = lattice.periods
     example = ("[1]", "[1, 1]", "[1, 1, 0]")[p - 1]
@@ -590,51 +583,61 @@ def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
         f" {example}; or a list of these"
     )
     plain = value.tolist() if isinstance(value, np.ndarray) else value
-    many = isinstance(plain, list | tuple) and any(
-        isinstance(one, list | tuple) or (isinstance(one, str) and len(one.split()) > 1)
-        for one in plain
-    )
-    found: list[tuple[float, ...]] = []
-    seen = []
-    for place, one in enumerate(plain if many else [plain]):
-        path = (place,) if many else ()
-        words = (
-            one.split() if isinstance(one, str) else one if isinstance(one, list | tuple) else [one]
-        )
+    is_list = isinstance(plain, list | tuple) and any(map(_has_numbers, plain))
+    directions: list[tuple[float, ...]] = []
+    unit_vectors: list[list[float]] = []
+    for index, direction in enumerate(plain if is_list else [plain]):
+        path = (index,) if is_list else ()
+        words = [direction]
+        if isinstance(direction, str):
+            words = direction.split()
+        elif isinstance(direction, list | tuple):
+            words = list(direction)
         try:
-            found.append(tuple(fraction(word, 1e3) for word in words))
-            seen.append(as_direction(found[-1], p).tolist())
+            numbers = tuple(fraction(word, 1e3) for word in words)
+            unit_vector = as_direction(numbers, p).tolist()
         except InputError:
-            raise Refused(
-                show(one), allowed, f"The {lattice.name} lattice lies {_PLACES[p - 1]}.", path
-            ) from None
-        if seen[-1] in seen[:-1]:
-            raise Refused(f"{show(one)} twice", "each direction once", path=path)
-    return tuple(found) if many else found[0]
+            mend = f"The {lattice.name} lattice lies {_POSITIONS[p - 1]}."
+            raise Refused(show(direction), allowed, mend, path) from None
+        if unit_vector in unit_vectors:
+            raise Refused(f"{show(direction)} twice", "each direction once", path=path)
+        directions.append(numbers)
+        unit_vectors.append(unit_vector)
+    return tuple(directions) if is_list else directions[0]
+
+
+def _has_numbers(value: Any) -> bool:
+    """Whether a value holds the numbers of a direction, rather than being one of them."""
+    return isinstance(value, list | tuple) or (isinstance(value, str) and len(value.split()) > 1)
 
 
 # -- crystals: balls of several kinds, how they are arranged, and their loads ----------------------
 
 
-_MATERIAL = ("young_modulus", "poisson_ratio", "density", "yield_strength")
+#: the keys of a material, of which all but the last are required
+MATERIAL_KEYS = ("young_modulus", "poisson_ratio", "density", "yield_strength")
 
 
 def _law_numbers(name: str) -> dict[str, Kind]:
-    def kind(given: Any) -> Kind:
-        if isinstance(given, Quantity):
-            return quantity(given)
-        if isinstance(given, tuple):
-            (one,) = given
+    """Return the kind of each number of a contact law: a quantity, a list of values of a quantity,
+    or a number without a unit, for which the law has a rule.
+    """
+
+    def make_kind(number_kind: Any) -> Kind:
+        if isinstance(number_kind, Quantity):
+            return quantity(number_kind)
+        if isinstance(number_kind, tuple):
+            (listed,) = number_kind
             return Kind.plain(
-                partial(each, rule=one.read, what="values"),
-                lambda values: [one.write(value) for value in values],
+                partial(each, rule=listed.read, what="values"),
+                lambda values: [listed.write(value) for value in values],
             )
-        return Kind.plain(given, float)
+        return Kind.plain(number_kind, float)
 
-    return {key: kind(given) for key, given in LAWS[name].numbers.items()}
+    return {key: make_kind(number_kind) for key, number_kind in LAWS[name].numbers.items()}
 
 
-def _read_balls(value: Any, at: Context) -> tuple[tuple[str, Ball], ...]:
+def _read_balls(value: Any, context: Context) -> tuple[tuple[str, Ball], ...]:
     """Read kinds of balls: a block of names, each with a material, a diameter, and a mass and
     inertia if these differ.
     """
@@ -643,52 +646,53 @@ def _read_balls(value: Any, at: Context) -> tuple[tuple[str, Ball], ...]:
             show(value), "a block of kinds of balls by name, each with its material and diameter"
         )
     material = partial(
-        block, rules={name: PARTS[name].rule(at) for name in _MATERIAL}, needed=_MATERIAL[:3]
+        block,
+        rules={name: PARTS[name].rule(context) for name in MATERIAL_KEYS},
+        needed=MATERIAL_KEYS[:3],
     )
     rules: dict[str, Rule] = {
         "material": material,
         "diameter": LENGTH.read,
         "mass": MASS.read,
         "inertia": INERTIA.read,
-        "spread": PARTS["spread"].rule(at),
+        "spread": PARTS["spread"].rule(context),
     }
     out = []
-    for name, given in value.items():
+    read_kind = partial(block, rules=rules, needed=("material", "diameter"))
+    for name, written in value.items():
         kind = label(name)
         if "." in kind or " " in kind or kind == "floor":
-            raise Refused(
-                show(name), "a name without a point or a space, and not 'floor'", path=(name,)
-            )
-        found = read_inside(
-            name, partial(block, rules=rules, needed=("material", "diameter")), given
-        )
+            allowed = "a name without a point or a space, and not 'floor'"
+            raise Refused(show(name), allowed, path=(name,))
+        settings = read_inside(name, read_kind, written)
         try:
-            out.append((kind, Ball(Material(**found.pop("material")), **found)))
+            out.append((kind, Ball(Material(**settings.pop("material")), **settings)))
         except InputError as error:
-            key = next(
-                (key for key in ("mass", "inertia") if key in given and str(error).startswith(key)),
-                "diameter",
-            )
-            raise Refused(
-                show(given[key]), "a ball that double precision can hold", str(error), (name, key)
-            ) from None
+            key = "diameter"
+            for quantity_name in ("mass", "inertia"):
+                if quantity_name in written and str(error).startswith(quantity_name):
+                    key = quantity_name
+            allowed = "a ball that double precision can hold"
+            raise Refused(show(written[key]), allowed, str(error), (name, key)) from None
     return tuple(out)
 
 
-def _write_balls(kinds: Any, at: Context) -> dict[str, Any]:
+def _write_balls(kinds: Any, context: Context) -> dict[str, Any]:
     out = {}
     for name, ball in kinds:
-        material = {
-            key: PARTS[key].write(one, at)
-            for key in _MATERIAL
-            if (one := getattr(ball.material, key)) is not None
-        }
+        material = {key: getattr(ball.material, key) for key in MATERIAL_KEYS}
         out[name] = {
-            "material": material,
+            "material": {
+                key: PARTS[key].write(number, context)
+                for key, number in material.items()
+                if number is not None
+            },
             "diameter": LENGTH.write(ball.diameter),
             "mass": MASS.write(ball.mass),
             "inertia": INERTIA.write(ball.inertia),
-        } | ({"spread": PARTS["spread"].write(ball.spread, at)} if ball.spread else {})
+        }
+        if ball.spread:
+            out[name]["spread"] = PARTS["spread"].write(ball.spread, context)
     return out
 
 
@@ -696,8 +700,9 @@ BALLS = Kind(_read_balls, _write_balls)
 
 
 def _read_structure(value: Any) -> Any:
-    if (known := name_structure(value)) is not None:
-        return known
+    structure = name_structure(value)
+    if structure is not None:
+        return structure
     try:
         return read_lattice(value)
     except Refused as refused:
@@ -706,8 +711,8 @@ def _read_structure(value: Any) -> Any:
 
 
 def _read_vectors(value: Any) -> tuple[tuple[float, ...], ...]:
-    def length(one: Any) -> float:
-        return 0.0 if is_whole(one) and one == 0 else WAY.read(one)
+    def length(component: Any) -> float:
+        return 0.0 if is_whole(component) and component == 0 else WAY.read(component)
 
     if value == []:
         return ()
@@ -715,31 +720,24 @@ def _read_vectors(value: Any) -> tuple[tuple[float, ...], ...]:
 
 
 def _read_site(value: Any) -> tuple[tuple[float, ...], str]:
-    given = block(value, {"kind": label, "at": lambda one: _read_vectors([one])[0]}, ("kind", "at"))
-    return given["at"], given["kind"]
+    rules: dict[str, Rule] = {"kind": label, "at": lambda vector: _read_vectors([vector])[0]}
+    site = block(value, rules, ("kind", "at"))
+    return site["at"], site["kind"]
 
 
-def _read_counts(value: Any, what: str, high: int, low: int = 1) -> tuple[int, ...]:
-    words = (
-        [int(one) if one.isdecimal() else one for one in value.split()]
-        if isinstance(value, str)
-        else value
-    )
-    return each(
-        words if isinstance(words, list | tuple) else [words],
-        partial(whole, low=low, high=high),
-        what,
-    )
+def _read_counts(value: Any, meaning: str, high: int, low: int = 1) -> tuple[int, ...]:
+    counts = value if isinstance(value, list | tuple) else [value]
+    if isinstance(value, str):
+        counts = [int(word) if word.isdecimal() else word for word in value.split()]
+    return each(counts, partial(whole, low=low, high=high), meaning)
 
 
 def _read_removed(value: Any) -> tuple[int, ...]:
-    found = _read_counts(value, "numbers of balls", 10_000_000, 0)
-    if len(set(found)) < len(found):
-        raise Refused(
-            f"ball {Counter(found).most_common(1)[0][0]} more than once",
-            "the number of each ball once",
-        )
-    return found
+    balls = _read_counts(value, "numbers of balls", 10_000_000, 0)
+    if len(set(balls)) < len(balls):
+        repeated = Counter(balls).most_common(1)[0][0]
+        raise Refused(f"ball {repeated} more than once", "the number of each ball once")
+    return balls
 
 
 def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
@@ -748,16 +746,22 @@ def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
         "layers": partial(whole, low=1, high=1_000_000),
         "edges": read_edges,
     }
-    given = block(value, rules, ("axis", "layers"))
-    return given["axis"], given["layers"], given.get("edges", ("free", "free"))
+    settings = block(value, rules, ("axis", "layers"))
+    return settings["axis"], settings["layers"], settings.get("edges", ("free", "free"))
 
 
 def _write_cuts(cuts: Any) -> Any:
     out = [
-        {"axis": list(a) if isinstance(a, tuple) else a, "layers": n, "edges": " ".join(edges)}
-        for a, n, edges in cuts
+        {
+            "axis": list(axis) if isinstance(axis, tuple) else axis,
+            "layers": layers,
+            "edges": " ".join(edges),
+        }
+        for axis, layers, edges in cuts
     ]
-    return (out if len(out) > 1 else out[0]) if out else None
+    if not out:
+        return None
+    return out if len(out) > 1 else out[0]
 
 
 def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
@@ -777,15 +781,18 @@ def _read_law(value: Any) -> Any:
     """Read a law, or a block of pairs of kinds with a law for each; returns the law, or items of
     pairs.
     """
-    name, given = (
-        next(iter(value.items())) if isinstance(value, dict) and len(value) == 1 else (value, {})
-    )
+    name = value
+    numbers: Any = {}
+    if isinstance(value, dict) and len(value) == 1:
+        ((name, numbers),) = value.items()
     if isinstance(name, str) and name in LAWS:
-        rules = {key: one.rule(Context()) for key, one in _law_numbers(name).items()}
-        found = read_inside(name, partial(block, rules=rules, needed=tuple(rules)), given or {})
-        with refusing(given or name, f"numbers of the law {name}", name):
-            made = LAWS[name].law
-            return made(**found) if isinstance(made, type) else made
+        rules = {key: kind.rule(Context()) for key, kind in _law_numbers(name).items()}
+        arguments = read_inside(
+            name, partial(block, rules=rules, needed=tuple(rules)), numbers or {}
+        )
+        with refusing(numbers or name, f"numbers of the law {name}", name):
+            law = LAWS[name].law
+            return law(**arguments) if isinstance(law, type) else law
     if not isinstance(value, dict) or not all(
         isinstance(pair, str) and len(pair.split()) == 2 for pair in value
     ):
@@ -794,57 +801,70 @@ def _read_law(value: Any) -> Any:
         )
         raise Refused(show(value), allowed, LAWS.failures)
     return tuple(
-        (tuple(pair.split()), read_inside(pair, _read_law, one)) for pair, one in value.items()
+        (tuple(pair.split()), read_inside(pair, _read_law, law)) for pair, law in value.items()
     )
 
 
 def _write_law(law: Any) -> Any:
     if isinstance(law, tuple):
-        return {" ".join(pair): _write_law(one) for pair, one in law}
-    for name, known in LAWS.items():
-        if law is known.law:
+        return {" ".join(pair): _write_law(law_of_pair) for pair, law_of_pair in law}
+    for name, entry in LAWS.items():
+        if law is entry.law:
             return name
-        if type(law) is known.law:
-            fields = {key: f"{key}s" if known.law is TabulatedLaw else key for key in known.numbers}
-            kinds = _law_numbers(name)
+        if type(law) is entry.law:
+            plural = "s" if entry.law is TabulatedLaw else ""
+            attributes = {key: key + plural for key in entry.numbers}
             numbers = {
-                key: kinds[key].write(getattr(law, field), Context())
-                for key, field in fields.items()
+                key: kind.write(getattr(law, attributes[key]), Context())
+                for key, kind in _law_numbers(name).items()
             }
             return {name: numbers} if numbers else name
-    what = f"the law {law!r}"
     mend = f"Use {', '.join(LAWS)}, granphon.register_law for your own, or granphon.sweep"
-    raise InputError(what, "A scene file has no words for it", mend)
+    raise InputError(f"the law {law!r}", "A scene file has no words for it", mend)
 
 
-STRUCTURE = Kind.plain(
-    _read_structure,
-    lambda one: None if one is None else one if isinstance(one, str) else write_lattice(one),
+def _write_structure(structure: Any) -> Any:
+    if structure is None or isinstance(structure, str):
+        return structure
+    return write_lattice(structure)
+
+
+def _write_sites(sites: Any) -> Any:
+    out = [{"kind": kind, "at": [WAY.write(x) for x in position]} for position, kind in sites]
+    return out or None
+
+
+STRUCTURE = Kind.plain(_read_structure, _write_structure)
+ORDER = Kind.plain(
+    partial(each, rule=label, what="names of kinds"), lambda names: list(names) or None
 )
-ORDER = Kind.plain(partial(each, rule=label, what="names of kinds"), lambda one: list(one) or None)
 CELL = Kind.plain(_read_vectors, lambda rows: [[WAY.write(x) for x in row] for row in rows] or None)
-SITES = Kind.plain(
-    partial(each, rule=_read_site, what="sites"),
-    lambda sites: (
-        [{"kind": kind, "at": [WAY.write(x) for x in place]} for place, kind in sites] or None
-    ),
-)
+SITES = Kind.plain(partial(each, rule=_read_site, what="sites"), _write_sites)
 REPEAT = Kind.plain(
-    lambda value: _read_counts(value, "numbers of cells", 1_000_000), lambda one: list(one) or None
+    lambda value: _read_counts(value, "numbers of cells", 1_000_000),
+    lambda counts: list(counts) or None,
 )
 CUT = Kind.plain(
-    lambda one: each(one, _read_cut, "cuts") if isinstance(one, list) else (_read_cut(one),),
+    lambda value: (
+        each(value, _read_cut, "cuts") if isinstance(value, list) else (_read_cut(value),)
+    ),
     _write_cuts,
 )
 REPLACE = Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None)
-REMOVE = Kind.plain(_read_removed, lambda one: list(one) or None)
+REMOVE = Kind.plain(_read_removed, lambda balls: list(balls) or None)
 SEED = Kind.plain(partial(whole, low=0))
 LAW = Kind.plain(_read_law, _write_law)
-MOTIONS = Kind.plain(
-    partial(
-        choice, options=tuple(dict.fromkeys(one for d in (1, 2, 3) for one in allowed_motions(d)))
-    )
+_ALL_MOTIONS = tuple(
+    dict.fromkeys(motions for dimension in (1, 2, 3) for motions in allowed_motions(dimension))
 )
+MOTIONS = Kind.plain(partial(choice, options=_ALL_MOTIONS))
+
+
+#: axes of the components of a symmetric tensor of 2 and 3 periods in Voigt order
+_VOIGT_PAIRS = {
+    2: ((0, 0), (1, 1), (0, 1)),
+    3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)),
+}
 
 
 def tensor_kind(name: str) -> Kind:
@@ -852,82 +872,76 @@ def tensor_kind(name: str) -> Kind:
     the periods.
     """
 
-    def read(value: Any, at: Context) -> tuple[float, ...]:
-        quantity = tensor_quantities(at.lattice.periods)[name]
-        p = at.lattice.periods
+    def read_component(value: Any, unit: Quantity) -> float:
+        if name == "strain":
+            return number(value, -1e300, 1e300)
+        return 0.0 if is_whole(value) and value == 0 else unit.read(value)
+
+    def read(value: Any, context: Context) -> tuple[float, ...]:
+        p = context.lattice.periods
+        component = partial(read_component, unit=tensor_quantities(p)[name])
         size = {1: 1, 2: 3, 3: 6}.get(p, 0)
+        listed = list(value) if isinstance(value, list | tuple) else [value]
+        has_rows = all(isinstance(row, list | tuple) and len(row) == p for row in listed)
+        if p > 1 and len(listed) == p and has_rows:
+            rows = np.array(each(listed, partial(each, rule=component, what="numbers"), "rows"))
+            if not np.array_equal(rows, rows.T):
+                raise Refused(show(value), "a symmetric matrix")
+            shear = 2.0 if name == "strain" else 1.0
+            tensor = tuple(
+                float(rows[a, b]) * (shear if a != b else 1.0) for a, b in _VOIGT_PAIRS[p]
+            )
+        elif len(listed) == size:
+            tensor = tuple(each(listed, component, "numbers"))
+        else:
+            tensor = ()
+        if any(tensor):
+            return tensor
         unit = "numbers" if name == "strain" else "quantities"
         allowed = (
             f"{size} {unit} in Voigt order, or {p} rows of {p}; tension and extension are positive"
         )
+        raise Refused(f"{show(value)}, which is zero" if tensor else show(value), allowed)
 
-        def one(value: Any) -> float:
-            if name == "strain":
-                return number(value, -1e300, 1e300)
-            return 0.0 if is_whole(value) and value == 0 else quantity.read(value)
-
-        listed = value if isinstance(value, list | tuple) else [value]
-        if (
-            len(listed) == p
-            and p > 1
-            and all(isinstance(row, list | tuple) and len(row) == p for row in listed)
-        ):
-            rows = np.array(each(list(listed), partial(each, rule=one, what="numbers"), "rows"))
-            if not np.array_equal(rows, rows.T):
-                raise Refused(show(value), "a symmetric matrix")
-            pairs = (
-                ((0, 0), (1, 1), (0, 1))
-                if p == 2
-                else ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-            )
-            shear = 2.0 if name == "strain" else 1.0
-            found = tuple(float(rows[a, b]) * (shear if a != b else 1.0) for a, b in pairs)
-        elif len(listed) == size:
-            found = tuple(each(list(listed), one, "numbers"))
-        else:
-            raise Refused(show(value), allowed)
-        if not any(found):
-            raise Refused(f"{show(value)}, which is zero", allowed)
-        return found
-
-    def write(load: Any, at: Context) -> Any:
+    def write(load: Any, context: Context) -> Any:
         if load.kind != name:
             return None
-        plain = _join_tensor(load) or load.tensor
-        return (
-            [*plain]
-            if name == "strain"
-            else [tensor_quantities(at.lattice.periods)[name].write(one) for one in plain]
-        )
+        tensor = _join_tensor(load) or load.tensor
+        if name == "strain":
+            return [*tensor]
+        quantity = tensor_quantities(context.lattice.periods)[name]
+        return [quantity.write(component) for component in tensor]
 
     return Kind(read, write)
 
 
 def _join_tensor(load: Any) -> tuple[float, ...] | None:
-    """Return the tensor of a single load; None for several, and where it would not be split again
-    to the last bit.
+    """Return the tensor of a single load; None for several, and where the tensor would not be split
+    again to the last bit.
     """
-    plain = tuple(one * load.values[0] for one in load.tensor)
-    most = max(map(abs, plain))
-    return plain if load.size == 1 and tuple(one / most for one in plain) == load.tensor else None
+    tensor = tuple(component * load.values[0] for component in load.tensor)
+    most = max(map(abs, tensor))
+    is_split_again = tuple(component / most for component in tensor) == load.tensor
+    return tensor if load.size == 1 and is_split_again else None
 
 
-TIMES = Kind.plain(
-    lambda value: read_values(value, above_zero),
-    lambda load: (
-        None if load.tensor is None or _join_tensor(load) else write_values(load.values, float)
-    ),
-)
+def _write_times(load: Any) -> Any:
+    if load.tensor is None or _join_tensor(load):
+        return None
+    return write_values(load.values, float)
 
 
-def split_tensor(found: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of a :class:`~granphon.Load` from the keys of a block with a stress or
+TIMES = Kind.plain(lambda value: read_values(value, above_zero), _write_times)
+
+
+def split_tensor(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a :class:`~granphon.Load` from the values of a block with a stress or
     strain.
     """
-    name = next(one for one in ("stress", "strain") if one in found)
-    size = max(map(abs, found[name]))
+    name = "stress" if "stress" in values else "strain"
+    size = max(map(abs, values[name]))
     return {
         "kind": name,
-        "array": tuple(size * one for one in found.get("times", (1.0,))),
-        "tensor": tuple(one / size for one in found[name]),
+        "array": tuple(size * factor for factor in values.get("times", (1.0,))),
+        "tensor": tuple(component / size for component in values[name]),
     }

@@ -6,9 +6,9 @@ mistake in a file raises a :class:`~granphon.base.errors.SceneError` that names 
 what was found, what is allowed, and the likely intention.
 
 A run computes everything first, and then writes it into one folder. The result is a data set of all
-states, and of a single state its samples, bands and densities of states. A state is a sweep of one:
-it has the same data set. Whatever is drawn or written is a view of that, or an export of the one
-state for other programs. The files are these:
+states, and of a single state its samples, bands and densities of states. A single state is a sweep
+of one, with the same data set. Every figure and file is a view of the data set, or an export of the
+single state for other programs. The files are these:
 
 ====================== ============================================================================
 file                   holds
@@ -85,7 +85,7 @@ from granphon.runs.dataset import (
     write_sweep,
     write_waves,
 )
-from granphon.runs.store import TaskResult, open_store
+from granphon.runs.store import Store, TaskResult, open_store
 from granphon.runs.sweep import keep_incomplete
 from granphon.runs.tasks import SampleRecord
 from granphon.runs.workers import packages
@@ -110,11 +110,11 @@ SUMMARY_SCHEMA = 1
 #: the file, in the folder of the result, in which finished tasks are kept until the result has been
 #: written
 WORK_FILE = ".granphon-sweep"
-#: figures of the waves in simulated arrays of a sweep, and what they are of
+#: figures of the waves in simulated arrays of a sweep, each with its observable
 SWEEP_FIGURES = {"sweep_dos.png": "dos", "sweep_spectra.png": "spectrum"}
-#: what a scene observes of the waves in the samples of one state, by the names of their files
+#: observables of the waves in the samples of one state, by the stems of their files
 SAMPLE_WAVES = {"sample_dos": "dos", "spectrum": "spectrum", "pulse": "pulse"}
-#: what is kept as a result in a file .json, with a figure of it
+#: results that are kept in a file .json and drawn in a figure, with their observables
 KEPT = {**SAMPLE_WAVES, "surface": "surface"}
 #: files of a motion of a single state besides those of every state
 MOTION_FILES = ("motion.nc", "motion_contacts.csv")
@@ -188,8 +188,7 @@ class Scene(Plan):
     Attributes
     ----------
     packing, load : the balls and their arrangement, and the load that presses them. Balls of
-        several kinds are an
-        :class:`~granphon.media.arrangement.Arrangement`.
+        several kinds are an :class:`~granphon.media.arrangement.Arrangement`.
     media : the ways to average over a spread of diameters, one or more; by default "ema" if the
         balls differ, else "ala". Balls of several kinds have "crystal" alone. May be given as names
         ("ala", "afa", "ema", "simulation", "auto") or mappings with options, alone or in a list.
@@ -237,9 +236,9 @@ class Scene(Plan):
 
     @classmethod
     def _read(cls, origin: SceneSource) -> Self:
-        given = origin.read()
+        arguments = origin.read()
         with origin.at():
-            scene = cls(**given)
+            scene = cls(**arguments)
         object.__setattr__(scene, "origin", origin)
         scene.require()
         return scene
@@ -286,116 +285,139 @@ class Scene(Plan):
         """
         self.cost()  # raises if there is too little memory
         target = Path(folder)
-        (names, drawn) = list_files(self)
-        drawn = drawn if figures else ()
-        every = (*names, *drawn)
+        numbers, figure_files = list_files(self)
+        figure_files = figure_files if figures else ()
+        names = (*numbers, *figure_files)
         if resume and not force and is_complete(self, target):
-            there = tuple(target / name for name in every if (target / name).exists())
-            return RunResult(self, target, load_sweep(target / "sweep.nc"), files=there)
+            files = tuple(target / name for name in names if (target / name).exists())
+            return RunResult(self, target, load_sweep(target / "sweep.nc"), files=files)
         self.require_waves()
         text = self.to_yaml()
-        kept = target / WORK_FILE
+        work_file = target / WORK_FILE
+        # a state that is found at once keeps no parts, but the parts of another run are not to
+        # stand beside its result
+        has_store = self.has_tasks or os.path.lexists(work_file)
+        result_files = ResultFiles(
+            target, names, force, earlier=RESULT_FILES, inputs=self.origin.inputs
+        )
         with (
-            ResultFiles(
-                target, every, force, earlier=RESULT_FILES, inputs=self.origin.inputs
-            ).open() as locked,
-            # a state that is found at once keeps no parts, but those of another run are not to
-            # stand beside it
-            open_store(kept, force)
-            if self.has_tasks or os.path.lexists(kept)
-            else nullcontext() as store,
+            result_files.open() as locked,
+            open_store(work_file, force) if has_store else nullcontext() as store,
         ):
             with self.place_errors():
-                work = SweepRun.of(self.case_grid)
-                parts = list[TaskResult]()
                 try:
-                    if self.has_tasks:
-                        parts = work.do(executor, progress, store)
-                    elif store is not None:
-                        store.claim(None)
-                    if not self.is_single:
-                        result = RunResult(self, target, work.join(parts))
-                    else:
-                        # what only a single state has: its samples, bands and densities of states
-                        state = work.grid.cases[0].restore(parts) if parts else self.state()
-                        with self.origin.where_it_buckles():
-                            result = _describe_alone(self, target, work, state, parts, progress)
+                    result = self._compute(target, executor, progress, store)
                 except GranphonError as error:
                     if error.reached is None or store is None:
                         raise
                     raise keep_incomplete(error, locked, "sweep.nc", store) from None
-            others = (
-                ("ase", "phonopy", "spglib")
-                if result.phonons is not None
-                else ("ase",) * (result.waves is not None)
-            )
-            used = versions("numpy", "scipy", "xarray", "h5netcdf", *others)
-            every, drawn = (
-                tuple(name for name in names if name not in result.left_out)
-                for names in (every, drawn)
-            )
-            with (
-                locked.staging((*drawn, *result.left_out)) as place,
-                progress.step("writing", len(every)) as step,
-            ):
-                head = "".join(f"# {package} {number}\n" for package, number in used.items())
-                (place / "scene.yaml").write_text(
-                    f"# The scene as it was run, in SI units.\n{head}{text}", encoding="utf-8"
-                )
-                if self.diameters is not None:
-                    (place / DIAMETERS_FILE).write_text(self.diameters, encoding="utf-8")
-                write_numbers(result, place, step.advance)
-                failures: dict[str, str] = {}
-                if drawn:
-                    from granphon.figures.style import draw
+            return _write_result(result, locked, text, names, figure_files, progress)
 
-                    failures = draw(result.figure, drawn, place)
-                    step.advance(len(drawn))
-                files = tuple(target / name for name in every if name not in failures)
-                result = replace(result, files=files, failures=tuple(failures.values()))
-                (place / "summary.yaml").write_text(_write_summary(result, used), encoding="utf-8")
-        return result
+    def _compute(
+        self, target: Path, executor: Executor | None, progress: Progress, store: Store | None
+    ) -> RunResult:
+        """Return the result of the scene, of which no file is written yet."""
+        work = SweepRun.of(self.case_grid)
+        results = list[TaskResult]()
+        if self.has_tasks:
+            results = work.do(executor, progress, store)
+        elif store is not None:
+            store.claim(None)
+        if not self.is_single:
+            return RunResult(self, target, work.join(results))
+        # a single state alone has samples, bands and densities of states
+        state = work.grid.cases[0].restore(results) if results else self.state()
+        with self.origin.where_it_buckles():
+            return _describe_alone(self, target, work, state, results, progress)
+
+
+def _write_result(
+    result: RunResult,
+    locked: ResultFiles,
+    text: str,
+    names: Sequence[str],
+    figure_files: Sequence[str],
+    progress: Progress,
+) -> RunResult:
+    """Write the files ``names`` of a result, the ``figure_files`` among them, with ``text`` as its
+    scene, and return the result with their paths.
+    """
+    scene = result.scene
+    libraries: tuple[str, ...] = ()
+    if result.phonons is not None:
+        libraries = ("ase", "phonopy", "spglib")
+    elif result.waves is not None:
+        libraries = ("ase",)
+    used = versions("numpy", "scipy", "xarray", "h5netcdf", *libraries)
+    names = tuple(name for name in names if name not in result.left_out)
+    figure_files = tuple(name for name in figure_files if name not in result.left_out)
+    with (
+        locked.staging((*figure_files, *result.left_out)) as stage,
+        progress.step("writing", len(names)) as step,
+    ):
+        head = "".join(f"# {package} {number}\n" for package, number in used.items())
+        (stage / "scene.yaml").write_text(
+            f"# The scene as it was run, in SI units.\n{head}{text}", encoding="utf-8"
+        )
+        if scene.diameters is not None:
+            (stage / DIAMETERS_FILE).write_text(scene.diameters, encoding="utf-8")
+        write_numbers(result, stage, step.advance)
+        failures: dict[str, str] = {}
+        if figure_files:
+            from granphon.figures.style import draw
+
+            failures = draw(result.figure, figure_files, stage)
+            step.advance(len(figure_files))
+        files = tuple(result.folder / name for name in names if name not in failures)
+        result = replace(result, files=files, failures=tuple(failures.values()))
+        (stage / "summary.yaml").write_text(_write_summary(result, used), encoding="utf-8")
+    return result
 
 
 def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the files of numbers, and names of the figures, that a run writes."""
-    seen = scene.observe
-    drawn = list[str]()
-    names = [
-        "scene.yaml",
-        "summary.yaml",
-        *[DIAMETERS_FILE] * (scene.diameters is not None),
-        "sweep.nc",
-        "sweep.csv",
-    ]
-    names += [f"{name}.csv" for name in NETWORK_BLOCKS if name in seen]
-    names += ["damped_bands.csv"] * (scene._asked("bands") is not None)
-    drawn += [f"{name}.png" for name in NETWORK_BLOCKS if name in seen]
+    observed = scene.observe
+    names = ["scene.yaml", "summary.yaml"]
+    if scene.diameters is not None:
+        names.append(DIAMETERS_FILE)
+    names += ["sweep.nc", "sweep.csv"]
+    blocks = [name for name in NETWORK_BLOCKS if name in observed]
+    names += [f"{name}.csv" for name in blocks]
+    if scene.observed_settings("bands") is not None:
+        names.append("damped_bands.csv")
+    figures = [f"{name}.png" for name in blocks]
     if not scene.is_single:
-        names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
-        drawn += ["sweep.png"] + [name for name, of in SWEEP_FIGURES.items() if of in seen]
-        return tuple(names), tuple(drawn)
-    names += MOTION_FILES if "motion" in seen else ()
-    if "bands" in seen:
+        waves = [name for name, subject in SWEEP_FIGURES.items() if subject in observed]
+        names += [Path(name).with_suffix(".csv").name for name in waves]
+        figures += ["sweep.png", *waves]
+        return tuple(names), tuple(figures)
+    if "motion" in observed:
+        names += MOTION_FILES
+    if "bands" in observed:
         names += ["band.yaml", "phonopy_params.yaml"]
-    names += ["dos.csv"] * ("dos" in seen) + ["surface.json", "surface.csv"] * ("surface" in seen)
-    drawn += ["surface.png"] * ("surface" in seen)
-    drawn += ["bands.png"] if "bands" in seen else ["dos.png"] * ("dos" in seen)
+    if "dos" in observed:
+        names.append("dos.csv")
+    if "surface" in observed:
+        names += ["surface.json", "surface.csv"]
+        figures.append("surface.png")
+    if "bands" in observed:
+        figures.append("bands.png")
+    elif "dos" in observed:
+        figures.append("dos.png")
     for medium in scene.serving.arrays:  # one at most
-        waves = [stem for stem, of in SAMPLE_WAVES.items() if of in seen]
-        names += [
-            "sample.extxyz",
-            *("sample_balls.csv", "sample_contacts.csv") * bool(medium.friction_history),
-        ]
+        names.append("sample.extxyz")
+        if medium.friction_history:
+            names += ["sample_balls.csv", "sample_contacts.csv"]
+        waves = [stem for stem, subject in SAMPLE_WAVES.items() if subject in observed]
         names += [f"{stem}.{ending}" for stem in waves for ending in ("json", "csv")]
-        drawn += ["forces.png", *(f"{stem}.png" for stem in waves)]
-    return tuple(names), tuple(drawn)
+        figures += ["forces.png", *(f"{stem}.png" for stem in waves)]
+    return tuple(names), tuple(figures)
 
 
 def expected_files(scene: Scene, figures: bool = True) -> tuple[str, ...]:
     """Names of the files that a run writes."""
-    numbers, drawn = list_files(scene)
-    return numbers + (drawn if figures else ())
+    numbers, figure_files = list_files(scene)
+    return numbers + (figure_files if figures else ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,18 +426,18 @@ class RunResult:
 
     Attributes
     ----------
-    scene : what was asked for.
+    scene : the scene that was run.
     folder, files : folder of the results, and the paths of the files written there.
     dataset : every state, with velocities, moduli and bands, as :func:`granphon.runs.sweep.sweep`
         returns it.
-    given : of a single state, what has been found of it; None after reading it from its folder.
+    given : the analysis of a single state; None after reading the result from its folder.
     phonons : of a single state, the source of ``bands`` and ``dos``; None if neither was asked for,
         as of several states, and after reading the result from its folder, where files hold these.
     bands, dos, gaps : of a single state, frequencies along the path, Hz, their density of states,
         1/Hz, and intervals without a branch, (n, 2) Hz; likewise.
     surface : of a single state, the spectrum of the outer layer at the edge, with its waves;
         likewise.
-    waves : what was asked for of the waves in the samples of a single state; likewise.
+    waves : the waves in the samples of a single state; likewise.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
 
@@ -450,9 +472,9 @@ class RunResult:
             raise InputError(
                 "the result is that of a sweep", "It has no single state", "Take its dataset"
             )
-        return (
-            Analysis(self.scene.state(), self.scene.direction) if self.given is None else self.given
-        )
+        if self.given is not None:
+            return self.given
+        return Analysis(self.scene.state(), self.scene.direction)
 
     @property
     def velocities(self) -> SoundVelocities | None:
@@ -461,19 +483,17 @@ class RunResult:
 
     @property
     def moduli(self) -> Moduli | None:
-        """Elastic constants of the only state, Pa; None if velocities were not asked for, or it has
-        none.
+        """Elastic constants of the only state, Pa; None if the scene does not observe velocities,
+        or the state has none.
         """
         return self._analysis.moduli if "velocities" in self.scene.observe else None
 
     @property
     def local_field(self) -> LocalField | None:
         """Local field of the effective medium; None of another medium, and for equal balls."""
-        return (
-            self.scene.serving.medium.of(self.scene.packing).local_field
-            if self.scene.packing.width
-            else None
-        )
+        if not self.scene.packing.width:
+            return None
+        return self.scene.serving.medium.of(self.scene.packing).local_field
 
     # -- numbers -----------------------------------------------------------------------------------
 
@@ -482,10 +502,10 @@ class RunResult:
         """One sentence for each limit of validity exceeded, each number unknown or left out, and
         each figure that failed.
         """
-        found = [text for one in (self.bands, self.dos) if one is not None for text in one.warnings]
-        return tuple(
-            dict.fromkeys((*json.loads(self.dataset.attrs["warnings"]), *found, *self.failures))
-        )
+        texts = json.loads(self.dataset.attrs["warnings"])
+        for spectrum in (self.bands, self.dos):
+            texts += [] if spectrum is None else spectrum.warnings
+        return tuple(dict.fromkeys((*texts, *self.failures)))
 
     @property
     def finite_overlap(self) -> bool | list[bool]:
@@ -494,8 +514,8 @@ class RunResult:
         """
         if self.scene.is_single:
             return bool(self.state.finite_overlap)
-        found = list_finite_overlap(self.dataset)
-        return found if len(set(found)) > 1 else found[0]
+        of_media = list_finite_overlap(self.dataset)
+        return of_media if len(set(of_media)) > 1 else of_media[0]
 
     def entry(self, name: str) -> Observable | None:
         """Return the entry of the catalogue for a number of the summary; None if it has none."""
@@ -511,21 +531,27 @@ class RunResult:
         """
         if not self.scene.is_single:
             return self._summarise_states()
+        observed = self.scene.observe
+        analysis = self._analysis
+        serving = self.scene.serving
         out: dict[str, Any] = {"medium": self.scene.media[0].label}
-        if (serving := self.scene.serving).chosen_automatically:
+        if serving.chosen_automatically:
             out |= {
                 "choice": serving.medium.label,
                 "expected_error": float(serving.errors[0]),
                 "truth": str(serving.truth),
             }
-        of = self._analysis
-        out |= find_all(of, ("state",)) | (
-            find_all(of, ("exponent",)) if "exponent" in self.dataset else {}
-        )
-        out |= find_all(of, ("packing",))
-        if (field := self.local_field) is not None:
-            out["local_field"] = {name: getattr(field, name) for name in ("alpha", "beta", "xi")}
-        out |= find_all(of, ("velocities",)) if "velocities" in self.scene.observe else {}
+        out |= find_all(analysis, ("state",))
+        if "exponent" in self.dataset:
+            out |= find_all(analysis, ("exponent",))
+        out |= find_all(analysis, ("packing",))
+        local_field = self.local_field
+        if local_field is not None:
+            out["local_field"] = {
+                name: getattr(local_field, name) for name in ("alpha", "beta", "xi")
+            }
+        if "velocities" in observed:
+            out |= find_all(analysis, ("velocities",))
         if self.bands is not None:
             out["top_frequency"] = float(self.bands.frequencies.max())
         if self.gaps is not None:
@@ -534,37 +560,41 @@ class RunResult:
             out["pulse_distance"] = self.waves.pulse.distance
         if "response_phase" in self.dataset:
             out["peaks"] = self._list_peaks()
-        # of the waves in its samples, in its network or at its edge, what is known
+        # the numbers that are known of waves in samples, in the network or at the edge
         costs = ("pulse", "spectrum", "surface", "network")
-        of_waves = [name for name, one in CATALOGUE.items() if one.cost in costs and not one.dims]
-        known = {name: self.dataset[name].item() for name in of_waves if name in self.dataset}
-        return out | {name: value for name, value in known.items() if np.isfinite(value)}
+        for name, entry in CATALOGUE.items():
+            if entry.cost in costs and not entry.dims and name in self.dataset:
+                number = self.dataset[name].item()
+                if np.isfinite(number):
+                    out[name] = number
+        return out
 
     def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
+        """Return the peaks of the response at each receiver: frequency, Hz, height and Q."""
         data = self.dataset
-        words = ("frequency", "height", "quality")
-        name = next(one for one in RESPONSES.values() if one in data)
-        found: dict[str, list[dict[str, float]]] = {
-            place: [] for place in data["receiver"].values.tolist()
+        receivers = data["receiver"].values.tolist()
+        peaks: dict[str, list[dict[str, float]]] = {receiver: [] for receiver in receivers}
+        if "peaks_frequency" not in data:
+            return peaks
+        quantity = next(name for name in RESPONSES.values() if name in data)
+        names = {"frequency": "frequency", "height": quantity, "quality": "quality"}
+        tables = {
+            key: data[f"peaks_{name}"].values.reshape(len(peaks), -1).tolist()
+            for key, name in names.items()
         }
-        if "peaks_frequency" in data:
-            tables = [
-                data[f"peaks_{word}"].values.reshape(len(found), -1)
-                for word in ("frequency", name, "quality")
+        for index, receiver in enumerate(peaks):
+            rows = zip(*(table[index] for table in tables.values()), strict=True)
+            peaks[receiver] = [
+                dict(zip(names, row, strict=True)) for row in rows if np.isfinite(row[0])
             ]
-            for place, *rows in zip(found, *tables, strict=True):
-                peaks = [
-                    peak
-                    for peak in zip(*map(np.ndarray.tolist, rows), strict=True)
-                    if np.isfinite(peak[0])
-                ]
-                found[place] = [dict(zip(words, peak, strict=True)) for peak in peaks]
-        return found
+        return peaks
 
     def _summarise_states(self) -> dict[str, Any]:
         data = self.dataset
-        along = ("direction",) * ("direction" in data.dims)
-        sizes = {str(name): data.sizes[name] for name in (*data["valid"].dims, *along)}
+        dims = [*data["valid"].dims]
+        if "direction" in data.dims:
+            dims.append("direction")
+        sizes = {str(name): data.sizes[name] for name in dims}
         out: dict[str, Any] = {
             "sizes": sizes,
             "states": data["valid"].size,
@@ -582,7 +612,9 @@ class RunResult:
     def _repr_html_(self) -> str:
         numbers = self.summary()
         entries = {name: self.entry(name) for name in numbers}
-        rows = ((name, numbers[name], one.unit if one else "") for name, one in entries.items())
+        rows = (
+            (name, numbers[name], entry.unit if entry else "") for name, entry in entries.items()
+        )
         return write_html(type(self).__name__, rows)
 
     # -- files -------------------------------------------------------------------------------------
@@ -601,13 +633,9 @@ class RunResult:
         if stem in ("forces", "surface", *waves):
             from granphon.figures.plot import plot
 
-            return plot(
-                self.state
-                if stem == "forces"
-                else self.surface
-                if stem == "surface"
-                else waves[stem]
-            )
+            if stem == "forces":
+                return plot(self.state)
+            return plot(self.surface if stem == "surface" else waves[stem])
         if stem in ("bands", "dos"):
             from granphon.figures.bands import bands_figure
 
@@ -620,21 +648,22 @@ def _describe_alone(
     target: Path,
     work: SweepRun,
     state: ContactState,
-    parts: Sequence[TaskResult],
+    results: Sequence[TaskResult],
     progress: Progress,
 ) -> RunResult:
+    """Return the result of a single ``state`` with all that its scene observes; ``results`` are
+    those of its samples, if it has any.
+    """
     waves = bands = dos = gaps = surface = None
     analysis = Analysis(state, scene.direction)
-    records = [SampleRecord.from_part(part, 0) for part in parts]
+    records = [SampleRecord.from_result(result, 0) for result in results]
     if not records:
-        with (
-            progress.step("networks")
-            if scene.waves is not None and scene.waves.of_networks
-            else nullcontext()
-        ):
+        has_networks = scene.waves is not None and bool(scene.waves.of_networks)
+        with progress.step("networks") if has_networks else nullcontext():
             (task,) = work.grid.cases[0].media
             records = task.record_networks(state, whole=True)
-    if (edge := scene._asked("surface")) is not None:
+    edge = scene.observed_settings("surface")
+    if edge is not None:
         from granphon.phonons.surfaces import Surface
 
         with progress.step("surface"):
@@ -643,7 +672,7 @@ def _describe_alone(
     if records:
         from granphon.runs.wave_records import SampleWaves
 
-        waves = SampleWaves.of(scene.waves, state, [one.of_waves for one in records])
+        waves = SampleWaves.of(scene.waves, state, [record.of_waves for record in records])
     result = RunResult(scene, target, dataset, analysis, waves=waves, surface=surface)
     if not {"bands", "dos", "gaps"} & set(scene.observe):
         return result
@@ -675,26 +704,23 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
     """
     target = Path(folder)
     try:
-        made = read_yaml(target / "summary.yaml")["versions"]
-        if (
-            type(scene)(**SceneSource.of_file(target / "scene.yaml").read()) != scene
-            or made != made | packages()
-        ):
+        run_versions = read_yaml(target / "summary.yaml")["versions"]
+        run_scene = type(scene)(**SceneSource.of_file(target / "scene.yaml").read())
+        if run_scene != scene or run_versions != run_versions | packages():
             return False
     except (InputError, KeyError, TypeError):
         return False
     return is_whole(target, expected_files(scene, figures=False))
 
 
-def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> None:
-    """Write the files of numbers of a result into the folder ``place``; ``advance`` is told of
-    each.
+def write_numbers(result: Any, folder: Path, advance: Callable[[int], None]) -> None:
+    """Write the files of numbers of a result into a ``folder``, and call ``advance`` after each.
 
-    Those of the scene, its diameters and the summary are written by the run, and told of here.
-    Files that are ``left_out`` are neither written nor told of.
+    The run itself writes the scene, its diameters and the summary, which are counted here. Files
+    that are ``left_out`` are neither written nor counted.
     """
     for name in list_files(result.scene)[0]:
-        path = place / name
+        path = folder / name
         stem = name.partition(".")[0]
         match name:
             case "scene.yaml" | "summary.yaml" | "diameters.csv":
@@ -706,10 +732,8 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
             case "motion.nc":
                 result.waves.motion.write(path)
             case "motion_contacts.csv":
-                # imported here: other runs do not need it
-                from granphon.runs.wave_records import (
-                    write_contacts,
-                )
+                # imported here: other runs do not need motions
+                from granphon.runs.wave_records import write_contacts
 
                 write_contacts(result.waves.motion, path, result.scene.motion)
             case _ if stem in ("sweep_dos", "sweep_spectra", "damped_bands", *NETWORK_BLOCKS):
@@ -723,19 +747,15 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
             case "sample.extxyz":
                 write_extxyz(path, result.state.samples[0].atoms())
             case "sample_balls.csv":  # and sample_contacts.csv
-                result.state.samples[0].network.write_tables(path, place / "sample_contacts.csv")
+                result.state.samples[0].network.write_tables(path, folder / "sample_contacts.csv")
             case "spectrum.csv":
                 result.waves.spectra.write_csv(path)
             case "sample_dos.csv" | "pulse.csv":
-                found = result.waves.results[stem]
-                columns = [
-                    (Heading(name, unit), getattr(found, source))
-                    for name, unit, source in _COLUMNS[stem]
-                ]
-                rows = np.transpose([values for _, values in columns]).tolist()
-                path.write_text(
-                    table_text([heading for heading, _ in columns], rows), encoding="utf-8"
-                )
+                waves = result.waves.results[stem]
+                headings = [Heading(name, unit) for name, unit, _ in _COLUMNS[stem]]
+                columns = [getattr(waves, field) for _, _, field in _COLUMNS[stem]]
+                rows = np.transpose(columns).tolist()
+                path.write_text(table_text(headings, rows), encoding="utf-8")
             case "surface.json":
                 path.write_text(json.dumps(result.surface.to_dict()) + "\n", encoding="utf-8")
             case "surface.csv":
@@ -754,13 +774,13 @@ def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
     if result.scene.is_single:
         checks = [
             {
-                "name": c.name,
-                "meaning": c.meaning,
-                "value": c.value,
-                "limit": c.limit,
-                "ok": bool(c.ok),
+                "name": check.name,
+                "meaning": check.meaning,
+                "value": check.value,
+                "limit": check.limit,
+                "ok": bool(check.ok),
             }
-            for c in result.validity.checks
+            for check in result.validity.checks
         ]
         limits = {"ok": bool(result.validity.ok), "validity": checks}
     entries = {name: result.entry(name) for name in numbers}
@@ -776,7 +796,9 @@ def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
             "warnings": result.warnings,
             "files": [path.name for path in result.files],
             "units": {
-                name: one.unit for name, one in entries.items() if one is not None and one.unit
+                name: entry.unit
+                for name, entry in entries.items()
+                if entry is not None and entry.unit
             },
         }
     )
@@ -787,13 +809,13 @@ def read_summary(folder: Path) -> dict[str, Any]:
     it is not one.
     """
     path = folder / "summary.yaml"
-    found = read_yaml(path)
-    if not isinstance(found, dict):
+    summary = read_yaml(path)
+    if not isinstance(summary, dict):
         raise InputError(
             f"{path} holds no keys", "Granphon did not write it so", "Run the scene again"
         )
-    require_schema(path, found.get("schema"), SUMMARY_SCHEMA)
-    return found
+    require_schema(path, summary.get("schema"), SUMMARY_SCHEMA)
+    return summary
 
 
 # -- figures ---------------------------------------------------------------------------------------
