@@ -44,7 +44,6 @@ class Row:
     """A claim, and what produces it."""
 
     id: str
-    claim: str
     producers: str
 
     @property
@@ -66,7 +65,7 @@ def rows() -> dict[str, list[Row]]:
         link = re.fullmatch(r"\[[^\]]+\]\(([^)#]+)\)", head)
         page = (PAGE.parent / link[1]).resolve().relative_to(DOCS).as_posix() if link else head
         # the first row is the heads
-        _, *lines = re.findall(r"^\| (.+?) \| (.+?) \| (.+) \|$", text, re.MULTILINE)
+        _, *lines = re.findall(r"^\| (.+?) \| (.+) \|$", text, re.MULTILINE)
         found[page] = [Row(*line) for line in lines]
     return found
 
