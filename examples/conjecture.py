@@ -65,7 +65,8 @@ for friction, limits in ((True, {0.01: 0.38, 0.05: 0.15}), (False, {0.01: 0.525,
             for excess in ratio[friction].T
         ]
         print(
-            f"{NAMES[friction]}, to {100.0 * share:.0f} % above f* = {np.mean(loads_of_samples):.3f}"
+            f"{NAMES[friction]}, to {100.0 * share:.0f} % above f* ="
+            f" {np.mean(loads_of_samples):.3f}"
         )
         assert abs(np.mean(loads_of_samples) - limit) < 0.01
         assert np.std(loads_of_samples, ddof=1) / np.sqrt(len(loads_of_samples)) < 0.01
