@@ -289,9 +289,9 @@ def read_rolling(
         "torsion": "twist",
         "bending": "rotate",
     }
-    named = {name: missing_motions for name, missing_motions in resisted.items() if read[name]}
+    named = {name: motion for name, motion in resisted.items() if read[name]}
     moving = next(iter(allowed.values())) if motions is None else allowed[motions]
-    idle = [name for name, missing_motions in named.items() if not getattr(moving, missing_motions)]
+    idle = [name for name, motion in named.items() if not getattr(moving, motion)]
     if idle:
         missing_motions = "rotations"
         why = "have no rotation that could be resisted"
@@ -299,9 +299,9 @@ def read_rolling(
             missing_motions = "rotations about the normals of contacts"
             why = "turn balls across the normals only: no contact twists"
         fit = [
-            one
-            for one, moves in allowed.items()
-            if all(getattr(moves, missing_motions) for missing_motions in named.values())
+            words
+            for words, moves in allowed.items()
+            if all(getattr(moves, motion) for motion in named.values())
         ]
         raise InputError(
             f"{' and '.join(idle)} without {missing_motions}",
