@@ -99,7 +99,7 @@ _SAMPLED = 1e-11
 _ROUNDED_MEAN = 1e-13
 #: least length, area or volume of a cell, over the power of the mean radius
 _LEAST_CELL = 1e-3
-#: units of a pressure along so many axes
+#: units of a pressure, by the number of axes along which it acts
 _PRESSURE_UNITS = ("N", "N", "N/m", "Pa")
 #: difference of the exponents of contacts that is put down to rounding
 _SAME_EXPONENT = 1e-9
@@ -1603,8 +1603,8 @@ class CrystalState(Result):
             raise InputError(problem, mend="Select one or more")
         arrays = {name: getattr(self, name) for name in _PER_LOAD}
         chosen: Any = {
-            name: read_only(a.reshape(count, *a.shape[axes:])[chosen_loads])
-            for name, a in arrays.items()
+            name: read_only(array.reshape(count, *array.shape[axes:])[chosen_loads])
+            for name, array in arrays.items()
         }
         return replace(self, **chosen)
 
@@ -1987,8 +1987,8 @@ def _require_large_enough(structure: Lattice, cell: Array, kinds: Sequence[Ball]
 
 
 def _require_room(cells: int, crystal: Crystal) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for so many cells of a crystal that do not
-    fit into memory.
+    """Raise :class:`~granphon.base.errors.InputError` if so many cells of a crystal do not fit into
+    memory.
     """
     balls = cells * crystal.n_balls
     memory = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)

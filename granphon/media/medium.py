@@ -412,8 +412,8 @@ class EffectiveMedium(LawMedium):
 
     @property
     def seconds(self) -> float:
-        """Rough time of solving it, s, for any number of loads: long lists of diameters have many
-        pairs that open.
+        """Rough time to solve the law, s, for any number of loads: long lists have many
+        pairs of diameters that open.
         """
         if not (self.packing.spread and self.packing.width):
             return 0.0
