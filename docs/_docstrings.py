@@ -186,30 +186,38 @@ def rendered(lines: list[str], fields: Mapping[str, str] = {}) -> list[str]:
     """The lines of a docstring as reStructuredText; ``fields`` are the types of the attributes of
     its class.
     """
-    out: list[str] = []
+    rendered_lines: list[str] = []
     title = ""
-    at = 0
-    while at < len(lines):
-        if lines[at] in _TITLES and at + 1 < len(lines) and re.fullmatch("-+", lines[at + 1]):
-            title = lines[at]
-            at = at + 2
-            out += ["", f":{title}:", ""]
-        elif title and lines[at].strip():
-            end = next(_ends(lines, at))
-            entry = _ENTRY.match(lines[at])
-            rest = lines[at + 1 : end]
+    number = 0
+    while number < len(lines):
+        if (
+            lines[number] in _TITLES
+            and number + 1 < len(lines)
+            and re.fullmatch("-+", lines[number + 1])
+        ):
+            title = lines[number]
+            number = number + 2
+            rendered_lines += ["", f":{title}:", ""]
+        elif title and lines[number].strip():
+            end = next(_ends(lines, number))
+            entry = _ENTRY.match(lines[number])
+            inner_lines = lines[number + 1 : end]
             if entry:
-                out += _render_entry(title, entry["names"].split(", "), entry["text"], rest, fields)
-            elif not lines[at - 1].strip() and title != "Notes":  # a paragraph after the section
+                rendered_lines += _render_entry(
+                    title, entry["names"].split(", "), entry["text"], inner_lines, fields
+                )
+            elif (
+                not lines[number - 1].strip() and title != "Notes"
+            ):  # a paragraph after the section
                 title = ""
                 continue
             else:
-                out += [f"    {line}" for line in lines[at:end]]
-            at = end
+                rendered_lines += [f"    {line}" for line in lines[number:end]]
+            number = end
         else:
-            out.append(lines[at])
-            at += 1
-    return out
+            rendered_lines.append(lines[number])
+            number += 1
+    return rendered_lines
 
 
 def _render_entry(

@@ -241,15 +241,17 @@ def result_units() -> str:
     documented = re.findall(r"autoclass:: (\S+)\.(\w+)", text)
     rows = []
     for module, name in documented:
-        one = getattr(import_module(module), name)
-        if not (isinstance(one, type) and issubclass(one, Result)) or one is Result:
+        result = getattr(import_module(module), name)
+        if not (isinstance(result, type) and issubclass(result, Result)) or result is Result:
             continue
-        parent = next(base for base in one.__mro__[1:] if "units" in vars(base))
+        parent = next(base for base in result.__mro__[1:] if "units" in vars(base))
         inherited = parent.units if issubclass(parent, ContactState) else {}
-        units = [f"`{field}` {unit}" for field, unit in one.units.items() if field not in inherited]
-        more = [f"those of {{class}}`~{module}.{parent.__name__}`"] if inherited else []
+        units = [
+            f"`{field}` {unit}" for field, unit in result.units.items() if field not in inherited
+        ]
+        parent_words = [f"those of {{class}}`~{module}.{parent.__name__}`"] if inherited else []
         if units:
-            rows.append([f"{{class}}`~{module}.{name}`", ", ".join([*more, *units])])
+            rows.append([f"{{class}}`~{module}.{name}`", ", ".join([*parent_words, *units])])
     return table(("result", "fields and their units"), rows)
 
 
@@ -296,8 +298,8 @@ def spreads() -> str:
             rows.append([kind, alone, _UNITS.get(alone, ""), ""])
         inner = known(probe({kind: {"?": 0}})) if kind in SPREAD_BLOCKS else []
         for key in inner + (["diameters"] if kind == "measured" else []):
-            rest = {} if (kind, key) == ("measured", "diameters") else SPREAD_BLOCKS[kind]
-            allowed = told(probe({kind: {**rest, key: object()}}))
+            other_keys = {} if (kind, key) == ("measured", "diameters") else SPREAD_BLOCKS[kind]
+            allowed = told(probe({kind: {**other_keys, key: object()}}))
             default = f"{Normal(1.0).cutoff:g}" if key == "cutoff" else ""
             rows.append(
                 [
@@ -529,14 +531,14 @@ def merged(*parts: Mapping[str, Any]) -> dict[str, Any]:
 def in_order(*parts: Mapping[str, Any]) -> list[str]:
     """The keys of all, in an order that agrees with that of each."""
     names: list[str] = []
-    for part in parts:
-        at = 0
-        for name in part:
+    for keys in parts:
+        place = 0
+        for name in keys:
             if name in names:
-                at = names.index(name) + 1
+                place = names.index(name) + 1
             else:
-                names.insert(at, name)
-                at += 1
+                names.insert(place, name)
+                place += 1
     return names
 
 
@@ -569,13 +571,13 @@ def sweep_fields(results: Results) -> str:
         }
     rows = []
     for name in in_order(*(dataset.variables for dataset in results.sweeps)):
-        (one, *_) = (dataset[name] for dataset in results.sweeps if name in dataset.variables)
-        said = one.attrs.get("long_name", "")
-        unit = one.attrs.get("units", "")
-        axes = ", ".join("parameters" if dim in PARAMETERS else str(dim) for dim in one.dims)
+        (variable, *_) = (dataset[name] for dataset in results.sweeps if name in dataset.variables)
+        long_name = variable.attrs.get("long_name", "")
+        unit = variable.attrs.get("units", "")
+        axes = ", ".join("parameters" if dim in PARAMETERS else str(dim) for dim in variable.dims)
         shown = f"`{name}`" + (", or another parameter" if name in PARAMETERS else "")
         rows.append(
-            [shown, unit, axes, "yes" if name in heads else "", said or meaning(SWEPT, name)]
+            [shown, unit, axes, "yes" if name in heads else "", long_name or meaning(SWEPT, name)]
         )
     return table(("variable", "unit", "dimensions", "in sweep.csv", "what it is"), rows)
 
@@ -590,22 +592,22 @@ def sweep_attributes(results: Results) -> str:
 
 def band_fields(results: Results) -> str:
     """The block ``granphon`` of band.yaml."""
-    found = [results.yaml(name, "band.yaml")["granphon"] for name in ("all", "crystal")]
-    values = merged(*found)
+    blocks = [results.yaml(name, "band.yaml")["granphon"] for name in ("all", "crystal")]
+    values = merged(*blocks)
     return table(
-        HEADS, (results.row(name, values[name], words=BANDED) for name in in_order(*found))
+        HEADS, (results.row(name, values[name], words=BANDED) for name in in_order(*blocks))
     )
 
 
 def phonopy_fields(results: Results) -> str:
     """What the block ``granphon`` of phonopy_params.yaml has besides."""
     text = (results.folder / "all" / "phonopy_params.yaml").read_text(encoding="utf-8")
-    own = plain_yaml(
+    block = plain_yaml(
         "".join(itertools.takewhile(str.strip, text.splitlines(keepends=True))), "head"
     )["granphon"]
     shared = results.yaml("all", "band.yaml")["granphon"]
     return table(
-        HEADS, (results.row(name, value) for name, value in own.items() if name not in shared)
+        HEADS, (results.row(name, value) for name, value in block.items() if name not in shared)
     )
 
 
@@ -670,19 +672,20 @@ def rooms() -> str:
     contracts = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"][
         "importlinter"
     ]["contracts"]
-    (contract,) = (one for one in contracts if one["id"] == "rooms")
+    (layers,) = (contract for contract in contracts if contract["id"] == "rooms")
     levels = [
         [room.strip() for room in level.split("|")]
-        for level in contract["layers"]
+        for level in layers["layers"]
         if level != "__main__"
     ]
     packages = {room for level in levels for room in level}
     # a library has a door where all packages but one are forbidden to import it
     doors: dict[str, list[str]] = {}
-    for one in contracts:
-        shut = {module.removeprefix("granphon.") for module in one.get("source_modules", ())}
-        if len(own := packages - shut) == 1:
-            doors.setdefault(own.pop(), []).extend(one["forbidden_modules"])
+    for contract in contracts:
+        sources = contract.get("source_modules", ())
+        open_rooms = packages - {module.removeprefix("granphon.") for module in sources}
+        if len(open_rooms) == 1:
+            doors.setdefault(open_rooms.pop(), []).extend(contract["forbidden_modules"])
     width = max(len("   ".join(level)) for level in levels)
     diagram = ["```text"]
     for level in levels:
@@ -699,8 +702,8 @@ def rooms() -> str:
             for path in Path(str(package.__file__)).parent.glob("*.py")
             if path.stem != "__init__"
         )
-        what = " ".join((package.__doc__ or "").partition("\n\n")[0].split()).rstrip(".")
-        rows.append([f"`{name}`", what, " ".join(f"`{module}`" for module in modules)])
+        purpose = " ".join((package.__doc__ or "").partition("\n\n")[0].split()).rstrip(".")
+        rows.append([f"`{name}`", purpose, " ".join(f"`{module}`" for module in modules)])
     drawn = "\n".join(line.rstrip() for line in [*diagram[:-1], "```"])
     return f"{drawn}\n\n{table(('package', 'room of', 'modules'), rows)}"
 
@@ -765,10 +768,12 @@ def texts(names: Sequence[str] = ()) -> dict[Path, str]:
     """What each file should hold, with the parts of these ``names``, or all, made anew."""
     marked = [name for name in names if name != "text"]
     made = regions(marked) if marked or not names else {}
-    found = {page: filled(page.read_text(encoding="utf-8"), made) for page in PAGES}
+    page_texts = {page: filled(page.read_text(encoding="utf-8"), made) for page in PAGES}
     if names and "text" not in names:
-        return found
-    return found | {page.with_suffix(".txt"): write_interface(page) for page in interface_pages()}
+        return page_texts
+    return page_texts | {
+        page.with_suffix(".txt"): write_interface(page) for page in interface_pages()
+    }
 
 
 if __name__ == "__main__":

@@ -212,13 +212,15 @@ def draw_phonopy() -> Any:
     figure, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
     plot_bands(bands, ax)
     start = np.concatenate([[0.0], np.cumsum([piece[-1] - piece[0] for piece in bands.distances])])
-    for qpoints, along, before in zip(bands.qpoints, bands.distances, start, strict=False):
-        found = (
+    for qpoints, along, distance_at_start in zip(
+        bands.qpoints, bands.distances, start, strict=False
+    ):
+        frequencies = (
             phonons.phonopy.run_qpoints(qpoints[::10]).frequencies * phonons.scales.frequency / 1e3
         )
         ax.plot(
-            before + along[::10] - along[0],
-            found,
+            distance_at_start + along[::10] - along[0],
+            frequencies,
             "o",
             color="none",
             markeredgecolor="black",

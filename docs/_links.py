@@ -82,7 +82,7 @@ def link_terms(app: Any, tree: Any, page: str) -> None:
     words = sorted(
         terms((_HERE / f"{_GLOSSARY}.md").read_text(encoding="utf-8")), key=len, reverse=True
     )
-    place = app.builder.get_relative_uri(page, _GLOSSARY)
+    address = app.builder.get_relative_uri(page, _GLOSSARY)
     for text in list(tree.findall(nodes.Text)):
         above = list(_above(text))
         kinds = (
@@ -96,29 +96,30 @@ def link_terms(app: Any, tree: Any, page: str) -> None:
         )
         if (
             not words
-            or not any(isinstance(one, nodes.paragraph) for one in above)
-            or any(isinstance(one, kinds) for one in above)
+            or not any(isinstance(node, nodes.paragraph) for node in above)
+            or any(isinstance(node, kinds) for node in above)
         ):
             continue
         parts: list[Any] = []
-        rest = str(text)
-        while found := re.search(_pattern(words), rest, re.IGNORECASE):
-            said = " ".join(found[0].lower().split())
-            word = next(word for word in words if said.startswith(word.lower()))
+        remaining = str(text)
+        while words:
+            match = re.search(_pattern(words), remaining, re.IGNORECASE)
+            if match is None:
+                break
+            phrase = " ".join(match[0].lower().split())
+            word = next(word for word in words if phrase.startswith(word.lower()))
             words.remove(word)
             link = nodes.reference(
                 "",
-                found[0],
-                refuri=f"{place}#{slug(word)}",
+                match[0],
+                refuri=f"{address}#{slug(word)}",
                 classes=["glossary-term"],
                 internal=True,
             )
-            parts += [nodes.Text(rest[: found.start()]), link]
-            rest = rest[found.end() :]
-            if not words:
-                break
+            parts += [nodes.Text(remaining[: match.start()]), link]
+            remaining = remaining[match.end() :]
         if parts:
-            text.parent.replace(text, [*parts, nodes.Text(rest)])
+            text.parent.replace(text, [*parts, nodes.Text(remaining)])
 
 
 def _pattern(words: list[str]) -> str:

@@ -56,7 +56,8 @@ def web_address(remote: str, root: Path) -> str | None:
         host = parts.netloc.rpartition("@")[2] if web else parts.hostname
         return f"{scheme if web else 'https'}://{host}{_page(parts.path)}"
     # a drive has one letter, a host more; a folder has no colon before its first slash
-    if at_host := re.fullmatch(r"(?:[^/\\:@]+@)?([^/\\:@]{2,}):(.+)", remote):
+    at_host = re.fullmatch(r"(?:[^/\\:@]+@)?([^/\\:@]{2,}):(.+)", remote)
+    if at_host:
         return f"https://{at_host[1]}{_page('/' + at_host[2].lstrip('/'))}"
     return (root / remote).resolve().as_uri()
 

@@ -49,7 +49,9 @@ def write_interface(page: Path) -> str:
     parts = [_HEAD.format(title=text.partition("\n")[0].removeprefix("# "))]
     for kind, path, options in _ENTRY.findall(text):
         only = re.findall(r" :members: (.*)", options)
-        listed = (only[0].split(", ") if only else _list_names(path)) if kind == "module" else [""]
+        listed = [""]
+        if kind == "module":
+            listed = only[0].split(", ") if only else _list_names(path)
         left_out = ", ".join(re.findall(r" :exclude-members: (.*)", options)).split(", ")
         for name in listed:
             parts += _write_entry(f"{path}.{name}".rstrip("."), left_out)
@@ -69,29 +71,27 @@ def _list_names(module: str) -> list[str]:
 def _write_entry(path: str, left_out: Sequence[str]) -> Iterator[str]:
     """A function, or a class with its members but those that are ``left_out``."""
     owner, _, name = path.rpartition(".")
-    one = getattr(import_module(owner), name)
-    yield _write(path, one, inspect.getdoc(one) or "")
-    if inspect.isclass(one):
-        for member, value, of in _list_members(one):
+    documented = getattr(import_module(owner), name)
+    yield _write(path, documented, inspect.getdoc(documented) or "")
+    if inspect.isclass(documented):
+        for member, value, base in _list_members(documented):
             if member not in left_out:
-                yield indent(
-                    _write(f".{member}", value, inspect.getdoc(getattr(one, member)) or "", of),
-                    "    ",
-                )
+                docstring = inspect.getdoc(getattr(documented, member)) or ""
+                yield indent(_write(f".{member}", value, docstring, base), "    ")
 
 
 def _list_members(one: type) -> Iterator[tuple[str, Any, type]]:
     """Public methods and properties of a class and of those below the public ones, in the order of
     their source.
     """
-    seen = set[str]()
+    listed = set[str]()
     for base in one.__mro__:
         if base.__module__.startswith("granphon") and (base is one or base.__name__ not in _SAID):
             for name, value in vars(base).items():
-                if not (name.startswith("_") or name in INNER | seen) and (
+                if not (name.startswith("_") or name in INNER | listed) and (
                     callable(value) or hasattr(value, "__get__")
                 ):
-                    seen.add(name)
+                    listed.add(name)
                     yield name, value, base
 
 
@@ -115,26 +115,29 @@ def _write(name: str, one: Any, doc: str, owner: type | None = None) -> str:
 def _write_signature(one: Any, owner: type | None) -> str:
     """What a name takes and gives, with types as the pages say them."""
     try:
-        found = inspect.signature(one)
+        signature = inspect.signature(one)
     except ValueError:  # an exception, which takes what Python's own do
         return ""
-    taken = [
+    parameters = [
         each.replace(
             annotation=each.annotation if each.annotation is each.empty else _Bare(each.annotation),
             default=_say_default(each.default),
         )
-        for each in list(found.parameters.values())[
+        for each in list(signature.parameters.values())[
             owner is not None and not isinstance(one, staticmethod) :
         ]
     ]
-    returned = found.return_annotation
-    given = found.replace(
-        parameters=taken, return_annotation=returned if returned is found.empty else _Bare(returned)
+    returned = signature.return_annotation
+    shown_signature = signature.replace(
+        parameters=parameters,
+        return_annotation=returned if returned is signature.empty else _Bare(returned),
     )
-    said = re.sub(
-        r"NDArray\[(?:np\.)?(\w+)\]", lambda kind: "Array" + _ELEMENTS.get(kind[1], ""), str(given)
+    words = re.sub(
+        r"NDArray\[(?:np\.)?(\w+)\]",
+        lambda kind: "Array" + _ELEMENTS.get(kind[1], ""),
+        str(shown_signature),
     )
-    return say_types(said.replace("<factory>", "..."))
+    return say_types(words.replace("<factory>", "..."))
 
 
 def _say_default(value: Any) -> Any:

@@ -59,14 +59,17 @@ ratio = {
 for friction, limits in ((True, {0.01: 0.38, 0.05: 0.15}), (False, {0.01: 0.525, 0.05: 0.25})):
     assert np.all(np.diff(np.mean(ratio[friction], axis=1)) > 0.0)
     assert np.all(ratio[friction] < 1.0)
-    for part, limit in limits.items():
-        found = [
-            np.exp(np.interp(-np.log(part), -np.log(1.0 - one), np.log(FORCE)))
-            for one in ratio[friction].T
+    for share, limit in limits.items():
+        loads_of_samples = [
+            np.exp(np.interp(-np.log(share), -np.log(1.0 - excess), np.log(FORCE)))
+            for excess in ratio[friction].T
         ]
-        print(f"{NAMES[friction]}, to {100.0 * part:.0f} % above f* = {np.mean(found):.3f}")
-        assert abs(np.mean(found) - limit) < 0.01
-        assert np.std(found, ddof=1) / np.sqrt(len(found)) < 0.01
+        print(
+            f"{NAMES[friction]}, to {100.0 * share:.0f} % above f* ="
+            f" {np.mean(loads_of_samples):.3f}"
+        )
+        assert abs(np.mean(loads_of_samples) - limit) < 0.01
+        assert np.std(loads_of_samples, ddof=1) / np.sqrt(len(loads_of_samples)) < 0.01
 
 # %%
 # At :math:`f^*=0.08`, the limit of validity of the effective medium, :math:`\tilde\kappa` is 23 %
@@ -92,15 +95,15 @@ assert stiffer[-1] < 1e-5
 velocity = {}
 error = {}
 for friction in NAMES:
-    found = gp.sound_velocities(states[friction])
+    velocities = gp.sound_velocities(states[friction])
     ideal = gp.sound_velocities(media[friction])
     velocity[friction] = [
-        found.longitudinal / ideal.longitudinal,
-        found.transverse / ideal.transverse,
+        velocities.longitudinal / ideal.longitudinal,
+        velocities.transverse / ideal.transverse,
     ]
     error[friction] = [
-        found.longitudinal_error / ideal.longitudinal,
-        found.transverse_error / ideal.transverse,
+        velocities.longitudinal_error / ideal.longitudinal,
+        velocities.transverse_error / ideal.transverse,
     ]
 longitudinal, transverse = velocity[True]
 assert np.all(np.abs(transverse - 1.0) < 0.015)

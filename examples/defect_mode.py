@@ -23,20 +23,20 @@ ball = gp.Ball(steel, 8e-3)
 chain = gp.Crystal.on("chain", [ball]).repeat((LENGTH,))
 top = np.sqrt(4.0 * chain.at_force(10.0).normal_stiffness[0] / ball.mass) / (2.0 * np.pi)
 lighter = np.linspace(0.1, 0.9, 9)
-found = []
+frequencies = []
 shapes = []
 for e in lighter:
     with_defect = chain.replace(PLACE, gp.Ball(steel, 8e-3, mass=(1.0 - e) * ball.mass))
     modes = gp.Waves(with_defect.at_force(10.0)).modes(1, nearest=top / np.sqrt(1.0 - e * e))
-    found.append(modes.frequencies[0] / top)
+    frequencies.append(modes.frequencies[0] / top)
     shapes.append(modes.vectors[0, :, 0])
-assert np.allclose(found, 1.0 / np.sqrt(1.0 - lighter**2), rtol=1e-6)
+assert np.allclose(frequencies, 1.0 / np.sqrt(1.0 - lighter**2), rtol=1e-6)
 
 with matplotlib.rc_context(STYLE):
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.0, 3.0), dpi=300, layout="constrained")
     e = np.linspace(0.0, 0.93, 200)
     left.plot(e, 1.0 / np.sqrt(1.0 - e**2), color="0.5", linewidth=1.0, label=r"$(1-e^2)^{-1/2}$")
-    left.plot(lighter, found, "o", color=COLOURS[0], markersize=4, label="chain of 81 balls")
+    left.plot(lighter, frequencies, "o", color=COLOURS[0], markersize=4, label="chain of 81 balls")
     left.axhspan(0.0, 1.0, color="0.9")
     left.text(0.03, 0.93, "band", va="top")
     left.set(
@@ -46,8 +46,8 @@ with matplotlib.rc_context(STYLE):
         ylim=(0.8, 2.6),
     )
     left.legend(loc="upper left")
-    for at, colour in ((1, COLOURS[0]), (4, COLOURS[1])):
-        shape = shapes[at] / shapes[at][PLACE]
+    for number, colour in ((1, COLOURS[0]), (4, COLOURS[1])):
+        shape = shapes[number] / shapes[number][PLACE]
         near = np.arange(PLACE - 10, PLACE + 11)
         right.plot(
             near - PLACE,
@@ -56,7 +56,7 @@ with matplotlib.rc_context(STYLE):
             color=colour,
             markersize=3,
             linewidth=1.0,
-            label=f"$e={lighter[at]:.1f}$",
+            label=f"$e={lighter[number]:.1f}$",
         )
     right.axhline(0.0, color="0.7", linewidth=0.5)
     right.set(xlabel="Balls from the light one", ylabel="Displacement over its own", xlim=(-10, 10))

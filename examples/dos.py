@@ -38,15 +38,15 @@ def velocity(q, branch):
 
 triangle = [(i, j) for i in range(5) for j in range(5 - i)]
 for (i, j), branch in product(triangle, range(3)):
-    found = root(velocity, (i * M + j * K) / 4 + [1e-3, 2e-3], branch, tol=1e-12)
-    if np.abs(found.fun).max() < 1e-9:
+    solution = root(velocity, (i * M + j * K) / 4 + [1e-3, 2e-3], branch, tol=1e-12)
+    if np.abs(solution.fun).max() < 1e-9:
         steps = 1e-3 * np.eye(2)
         slopes = [
-            (velocity(found.x + step, branch) - velocity(found.x - step, branch)) / 2e-3
+            (velocity(solution.x + step, branch) - velocity(solution.x - step, branch)) / 2e-3
             for step in steps
         ]
         kind = saddles if np.linalg.det(slopes) < 0.0 else extrema
-        kind.add(round(lattice.frequencies(found.x)[0, branch] * unit, 3))
+        kind.add(round(lattice.frequencies(solution.x)[0, branch] * unit, 3))
 print("saddles (kHz):", *sorted(saddles), "\nmaxima and minima (kHz):", *sorted(extrema))
 
 # %% Every tall peak is at a saddle. (The two saddles at 37.7 kHz lie so close to the cone at K that

@@ -49,10 +49,12 @@ print(
 # of fcc are one wave vector in hcp.
 
 phonons = {name: gp.Phonons(medium.at_pressure(1e6)) for name, medium in media.items()}
-part = np.linspace(0.0, 0.5, 11)[1:, None]
-first, second = (phonons["fcc"].frequencies(q * np.ones(3)) for q in (0.5 * part, 0.5 - 0.5 * part))
+fraction = np.linspace(0.0, 0.5, 11)[1:, None]
+first, second = (
+    phonons["fcc"].frequencies(q * np.ones(3)) for q in (0.5 * fraction, 0.5 - 0.5 * fraction)
+)
 folded = np.sort(np.concatenate([first, second], axis=1), axis=1)
-assert np.allclose(phonons["hcp"].frequencies(part * [0, 0, 1]), folded, rtol=1e-9, atol=1e-6)
+assert np.allclose(phonons["hcp"].frequencies(fraction * [0, 0, 1]), folded, rtol=1e-9, atol=1e-6)
 
 with matplotlib.rc_context(STYLE):
     figure = plt.figure(figsize=(7.0, 4.6), dpi=300, layout="constrained")
@@ -67,7 +69,7 @@ with matplotlib.rc_context(STYLE):
     ax.plot(
         2.0 * dense, phonons["hcp"].frequencies(dense * [0, 0, 1]) / 1e3, color=BLUE, linewidth=1.2
     )
-    ax.plot(2.0 * part, folded / 1e3, "o", color=VERMILION, markersize=3.0, fillstyle="none")
+    ax.plot(2.0 * fraction, folded / 1e3, "o", color=VERMILION, markersize=3.0, fillstyle="none")
     ax.set(
         xticks=[0, 1],
         xticklabels=["Γ", "A"],

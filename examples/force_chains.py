@@ -37,9 +37,9 @@ assert packed.contact_fraction > 0.99
 assert all(np.all(sample.atoms().arrays["contacts"] > 0) for sample in packed.samples)
 assert abs(loose.contact_fraction - 0.51) < 0.01
 assert 0.11 < np.mean(idle) < 0.14
-for state, part in ((packed, 0.18), (loose, 0.47)):
+for state, share in ((packed, 0.18), (loose, 0.47)):
     forces = np.sort(state.over_samples(lambda sample: sample.contact_forces.ravel()), axis=-1)
-    assert abs(np.sum(forces[:, -forces.shape[-1] // 10 :]) / np.sum(forces) - part) < 0.01
+    assert abs(np.sum(forces[:, -forces.shape[-1] // 10 :]) / np.sum(forces) - share) < 0.01
 
 # %% Chains of large forces are short, though longer near the threshold. The forces of two contacts
 # on one straight line, three balls apart, have a correlation of 0.1, and of 0.3 near the threshold.
@@ -71,8 +71,10 @@ def unbalanced(sample):
 
 
 for state, expected in ((packed, [0.50, 0.22, 0.10, 0.01]), (loose, [0.69, 0.45, 0.29, 0.02])):
-    found = state.over_samples(lambda sample: [along(sample, steps) for steps in (1, 2, 3, 8)])
-    assert np.allclose(np.mean(found, axis=0), expected, atol=0.03)
+    correlations = state.over_samples(
+        lambda sample: [along(sample, steps) for steps in (1, 2, 3, 8)]
+    )
+    assert np.allclose(np.mean(correlations, axis=0), expected, atol=0.03)
     assert max(map(unbalanced, state.samples)) < 1e-9
 
 with matplotlib.rc_context(STYLE):

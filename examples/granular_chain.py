@@ -53,8 +53,10 @@ def closed_form(torsion, bending):
 
 
 for phonons, stiffness in ((loose, (0.0, 0.0)), (glued, (TORSION, BENDING))):
-    found = phonons.frequencies(fraction[:, None]) / phonons.scales.frequency
-    assert np.allclose(found, np.sort(closed_form(*stiffness), axis=1), rtol=1e-12, atol=1e-12)
+    frequencies = phonons.frequencies(fraction[:, None]) / phonons.scales.frequency
+    assert np.allclose(
+        frequencies, np.sort(closed_form(*stiffness), axis=1), rtol=1e-12, atol=1e-12
+    )
 branches = closed_form(TORSION, BENDING) * glued.scales.frequency / 1e3
 print("top of the flexural branches (kHz):", round(branches[-1, 2], 2))
 

@@ -39,9 +39,9 @@ def send(hexagon, force):
 
 equal = gp.Hexagon(alike)
 through_equal = [send(equal, force) for force in side_force]
-force = np.array([one for one, _ in through_equal])
+force = np.array([force_of_contact for force_of_contact, _ in through_equal])
 hexagons = [gp.Hexagon(differ, seed=seed) for seed in range(SAMPLES)]
-sent = [[send(one, load)[1] for one in hexagons] for load in side_force]
+sent = [[send(array, load)[1] for array in hexagons] for load in side_force]
 measured = np.array([[pulse.velocity for pulse in of_load] for of_load in sent])
 
 # %% Walls and ends cost time: even in equal balls the pulse arrives later than its group velocity

@@ -28,42 +28,51 @@ up = np.array([0.55, 0.6, 0.65, 0.7, 0.8, 0.9])
 spacing = np.concatenate([up, up[-2::-1], up[1:]])  # a*, there and back and there again
 overlap = (spacing - 0.5) * packing.width
 smooth = (
-    gp.DirectSimulation(packing, **balls).at_overlap(overlap).over_samples(lambda one: one.force)
+    gp.DirectSimulation(packing, **balls)
+    .at_overlap(overlap)
+    .over_samples(lambda sample: sample.force)
 )
 
-found = {}
+states = {}
 for mu in (0.1, 0.3):
     simulation = gp.DirectSimulation(
         packing, friction_history=True, friction_coefficient=mu, **balls
     )
-    found[mu] = simulation.path(overlap=overlap)
-rise = {mu: state.over_samples(lambda one: one.force) / smooth - 1.0 for mu, state in found.items()}
+    states[mu] = simulation.path(overlap=overlap)
+rise = {
+    mu: state.over_samples(lambda sample: sample.force) / smooth - 1.0
+    for mu, state in states.items()
+}
 
 # %% Friction raises the force on the way up. On the way back it raises it less, and with a small
 # coefficient the force even falls below that without friction. The second loading does not repeat
 # the first.
 
 top = len(up) - 1
-for mu, each in rise.items():
-    there, back, again = (
-        np.mean(part, axis=1) for part in (each[:top], each[2 * top : top : -1], each[2 * top : -1])
+for mu, values in rise.items():
+    first_rise, unloading, second_rise = (
+        np.mean(part, axis=1)
+        for part in (values[:top], values[2 * top : top : -1], values[2 * top : -1])
     )
     print(
-        f"mu = {mu}: {100.0 * np.max(there):.1f} % more force at most; back"
-        f" {100.0 * np.max(there - back):.1f} % less"
+        f"mu = {mu}: {100.0 * np.max(first_rise):.1f} % more force at most; back"
+        f" {100.0 * np.max(first_rise - unloading):.1f} % less"
     )
-    assert np.all(there > 0.0)
-    assert np.all(back < there)
-    assert np.all(again < there)
+    assert np.all(first_rise > 0.0)
+    assert np.all(unloading < first_rise)
+    assert np.all(second_rise < first_rise)
 assert np.mean(rise[0.1][2 * top]) < 0.0
-lost = {mu: state.over_samples(lambda one: one.dissipated_energy) for mu, state in found.items()}
-assert all(np.all(np.diff(each, axis=0) > 0.0) for each in lost.values())
+dissipated = {
+    mu: state.over_samples(lambda sample: sample.dissipated_energy) for mu, state in states.items()
+}
+assert all(np.all(np.diff(values, axis=0) > 0.0) for values in dissipated.values())
 
 # %% With a small coefficient of friction more contacts slide. These are the fractions, of the
 # contacts closed at the top, that are at Coulomb's limit.
 
 sliding = {
-    mu: np.mean([one.sliding_fraction for one in state[top].samples]) for mu, state in found.items()
+    mu: np.mean([sample.sliding_fraction for sample in state[top].samples])
+    for mu, state in states.items()
 }
 print(", ".join(f"mu = {mu}: {100.0 * part:.1f} % slide" for mu, part in sliding.items()))
 assert sliding[0.1] > 5.0 * sliding[0.3]
@@ -77,11 +86,11 @@ with matplotlib.rc_context(STYLE):
         (slice(top, 2 * top + 1), "v", "back"),
         (slice(2 * top, None), "^", "up again"),
     )
-    for (mu, each), colour in zip(rise.items(), (BLUE, VERMILION), strict=True):
-        mean = 100.0 * np.mean(each, axis=1)
-        error = 100.0 * np.std(each, axis=1, ddof=1) / np.sqrt(each.shape[1])
-        for part, marker, way in legs:
-            fill = "white" if way == "back" else colour
+    for (mu, values), colour in zip(rise.items(), (BLUE, VERMILION), strict=True):
+        mean = 100.0 * np.mean(values, axis=1)
+        error = 100.0 * np.std(values, axis=1, ddof=1) / np.sqrt(values.shape[1])
+        for part, marker, leg_name in legs:
+            fill = "white" if leg_name == "back" else colour
             ax.errorbar(
                 spacing[part],
                 mean[part],
@@ -91,12 +100,12 @@ with matplotlib.rc_context(STYLE):
                 mfc=fill,
                 markersize=3.5,
                 linewidth=0.8,
-                linestyle=":" if way == "up again" else "-",
+                linestyle=":" if leg_name == "up again" else "-",
                 elinewidth=0.6,
                 capsize=1.5,
-                label=rf"$\mu$ = {mu}, {way}",
+                label=rf"$\mu$ = {mu}, {leg_name}",
             )
-        edges, density, _ = found[mu][top].mobilisation_distribution(20)
+        edges, density, _ = states[mu][top].mobilisation_distribution(20)
         right.stairs(density, edges, color=colour, label=rf"$\mu$ = {mu}")
     ax.axhline(0.0, color=GUIDE, linewidth=0.6, zorder=0.5)
     ax.set(xlabel="$a^*$", ylabel="Force over that without friction, less 1 (%)")

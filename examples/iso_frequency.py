@@ -27,9 +27,12 @@ lattice = phonons.lattice
 
 DEGREES = np.linspace(0.0, 30.0, 13)
 KILOHERTZ = (6.5, 20.0, 30.0)
-ways = np.stack([np.cos(np.radians(DEGREES)), np.sin(np.radians(DEGREES))], axis=1)
+directions = np.stack([np.cos(np.radians(DEGREES)), np.sin(np.radians(DEGREES))], axis=1)
 group = np.array(
-    [[gp.pulse_velocities(phonons.state, 1e3 * f, way).group for way in ways] for f in KILOHERTZ]
+    [
+        [gp.pulse_velocities(phonons.state, 1e3 * f, direction).group for direction in directions]
+        for f in KILOHERTZ
+    ]
 )
 anisotropy = np.ptp(group, axis=1) / group.min(axis=1)
 for f, (longitudinal, transverse) in zip(KILOHERTZ, 100.0 * anisotropy, strict=True):
@@ -56,20 +59,28 @@ with matplotlib.rc_context(STYLE):
     figure, (*maps, ax) = plt.subplots(
         1, 3, figsize=(7.0, 2.5), dpi=300, layout="constrained", width_ratios=[1, 1, 1.2]
     )
-    for one, values, name in zip(
+    for panel, values, name in zip(
         maps, kilohertz.reshape(-1, *x.shape), ("lowest branch", "second branch"), strict=True
     ):
-        filled = one.contourf(x, y, values, np.arange(0.0, 41.0, 2.5), cmap="cividis")
-        one.contour(filled, levels=np.arange(5.0, 31.0, 5.0), colors="white", linewidths=0.8)
-        one.fill(*zone.T, fill=False, linewidth=0.8)
-        one.set(aspect="equal", title=name, xlabel="$q_xd$", xticks=[-4, 0, 4], yticks=[-4, 0, 4])
+        filled = panel.contourf(x, y, values, np.arange(0.0, 41.0, 2.5), cmap="cividis")
+        panel.contour(filled, levels=np.arange(5.0, 31.0, 5.0), colors="white", linewidths=0.8)
+        panel.fill(*zone.T, fill=False, linewidth=0.8)
+        panel.set(aspect="equal", title=name, xlabel="$q_xd$", xticks=[-4, 0, 4], yticks=[-4, 0, 4])
     maps[0].set_ylabel("$q_yd$", labelpad=-2.0)
     figure.colorbar(
         filled, ax=maps, shrink=0.75, label="Frequency (kHz)", ticks=np.arange(0.0, 41.0, 10.0)
     )
     for b, (name, colour) in enumerate((("L", LONGITUDINAL_COLOUR), ("T", TRANSVERSE_COLOUR))):
-        for f, one, dashes in zip(KILOHERTZ, group, ("-", (0, (4, 1.5)), (0, (1, 1))), strict=True):
-            ax.plot(DEGREES, one[:, b], color=colour, linestyle=dashes, label=f"{name}, {f:g} kHz")
+        for f, velocities, dashes in zip(
+            KILOHERTZ, group, ("-", (0, (4, 1.5)), (0, (1, 1))), strict=True
+        ):
+            ax.plot(
+                DEGREES,
+                velocities[:, b],
+                color=colour,
+                linestyle=dashes,
+                label=f"{name}, {f:g} kHz",
+            )
     ax.set(
         xlabel="Direction from Γ-K (°)", ylabel="Group velocity (m/s)", xlim=(0, 30), ylim=(0, 830)
     )

@@ -35,9 +35,11 @@ media = {
 valid = array.reduced_force > 0.15
 error = {}
 for name, (medium, _, _) in media.items():
-    found = gp.sound_velocities(medium.at_force(force))
+    velocities = gp.sound_velocities(medium.at_force(force))
     error[name] = (
-        np.array([found.longitudinal / truth.longitudinal, found.transverse / truth.transverse])
+        np.array(
+            [velocities.longitudinal / truth.longitudinal, velocities.transverse / truth.transverse]
+        )
         - 1.0
     )
     print(

@@ -43,14 +43,14 @@ eta = steel.mindlin_ratio
 
 q = 1e-2
 angle = np.radians([0.0, 10.0, 20.0, 25.0])
-ways = q * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+wave_vectors = q * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 assert np.allclose(
-    glued.lattice.frequencies(ways)[:, 0],
+    glued.lattice.frequencies(wave_vectors)[:, 0],
     np.sqrt(0.375 * (3.0 * BENDING + TORSION)) * q**2,
     rtol=1e-4,
 )
 cube = np.sqrt(eta / 768.0) * q**3 * np.abs(np.cos(3.0 * angle))
-assert np.allclose(loose.lattice.frequencies(ways)[:, 0], cube, rtol=1e-4)
+assert np.allclose(loose.lattice.frequencies(wave_vectors)[:, 0], cube, rtol=1e-4)
 
 # %% Three branches of the honeycomb have zero frequency: two balls have six motions, and their
 # three contacts resist three slips. At K two of the other branches meet at
@@ -64,7 +64,7 @@ assert np.allclose(
     rtol=1e-12,
     atol=1e-12,
 )
-cone = graphene.lattice.frequencies(K + 1e-3 * ways)[:, 3:5] - np.sqrt(6.75 * eta)
+cone = graphene.lattice.frequencies(K + 1e-3 * wave_vectors)[:, 3:5] - np.sqrt(6.75 * eta)
 assert np.allclose(cone, 1e-3 * q * np.sqrt(eta / 192.0) * np.array([-1.0, 1.0]), rtol=1e-4)
 bands = graphene.bands("GKMG", npoints=101)
 print(f"Dirac point at {bands.frequencies[0, -1, 3] / 1e3:.2f} kHz")

@@ -36,7 +36,7 @@ with matplotlib.rc_context(STYLE):
     for row, (name, q) in zip(axes, points.items(), strict=True):
         for branch, ax in enumerate(row):
             plot_mode(phonons, q, branch, ax)
-            what = ax.get_title().splitlines()[1]
-            ax.set_title(f"{name}, branch {branch + 1}: {what}")
+            frequency_words = ax.get_title().splitlines()[1]
+            ax.set_title(f"{name}, branch {branch + 1}: {frequency_words}")
 if "-o" in sys.argv:
     figure.savefig(sys.argv[-1])

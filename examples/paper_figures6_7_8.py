@@ -70,7 +70,7 @@ assert np.all(np.abs(np.array(stiffness)[:, ABOVE >= 0.4] - 1.0) < 0.02)
 # parabola through it vanishes at 0.343.
 
 first = simulated.over_samples(lambda sample: sample.equilibrium.force)[:4] ** (2.0 / 3.0)
-zero = np.array([np.max(np.roots(np.polyfit(ABOVE[:4], one, 2))) for one in first.T])
+zero = np.array([np.max(np.roots(np.polyfit(ABOVE[:4], curve, 2))) for curve in first.T])
 error = np.std(zero, ddof=1) / np.sqrt(zero.size)
 print(f"threshold: a* = {THRESHOLD + np.mean(zero):.4f} ± {error:.4f}")
 assert error < 1.5e-3
@@ -132,11 +132,11 @@ with matplotlib.rc_context(STYLE):
         1, 3, figsize=(7.0, 3.0), dpi=300, layout="constrained"
     )
     for medium, friction, label, style in LINES:
-        one = sweep.sel(medium=medium, friction=friction)
-        above = one.reduced_spacing.values - THRESHOLD
-        figure6.loglog(above[above > 0.0], one.reduced_force[above > 0.0], label=label, **style)
-        figure7.plot(one.reduced_spacing, one.reduced_force ** (2.0 / 3.0), **style)
-        figure8.loglog(one.reduced_force, np.sqrt(one.normal_stiffness / unit), **style)
+        curve = sweep.sel(medium=medium, friction=friction)
+        above = curve.reduced_spacing.values - THRESHOLD
+        figure6.loglog(above[above > 0.0], curve.reduced_force[above > 0.0], label=label, **style)
+        figure7.plot(curve.reduced_spacing, curve.reduced_force ** (2.0 / 3.0), **style)
+        figure8.loglog(curve.reduced_force, np.sqrt(curve.normal_stiffness / unit), **style)
     f = simulated.reduced_force
     root_k = np.sqrt(simulated.normal_stiffness / unit)
     error = simulated.standard_error("force") / simulated.force

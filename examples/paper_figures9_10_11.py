@@ -107,9 +107,9 @@ with matplotlib.rc_context(STYLE):
     )
     for ax, name, of in panels:
         for which, friction, label, colour in LINES:
-            one = sweep.sel(medium=which, friction=friction)
-            valid = one.isel(load=one.reduced_force.values >= 0.08)
-            ax.plot(one.reduced_spacing, one[name], color=colour, linewidth=0.6)
+            curve = sweep.sel(medium=which, friction=friction)
+            valid = curve.isel(load=curve.reduced_force.values >= 0.08)
+            ax.plot(curve.reduced_spacing, curve[name], color=colour, linewidth=0.6)
             ax.plot(valid.reduced_spacing, valid[name], color=colour, linewidth=1.5, label=label)
         error = simulated.standard_error(of)
         assert np.max(error / getattr(simulated, name)) < 0.02

@@ -48,14 +48,14 @@ def crossing(first, second, point, low, high):
     )
 
 
-found = [
+crossings = [
     crossing("rotational", "transverse", "M", 0.4, 0.6),
     crossing("rotational", "longitudinal", "M", 0.7, 0.9),
     crossing("transverse", "longitudinal", "M", 0.9, 1.2),
     crossing("rotational", "longitudinal", "K", 1.4, 1.6),
 ]
-print("crossings at eta =", *np.round(found, 7))
-assert np.allclose(found, [1 / 2, 3 / 4, 1, 3 / 2], rtol=0, atol=1e-8)
+print("crossings at eta =", *np.round(crossings, 7))
+assert np.allclose(crossings, [1 / 2, 3 / 4, 1, 3 / 2], rtol=0, atol=1e-8)
 gold = gp.Material(young_modulus=79e9, poisson_ratio=0.42, density=19300.0)
 assert mode("rotational", "M", gold.mindlin_ratio) < mode("longitudinal", "M", gold.mindlin_ratio)
 for eta in (0.3, 0.84):

@@ -40,11 +40,11 @@ with matplotlib.rc_context(STYLE):
         hertz = (
             branch.top * state.scales.frequency * np.sin(np.linspace(0.01, 0.5 * np.pi - 1e-4, 120))
         )
-        found = gp.pulse_velocities(state, hertz, ALONG, branches=[name])
-        ax.plot(hertz / 1e3, found.phase[0], color=colours[name], label=f"{name}, phase")
+        velocities = gp.pulse_velocities(state, hertz, ALONG, branches=[name])
+        ax.plot(hertz / 1e3, velocities.phase[0], color=colours[name], label=f"{name}, phase")
         ax.plot(
             hertz / 1e3,
-            found.group[0],
+            velocities.group[0],
             color=colours[name],
             dashes=(3.5, 1.5),
             label=f"{name}, group",

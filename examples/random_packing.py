@@ -23,10 +23,10 @@ import granphon as gp
 from granphon.figures.style import STYLE
 from granphon.figures.waves import plot_sample_dos
 
-here = Path(
+folder_of_script = Path(
     globals().get("__file__", "random_packing.py")
 ).parent  # the gallery runs this here, without __file__
-folder = here / "packings"
+folder = folder_of_script / "packings"
 glass = gp.Material(young_modulus=70e9, poisson_ratio=0.2, density=2500.0)
 files = folder / "glass_atoms.dump", folder / "glass_pairs.dump"
 network = gp.ContactNetwork.from_lammps(*files, glass)

@@ -58,9 +58,9 @@ with matplotlib.rc_context(STYLE):
     for ax, (name, branch) in zip(axes, (("transverse", 0), ("rotational", 2)), strict=True):
         hertz = modes.frequencies[0, branch] * phonons.scales.frequency
         size = np.ones(len(sites))
-        part = modes.rotational_fraction[0, branch]
+        share = modes.rotational_fraction[0, branch]
         ax.set(
-            title=f"{name}: {hertz / 1e3:.1f} kHz, {100.0 * part:.0f} % of the energy is rotation",
+            title=f"{name}: {hertz / 1e3:.1f} kHz, {100.0 * share:.0f} % of the energy is rotation",
             aspect="equal",
         )
         ax.set(xlim=(-0.3, 9.3), ylim=(-0.7, 2.45))

@@ -24,8 +24,8 @@ waves = gp.NonlinearWaves(chain)
 
 qd = 0.8
 overlap = waves.overlap[0]
-own = np.sqrt(chain.normal_stiffness[0] / chain.masses[0])
-frequency = own * np.sin(qd / 2.0) / np.pi
+omega_of_contact = np.sqrt(chain.normal_stiffness[0] / chain.masses[0])
+frequency = omega_of_contact * np.sin(qd / 2.0) / np.pi
 amplitude = 3e-3 * overlap
 ramp = 30.0
 
@@ -41,11 +41,11 @@ shaker = gp.Drive(0, (1.0, 0.0, 0.0), displacement=shake)
 motion = waves.run(
     90.0 / frequency, drive=shaker, frames=90 * 24 + 1, step=1.0 / (400.0 * frequency)
 )
-found = np.abs(motion.harmonics(frequency, count=2))[1]
+harmonic = np.abs(motion.harmonics(frequency, count=2))[1]
 ball = np.arange(61)
 beat = 2.0 * np.arcsin(2.0 * np.sin(qd / 2.0)) - 2.0 * qd
 theory = amplitude**2 / (4.0 * overlap) / np.tan(qd / 2.0) * np.abs(np.sin(beat * ball / 2.0))
-error = np.max(np.abs(found[:61] - theory)) / theory.max()
+error = np.max(np.abs(harmonic[:61] - theory)) / theory.max()
 print(
     f"second harmonic: at most {theory.max() / amplitude:.1e} of the shaker, as in theory to"
     f" {error:.0e}"

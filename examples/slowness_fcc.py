@@ -30,9 +30,9 @@ smooth, rough = (
 # :math:`2C_{44}/(C_{11}-C_{12})=2(1+\eta)/(1+3\eta)` is 1 where sound is
 # isotropic: it is 2 without friction, and 1.05 for rough steel.
 
-ways = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
+directions = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
 for name, state in (("smooth", smooth), ("rough", rough)):
-    along_edge, along_diagonal = gp.sound_velocities(state, ways).velocities
+    along_edge, along_diagonal = gp.sound_velocities(state, directions).velocities
     eta = state.packing.mindlin_ratio
     zener = (along_edge[0] / along_diagonal[0]) ** 2
     print(f"{name}: {along_edge[[0, 2]].round(1)} m/s along [100], anisotropy {zener:.3f}")

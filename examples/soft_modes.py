@@ -29,8 +29,8 @@ states = gp.DirectSimulation(packing, shape=(36, 36)).at_force(
 density = {}
 modes = {}
 top = {}
-for at, load in enumerate(LOADS):
-    state = states[at]
+for number, load in enumerate(LOADS):
+    state = states[number]
     waves = gp.Waves(state.sample.network.without_rattlers())
     top[load] = state.contact_lattice().top_frequency * state.scales.frequency
     density[load] = waves.dos(resolution=0.012 * top[load], vectors=3)
@@ -40,28 +40,28 @@ for at, load in enumerate(LOADS):
 # lowest load as at the highest.
 
 share = {
-    load: np.interp(0.033 * top[load], one.frequencies, one.total) * top[load]
-    for load, one in density.items()
+    load: np.interp(0.033 * top[load], dos.frequencies, dos.total) * top[load]
+    for load, dos in density.items()
 }
 assert share[0.002] > 4.0 * share[3.0]
 
 with matplotlib.rc_context(STYLE):
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.0, 3.0), dpi=300, layout="constrained")
     for load, colour in zip(LOADS, COLOURS, strict=False):
-        one = density[load]
+        dos = density[load]
         unit = top[load]
         # below, the resolution of the kernel, and the two motions of the whole
-        there = one.frequencies > 0.02 * unit
+        is_seen = dos.frequencies > 0.02 * unit
         left.plot(
-            one.frequencies[there] / unit,
-            one.total[there] * unit,
+            dos.frequencies[is_seen] / unit,
+            dos.total[is_seen] * unit,
             color=colour,
             linewidth=1.0,
             label=f"$f^*={load:g}$",
         )
-        found = modes[load]
+        network_modes = modes[load]
         style = {"color": colour, "marker": ".", "linestyle": "", "markersize": 3.0}
-        right.plot(found.frequencies / unit, found.participation_ratio, **style)
+        right.plot(network_modes.frequencies / unit, network_modes.participation_ratio, **style)
     left.set(
         xscale="log",
         yscale="log",

@@ -75,8 +75,8 @@ pressed_limit, pressed_truth = (
 
 mean, error = part_left_out(limit, truth)
 pressed_mean, pressed_error = part_left_out(pressed_limit, pressed_truth)
-for name, loads, found in (("no history", FORCE, mean), ("history", PRESSED, pressed_mean)):
-    for f, (bulk, shear) in zip(loads, found, strict=True):
+for name, loads, results in (("no history", FORCE, mean), ("history", PRESSED, pressed_mean)):
+    for f, (bulk, shear) in zip(loads, results, strict=True):
         print(f"{name}, f* = {f:5}: K is too small by {bulk:.2f} %, G by {shear:.2f} %")
 assert np.all(np.abs(mean[FORCE > 0.09]) < 0.06)
 assert 2.5 < mean[1, 1] < 4.5
@@ -90,16 +90,18 @@ with matplotlib.rc_context(STYLE):
         1, 2, figsize=(PAGE_WIDTH, 3.0), dpi=300, layout="constrained"
     )
     bars = {"markersize": 3.5, "linewidth": 0.8, "elinewidth": 0.6, "capsize": 1.5}
-    for loads, found, colour, style, name in (
+    for loads, results, colour, style, name in (
         (FORCE, limit, VERMILION, "s-", "limit of small width"),
         (FORCE, truth, BLUE, "o-", "true directions"),
         (PRESSED, pressed_limit, VERMILION, "s:", "limit, history of friction"),
         (PRESSED, pressed_truth, BLUE, "o:", "true, history of friction"),
     ):
-        ratio = found[..., 1] / found[..., 0] / conjecture
+        ratio = results[..., 1] / results[..., 0] / conjecture
         spread = np.std(ratio, axis=1, ddof=1) / np.sqrt(ratio.shape[1])
         fill = (
-            {"markerfacecolor": "white"} if found is pressed_limit or found is pressed_truth else {}
+            {"markerfacecolor": "white"}
+            if results is pressed_limit or results is pressed_truth
+            else {}
         )
         left.errorbar(
             loads,

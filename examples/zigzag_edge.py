@@ -35,11 +35,11 @@ waves = edge.branches(q[:, None])
 # %% At q = 0.35, of the modes of the ribbon nearly all of whose energy is in its outer quarter,
 # there is one at each edge for each wave of the half space.
 
-there = np.abs(waves.place - np.argmin(np.abs(q - 0.34))) < 1
-lone = waves.frequencies[there & (waves.weight > 0.3)]
+is_near = np.abs(waves.place - np.argmin(np.abs(q - 0.34))) < 1
+lone = waves.frequencies[is_near & (waves.weight > 0.3)]
 near = gp.Phonons(ribbon).frequencies([[0.34]])[0]
 assert lone.size == 2
-assert all(np.sum(np.abs(near / one - 1.0) < 1e-5) == 2 for one in lone)
+assert all(np.sum(np.abs(near / frequency - 1.0) < 1e-5) == 2 for frequency in lone)
 print("waves of the edge at q = 0.34 (Hz):", np.round(lone, 1))
 
 with matplotlib.rc_context(STYLE):

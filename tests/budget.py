@@ -54,6 +54,104 @@ GUARDS: Mapping[str, str] = {
     "tests/test_required.py::test_a_scene_calls_loads_and_writes_what_it_asks_and_nothing_else": (
         "what a scene pays for, in processes of its own"
     ),
+    "tests/fits/test_fit.py::test_errors_of_given_sigma_are_right_in_repeated_experiments": (
+        "the errors of a fit against the scatter of repeated experiments"
+    ),
+    "tests/fits/test_fit.py::test_a_spread_that_does_not_carry_the_frequency_is_named": (
+        "a fit whose spreads do not carry the frequency of its pulses"
+    ),
+    "tests/fits/test_fit.py::test_samples_that_belong_to_one_width_give_it": (
+        "a fit to simulated samples in their true geometry, or with a history"
+    ),
+    "tests/fits/test_transfer.py::test_a_load_multiplies_all_static_forces": (
+        "a load fitted to a transfer function"
+    ),
+    "tests/fits/test_transfer.py"
+    "::test_stiffness_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter": (
+        "three parameters fitted to a transfer function"
+    ),
+    "tests/fits/test_transfer.py::test_the_command_fits_the_response_of_a_scene": (
+        "the command that fits a response, its figure and the same figure drawn again"
+    ),
+    "tests/dynamics/test_network_lattice.py::test_loose_balls_are_set_aside": (
+        "moduli, sound and pulses of a sample with balls that nothing holds"
+    ),
+    "tests/phonons/test_ball_contacts.py::test_ase_finds_calculator_and_formats_by_itself": (
+        "a process of ASE's in which granphon is installed"
+    ),
+    "tests/phonons/test_dos.py::test_densities_are_phonopys": (
+        "a density of states against phonopy's"
+    ),
+    "tests/phonons/test_network_phonons.py"
+    "::test_branches_that_cross_away_from_the_mesh_leave_no_gap": (
+        "gaps with the mesh that is taken by itself"
+    ),
+    "tests/phonons/test_phonopy_bridge.py::test_the_phonopy_command_without_options": (
+        "the command of phonopy on a file of granphon's"
+    ),
+    "tests/waves/test_nonlinear.py::test_a_file_of_a_motion_whose_program_was_killed_can_be_read": (
+        "the file of a motion whose process was killed"
+    ),
+    "tests/array/test_friction_history.py::test_the_energy_of_an_array_from_the_gas_is_kept": (
+        "the energy of an array that is pressed from the gas"
+    ),
+    "tests/array/test_friction_lammps.py::test_forces_are_those_of_lammps": (
+        "an array pressed with friction by LAMMPS"
+    ),
+    "tests/figures/test_plot.py"
+    "::test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names": (
+        "a figure in a new process"
+    ),
+    "tests/networks/test_network_friction.py"
+    "::test_lammps_responds_as_the_network_with_tangential_forces": (
+        "a packing pressed with friction by LAMMPS"
+    ),
+    "tests/page/test_page.py::test_a_page_needs_neither_phonopy_nor_matplotlib": (
+        "a page in a new process"
+    ),
+    "tests/page/test_page.py::test_a_page_of_a_scene": "a page by the command",
+    "tests/page/test_page.py::test_the_page_computes_what_the_library_computes": (
+        "every lattice in a page"
+    ),
+    "tests/page/test_page.py::test_friction_between_the_nodes_of_the_effective_medium": (
+        "the table of the effective medium in a page"
+    ),
+    "tests/page/test_page.py::test_the_page_says_what_bending_would_do_to_the_medium": (
+        "the same table: the first of the two tests makes it"
+    ),
+    "tests/tradeoffs/test_tradeoff.py::test_a_command_writes_table_and_picture": (
+        "the command that measures errors over times"
+    ),
+    "tests/tradeoffs/test_tradeoff.py::test_an_interruption_leaves_nothing": (
+        "an interrupted measurement"
+    ),
+    "tests/tradeoffs/test_tradeoff.py::test_media_in_space_are_judged_by_samples_in_space": (
+        "a reference of samples in space"
+    ),
+    "tests/media/test_cost.py::test_memory_of_motions_and_responses_is_what_their_process_takes": (
+        "the peak of the memory of a process"
+    ),
+    "tests/runs/test_schedulers.py::test_a_killed_worker_costs_what_it_was_at": (
+        "a scheduler of two workers, of which one is killed"
+    ),
+    "tests/runs/test_schedulers.py::test_a_task_that_kills_its_workers_is_named": (
+        "a task that no worker survives"
+    ),
+    "tests/waves/test_nonlinear_lammps.py::test_balls_with_friction_move_as_in_lammps": (
+        "a motion with friction by LAMMPS"
+    ),
+    "tests/waves/test_nonlinear_lammps.py::test_balls_in_true_directions_move_as_in_lammps": (
+        "a motion in true directions by LAMMPS"
+    ),
+    "tests/waves/test_nonlinear_lammps.py::test_a_thousand_default_steps": (
+        "the drift of a motion against LAMMPS"
+    ),
+    "tests/waves/test_nonlinear_lammps.py::test_coulombs_limit_is_that_of_the_law_without_dashpots": (
+        "a motion with friction and dashpots by LAMMPS"
+    ),
+    "tests/test_structure.py::test_a_statement_does_one_thing_and_names_are_nouns_or_verbs": (
+        "how the text of the package reads"
+    ),
 }
 
 

@@ -178,11 +178,8 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
         )
     for name, shape in _shapes(coordinates).items():
         if balls.arrays[name].shape != (len(balls), *shape):
-            why = (
-                f"The balls of this state turn about {'x, y and z' if shape else 'z only'}"
-                if name == "rotations"
-                else ""
-            )
+            axes = "x, y and z" if shape else "z only"
+            why = f"The balls of this state turn about {axes}" if name == "rotations" else ""
             raise InputError(
                 f"the array {name} has the shape {balls.arrays[name].shape}",
                 why,

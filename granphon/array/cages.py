@@ -117,7 +117,8 @@ class _Clusters:
             forces = self._find_forces(self._moved)
             left = np.zeros(self._clusters)
             np.maximum.at(left, self._of_ball, np.sqrt(np.sum(forces[0] ** 2, axis=0)) / force)
-            if drop := bool(np.any(left[self._of_ball] <= tolerance)):
+            drop = bool(np.any(left[self._of_ball] <= tolerance))
+            if drop:
                 self._keep(left > tolerance)
                 if not self._numbers.size:
                     break
@@ -264,12 +265,18 @@ def _join(i: Index, j: Index, contact: NDArray[np.bool_], count: int) -> tuple[i
     i = i[links]
     j = j[links]
     first = np.arange(count)
-    while np.any((one := first[i]) != (other := first[j])):
-        least = np.minimum(one, other)
-        np.minimum.at(first, one, least)
-        np.minimum.at(first, other, least)
-        while np.any((farther := first[first]) != first):
+    while True:
+        first_of_i = first[i]
+        first_of_j = first[j]
+        if np.array_equal(first_of_i, first_of_j):
+            break
+        least = np.minimum(first_of_i, first_of_j)
+        np.minimum.at(first, first_of_i, least)
+        np.minimum.at(first, first_of_j, least)
+        farther = first[first]
+        while np.any(farther != first):
             first = farther
+            farther = first[first]
     groups, of_ball = np.unique(first, return_inverse=True)
     return groups.size, of_ball
 

@@ -456,7 +456,8 @@ def find_length(
         if abs(slope) <= 0.1 * abs(first):
             break
         low, high = (length, high) if slope < 0.0 else (low, length)
-        length = length - slope / rise if (rise := find_rise()) > 0.0 else math.inf
+        rise = find_rise()
+        length = length - slope / rise if rise > 0.0 else math.inf
         if not low < length < high:
             length = 0.5 * (low + high) if high < math.inf else 2.0 * low
         length = min(length, 4.0 * low) if high == math.inf else length

@@ -278,13 +278,13 @@ class Hexagon:
         """Balls i and j of the contacts between balls, and the normals (n_c, 2)."""
         number = {cell: ball for ball, cell in enumerate(map(tuple, self._cells.tolist()))}
         table = TRIANGULAR.contacts
-        found = [
-            (ball, other, kind)
+        contacts = [
+            (ball, number[p + a, q + b], kind)
             for (p, q), ball in number.items()
             for kind, (a, b) in enumerate(table.shift.tolist())
-            if (other := number.get((p + a, q + b))) is not None
+            if (p + a, q + b) in number
         ]
-        i, j, kinds = np.array(found).T
+        i, j, kinds = np.array(contacts).T
         return i, j, table.normal[kinds]
 
     @cached_property

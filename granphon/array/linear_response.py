@@ -171,9 +171,11 @@ def find_motions(
         """Yield preconditioners, each with the number of iterations after which the next one is
         taken, if there is one.
         """
-        if held is not None and small and (factors := _factorise(frame, held, symmetric)):
-            yield factors, _MOST_ITERATIONS
-            return
+        if held is not None and small:
+            factors = _factorise(frame, held, symmetric)
+            if factors:
+                yield factors, _MOST_ITERATIONS
+                return
         whole = Preconditioners(stencils).choose(springs, hard=True)
         if symmetric:  # it has to be positive definite
             yield whole, _MOST_ITERATIONS
@@ -183,8 +185,10 @@ def find_motions(
             lambda force: whole(force) + alone(force),
             _MOST_ITERATIONS if held is None else _PATIENCE * KEPT,
         )
-        if held is not None and (factors := _factorise(frame, held)):
-            yield factors, _MOST_ITERATIONS
+        if held is not None:
+            factors = _factorise(frame, held)
+            if factors:
+                yield factors, _MOST_ITERATIONS
 
     inverses = offer_inverses()
     inverse, most = next(inverses)
@@ -216,7 +220,8 @@ def find_motions(
             floor = _NOISE * stiff * math.sqrt(right.size)
             stable = True
             motion, done = _solve_by_gmres(apply, precondition, right, floor, most)
-            if not done and (better := next(inverses, None)):
+            better = None if done else next(inverses, None)
+            if better is not None:
                 inverse, most = better
                 motion, done = _solve_by_gmres(apply, precondition, right, floor, most)
         if not done:

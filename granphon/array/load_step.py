@@ -285,9 +285,10 @@ class LoadStep:
             trial = replace(new, newton=trial.newton + 1, krylov=trial.krylov + taken)
             if not math.isfinite(trial.size) or hold > _MOST_HOLD:
                 break
-            hold = (
-                max(1.0, hold / _EASE) if length == 1.0 else hold * _EASE if length < 0.5 else hold
-            )
+            if length == 1.0:
+                hold = max(1.0, hold / _EASE)
+            elif length < 0.5:
+                hold *= _EASE
         return trial
 
     def _search(
@@ -509,8 +510,11 @@ class LinearSteps:
         taken = 0
         most = _FEW
         renewed = False
-        goal = left = reduction * math.sqrt(dot(right, right))
-        while taken < _MOST_ITERATIONS and (left := math.sqrt(dot(rest, rest))) > goal:
+        goal = reduction * math.sqrt(dot(right, right))
+        while taken < _MOST_ITERATIONS:
+            left = math.sqrt(dot(rest, rest))
+            if not left > goal:
+                break
             change, count = solve_by_minimal_residuals(apply, precondition, rest, goal / left, most)
             found += change
             taken += count

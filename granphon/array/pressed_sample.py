@@ -288,8 +288,9 @@ class PressedSample(Sample):
         here = self.equilibrium.contacts
         mu = self.equilibrium.friction_coefficient
         ratios = self.equilibrium.law.ratios(here)[here.carried]
-        end = (mu if 0.0 < mu <= 1.0 else 1.0) if largest is None else largest
-        return find_density(ratios, bins, 0.0, end)
+        if largest is None:
+            largest = mu if 0.0 < mu <= 1.0 else 1.0
+        return find_density(ratios, bins, 0.0, largest)
 
     def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array]:
         """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of ``|T|/(mu

@@ -167,16 +167,15 @@ class Stepper:
             trial = self._make_step(here, ahead[-1], drag).solve(
                 *self._extrapolate(trail, ahead[-1]), lags
             )
+            at_rest = None
+            if not trial.is_balanced and relaxes and trial.left < math.inf:
+                at_rest = self.relax_overdamped(trail, ahead[-1])
             if trial.is_balanced:
                 trail = [
                     *trail[-2:],
                     self._damp(trail, trial) if drag else self._arrive(here, trial),
                 ]
-            elif (
-                relaxes
-                and trial.left < math.inf
-                and (at_rest := self.relax_overdamped(trail, ahead[-1])) is not None
-            ):
+            elif at_rest is not None:
                 trail = [at_rest]
             elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
                 last = (
@@ -254,7 +253,8 @@ class Stepper:
             calm = calm + 1 if push <= before else 0
             if calm:
                 too_weak = 0.0
-                if calm % _CALM == 0 and (at_rest := self.settle(trail, load, 0.0)) is not None:
+                at_rest = self.settle(trail, load, 0.0) if calm % _CALM == 0 else None
+                if at_rest is not None:
                     return replace(at_rest, damped=max(at_rest.damped, trail[-1].damped))
             if WEAKER * drag > too_weak:
                 drag *= WEAKER

@@ -169,13 +169,9 @@ def _require_memory(values: Any, each: float) -> None:
     """Raise :class:`InputError` if states at so many loads, with so many bytes ``each``, do not fit
     into memory.
     """
-    count = (
-        values.size
-        if isinstance(values, np.ndarray)
-        else len(values)
-        if isinstance(values, list | tuple)
-        else 1
-    )
+    count = 1
+    if isinstance(values, np.ndarray | list | tuple):
+        count = values.size if isinstance(values, np.ndarray) else len(values)
     require_memory(f"states at {count:,} loads", each * count, "Take fewer loads")
 
 

@@ -35,14 +35,11 @@ def read_poisson_ratio(value: Any) -> float:
     allowed = "a plain number, -1 < poisson_ratio <= 0.5"
     if -1.0 < ratio <= 0.5:
         return ratio
-    unstable = "Outside it an isotropic elastic solid is not stable."
-    mend = (
-        "Write it without quotes or unit."
-        if isinstance(value, str)
-        else ""
-        if math.isnan(ratio)
-        else unstable
-    )
+    mend = "Outside it an isotropic elastic solid is not stable."
+    if isinstance(value, str):
+        mend = "Write it without quotes or unit."
+    elif math.isnan(ratio):
+        mend = ""
     raise Refused(show(value), allowed, mend)
 
 

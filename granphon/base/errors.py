@@ -86,8 +86,8 @@ class Refused(InputError):
     def __init__(
         self, found: str, allowed: str, mend: str = "", path: tuple[str | int, ...] = ()
     ) -> None:
-        # what is no sentence of its own, such as the text of another error, goes on with this one
-        tail = f"; {mend}" if mend[:1].islower() else f". {mend}" if mend else "."
+        # a mend that is no sentence, such as the text of another error, goes on with this sentence
+        tail = f"; {mend}" if mend[:1].islower() else f". {mend}".rstrip()
         super().__init__(f"found {found}; allowed: {allowed}{tail}")
         self.found = found
         self.allowed = allowed

@@ -205,11 +205,9 @@ class Table:
             for line, cell in zip(self.lines, cells, strict=True):
                 where = f"{self.name}:{line}: {heading}"
                 if not re.fullmatch(NUMBER, cell):
-                    content = (
-                        (f"found {cell[:40]!r}" if quoted else "found a text")
-                        if cell
-                        else "found nothing"
-                    )
+                    content = f"found {cell[:40]!r}" if quoted else "found a text"
+                    if not cell:
+                        content = "found nothing"
                     mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
                     raise InputError(f"{where}: {content}, where a number is needed", mend=mend)
                 try:

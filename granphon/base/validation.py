@@ -154,14 +154,13 @@ def truth(value: Any) -> bool:
     if isinstance(value, bool | np.bool_):
         return bool(value)
     word = value.strip().lower() if isinstance(value, str) else None
-    meant = (
-        "true"
-        if word in ("yes", "on", "y", "true")
-        else "false"
-        if word in ("no", "off", "n", "false")
-        else ""
-    )
-    raise Refused(show(value), "true or false", f"Did you mean {meant}?" if meant else "")
+    for meant, words in (
+        ("true", ("yes", "on", "y", "true")),
+        ("false", ("no", "off", "n", "false")),
+    ):
+        if word in words:
+            raise Refused(show(value), "true or false", f"Did you mean {meant}?")
+    raise Refused(show(value), "true or false")
 
 
 def real_number(value: Any) -> float:
@@ -255,13 +254,9 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     ones = ("", " and a 1", " and two ones")[count - periods]
     allowed_words = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
     allowed = f"{allowed_words} from {low} to {high}{ones}, such as {example}"
-    words: Any = (
-        value.split()
-        if isinstance(value, str)
-        else value.tolist()
-        if hasattr(value, "tolist")
-        else value
-    )
+    words: Any = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, str):
+        words = value.split()
     if not isinstance(words, list | tuple) or not periods <= len(words) <= count:
         raise Refused(show(value), allowed)
     if isinstance(value, str):

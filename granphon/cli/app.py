@@ -79,8 +79,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-#: decorator that adds a subcommand to :data:`app`; ``rich_help_panel`` is the group of the help in
-#: which the subcommand stands
+#: decorator that adds a subcommand to :data:`app`; it takes a name and ``rich_help_panel``, the
+#: group of the help in which the subcommand stands
 command = partial(app.command, cls=_Command)
 
 

@@ -1,10 +1,9 @@
-"""Figures of bands and densities of states, and drawings of the Brillouin zone with a path through
-it.
+"""Figures of bands and densities of states, and of the Brillouin zone with the path of the bands.
 
-Every function draws on an Axes and returns it; units change only here. matplotlib's global state is
-left alone and no window is needed: :func:`bands_figure` makes a plain ``matplotlib.figure.Figure``,
-which :func:`~granphon.figures.style.save_figure` saves. Translation is dark blue and rotation
-orange throughout, on a scale that is uniform to the eye, in grey as well.
+Every function draws on an Axes and returns the Axes; units change only in figures. The global state
+of matplotlib is not changed, and no window is needed: :func:`bands_figure` makes a plain
+``matplotlib.figure.Figure``, which :func:`~granphon.figures.style.save_figure` saves. Translation
+is dark blue and rotation orange, on a scale that is uniform to the eye, in grey as well.
 """
 
 from __future__ import annotations
@@ -39,10 +38,33 @@ from granphon.phonons.paths import zone_faces, zone_polygon
 
 Asymptotes = SoundVelocities | ContactLattice
 
+#: looks of the lines of long waves
+_LONG_WAVES: dict[str, Any] = {
+    "color": "black",
+    "linewidth": 0.8,
+    "dashes": (3.5, 1.8),
+    "zorder": 3.0,
+}
 #: colour of a gap between the branches
 _GAP = "0.9"
 #: colours of energy at the lower edge of a cut, at the upper edge, and inside
 _EDGES = (BLUE, VERMILION, "0.75")
+#: part of the energy of a wave spread evenly that is in the lower or the upper quarter of a cut
+_EVEN = 0.25
+#: frequencies closer than this part of the highest one are one line in print
+_ONE_LINE = 1e-6
+#: width of a line, in points, and the number of coinciding branches that widen the lower ones
+_WIDTH = 1.5
+_MOST_WIDENED = 3
+#: sides of the inset of the zone, in parts of the axes, large first; side above the lines, and its
+#: distance from the frame
+_INSETS = (0.3, 0.25)
+_TOP_INSET = 0.22
+_MARGIN = 0.05
+#: a density of states whose greatest value is larger than this multiple of its quantile has peaks
+#: of flat branches
+_QUANTILE = 0.98
+_PEAK = 6.0
 
 
 def find_reciprocal(bands: Bands) -> Array:
@@ -59,8 +81,8 @@ def print_label(label: str) -> str:
 
 
 def name_corners(ax: Axes, corners: Array, labels: Sequence[str], **options: Any) -> None:
-    """Make the x axis that of a path: lines at the corners inside it, and the names of all, whose
-    ``options`` these are.
+    """Make the x axis that of a path: lines at the corners inside the path, and the names of all
+    corners, with ``options`` of the names.
     """
     for corner in corners[1:-1].tolist():
         ax.axvline(corner, color=FRAME, linewidth=0.5, zorder=0.5)
@@ -73,12 +95,12 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     """Draw the Brillouin zone of the bands' cell, with the path and the names of its corners.
 
     The axes are in units of 2 pi/d and hidden. In space the zone is seen from ``view``, by default
-    one from which the corners of the path lie apart on the paper and on the near side; far edges
-    are thin and light. On a line the zone is a line with two ends. It is that of the periods along
-    which the cell repeats: the zone of a ribbon is a line.
+    a view in which the corners of the path lie apart on the paper and on the near side; far edges
+    are thin and light. The zone has the periods along which the cell repeats: that of a chain or a
+    ribbon is a line with two ends.
 
-    Raises :class:`~granphon.base.errors.InputError` for a cluster, which repeats along none and has
-    no zone.
+    Raises :class:`~granphon.base.errors.InputError` for a cluster, which repeats along no period
+    and has no zone.
     """
     repeats = np.asarray(bands.pbc)
     if not np.any(repeats):
@@ -94,11 +116,11 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
         faces = zone_faces(reciprocal)
         view = _choose_view(ends.reshape(-1, 3), faces) if view is None else view
         painter = Painter(view)  # faces are translucent, far edges thin
-        near = [view.nearness(face.mean(axis=0)) > 0.0 for face in faces]
-        for face, front in sorted(zip(faces, near, strict=True), key=lambda pair: pair[1]):
-            look: dict[str, Any] = {"edge": "0.3", "width": 0.7, "face": (0.6, 0.75, 0.9, 0.18)}
-            look = look if front else {"edge": "0.75", "width": 0.4, "face": "none"}
-            painter.add_polygon(face, float(front), **look)
+        near_look: dict[str, Any] = {"edge": "0.3", "width": 0.7, "face": (0.6, 0.75, 0.9, 0.18)}
+        far_look: dict[str, Any] = {"edge": "0.75", "width": 0.4, "face": "none"}
+        for face in faces:
+            is_near = view.nearness(face.mean(axis=0)) > 0.0
+            painter.add_polygon(face, float(is_near), **(near_look if is_near else far_look))
         painter.draw(ax, "zone")
         outline = view.project(np.concatenate(faces))
         ends = view.project(ends)
@@ -120,39 +142,7 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
         LineCollection(list(ends), colors="black", linewidths=1.2, zorder=2.5, gid="path"),
         autolim=False,
     )
-    middle = outline.mean(axis=0)
-    names = {
-        print_label(bands.labels[s + e].split("|")[e - 1]): ends[s, e]
-        for s in range(len(ends))
-        for e in (0, 1)
-    }
-    # in space a label stands in the one of these directions in which the lines of the path are
-    # farthest
-    lines = (
-        ends[:, 0] + np.linspace(0.0, 1.0, 41)[:, None, None] * (ends[:, 1] - ends[:, 0])
-    ).reshape(-1, 2)
-    ways = np.stack([turn(2.0 * np.pi * np.arange(32) / 32.0) for turn in (np.cos, np.sin)], axis=1)
-    around = 0.15 * float(np.ptp(lines, axis=0).max()) * ways[:, None]
-    for name, place in names.items():
-        ax.plot(*place, "o", color="black", markersize=2.2, zorder=2.6)
-        distance = np.linalg.norm(place + around - lines, axis=2).min(axis=1)
-        away = ways[np.argmax(np.round(distance, 9))] if periods == 3 else place - middle
-        if np.linalg.norm(away) <= 1e-9:
-            away = middle - ends.reshape(-1, 2).mean(axis=0)
-        if periods == 1:
-            away = np.array([0.0, -1.0])
-        if not name.startswith("("):
-            x, y = (7.0 * away / max(float(np.linalg.norm(away)), 1e-9)).tolist()
-            ax.annotate(
-                name,
-                place,
-                (x, y),
-                textcoords="offset points",
-                ha="center",
-                va="center",
-                zorder=3.0,
-                path_effects=[HALO],
-            )
+    _name_corners_of_zone(ax, bands.labels, ends, outline, periods)
     points = np.vstack([outline, *ends])
     low = points.min(axis=0)
     high = points.max(axis=0)
@@ -160,26 +150,71 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     return ax
 
 
+def _name_corners_of_zone(
+    ax: Axes, labels: Sequence[str], ends: Array, outline: Array, periods: int
+) -> None:
+    """Draw a dot and a name at each corner of a path, whose segments have the ``ends`` (n, 2, 2) on
+    the paper.
+    """
+    middle = outline.mean(axis=0)
+    middle_of_path = ends.reshape(-1, 2).mean(axis=0)
+    names = {}
+    for segment in range(len(ends)):
+        # at a jump "K|M" a segment ends at K, and the next one starts at M
+        names[print_label(labels[segment].split("|")[-1])] = ends[segment, 0]
+        names[print_label(labels[segment + 1].split("|")[0])] = ends[segment, 1]
+    # in space a label stands in the direction in which the lines of the path are farthest
+    steps = np.linspace(0.0, 1.0, 41)[:, None, None]
+    lines = (ends[:, 0] + steps * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
+    angle = 2.0 * np.pi * np.arange(32) / 32.0
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    label_offsets = 0.15 * float(np.ptp(lines, axis=0).max()) * directions[:, None]
+    for name, corner in names.items():
+        ax.plot(*corner, "o", color="black", markersize=2.2, zorder=2.6)
+        if name.startswith("("):
+            continue
+        if periods == 3:
+            distance = np.linalg.norm(corner + label_offsets - lines, axis=2).min(axis=1)
+            away = directions[np.argmax(np.round(distance, 9))]
+        elif periods == 1:
+            away = np.array([0.0, -1.0])
+        else:
+            away = corner - middle
+        if np.linalg.norm(away) <= 1e-9:
+            away = middle - middle_of_path
+        x, y = (7.0 * away / max(float(np.linalg.norm(away)), 1e-9)).tolist()
+        ax.annotate(
+            name,
+            corner,
+            (x, y),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            zorder=3.0,
+            path_effects=[HALO],
+        )
+
+
 def _choose_view(corners: Array, faces: list[Array]) -> View:
-    """Choose the view in which the corners (n, 3) of a path lie far apart on the paper, on the near
+    """Return the view in which the corners (n, 3) of a path lie far apart on the paper, on the near
     side, and no face is seen along its plane.
     """
     apart = np.unique(np.round(corners, 9), axis=0)
     middles = np.array([face.mean(axis=0) for face in faces])
-    # the middle of a face is not always on its normal, but near enough to it
+    # the middle of a face is near its normal
     normals = middles / np.linalg.norm(middles, axis=1, keepdims=True)
-    one, two = np.triu_indices(len(apart), 1)
-    best = -np.inf
-    found = View()
+    first, second = np.triu_indices(len(apart), 1)
+    best_score = -np.inf
+    best_view = View()
     for azimuth, elevation in itertools.product(range(0, 360, 6), (10, 16, 22, 28)):  # degrees
         view = View(azimuth, elevation)
         flat = view.project(apart)
-        distance = float(np.linalg.norm(flat[one] - flat[two], axis=1).min(initial=np.inf))
+        distance = float(np.linalg.norm(flat[first] - flat[second], axis=1).min(initial=np.inf))
         score = distance * min(float(np.abs(view.nearness(normals)).min()), 0.15)
-        if score > best and view.nearness(apart).mean() >= 0.0:
-            best = score
-            found = view
-    return found
+        if score > best_score and view.nearness(apart).mean() >= 0.0:
+            best_score = score
+            best_view = view
+    return best_view
 
 
 def plot_bands(
@@ -196,67 +231,56 @@ def plot_bands(
     """Draw bands, each branch followed through its crossings and coloured by its rotational
     fraction.
 
-    A LineCollection for each segment of the path and each branch: piece i runs through point i of
-    the segment, and its colour is that of the point. Where branches coincide the lower one is drawn
-    wider, so that all remain visible. Without friction nothing rotates: the colour is then the
-    longitudinal fraction. Bands of balls with a single motion have one colour. So have bands
-    without eigenvectors, whose branches are not followed where they cross.
+    Each segment of the path has a LineCollection for each branch: piece i runs through point i of
+    the segment, and has the colour of the point. Where branches coincide the lower one is drawn
+    wider, so that all remain visible. Without friction no ball rotates, and the colour is the
+    longitudinal fraction. Bands of balls with a single motion have one colour. Bands without
+    eigenvectors have one colour too, and their branches are not followed where they cross.
 
     Parameters
     ----------
     asymptotes : draw the long waves too, see :func:`plot_asymptotes`.
-    gaps : (n, 2) intervals without a branch, Hz, such as those of ``Phonons.gaps()``; they are
+    gaps : (n, 2) intervals without a branch, Hz, such as those of ``Phonons.gaps()``, which are
         shaded.
     bulk : (s, p, b, 2) lowest and highest frequency of each branch of the crystal at each point,
         Hz, such as ``[surface.continuum(segment) for segment in bands.qpoints]``: a grey field
         behind the bands of a cut.
-    edges : whether colours are those of the energy at the lower edge of a cut and at the upper one,
-        mixed with grey.
+    edges : whether colours are those of the energy at the lower edge and at the upper edge of a
+        cut, mixed with grey.
     unit : unit of frequency; by default the decimal unit of hertz in which the top frequency lies
         between 1 and 1000.
     colorbar : whether to draw the colour bar, above the axes.
     """
     unit = _choose_unit(bands) if unit is None else unit
-    # coinciding waves of two edges are not told apart by the eigenvectors that connect branches
+    # the eigenvectors that connect branches do not tell coinciding waves of two edges apart
     followed = bands.eigenvectors is not None and not edges
     values = (bands.connected_frequencies if followed else bands.frequencies) / unit.hertz
     # of balls with a single motion every branch would have the same colour
-    if coloured := followed and bands.motions.count > 1:
-        part, colours, words = (
-            (bands.rotational_fraction, ROTATION, "Rotational")
-            if bands.motions.rotate
-            else (bands.longitudinal_fraction, POLARISATION, "Longitudinal")
-        )
-        fraction = np.take_along_axis(part, bands.connection, 2)
+    has_colours = followed and bands.motions.count > 1
+    if has_colours:
+        if bands.motions.rotate:
+            fractions = bands.rotational_fraction
+            colours = ROTATION
+            word = "Rotational"
+        else:
+            fractions = bands.longitudinal_fraction
+            colours = POLARISATION
+            word = "Longitudinal"
+        fraction = np.take_along_axis(fractions, bands.connection, 2)
     if edges:
         weight = bands.edge_weight
-        mixed = np.array([to_rgb(one) for one in _EDGES])
-        more = np.maximum(weight - 0.25, 0.0) / 0.75  # than that of a wave spread evenly
-        paint = np.concatenate([more, 1.0 - more.sum(axis=-1, keepdims=True)], axis=-1) @ mixed
+        paint = _mix_edge_colours(weight)
     if bulk is not None:
-        field = real_array("bulk", bulk) / unit.hertz
-        if field.ndim != 4 or field.shape[:2] != values.shape[:2] or field.shape[3] != 2:
-            raise InputError(
-                f"bulk has the shape {field.shape}", mend=f"Give {values.shape[:2]}, branches and 2"
-            )
-        for s, b in np.ndindex(field.shape[0], field.shape[2]):
-            ax.fill_between(
-                bands.distances[s], *field[s, :, b].T, color=_GAP, linewidth=0.0, zorder=0.1
-            )
+        _draw_bulk(bands, ax, real_array("bulk", bulk), unit)
     for s, x in enumerate(bands.distances):
-        # what is closer than this is one line in print: each later branch here and at a neighbour
-        # is a step wider
-        close = np.abs(values[s, :, :, None] - values[s, :, None, :]) <= 1e-6 * values.max()
-        both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
-        # (p, b), in points
-        widths = 1.5 * (1.0 + np.minimum(np.triu(both[1:] | both[:-1], 1).sum(axis=2), 3))
+        widths = _find_line_widths(values[s], _ONE_LINE * float(values.max()))
         for b in range(bands.n_branches):
             points = np.stack([x, values[s, :, b]], axis=1)
             middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
             ends = np.vstack([points[:1], middle]), np.vstack([middle, points[-1:]])
             pieces = list(np.stack([ends[0], points, ends[1]], axis=1))
             shades: dict[str, Any] = {"colors": BLUE}
-            if coloured:
+            if has_colours:
                 shades = {"array": fraction[s, :, b], "cmap": colours, "norm": Normalize(0.0, 1.0)}
             if edges:
                 shades = {
@@ -269,14 +293,11 @@ def plot_bands(
             ax.add_collection(lines, autolim=False)
     corners = np.append(bands.distances[:, 0], bands.distances[-1, -1])
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
-    slant: dict[str, Any] = (
-        {"rotation": 30, "ha": "right"} if max(map(len, bands.labels)) > 5 else {}
-    )
-    # where corners are so close that names may touch, the two names at a jump of the path stand one
-    # above the other
-    crowded = np.min(np.diff(corners), initial=np.inf) < 0.1 * (corners[-1] - corners[0])
+    has_long_labels = max(map(len, bands.labels)) > 5
+    slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if has_long_labels else {}
     name_corners(ax, corners, bands.labels, **slant)
-    if crowded:
+    is_crowded = np.min(np.diff(corners), initial=np.inf) < 0.1 * (corners[-1] - corners[0])
+    if is_crowded:  # the two names at a jump of the path stand one above the other
         ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
     ax.set(
         ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * values.max(), 1.05 * values.max())
@@ -301,16 +322,49 @@ def plot_bands(
     if edges:
         for name, colour in zip(("lower edge", "upper edge", "inside"), _EDGES, strict=True):
             ax.plot([], [], color=colour, label=name)
-    elif colorbar and coloured:
-        add_part_bar(ax, colours, f"{words} part of the kinetic energy")
+    elif colorbar and has_colours:
+        add_part_bar(ax, colours, f"{word} part of the kinetic energy")
     return ax
 
 
+def _mix_edge_colours(weight: Array) -> Array:
+    """Return colours (..., 3) for parts (..., 2) of the energy at the lower and the upper edge.
+
+    An edge has its colour in proportion to the energy beyond that of a wave spread evenly.
+    """
+    excess = np.maximum(weight - _EVEN, 0.0) / (1.0 - _EVEN)
+    inside = 1.0 - excess.sum(axis=-1, keepdims=True)
+    mixed = np.array([to_rgb(colour) for colour in _EDGES])
+    return np.asarray(np.concatenate([excess, inside], axis=-1) @ mixed)
+
+
+def _draw_bulk(bands: Bands, ax: Axes, bulk: Array, unit: HertzPrefix) -> None:
+    """Draw frequencies (s, p, b, 2), Hz, of the crystal as a field behind the bands of a cut."""
+    shape = bands.frequencies.shape[:2]
+    if bulk.ndim != 4 or bulk.shape[:2] != shape or bulk.shape[3] != 2:
+        raise InputError(f"bulk has the shape {bulk.shape}", mend=f"Give {shape}, branches and 2")
+    for s, b in np.ndindex(bulk.shape[0], bulk.shape[2]):
+        low, high = bulk[s, :, b].T / unit.hertz
+        ax.fill_between(bands.distances[s], low, high, color=_GAP, linewidth=0.0, zorder=0.1)
+
+
+def _find_line_widths(frequencies: Array, least: float) -> Array:
+    """Return widths (p, b) of the lines of branches with ``frequencies`` (p, b), in points.
+
+    A branch is a step wider for each later branch that is closer than ``least`` at a point and at
+    one of its neighbours.
+    """
+    close = np.abs(frequencies[:, :, None] - frequencies[:, None, :]) <= least
+    coinciding = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
+    later = np.triu(coinciding[1:] | coinciding[:-1], 1).sum(axis=2)
+    return np.asarray(_WIDTH * (1.0 + np.minimum(later, _MOST_WIDENED)))
+
+
 def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
-    there = (
-        result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
-    )
-    return HertzPrefix.for_top(float(there.max()))
+    frequencies = result.frequencies
+    if isinstance(result, DensityOfStates):
+        frequencies = frequencies[result.total > 0.0]
+    return HertzPrefix.for_top(float(frequencies.max()))
 
 
 def plot_asymptotes(
@@ -324,12 +378,12 @@ def plot_asymptotes(
     """Draw the long waves near Gamma, dashed: omega = v q, and the optical branch omega^2 =
     omega_0^2 (1 - c q^2).
 
-    ``velocities`` are those of sound, the same in every direction, at one load
-    (:class:`~granphon.base.errors.InputError` for several); or the lattice itself
-    (``Phonons.lattice``), which gives them for each direction, and its rotational branch if there
-    is one ball in the cell. ``unit`` is as in :func:`plot_bands`; ``reach`` is the part of each
-    segment from or to Gamma along which the long waves are drawn. Waves without a velocity, such as
-    flexural waves, are left out.
+    ``velocities`` are velocities of sound at one load
+    (:class:`~granphon.base.errors.InputError` for several loads) that are the same in every
+    direction; or the lattice (``Phonons.lattice``), which has a velocity for each direction, and a
+    rotational branch with one ball in the cell. ``unit`` is as in :func:`plot_bands`; ``reach`` is
+    the part of each segment from or to Gamma along which the long waves are drawn. Waves without a
+    velocity, such as flexural waves, are left out.
     """
     unit = _choose_unit(bands) if unit is None else unit
     if isinstance(velocities, SoundVelocities) and np.ndim(velocities.longitudinal):
@@ -346,49 +400,31 @@ def plot_asymptotes(
         )
     scales = bands.scales
     label = "long waves"
-    for s, near, far in (
-        (s, *ends) for s in range(len(bands.qpoints)) for ends in ((0, -1), (-1, 0))
-    ):
+    for s, (near, far) in itertools.product(range(len(bands.qpoints)), ((0, -1), (-1, 0))):
         start = bands.qpoints[s, near]
         if not np.allclose(start, np.round(start), rtol=0.0, atol=1e-9):
             continue
-        way = (bands.qpoints[s, far] - start)[: len(reciprocal)] @ reciprocal
-        q = 2.0 * np.pi * reach * np.linalg.norm(way) * np.linspace(0.0, 1.0, 101)  # 1/d
+        direction = (bands.qpoints[s, far] - start)[: len(reciprocal)] @ reciprocal
+        q = 2.0 * np.pi * reach * np.linalg.norm(direction) * np.linspace(0.0, 1.0, 101)  # 1/d
         if isinstance(velocities, SoundVelocities):
             named = {"longitudinal": velocities.longitudinal, "transverse": velocities.transverse}
             speeds = {name: v / scales.velocity for name, v in named.items() if v is not None}
+            has_optical_branch = False
         else:
-            speeds = dict(
-                zip(
-                    velocities.wave_names, velocities.sound_velocities(way)[0].tolist(), strict=True
-                )
-            )
-        # less is rounding of zero
+            along = velocities.sound_velocities(direction)[0].tolist()
+            speeds = dict(zip(velocities.wave_names, along, strict=True))
+            has_optical_branch = len(velocities.motions.rotations) == velocities.n_balls == 1
+        # a smaller velocity is rounding of zero
         waves = {name: v * q for name, v in speeds.items() if v > 1e-9 * max(speeds.values())}
-        if (
-            isinstance(velocities, ContactLattice)
-            and len(velocities.motions.rotations) == velocities.n_balls == 1
-        ):
-            squared, curvature = velocities.optical_branch(way)
+        if isinstance(velocities, ContactLattice) and has_optical_branch:
+            squared, curvature = velocities.optical_branch(direction)
             inside = 1.0 - curvature * q**2
             waves["optical"] = np.sqrt(squared * np.where(inside >= 0.0, inside, np.nan))
-        x = bands.distances[s, near] + np.sign(
-            bands.distances[s, far] - bands.distances[s, near]
-        ) * q / (2.0 * np.pi)
-        for name, y in waves.items():
-            style: dict[str, Any] = {
-                "color": "black",
-                "linewidth": 0.8,
-                "dashes": (3.5, 1.8),
-                "zorder": 3.0,
-            }
-            ax.plot(
-                x,
-                y * scales.frequency / unit.hertz,
-                **style,
-                label=label,
-                gid=f"asymptote-{name}-{s}",
-            )
+        start_x = bands.distances[s, near]
+        x = start_x + np.sign(bands.distances[s, far] - start_x) * q / (2.0 * np.pi)
+        for name, omega in waves.items():
+            y = omega * scales.frequency / unit.hertz
+            ax.plot(x, y, **_LONG_WAVES, label=label, gid=f"asymptote-{name}-{s}")
             label = "_"
     return ax
 
@@ -399,11 +435,11 @@ def plot_dos(
     """Draw the density of states per ball: its translational and rotational part filled, the total
     as a line.
 
-    ``horizontal``: density to the right and frequency upwards, to stand beside bands; otherwise the
-    other way round. ``unit`` of frequency as in :func:`plot_bands`. The lines are labelled for a
-    legend. The axis of frequency has no label where it shares that of a neighbour, as in
-    ``subplots(1, 2, sharey=True)``. Where flat branches make peaks beside which nothing else would
-    be seen, the axis of the density ends below them, and its label says how high they are.
+    ``horizontal`` draws the density to the right and the frequency upwards, to stand beside bands;
+    otherwise the frequency is to the right. ``unit`` of frequency is as in :func:`plot_bands`. The
+    lines are labelled for a legend. An axis of frequency that is shared with a neighbour, as in
+    ``subplots(1, 2, sharey=True)``, has no label. If peaks of flat branches would hide the rest of
+    the density, the axis of the density ends below the peaks, and its label gives their height.
     """
     unit = _choose_unit(dos) if unit is None else unit
     frequency = dos.frequencies / unit.hertz
@@ -423,22 +459,21 @@ def plot_dos(
     name = print_hertz(unit)
     gap = "\n" if horizontal else " "
     peak = float(dos.total.max()) * unit.hertz
-    most = float(np.quantile(dos.total, 0.98)) * unit.hertz
-    # peaks six times higher than all but a fiftieth of the density are those of flat branches, and
-    # are not drawn whole
-    top = 2.0 * most if 0.0 < most < peak / 6.0 else peak
+    most = float(np.quantile(dos.total, _QUANTILE)) * unit.hertz
+    top = 2.0 * most if 0.0 < most < peak / _PEAK else peak
     beyond = f"{gap}peaks to {peak:.2g}" if peak > top else ""
-    numbered = (
-        getattr(ax, f"{along}axis")
-        .get_tick_params()
-        .get("labelleft" if horizontal else "labelbottom", True)
-    )
-    labels = f"Frequency ({name})" if numbered else "", f"DOS per ball{gap}(1/{name}){beyond}"
-    ax.set(**{f"{along}label": labels[0], f"{across}label": labels[1]})
+    if horizontal:
+        frequency_axis, density_axis = ax.yaxis, ax.xaxis
+        has_numbers = frequency_axis.get_tick_params().get("labelleft", True)
+    else:
+        frequency_axis, density_axis = ax.xaxis, ax.yaxis
+        has_numbers = frequency_axis.get_tick_params().get("labelbottom", True)
+    frequency_label = f"Frequency ({name})" if has_numbers else ""
+    density_label = f"DOS per ball{gap}(1/{name}){beyond}"
+    ax.set(**{f"{along}label": frequency_label, f"{across}label": density_label})
     ax.set(**{f"{along}lim": (0.0, frequency[-1]), f"{across}lim": (0.0, 1.05 * top)})
-    axis = ax.xaxis if horizontal else ax.yaxis
-    axis.set_major_locator(MaxNLocator("auto" if horizontal else 5, steps=[1, 2, 5, 10]))
-    axis.set_major_formatter(lambda value, _: f"{value:g}")  # narrow: 0, not 0.00
+    density_axis.set_major_locator(MaxNLocator("auto" if horizontal else 5, steps=[1, 2, 5, 10]))
+    density_axis.set_major_formatter(lambda value, _: f"{value:g}")  # narrow: 0, not 0.00
     return ax
 
 
@@ -466,31 +501,34 @@ def bands_figure(
             "there is nothing to draw", mend="Give bands, a density of states, or both"
         )
     unit = _choose_unit(first)
-    both = bands is not None and dos is not None
+    has_both = bands is not None and dos is not None
     # a zone in space has too many corners for an inset
-    space = bands is not None and sum(bands.pbc) == 3
-    with styled_figure(2.4 if bands is None else 4.4 if space else 3.1) as figure:
-        rows = figure.add_gridspec(1 + space, 1, height_ratios=[1.0, 0.5][: 1 + space])
-        grid = rows[0].subgridspec(1, 1 + both, width_ratios=[2.4, 1.0][: 1 + both])
-        axes = grid.subplots(sharey=both, squeeze=False)[0]
+    in_space = bands is not None and sum(bands.pbc) == 3
+    height = 2.4
+    if bands is not None:
+        height = 4.4 if in_space else 3.1
+    with styled_figure(height) as figure:
+        rows = figure.add_gridspec(1 + in_space, 1, height_ratios=[1.0, 0.5][: 1 + in_space])
+        grid = rows[0].subgridspec(1, 1 + has_both, width_ratios=[2.4, 1.0][: 1 + has_both])
+        axes = grid.subplots(sharey=has_both, squeeze=False)[0]
         if dos is not None:
             plot_dos(dos, axes[-1], horizontal=bands is not None, unit=unit)
         if bands is not None:
             plot_bands(
                 bands, axes[0], asymptotes=asymptotes, gaps=gaps, bulk=bulk, edges=edges, unit=unit
             )
-            if space:
+            if in_space:
                 plot_zone(bands, figure.add_subplot(rows[1]))
             elif any(bands.pbc):
                 inset = axes[0].inset_axes(_find_free_place(axes[0]))
                 inset.set_in_layout(False)
                 plot_zone(bands, inset)
-        if both:
+        if has_both:
             axes[1].axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
         entries = {
-            name: h
+            label: handle
             for ax in axes[::-1]
-            for h, name in zip(*ax.get_legend_handles_labels(), strict=True)
+            for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
         }
         if set(entries) - {"total"}:
             figure.legend(
@@ -505,24 +543,27 @@ def bands_figure(
 
 
 def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
-    """Find a square clear of every line: x, y, width, height in parts of the axes; extend the axes
-    upwards if none is.
+    """Return a square clear of every line: x, y, width, height in parts of the axes; extend the
+    axes upwards if no square is clear.
     """
     curves = [
-        np.asarray(c.get_segments())[:, 1] for c in ax.collections if isinstance(c, LineCollection)
+        np.asarray(collection.get_segments())[:, 1]
+        for collection in ax.collections
+        if isinstance(collection, LineCollection)
     ]
     curves += [
         np.column_stack(line.get_data())[:-1]
         for line in ax.lines
         if str(line.get_gid()).startswith("asymptote")
     ]
-    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    left, right = ax.get_xlim()
+    bottom, top = ax.get_ylim()
     points = (np.concatenate(curves) - [left, bottom]) / [right - left, top - bottom]
     points = points[np.all(np.isfinite(points), axis=1)]
-    for size in (0.3, 0.25):
-        corners = 0.05 + (0.9 - size) * np.stack(
-            np.meshgrid(*[np.linspace(0.0, 1.0, 31)] * 2), axis=-1
-        ).reshape(-1, 2)
+    steps = np.linspace(0.0, 1.0, 31)
+    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    for size in _INSETS:
+        corners = _MARGIN + (1.0 - 2.0 * _MARGIN - size) * grid
         away = [
             np.abs(points - corner - size / 2.0).max(axis=1).min() - size / 2.0
             for corner in corners
@@ -530,16 +571,15 @@ def _find_free_place(ax: Axes) -> tuple[float, float, float, float]:
         if max(away) > 0.01:
             x, y = corners[int(np.argmax(np.minimum(away, 0.06)))].tolist()
             return x, y, size, size
-    # put it at the top, where the highest line is lowest, and extend the axes by no more than it
-    # needs there
-    size = 0.22
-    margin = 0.05
-    starts = np.linspace(margin, 1.0 - margin - size, 31)
+    # the square stands at the top, where the highest line is lowest; the axes are extended by no
+    # more than the square needs
+    size = _TOP_INSET
+    bottom_of_square = 1.0 - _MARGIN - size
+    starts = np.linspace(_MARGIN, bottom_of_square, 31)
     beneath = [
         points[np.abs(points[:, 0] - start - size / 2.0) < size / 2.0 + 0.02, 1].max()
         for start in starts
     ]
-    ax.set_ylim(
-        bottom, bottom + (top - bottom) * max(1.0, (min(beneath) + 0.02) / (1.0 - margin - size))
-    )
-    return float(starts[int(np.argmin(beneath))]), 1.0 - margin - size, size, size
+    extension = max(1.0, (min(beneath) + 0.02) / bottom_of_square)
+    ax.set_ylim(bottom, bottom + (top - bottom) * extension)
+    return float(starts[int(np.argmin(beneath))]), bottom_of_square, size, size

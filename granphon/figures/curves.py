@@ -1,11 +1,12 @@
 """Figures over the load: curves of sweeps, states, fits and data; and bands, or densities of
 states, one over the other.
 
-As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on it and returns it. A
-data set of a sweep has a curve for each medium, combination of parameters and direction. In the
-figure of a sweep each medium has a colour, and each combination of parameters a shade of it. In
-that of several results each curve has a look of its own; what all share stands in the title, and
-the legend says in words what each has of its own. A line is dashed where its medium is not valid.
+As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on the Axes and returns
+the Axes. A data set of a sweep has a curve for each medium, combination of parameters and
+direction. In the figure of a sweep each medium has a colour, and each combination of parameters a
+shade of the colour. In the figure of several results each curve has its own look; facts that all
+curves share stand in the title, and the legend gives the facts in which the curves differ. A line
+is dashed where its medium is not valid.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from granphon.figures.scales import add_legend, name_axis, scale_axis, styled_figure
+from granphon.figures.scales import add_legend, find_axis, name_axis, scale_axis, styled_figure
 
 import matplotlib
 import numpy as np
@@ -68,22 +69,21 @@ _DATA_STYLE: dict[str, Any] = {
     "capsize": 0.0,
     "zorder": 2.0,
 }
-#: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
+#: the largest number on an axis; matplotlib overflows at margins and ticks beyond larger numbers
 _LARGEST = 1e280
-#: dashes of lines that have the same colour, the first solid; none is that of a line outside its
-#: range
+#: dashes of lines of the same colour, the first solid; they differ from those outside the range
 _DASHES = (None, (1.0, 1.4), (5.0, 1.6, 1.0, 1.6), (8.0, 2.5))
-#: the most lines that colours and dashes tell apart
+#: the greatest number of lines that colours and dashes tell apart
 MOST_LOOKS = len(COLOURS) * len(_DASHES)
 #: marks of the media that an automatic medium chose; a simulation has the mark of its points
 _SERVING = {"ala": "s", "afa": "v", "ema": "^"}
 #: looks of a line, and of marks, where the medium is not valid
 _OUTSIDE: dict[str, Any] = {"linewidth": 0.7, "dashes": (3.0, 1.5)}
 _HOLLOW = {"markerfacecolor": "white"}
-#: sizes of marks: of points, and of those that say which medium served
+#: sizes of marks: of points, and of marks for the medium that served
 _SIZE = 3.0
 _SERVING_SIZE = 3.6
-#: what points have in a legend, but colour and mark
+#: look of points in a legend, without colour and mark
 _POINTS: dict[str, Any] = {"markersize": _SIZE, "linestyle": "none"}
 #: the velocity of pulses through simulated arrays
 _PULSE = "pulse_velocity"
@@ -100,15 +100,25 @@ _VELOCITIES = {
 _SLOW = "transverse_slow"
 _SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
 _VELOCITY_MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
-#: letters of a line of a legend, in a column
+#: greatest number of letters of a line of a legend in a column, and of a title
 _LETTERS = 50
+_LETTERS_OF_TITLE = 60
+#: greatest number of combinations of parameters in a legend
+_MOST_NAMED = 8
+#: number of marks for the medium that served along a curve
+_MARKS_OF_CURVE = 12
+#: symbols of velocities are written in one text if they are nearer than this, over the height
+_LEAST_HEIGHT = 0.06
+#: width of a letter, over the size of its font
+_WIDTH_OF_LETTER = 0.55
+#: number of forces of a curve that is drawn from a fit
+_FORCES = 200
 #: marks of measured points, which are black
 _DATA_MARKS = ("o", "s", "^", "D", "v", "P")
-#: what may be on the axis of loads
+#: quantities of the axis of loads
 _LOADS = ("force", "pressure", "overlap", "reduced_force")
 
-#: what the caption of a drawn Axes needs: entries of the legend, and what all curves share, in
-#: words
+#: data of the caption of an Axes: entries of the legend, and the facts that all curves share
 _Drawn = tuple[list[Line2D], list[str]]
 
 
@@ -121,14 +131,14 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     """
     ax.errorbar(fit.force, fit.velocity, fit.sigma, **_DATA_STYLE, label="data", gid="data")
     structure = fit.packing.structure
-    # in short lines, so that the legend has room below the curve
+    # short lines, so that the legend has room below the curve
     label = join_facts([describe_medium(fit.medium, structure.periods, structure.n_balls)], 28)
     label += f":\nW = {write_width(fit)}" if "width" in fit.parameters else ""
     style: dict[str, Any] = {"color": VERMILION, "label": label, "gid": "fit", "zorder": 1.5}
     if np.ndim(fit.waves.frequency):
         ax.plot(fit.force, fit.velocities, "_", markersize=6.0, **style)
     else:
-        force = np.geomspace(fit.force.min(), fit.force.max(), 200)
+        force = np.geomspace(fit.force.min(), fit.force.max(), _FORCES)
         ax.plot(force, fit.velocity_at(force), linewidth=1.2, **style)
         equal: dict[str, Any] = {
             "color": GUIDE,
@@ -142,17 +152,18 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     for axes in (ax, residual_ax):
         scale_axis(axes, "x", fit.force)
     scale_axis(ax, "y", fit.velocity)
-    ax.set_ylabel(
-        axis_label(fit.waves.branch) if fit.waves.frequency is None else "Group velocity (m/s)"
-    )
+    if fit.waves.frequency is None:
+        ax.set_ylabel(axis_label(fit.waves.branch))
+    else:
+        ax.set_ylabel("Group velocity (m/s)")
     residual_ax.set(xlabel=axis_label("force"), ylabel="Residual / σ")
     residual_ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     return ax, residual_ax
 
 
 def write_width(fit: WidthFit) -> str:
-    """Return the fitted width with its standard error, of which two digits are told, if it is
-    known: "2.026 ± 0.021 µm".
+    """Return the fitted width with its standard error, if known, of which two digits are written:
+    "2.026 ± 0.021 µm".
     """
     if not fit.errors_are_known:
         return write_value(fit.width, "m")
@@ -166,7 +177,7 @@ def fit_figure(fit: WidthFit) -> Figure:
         plot_fit(fit, axes[0], axes[1])
         handles, labels = axes[0].get_legend_handles_labels()
         order = [labels.index("data"), *(i for i, label in enumerate(labels) if label != "data")]
-        # velocities rise with the force: this corner is free
+        # velocities rise with the force, so that the lower right corner is free
         axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="lower right")
     return figure
 
@@ -189,14 +200,15 @@ class Curve:
 
     Attributes
     ----------
-    run : the name of the run that it belongs to, for messages.
-    facts : what it is, in words by kind.
-    x, y : the values; ``error`` are the standard errors of y, nan where there is none.
+    run : the name of the curve's run, for messages.
+    facts : facts of the curve, in words by kind.
+    x, y : the values.
+    error : the standard errors of y, nan where unknown.
     valid : where the medium is valid.
-    simulated : where a simulation gave the values: they are points, and the others a line.
-    served : of an automatic medium the name of the medium that served each load; else empty.
-    units : those of x and y.
-    measured : whether it is data.
+    simulated : where a simulation gave the values: simulated values are points, others a line.
+    served : for an automatic medium the name of the medium that served each load; else empty.
+    units : the units of x and y.
+    measured : whether the values are data.
     path : whether the loads go up and down in the order of the values.
     """
 
@@ -213,18 +225,33 @@ class Curve:
     path: bool = False
 
     def sorted(self) -> Curve:
-        """Return the same curve in order of x; a path keeps its own."""
+        """Return the same curve in order of x; a path keeps its order."""
         if self.path:
             return self
         order = np.argsort(self.x, kind="stable")
-        parts: dict[str, Any] = {
-            name: getattr(self, name)[order] for name in ("x", "y", "error", "valid", "simulated")
-        }
+        served = tuple(self.served[n] for n in order.tolist()) if self.served else ()
         return replace(
             self,
-            **parts,
-            served=tuple(self.served[n] for n in order.tolist()) if self.served else (),
+            x=self.x[order],
+            y=self.y[order],
+            error=self.error[order],
+            valid=self.valid[order],
+            simulated=self.simulated[order],
+            served=served,
         )
+
+    def join(self, curve: Curve) -> Curve:
+        """Return the points of two curves as one curve, in order of x."""
+        return replace(
+            self,
+            run=f"{self.run}, {curve.run}",
+            x=np.concatenate([self.x, curve.x]),
+            y=np.concatenate([self.y, curve.y]),
+            error=np.concatenate([self.error, curve.error]),
+            valid=np.concatenate([self.valid, curve.valid]),
+            simulated=np.concatenate([self.simulated, curve.simulated]),
+            served=self.served + curve.served,
+        ).sorted()
 
     @property
     def as_points(self) -> bool:
@@ -233,10 +260,10 @@ class Curve:
 
 
 def make_looks(count: int) -> list[Look]:
-    """Return looks of ``count`` curves: colours first, then dashes and marks; lines grow thinner,
-    so that all are seen.
+    """Return looks of ``count`` curves: colours first, then dashes and marks. Later lines are
+    thinner, so that all lines are seen.
 
-    Beyond :data:`MOST_LOOKS` they come again.
+    Beyond :data:`MOST_LOOKS` the looks are repeated.
     """
     turns = [(n % len(COLOURS), n // len(COLOURS) % len(_DASHES)) for n in range(count)]
     widths = np.linspace(2.2, 1.0, count + 1)[1:].tolist() if count > 1 else [1.6]
@@ -247,107 +274,105 @@ def make_looks(count: int) -> list[Look]:
 
 
 def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
-    """Draw a curve: solid where it is valid, thin and dashed elsewhere; of a simulation points with
-    bars of their errors.
+    """Draw a curve: solid where the medium is valid, thin and dashed elsewhere; points of a
+    simulation, with bars of their errors.
 
-    A path joins its points, and triangles mark those that are reached by a fall of x. On an
-    automatic medium each kind of mark says which medium served.
+    A path joins its points, and triangles mark the points that are reached by a fall of x. On an
+    automatic medium each kind of mark stands for the medium that served.
     """
-    drawn = np.any(curve.error > 0.0)
-    points = curve.as_points
-    if drawn and (points or np.any(curve.simulated)):
-        bars: dict[str, Any] = {
-            "fmt": "none",
-            "elinewidth": 0.8,
-            "color": look.colour,
-            "gid": f"{gid}-errors",
-        }
-        ax.errorbar(curve.x, curve.y, np.where(curve.error > 0.0, curve.error, np.nan), **bars)
-    style: dict[str, Any] = {
-        "color": look.colour,
-        "markersize": _SIZE,
-        "marker": look.marker if points else "",
-    }
-    if points and not curve.served:
-        joined = {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
-        thin = style | joined | _HOLLOW
-        solid = style | {"linestyle": "none"}
+    has_bars = curve.as_points or np.any(curve.simulated)
+    if has_bars and np.any(curve.error > 0.0):
+        bars = np.where(curve.error > 0.0, curve.error, np.nan)
+        ax.errorbar(
+            curve.x,
+            curve.y,
+            bars,
+            fmt="none",
+            elinewidth=0.8,
+            color=look.colour,
+            gid=f"{gid}-errors",
+        )
+    valid_y = np.where(curve.valid, curve.y, np.nan)
+    is_points = curve.as_points and not curve.served
+    thin: dict[str, Any] = {"color": look.colour, "markersize": _SIZE}
+    if is_points:
+        thin |= {"marker": look.marker}
+        solid = thin | {"linestyle": "none"}
+        thin |= {"linestyle": "-", "linewidth": 0.6} if curve.path else {"linestyle": "none"}
+        thin |= _HOLLOW
     else:
-        style["marker"] = ""
-        # thinner below marks, so that these are seen
-        thin = style | _OUTSIDE
-        solid = style | {"linewidth": 0.8 if curve.served else look.width}
-        if look.dashes:  # through whose gaps a thin line below would be seen
-            solid |= {"dashes": look.dashes}
-            outside = ~curve.valid  # and the ends of these stretches, from which their lines go
-            outside[1:] |= ~curve.valid[:-1]
-            outside[:-1] |= ~curve.valid[1:]
-            ax.plot(curve.x, np.where(outside, curve.y, np.nan), gid=f"{gid}-outside", **thin)
-            thin = {"linestyle": "none"}
+        thin |= {"marker": ""}
+        # a line is thinner below marks, so that the marks are seen
+        solid = thin | {"linewidth": 0.8 if curve.served else look.width}
+        thin |= _OUTSIDE
+    if look.dashes and not is_points:
+        # a thin line below would be seen through the gaps of the dashes: only stretches outside
+        # the range are thin, with the points at their ends
+        solid |= {"dashes": look.dashes}
+        is_outside = ~curve.valid
+        is_outside[1:] |= ~curve.valid[:-1]
+        is_outside[:-1] |= ~curve.valid[1:]
+        ax.plot(curve.x, np.where(is_outside, curve.y, np.nan), gid=f"{gid}-outside", **thin)
+        thin = {"linestyle": "none"}
     ax.plot(curve.x, curve.y, gid=f"{gid}-all", **thin)
-    ax.plot(curve.x, np.where(curve.valid, curve.y, np.nan), gid=f"{gid}-valid", **solid)
+    ax.plot(curve.x, valid_y, gid=f"{gid}-valid", **solid)
     falls = np.diff(curve.x, prepend=curve.x[0]) < 0.0
     if curve.path and np.any(falls):
         fallen = solid | {"marker": "v", "markersize": 5.0}
-        ax.plot(
-            curve.x[falls],
-            np.where(curve.valid, curve.y, np.nan)[falls],
-            gid=f"{gid}-falling",
-            **fallen,
-        )
-    # on an automatic medium, which medium served where: the ends of its loads, and some between
+        ax.plot(curve.x[falls], valid_y[falls], gid=f"{gid}-falling", **fallen)
+    if curve.served:
+        _mark_media(ax, curve, look.colour, gid)
+
+
+def _mark_media(ax: Axes, curve: Curve, colour: Any, gid: str) -> None:
+    """Draw marks of the media that served an automatic medium: at its first and last loads, at
+    some between, and on both sides of each change of the medium.
+    """
     n = curve.x.size
-    named = np.array([one.partition("(")[0] for one in curve.served])
-    change = np.flatnonzero(named[1:] != named[:-1])
-    # about twelve
-    some = np.concatenate([np.arange(0, n, max(1, -(-n // 12))), change, change + 1, [n - 1]])
-    shown = np.isin(np.arange(n), some) | curve.simulated
-    for name in dict.fromkeys(named.tolist()):
-        for valid in (True, False):
-            there = shown & (named == name) & (curve.valid == valid)
-            marks: dict[str, Any] = {
-                "color": look.colour,
-                "markersize": _SERVING_SIZE,
-                "linestyle": "none",
-            }
-            marks |= {} if valid else _HOLLOW
-            if np.any(there):
-                ax.plot(
-                    curve.x[there],
-                    curve.y[there],
-                    _SERVING.get(name, "o"),
-                    gid=f"{gid}-served-{name}",
-                    **marks,
-                )
+    media = np.array([label.partition("(")[0] for label in curve.served])
+    change = np.flatnonzero(media[1:] != media[:-1])
+    evenly = np.arange(0, n, max(1, -(-n // _MARKS_OF_CURVE)))
+    chosen = np.concatenate([evenly, change, change + 1, [n - 1]])
+    is_chosen = np.isin(np.arange(n), chosen) | curve.simulated
+    for name, valid in itertools.product(dict.fromkeys(media.tolist()), (True, False)):
+        is_marked = is_chosen & (media == name) & (curve.valid == valid)
+        if np.any(is_marked):
+            ax.plot(
+                curve.x[is_marked],
+                curve.y[is_marked],
+                _SERVING.get(name, "o"),
+                color=colour,
+                markersize=_SERVING_SIZE,
+                linestyle="none",
+                gid=f"{gid}-served-{name}",
+                **({} if valid else _HOLLOW),
+            )
 
 
 def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
     """Scale the axes for curves of the quantity ``y`` over ``x``, and name them with their
     units.
     """
-    for which, name, unit in zip("xy", (x, y), curves[0].units, strict=True):
-        values = np.concatenate([getattr(curve, which) for curve in curves])
+    xs = np.concatenate([curve.x for curve in curves])
+    ys = np.concatenate([curve.y for curve in curves])
+    for which, values, name, unit in zip("xy", (xs, ys), (x, y), curves[0].units, strict=True):
         scale_axis(ax, which, values)
         most = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
-        name_axis(getattr(ax, f"{which}axis"), most, axis_label(name, ""), unit)
+        name_axis(find_axis(ax, which), most, axis_label(name, ""), unit)
 
 
 def _make_handle(look: Look, label: str, points: bool) -> Line2D:
-    line: dict[str, Any] = {"linewidth": min(look.width, 1.6)} | (
-        {"dashes": look.dashes} if look.dashes else {}
-    )
-    return Line2D(
-        [],
-        [],
-        color=look.colour,
-        label=label,
-        **({"marker": look.marker} | _POINTS if points else line),
-    )
+    style: dict[str, Any] = {"linewidth": min(look.width, 1.6)}
+    if look.dashes:
+        style |= {"dashes": look.dashes}
+    if points:
+        style = {"marker": look.marker} | _POINTS
+    return Line2D([], [], color=look.colour, label=label, **style)
 
 
 def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
     """Return the last entries of a legend: loads at which a medium is not valid, and media that
-    automatic ones chose.
+    served automatic media.
     """
     handles = list[Line2D]()
     grey = dict[str, Any](color="0.3")
@@ -355,7 +380,7 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
         points: dict[str, Any] = {"marker": "o"} | _POINTS | _HOLLOW
         look = points if all(curve.as_points for curve in curves) else _OUTSIDE
         handles.append(Line2D([], [], label="outside its range", **grey, **look))
-    names = {one.partition("(")[0] for curve in curves for one in curve.served}
+    names = {label.partition("(")[0] for curve in curves for label in curve.served}
     style = grey | {"markersize": _SERVING_SIZE, "linestyle": "none"}
     return handles + [
         Line2D(
@@ -369,8 +394,8 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
 
 
 def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
-    """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError
-    beyond matplotlib's axes.
+    """Return a variable over the load; :class:`InputError` for a variable that cannot be drawn,
+    FigureError beyond matplotlib's axes.
     """
     if name not in dataset.variables:
         raise InputError(
@@ -386,11 +411,11 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
             f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"
         )
     sizes = np.abs(np.asarray(values, float))
-    far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
-    if np.any(far):
-        what = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
+    is_far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
+    if np.any(is_far):
+        problem = f"{name!r} has the value {np.asarray(values)[is_far].flat[0]:g}"
         why = f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}"
-        raise FigureError(what, why, "Draw another variable")
+        raise FigureError(problem, why, "Draw another variable")
     return values
 
 
@@ -408,7 +433,7 @@ def list_quantities(dataset: Dataset, kinds: str = "fiu") -> tuple[str, ...]:
 
 def list_parameters(dataset: Dataset) -> list[str]:
     """Return the dimensions of the sweep besides load and medium: its parameters, and directions if
-    there are many.
+    there are several.
     """
     along = ("direction",) * ("direction" in dataset.dims)
     return [
@@ -417,8 +442,8 @@ def list_parameters(dataset: Dataset) -> list[str]:
 
 
 def turn_over(dataset: Dataset, x: str | None) -> Dataset:
-    """Return the data set with the parameter ``x`` in the place of the load, if it is one in
-    numbers: curves lie over it.
+    """Return the data set with the parameter ``x`` in the place of the load, if the parameter has
+    numbers: curves lie over the parameter.
     """
     if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
         return dataset
@@ -442,14 +467,16 @@ def read_curve(
     def take(values: Any) -> Any:
         return np.asarray(values.isel(index, missing_dims="ignore"))
 
-    across, along = (read_values(dataset, name, run) for name in (x, variable))
+    across = read_values(dataset, x, run)
+    along = read_values(dataset, variable, run)
     error = dataset.get(f"{variable}_error", dataset[variable] * np.nan)
     served: tuple[str, ...] = ()
     medium = str(np.atleast_1d(dataset["medium"].values)[index["medium"]])
     if medium.startswith(AutoMedium.name) and "choice" in dataset:
         served = tuple(map(str, take(dataset["choice"]).tolist()))
     horizontal = take(across).astype(float)
-    simulated = [one.partition("(")[0] == DirectSimulation.name for one in served or (medium,)]
+    media = served or (medium,)
+    simulated = [label.partition("(")[0] == DirectSimulation.name for label in media]
     simulated = dataset.attrs.get("points", simulated)  # a fit is a line, whatever its medium
     units = tuple(str(dataset[name].attrs.get("units", "")) for name in (x, variable))
     options: dict[str, Any] = next(
@@ -470,66 +497,72 @@ def read_curve(
 
 
 def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str], dict[str, int]]]:
-    """Return for each line of a variable what it is, in words by kind, and its index in each
+    """Return for each line of a variable its facts, in words by kind, and its index in each
     dimension besides the load.
 
-    Directions are no lines of a variable that is the same in all of them. Cells of a lattice that
-    the data set does not tell, or whose lattice varies, are called cells.
+    Directions are no lines of a variable that is the same in all directions. Cells of a lattice are
+    called cells if the data set does not describe the lattice, or has several lattices.
     """
-    told: dict[str, Any] = json.loads(dataset.attrs.get("packing", "null")) or {}
-    base = dict[str, str]()
-    periods = 2
-    balls = 2
+    base, periods, balls = _describe_balls(dataset)
     overlaps = [dict[str, str]()] * dataset.sizes["medium"]
-    if "kinds" in told:  # a crystal
-        kinds = told["order"] or [name for name, _ in told["kinds"]]
-        base["lattice"] = f"{told['lattice'] or 'crystal'} of {' '.join(kinds)}"
-    elif told:
-        packing: Packing = restore(told, Packing, "the packing of the sweep")
-        base = list_facts(packing)
-        periods = packing.structure.periods
-        balls = packing.structure.n_balls
+    if "overlap" in base:
         overlaps = [
             {"overlap": describe_overlap(finite)} for finite in list_finite_overlap(dataset)
         ]
-        if "lattice" in dataset.coords:
-            try:
-                lattices = [
-                    find_lattice(str(name)) for name in np.atleast_1d(dataset["lattice"].values)
-                ]
-                periods = lattices[0].periods
-                balls = max(one.n_balls for one in lattices)
-            except InputError:  # a lattice of the user's own
-                balls = 2
     labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
     media = [
-        one | {"medium": describe_medium(label, periods, balls)}
-        for one, label in zip(overlaps, labels, strict=True)
+        overlap | {"medium": describe_medium(label, periods, balls)}
+        for overlap, label in zip(overlaps, labels, strict=True)
     ]
     names = list_parameters(dataset)
     if variable in dataset and "direction" not in dataset[variable].dims:
         names = [name for name in names if name != "direction"]
     if "direction" in dataset.coords and dataset["direction"].ndim == 0:
         base["direction"] = f"along {dataset['direction'].item()}"
-    found = []
-    for place in np.ndindex(*(dataset.sizes[name] for name in names)):
-        at = dict(zip(names, place, strict=True))
+    lines = []
+    for numbers in np.ndindex(*(dataset.sizes[name] for name in names)):
+        index = dict(zip(names, numbers, strict=True))
         facts = dict(base)
-        for name, number in at.items():
-            value = dataset[name].values[number]
-            value = value.item() if hasattr(value, "item") else value
-            kind, text = (
-                ("direction", f"along {value}")
-                if name == "direction"
-                else describe_parameter(name, value)
-            )
-            if name in _LOADS:
-                text = (
-                    f"{name} {write_value(float(value), str(dataset[name].attrs.get('units', '')))}"
-                )
+        for name, number in index.items():
+            kind, text = _describe_value(dataset, name, number)
             facts[kind] = text
-        found += [(facts | own, at | {"medium": m}) for m, own in enumerate(media)]
-    return found
+        lines += [(facts | medium, index | {"medium": m}) for m, medium in enumerate(media)]
+    return lines
+
+
+def _describe_balls(dataset: Dataset) -> tuple[dict[str, str], int, int]:
+    """Return the facts of the balls of a data set, in words by kind, and the numbers of periods and
+    of balls in a cell of the lattice; 2 where unknown.
+    """
+    description: dict[str, Any] = json.loads(dataset.attrs.get("packing", "null")) or {}
+    if "kinds" in description:  # a crystal
+        kinds = description["order"] or [name for name, _ in description["kinds"]]
+        return {"lattice": f"{description['lattice'] or 'crystal'} of {' '.join(kinds)}"}, 2, 2
+    if not description:
+        return {}, 2, 2
+    packing: Packing = restore(description, Packing, "the packing of the sweep")
+    facts = list_facts(packing)
+    if "lattice" not in dataset.coords:
+        return facts, packing.structure.periods, packing.structure.n_balls
+    names = map(str, np.atleast_1d(dataset["lattice"].values))
+    try:
+        lattices = [find_lattice(name) for name in names]
+    except InputError:  # a lattice of the user
+        return facts, packing.structure.periods, 2
+    return facts, lattices[0].periods, max(lattice.n_balls for lattice in lattices)
+
+
+def _describe_value(dataset: Dataset, name: str, number: int) -> tuple[str, str]:
+    """Return the kind of fact of a coordinate, and its value of this number in words."""
+    value = dataset[name].values[number]
+    value = value.item() if hasattr(value, "item") else value
+    if name == "direction":
+        return "direction", f"along {value}"
+    kind, text = describe_parameter(name, value)
+    if name in _LOADS:
+        unit = str(dataset[name].attrs.get("units", ""))
+        text = f"{name} {write_value(float(value), unit)}"
+    return kind, text
 
 
 # -- figures of a sweep ----------------------------------------------------------------------------
@@ -552,25 +585,25 @@ def plot_sweep(
     Parameters
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
-    variable, x : names of variables or coordinates over load; ``x`` is by default the load that was
-        given, a force, a pressure or an overlap; or a parameter in numbers, such as A.diameter,
-        with a line for each load. Where there is one load alone it is the parameter in numbers that
-        has the most values.
-    legend : whether to draw a legend; it names no more than eight combinations, and says of how
-        many.
+    variable, x : names of variables or coordinates over load; ``x`` is by default the load of the
+        sweep, a force, a pressure or an overlap; or a parameter in numbers, such as A.diameter,
+        with a line for each load. At a single load ``x`` is by default the parameter in numbers
+        with the most values.
+    legend : whether to draw a legend; it names at most eight combinations, and gives the
+        number of all.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid,
-    thin and dashed elsewhere, and each is thinner than the one before, so that all remain visible
-    where they coincide. A simulation has no line but points, open where it is not valid; of several
-    samples they are means, with bars of their standard errors. On an ordered path a line joins the
-    points in its order, and triangles mark those that are reached by a fall of ``x``. Marks on the
-    line of an automatic medium say which medium served where. The slow transverse wave in space has
-    a dash-dotted line.
+    thin and dashed elsewhere. Each line is thinner than the one before, so that all remain visible
+    where they coincide. A simulation has points in place of a line, open where it is not valid;
+    points of several samples are means, with bars of their standard errors. On an ordered path a
+    line joins the points in the order of the path, and triangles mark the points that are reached
+    by a fall of ``x``. Marks on the line of an automatic medium name the medium that served. The
+    slow transverse wave in space has a dash-dotted line.
 
     Raises
     ------
-    InputError : there is no such variable, it is not one number at each load, or it is nowhere
-        finite.
+    InputError : the sweep has no such variable, or the variable is not one number at each load, or
+        is nowhere finite.
     """
     _, handles = _draw_sweep(dataset, ax, variable, x)
     if legend:
@@ -581,78 +614,74 @@ def plot_sweep(
 def _draw_sweep(
     dataset: Dataset, ax: Axes, variable: str, x: str | None
 ) -> tuple[list[Curve], list[Line2D]]:
-    """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend."""
+    """Draw the curves of :func:`plot_sweep`; return the curves and the entries of the legend."""
     if dataset.sizes["load"] == 1:
-        # curves lie over the parameter in numbers that has the most values
-        numbers = {
-            name: dataset.sizes[name]
-            for name in list_parameters(dataset)
-            if dataset[name].dtype.kind in "fiu"
-        }
-        x = x or next(
-            (name for name in numbers if numbers[name] == max(numbers.values()) > 1), None
-        )
+        x = x or _find_longest_parameter(dataset)
     dataset = turn_over(dataset, x)
     x = x or find_load(dataset)
-    colours = itertools.cycle(COLOURS)
     read_values(dataset, variable)
-    # of one medium the first of several parameters has the colours, if these suffice
-    sizes = {
-        name: dataset.sizes[name] for name in list_parameters(dataset) if dataset.sizes[name] > 1
-    }
-    first = (
-        next((name for name, size in sizes.items() if size <= len(COLOURS)), "medium")
-        if len(sizes) > 1
-        else "medium"
-    )
-    first = "medium" if dataset.sizes["medium"] > 1 else first
+    first = _choose_coloured(dataset)
     lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1].get(first, 0))
     curves = [read_curve(dataset, variable, x, index, facts=facts) for facts, index in lines]
     count = len(lines) // len({index.get(first, 0) for _, index in lines})
     groups = [curves[n : n + count] for n in range(0, len(curves), count)]
-    media = [(Look(colour, 1.5), group) for colour, group in zip(colours, groups, strict=False)]
-    shades = [shade for look, _ in media for shade in _make_shades(look.colour, count)]
+    colours = [COLOURS[n % len(COLOURS)] for n in range(len(groups))]
+    shades = [shade for colour in colours for shade in _make_shades(colour, count)]
     dashes = _SLOW_DASHES if variable == _SLOW else None
     marker = _VELOCITY_MARKERS.get(variable, "o")
-    for curve, shade, width in zip(
-        curves, shades, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True
-    ):
+    widths = np.linspace(2.2, 1.0, len(lines) + 1)[1:]
+    for curve, shade, width in zip(curves, shades, widths, strict=True):
         draw_curve(ax, curve, Look(shade, width, dashes, marker), variable)
     label_axes(ax, curves, x, variable)
-    simulated = [
+    are_points = [
         all(np.all(curve.simulated) and not curve.served for curve in group) for group in groups
     ]
-    several = len(media) > 1
+    has_colours = len(groups) > 1
     handles = list[Line2D]()
-    if several or count == 1:
-        named = zip(media, simulated, strict=True)
-        own = (
-            ["medium"]
-            if first == "medium"
-            else find_differing([group[0].facts for group in groups])[0]
-        )
-        told = [", ".join(group[0].facts[kind] for kind in own) for group in groups]
-        handles = [
-            _make_handle(look, words, points)
-            for ((look, _), points), words in zip(named, told, strict=True)
-        ]
+    if has_colours or count == 1:
+        kinds = ["medium"]
+        if first != "medium":
+            kinds, _ = find_differing([group[0].facts for group in groups])
+        for colour, group, points in zip(colours, groups, are_points, strict=True):
+            label = ", ".join(group[0].facts[kind] for kind in kinds)
+            handles.append(_make_handle(Look(colour, 1.5), label, points))
     if count > 1:
         kinds, _ = find_differing([curve.facts for curve in groups[0]])
-        grey = _make_shades("0.5" if several else COLOURS[0], count)
-        chosen = pick_evenly(count, 8)
+        shades_of_legend = _make_shades("0.5" if has_colours else COLOURS[0], count)
+        chosen = pick_evenly(count, _MOST_NAMED)
         for n in chosen:
-            words = ", ".join(groups[0][n].facts[kind] for kind in kinds)
-            handles.append(_make_handle(Look(grey[n], 1.5), words, all(simulated)))
+            label = ", ".join(groups[0][n].facts[kind] for kind in kinds)
+            handles.append(_make_handle(Look(shades_of_legend[n], 1.5), label, all(are_points)))
         if len(chosen) < count:
-            handles.append(
-                Line2D([], [], linestyle="none", label=f"{len(chosen)} of {count} are named")
-            )
+            words = f"{len(chosen)} of {count} are named"
+            handles.append(Line2D([], [], linestyle="none", label=words))
     return curves, handles + _make_remarks(curves)
 
 
+def _find_longest_parameter(dataset: Dataset) -> str | None:
+    """Return the parameter in numbers that has the most values; None if none has several."""
+    sizes = {
+        name: dataset.sizes[name]
+        for name in list_parameters(dataset)
+        if dataset[name].dtype.kind in "fiu" and dataset.sizes[name] > 1
+    }
+    return max(sizes, key=lambda name: sizes[name], default=None)
+
+
+def _choose_coloured(dataset: Dataset) -> str:
+    """Return the dimension whose values have colours: the medium, or of one medium the first of
+    several parameters for whose values the colours suffice.
+    """
+    sizes = {name: dataset.sizes[name] for name in list_parameters(dataset)}
+    sizes = {name: size for name, size in sizes.items() if size > 1}
+    if dataset.sizes["medium"] > 1 or len(sizes) < 2:
+        return "medium"
+    return next((name for name, size in sizes.items() if size <= len(COLOURS)), "medium")
+
+
 def _make_shades(name: str, count: int) -> list[Any]:
-    """Return ``count`` shades of a colour, from darker to lighter than itself; a single shade is
-    the colour itself.
+    """Return ``count`` shades of a colour, from darker to lighter than the colour; a single shade
+    is the colour.
     """
     colour = np.array(to_rgb(name))
     change = np.linspace(-0.5, 0.6, count) if count > 1 else np.zeros(1)
@@ -693,88 +722,84 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
 
     ``x`` is that of :func:`plot_sweep`.
 
-    Velocities that are zero, of waves across a chain, are left out. A sweep without others, as of a
-    mechanism, has the normal stiffness in their place; one of motions that observes no velocities
-    has that of the peak, or the greatest force. For a sweep without exponents (finite overlap), or
-    for one ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises.
+    Velocities that are zero, of waves across a chain, are left out. Without any other velocity, as
+    for a mechanism, the normal stiffness is drawn; for motions without velocities the velocity of
+    the peak, or the greatest force. For a sweep without exponents (finite overlap), or for one
+    ``variable``, there is the upper panel only. Raises what :func:`plot_sweep` raises.
     """
-    # a table of other numbers observes nothing
+    # a table of numbers that are not from a sweep has no "observe"
     observed = json.loads(dataset.attrs.get("observe", "[]"))
     if variable is None and "motion" in observed and "velocities" not in observed:
         variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
-    both = variable is None and "exponent" in dataset
-    velocities = {
-        one: name
-        for one, name in _VELOCITIES.items()
-        if one in dataset and np.any(dataset[one] != 0.0)
-    }
-    velocities = {} if variable else velocities
-    shown = list(velocities) or [variable or "normal_stiffness"]
-    with styled_figure(4.0 if both else 2.6) as figure:
-        axes = figure.subplots(
-            1 + both, sharex=True, squeeze=False, height_ratios=[1.6, 1.0][: 1 + both]
-        )[:, 0]
-        every = [_draw_sweep(dataset, axes[0], one, x) for one in shown]
-        # of velocities some may be the same in all directions, which the legend of the others names
-        curves, handles = max(every, key=lambda one: len(one[1]))
+    has_exponent = variable is None and "exponent" in dataset
+    velocities = []
+    if not variable:
+        velocities = [
+            name for name in _VELOCITIES if name in dataset and np.any(dataset[name] != 0.0)
+        ]
+    shown = velocities or [variable or "normal_stiffness"]
+    with styled_figure(4.0 if has_exponent else 2.6) as figure:
+        ratios = [1.6, 1.0] if has_exponent else [1.0]
+        axes = figure.subplots(len(ratios), sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+        drawn = {name: _draw_sweep(dataset, axes[0], name, x) for name in shown}
+        # a velocity that is the same in all directions has a shorter legend than the others
+        curves, handles = max(
+            drawn.values(), key=lambda curves_and_handles: len(curves_and_handles[1])
+        )
         if velocities:
-            # the symbols of velocities stand beside the right ends of their curves, in one text
-            # where these are close
-            drawn = {velocities[one]: found for one, (found, _) in zip(shown, every, strict=True)}
-            scale_axis(
-                axes[0],
-                "y",
-                np.concatenate([curve.y for group in drawn.values() for curve in group]),
-            )
+            all_curves = [curve for group, _ in drawn.values() for curve in group]
+            scale_axis(axes[0], "y", np.concatenate([curve.y for curve in all_curves]))
             axes[0].set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
-            ends: dict[str, float] = {}
-            for name, group in drawn.items():
-                # a path may turn, and end anywhere
-                right = [float(curve.y[np.argmax(curve.x)]) for curve in group]
-                if name != _VELOCITIES[_PULSE] and (
-                    known := [value for value in right if np.isfinite(value)]
-                ):
-                    # the legend names the marks of pulses, which are often near those of long waves
-                    ends[name] = max(known)
-            to_axes = axes[0].transData - axes[0].transAxes
-            last = -np.inf
-            together: dict[float, list[str]] = {}
-            for name, value in sorted(ends.items(), key=lambda item: item[1]):
-                height = float(to_axes.transform((axes[0].get_xlim()[0], value))[1])
-                if height - last > 0.06:
-                    # names that stand nearer, over the height of the axes, are written in one
-                    last = height
-                    together[value] = []
-                together[max(together)].append(name)
-            for value, names in together.items():
-                _write_beside(axes[0], ", ".join(names), value)
-        if both:
+            _write_symbols(axes[0], {name: group for name, (group, _) in drawn.items()})
+        if has_exponent:
             plot_exponent(dataset, axes[1], x)
             axes[0].set_xlabel("")
         for ax in axes:
             ax.margins(x=0.08)
         medium = curves[0].facts["medium"]
-        points = all(np.all(curve.simulated) and not curve.served for curve in curves)
-        # what tells the slow transverse wave from the fast one, and the marks of pulses
-        for name in [
-            one
-            for one in _VELOCITY_MARKERS
-            if one in velocities and (one == _PULSE or _SLOW in velocities)
-        ]:
-            look = Look(
-                "0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, _VELOCITY_MARKERS[name]
-            )
-            handles.append(_make_handle(look, _VELOCITIES[name], points or name == _PULSE))
-        alone = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
-        # in lines for which a column has room
-        title, *labels = (
-            label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
-            for label in (medium, *(str(handle.get_label()) for handle in handles))
-        )
-        for handle, label in zip(handles, labels, strict=True):
-            handle.set_label(label)
-        add_legend(figure, handles, 4, title if alone else None)
+        are_points = all(np.all(curve.simulated) and not curve.served for curve in curves)
+        # the dashes of the slow transverse wave, the marks of both, and those of pulses
+        for name, marker in _VELOCITY_MARKERS.items():
+            if name in velocities and (name == _PULSE or _SLOW in velocities):
+                look = Look("0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, marker)
+                points = are_points or name == _PULSE
+                handles.append(_make_handle(look, _VELOCITIES[name], points))
+        is_alone = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
+        for handle in handles:
+            handle.set_label(_break_label(str(handle.get_label())))
+        add_legend(figure, handles, 4, _break_label(medium) if is_alone else None)
     return figure
+
+
+def _break_label(label: str) -> str:
+    """Return a label in lines for which a column has room."""
+    return label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
+
+
+def _write_symbols(ax: Axes, curves: Mapping[str, Sequence[Curve]]) -> None:
+    """Write the symbols of velocities beside the right ends of their ``curves``, in one text where
+    the ends are close.
+
+    Marks of pulses, which are often near long waves, are in the legend, and have no symbol.
+    """
+    ends: dict[str, float] = {}
+    for name, group in curves.items():
+        # a path may turn, and end anywhere
+        velocities = [float(curve.y[np.argmax(curve.x)]) for curve in group]
+        velocities = [velocity for velocity in velocities if np.isfinite(velocity)]
+        if name != _PULSE and velocities:
+            ends[_VELOCITIES[name]] = max(velocities)
+    to_axes = ax.transData - ax.transAxes
+    last_height = -np.inf
+    symbols: dict[float, list[str]] = {}
+    for symbol, velocity in sorted(ends.items(), key=lambda item: item[1]):
+        height = float(to_axes.transform((ax.get_xlim()[0], velocity))[1])
+        if height - last_height > _LEAST_HEIGHT:
+            last_height = height
+            symbols[velocity] = []
+        symbols[max(symbols)].append(symbol)
+    for velocity, names in symbols.items():
+        _write_beside(ax, ", ".join(names), velocity)
 
 
 # -- figures of several results --------------------------------------------------------------------
@@ -793,20 +818,21 @@ def plot_together(
     """Draw several results on one Axes.
 
     Sweeps, states and fits are curves and points of ``y`` over ``x``. If all results have bands and
-    neither ``x`` nor ``y`` nor data are given, their bands are drawn one over the other; so are
-    densities of states.
+    there is no ``x``, no ``y`` and no data, the bands are drawn one over the other; densities of
+    states likewise.
 
     Parameters
     ----------
     results : sweeps, fits, bands, densities of states, results of scenes. The names of a mapping
         stand in the legend for all that the curves of a result share.
-    x : "force", "pressure", "overlap" or "reduced_force"; by default the load that was given if it
-        is that of all, else the force.
+    x : "force", "pressure", "overlap" or "reduced_force"; by default the load of the results if all
+        have the same kind of load, else the force.
     y : a quantity of :data:`~granphon.observables.catalogue.CATALOGUE` that all results hold; by
-        default the longitudinal velocity, or another one that all hold.
+        default the longitudinal velocity, or another velocity that all hold.
     data : measured velocities, one or several: files in the form of ``granphon fit``, or
         :class:`~granphon.fits.measurements.Measurements`.
-    balls_per_side : that of the hexagonal frame, where a file of data gives side forces.
+    balls_per_side : number of balls at a side of the hexagonal frame, for files of data with side
+        forces.
     legend : whether to draw the legend, and the title.
 
     A line is solid where its medium is valid, thin and dashed elsewhere; a simulation has points,
@@ -816,8 +842,8 @@ def plot_together(
     Raises
     ------
     InputError : the results cannot share an axis: one of them does not hold ``x`` or ``y``, the
-        units differ, or some are bands and others are not; the error names them. Data that are no
-        velocities, or whose loads cannot be converted.
+        units differ, or some are bands and others are not; the error names the results. Data are
+        no velocities, or their loads cannot be converted.
     """
     handles, common = _draw_together(results, ax, x, y, data, balls_per_side)
     if legend:
@@ -825,20 +851,17 @@ def plot_together(
         size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
         figure: Any = ax.get_figure()
         points = 72.0 * figure.get_figwidth() * ax.get_position().width
-        # a letter is about 0.55 of the size of the font wide
-        ax.set_title(join_facts(common, max(20, int(points / (0.55 * size)))), fontsize=size)
+        letters = int(points / (_WIDTH_OF_LETTER * size))
+        ax.set_title(join_facts(common, max(20, letters)), fontsize=size)
     return ax
 
 
 def _find_length(handles: Sequence[Line2D]) -> float | None:
-    """Return the length of the handles of a legend, in letters; longer if dashes tell lines apart,
-    None for the usual.
+    """Return the length of the handles of a legend, in letters: longer if dashes tell lines apart,
+    None for the usual length.
     """
-    return (
-        2.8
-        if any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles)
-        else None
-    )
+    is_dashed = any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles)
+    return 2.8 if is_dashed else None
 
 
 def comparison_figure(
@@ -851,7 +874,7 @@ def comparison_figure(
         handles, common = _draw_together(results, figure.subplots(), **options)
         if not legend:
             return figure
-        title = join_facts(common, 60)
+        title = join_facts(common, _LETTERS_OF_TITLE)
         lines = 1 + title.count("\n") if title else 0
         add_legend(figure, handles, -lines, handlelength=_find_length(handles))
         if title:
@@ -867,66 +890,21 @@ def _draw_together(
     data: Any = (),
     balls_per_side: int | None = None,
 ) -> _Drawn:
+    """Draw the curves of :func:`plot_together`; return the data of the caption."""
     if isinstance(results, Mapping):
-        runs = [Run.of(str(name), one, named=True) for name, one in results.items()]
+        runs = [Run.of(str(name), result, named=True) for name, result in results.items()]
     else:
-        runs = [Run.of(f"result {n}", one) for n, one in enumerate(results, 1)]
-    given = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
+        runs = [Run.of(f"result {n}", result) for n, result in enumerate(results, 1)]
+    data_sets = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
     if not runs:
         raise InputError("there is nothing to draw", mend="Give results")
-    asked = x is not None or y is not None or bool(given)
-    if not asked and len(every := [run.bands for run in runs if run.bands is not None]) == len(
-        runs
-    ):
-        first = every[0]
-        for run, bands in zip(runs, every, strict=True):
-            same = (
-                bands.labels == first.labels
-                and bands.distances.shape[0] == first.distances.shape[0]
-            )
-            if not same or not np.allclose(
-                bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6
-            ):
-                paths = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
-                what = (
-                    f"the bands of {runs[0].name} and {run.name} cannot share an axis: their"
-                    f" paths differ"
-                )
-                why = (
-                    paths
-                    if bands.labels != first.labels
-                    else "The zones of the lattices have other sizes"
-                )
-                raise InputError(what, why, "Compute them along one path")
-        unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
-        lines = [
-            list(zip(one.distances, one.connected_frequencies / unit.hertz, strict=True))
-            for one in every
-        ]
-        drawn = _draw_spectra(runs, ax, "bands", lines)
-        name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
-        ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
-        return drawn
-    if (
-        not asked
-        and (dos := [run.dos for run in runs if run.dos is not None])
-        and len(dos) == len(runs)
-    ):
-        unit = HertzPrefix.for_top(max(float(one.frequencies.max()) for one in dos))
-        drawn = _draw_spectra(
-            runs,
-            ax,
-            "dos",
-            [[(one.frequencies / unit.hertz, one.total * unit.hertz)] for one in dos],
-        )
-        name = print_hertz(unit)
-        ax.set(
-            xlabel=f"Frequency ({name})",
-            ylabel=f"DOS per ball (1/{name})",
-            xlim=(0.0, None),
-            ylim=(0.0, None),
-        )
-        return drawn
+    if x is None and y is None and not data_sets:
+        all_bands = [run.bands for run in runs if run.bands is not None]
+        if len(all_bands) == len(runs):
+            return _draw_bands_together(runs, all_bands, ax)
+        densities = [run.dos for run in runs if run.dos is not None]
+        if len(densities) == len(runs):
+            return _draw_densities_together(runs, densities, ax)
     if x:
         runs = [
             run if run.dataset is None else replace(run, dataset=turn_over(run.dataset, x.strip()))
@@ -935,35 +913,75 @@ def _draw_together(
     across, along = choose_axes(runs, x, y)
     curves = list[Curve]()
     for run in runs:
-        assert run.dataset is not None  # choose_axes has seen that
+        assert run.dataset is not None  # choose_axes raises for other runs
         if run.measured is not None:
-            curves.append(
-                replace(
-                    read_curve(run.measured, along, across, {"medium": 0}, run.name), measured=True
-                )
-            )
+            points = read_curve(run.measured, along, across, {"medium": 0}, run.name)
+            curves.append(replace(points, measured=True))
         named = {"name": run.name} if run.named else {}
         for facts, index in describe_lines(run.dataset, along):
             curves.append(
                 read_curve(run.dataset, along, across, index, run.name, named | facts | run.facts)
             )
-    measured = [_read_points(one, runs, across, along, balls_per_side) for one in given]
-    # what they cannot share: an axis of two units, a load that is infinite
-    for which, name in enumerate((across, along)):
+    measured = [_read_points(points, runs, across, along, balls_per_side) for points in data_sets]
+    _require_shared_axes(curves, across, along)
+    return _draw_curves(ax, curves, measured, across, along)
+
+
+def _draw_bands_together(runs: Sequence[Run], all_bands: Sequence[Bands], ax: Axes) -> _Drawn:
+    """Draw the bands of each run over those of the others; InputError if their paths differ."""
+    first = all_bands[0]
+    for run, bands in zip(runs, all_bands, strict=True):
+        has_labels = bands.labels == first.labels
+        has_corners = bands.distances.shape[0] == first.distances.shape[0] and np.allclose(
+            bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6
+        )
+        if not (has_labels and has_corners):
+            problem = (
+                f"the bands of {runs[0].name} and {run.name} cannot share an axis: their"
+                f" paths differ"
+            )
+            why = "The zones of the lattices have other sizes"
+            if not has_labels:
+                why = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
+            raise InputError(problem, why, "Compute them along one path")
+    unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in all_bands))
+    lines = [
+        list(zip(bands.distances, bands.connected_frequencies / unit.hertz, strict=True))
+        for bands in all_bands
+    ]
+    drawn = _draw_spectra(runs, ax, "bands", lines)
+    name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
+    return drawn
+
+
+def _draw_densities_together(
+    runs: Sequence[Run], densities: Sequence[DensityOfStates], ax: Axes
+) -> _Drawn:
+    """Draw the density of states of each run over those of the others."""
+    unit = HertzPrefix.for_top(max(float(dos.frequencies.max()) for dos in densities))
+    lines = [[(dos.frequencies / unit.hertz, dos.total * unit.hertz)] for dos in densities]
+    drawn = _draw_spectra(runs, ax, "dos", lines)
+    name = print_hertz(unit)
+    ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})")
+    ax.set(xlim=(0.0, None), ylim=(0.0, None))
+    return drawn
+
+
+def _require_shared_axes(curves: Sequence[Curve], across: str, along: str) -> None:
+    """Raise InputError for curves with several units, infinite loads, or no finite values."""
+    for axis, name in enumerate((across, along)):
         units: dict[str, str] = {}
         for curve in curves:
-            units.setdefault(curve.units[which], curve.run)
+            units.setdefault(curve.units[axis], curve.run)
         if len(units) > 1:
-            told = "; ".join(
+            reasons = [
                 f"{run} has it {f'in {unit}' if unit else 'without a unit'}"
                 for unit, run in units.items()
-            )
-            what = f"{' and '.join(units.values())} cannot share an axis of {name}"
-            raise InputError(
-                what,
-                told,
-                "Take --x force (x='force')" if name == across else "Draw another quantity",
-            )
+            ]
+            problem = f"{' and '.join(units.values())} cannot share an axis of {name}"
+            mend = "Take --x force (x='force')" if name == across else "Draw another quantity"
+            raise InputError(problem, "; ".join(reasons), mend)
     for curve in curves:
         if not np.all(np.isfinite(curve.x)):
             why = "It is infinite for equal balls" if across == "reduced_force" else ""
@@ -974,25 +992,23 @@ def _draw_together(
             raise InputError(
                 f"{along} of {curve.run} has no finite value", mend="Draw another quantity"
             )
-    return _draw_curves(ax, curves, measured, across, along)
 
 
-# -- the runs of a figure: what each holds, and what they can share --------------------------------
+# -- the runs of a figure, and the quantities that they share --------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One run: a data set of states, of which a fit has one too; of one state also bands, a density
-    of states or both.
-
-    What it does not hold is None.
+    """A run: a data set of states, which a fit has too; of one state also bands, a density of
+    states or both.
 
     Attributes
     ----------
-    name : that in messages; where ``named``, it also stands in legends, for all that the curves of
-        the run share.
-    measured : the data of a fit, at whose loads they were measured.
-    facts : what is said of the curves of a fit beside what its data set tells, in words by kind.
+    name : name of the run in messages; where ``named``, also in legends, for all facts that the
+        curves of the run share.
+    dataset, bands, dos : the results of the run; None without such a result.
+    measured : the data of a fit, at their loads.
+    facts : facts of the curves of a fit besides those of its data set, in words by kind.
     """
 
     name: str
@@ -1005,8 +1021,8 @@ class Run:
 
     @classmethod
     def of(cls, name: str, result: Any, named: bool = False) -> Run:
-        """Take a result of the library; :class:`~granphon.base.errors.InputError` for what shares
-        no figure with others.
+        """Return the run of a result of the library; :class:`~granphon.base.errors.InputError` for
+        a result that shares no figure with others.
         """
         if isinstance(result, Run):
             return result
@@ -1018,307 +1034,321 @@ class Run:
             return cls(name, dos=result, named=named)
         dataset = find_dataset(result)
         if dataset is not None:
-            bands, dos = (getattr(result, one, None) for one in ("bands", "dos"))
+            bands = getattr(result, "bands", None)
+            dos = getattr(result, "dos", None)
             return cls(name, dataset, bands, dos, named)
         mend = "Give sweeps, fits, bands, densities of states, or results of scenes"
         raise InputError(f"{brief(result)} shares no figure with others", mend=mend)
 
     @property
-    def what(self) -> str:
-        """What the run holds, in words."""
-        held = [
-            name
-            for name, one in (("bands", self.bands), ("a density of states", self.dos))
-            if one is not None
-        ]
-        if not held and self.dataset is not None:
-            single = "a sweep" if self.dataset["valid"].size > 1 else "a single state"
-            return single if self.measured is None else "a fit"
-        return " and ".join(held)
+    def words(self) -> str:
+        """The results of the run, in words."""
+        spectra = (("bands", self.bands), ("a density of states", self.dos))
+        held = [name for name, result in spectra if result is not None]
+        if held or self.dataset is None:
+            return " and ".join(held)
+        if self.measured is not None:
+            return "a fit"
+        return "a sweep" if self.dataset["valid"].size > 1 else "a single state"
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """Names of the quantities that are one number at each load."""
+        """Names of the quantities with one number at each load."""
         return () if self.dataset is None else list_quantities(self.dataset)
 
 
 def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
+    """Return the run of a fit: its curve, and its data at their loads."""
     frequency = fit.waves.frequency
     branch = fit.waves.branch
     finite = fit.waves.finite_overlap
     # a fit of pulses that each have a frequency is known at the data alone
-    several = np.ndim(frequency) > 0
-    force = fit.force if several else np.geomspace(fit.force.min(), fit.force.max(), 200)
-    # the overlap of a simulation follows from nothing that was measured
+    at_data = np.ndim(frequency) > 0
+    force = fit.force
+    velocity = fit.velocities
+    if not at_data:
+        force = np.geomspace(fit.force.min(), fit.force.max(), _FORCES)
+        velocity = fit.velocity_at(force)
+    # measured velocities do not determine the overlap of a simulation
     choice = fit.choice.stand_in
     loads = [load for load in _LOADS[1:] if load != "overlap" or choice == fit.choice]
 
-    def make(force: Array, velocity: Array, points: bool, **more: Array) -> Dataset:
+    def make(force: Array, points: bool, **velocities: Array) -> Dataset:
         state = choice.of(fit.packing).at_force(force, finite_overlap=finite)
-        values = (
-            {load: np.asarray(getattr(state, load), float) for load in loads}
-            | {branch: velocity}
-            | more
-        )
-        return tabulate(
-            fit.packing,
-            fit.medium,
-            force,
-            values,
-            {"finite_overlap": int(finite), "points": int(points)},
-        )
+        values = {load: np.asarray(getattr(state, load), float) for load in loads} | velocities
+        attributes = {"finite_overlap": int(finite), "points": int(points)}
+        return tabulate(fit.packing, fit.medium, force, values, attributes)
 
-    velocity = fit.velocities if several else fit.velocity_at(force)
     facts = {"spread": f"fitted W = {write_width(fit)}"} if "width" in fit.parameters else {}
-    if frequency is not None:
-        facts["waves"] = "pulses" if several else f"pulses of {write_value(float(frequency), 'Hz')}"
-    measured = make(fit.force, fit.velocity, True, **{f"{branch}_error": fit.sigma})
-    return Run(name, make(force, velocity, several), named=named, measured=measured, facts=facts)
+    if at_data:
+        facts["waves"] = "pulses"
+    elif frequency is not None:
+        facts["waves"] = f"pulses of {write_value(float(frequency), 'Hz')}"
+    measured = make(fit.force, True, **{branch: fit.velocity, f"{branch}_error": fit.sigma})
+    curve = make(force, at_data, **{branch: velocity})
+    return Run(name, curve, named=named, measured=measured, facts=facts)
 
 
 def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str, str]:
-    """Return the load and the quantity that are drawn; ``x`` and ``y`` are what is asked for.
+    """Return the load and the quantity of the axes; ``x`` and ``y`` are the requested ones.
 
     Raises :class:`~granphon.base.errors.InputError` if there is no such load or quantity, or a run
     does not hold it.
     """
-    if spectra := [run for run in runs if not run.quantities]:
-        other = next((run for run in runs if run.quantities), None)
-        what = (
-            f"{_list(spectra)} {'holds' if len(spectra) == 1 else 'hold'} {spectra[0].what} and"
-            f" no velocities"
-        )
-        why = (
-            f"{other.name} is {other.what}: they cannot share an axis"
-            if other
-            else "There is nothing over a load"
-        )
-        raise InputError(what, why, "Draw them in figures of their own")
-    common = [one for one in runs[0].quantities if all(one in run.quantities for run in runs)]
-    if x is None:
-        loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
-        load = loads.pop() if len(loads) == 1 else "force"
-    else:
-        load = x.strip()
-        if not (
-            turned := all(run.dataset is not None and load in run.dataset.coords for run in runs)
-        ):
-            load = load.lower().replace(" ", "_")
-        if load not in _LOADS and not turned:
-            data = runs[0].dataset
-            own = (
-                []
-                if data is None
-                else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
-            )
-            raise InputError(f"{x!r} is no load", mend=suggest(load, (*_LOADS, *own)))
-        if without := [run for run in runs if load not in run.quantities]:
-            what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"
-            held = ", ".join(one for one in _LOADS if one in common) or "figures of their own"
-            raise InputError(what, "The runs cannot share that axis", f"Use {held}")
+    spectra = [run for run in runs if not run.quantities]
+    if spectra:
+        problem = f"{_join_names(spectra, 'holds', 'hold')} {spectra[0].words} and no velocities"
+        other_run = next((run for run in runs if run.quantities), None)
+        why = "There is nothing over a load"
+        if other_run:
+            why = f"{other_run.name} is {other_run.words}: they cannot share an axis"
+        raise InputError(problem, why, "Draw them in figures of their own")
+    common = [name for name in runs[0].quantities if all(name in run.quantities for run in runs)]
+    load = _choose_load(runs, common, x)
     if y is None:
-        usual = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
-        if (first := next((name for name in usual if name in common), None)) is not None:
-            return load, first
-        each = ", ".join(f"{run.name} {run.what}" for run in runs)
-        first = next(
-            (one for one in common if one not in _LOADS and not one.endswith("_error")), None
-        )
-        mend = (
-            f"Name a quantity that all hold, as --y {first} (y={first!r})"
-            if first
-            else "Draw each by itself"
-        )
-        what = f"{_list(runs)} cannot share an axis: no velocity is in all"
-        what = what if len(runs) > 1 else f"{runs[0].name} has no velocity"
-        raise InputError(what, f"Found {each}", mend)
+        return load, _choose_velocity(runs, common)
     name = y.strip().lower().replace(" ", "_")
-    if without := [run for run in runs if name not in run.quantities]:
-        if name not in CATALOGUE and (meant := closest(name, common)):
-            raise InputError(f"there is no variable {y!r}", mend=f"Did you mean {meant}?")
-        what = f"{_list(without)} {'holds' if len(without) == 1 else 'hold'} no {name}"
+    without = [run for run in runs if name not in run.quantities]
+    if without:
+        closest_name = closest(name, common)
+        if name not in CATALOGUE and closest_name:
+            raise InputError(f"there is no variable {y!r}", mend=f"Did you mean {closest_name}?")
+        problem = f"{_join_names(without, 'holds', 'hold')} no {name}"
         why = f"All runs hold {', '.join(common)}" if common else "No quantity is in all runs"
-        raise InputError(what, why, "Draw another quantity, or leave these runs out")
+        raise InputError(problem, why, "Draw another quantity, or leave these runs out")
     return load, name
 
 
-def _list(runs: Sequence[Run]) -> str:
-    return " and ".join(", ".join(run.name for run in runs).rsplit(", ", 1))
+def _choose_load(runs: Sequence[Run], common: Sequence[str], x: str | None) -> str:
+    """Return the load ``x``, or a parameter in numbers, by default the load of all runs, else the
+    force; InputError if a run does not hold ``x``.
+    """
+    if x is None:
+        loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
+        return loads.pop() if len(loads) == 1 else "force"
+    load = x.strip()
+    is_parameter = all(run.dataset is not None and load in run.dataset.coords for run in runs)
+    if not is_parameter:
+        load = load.lower().replace(" ", "_")
+    if load not in _LOADS and not is_parameter:
+        dataset = runs[0].dataset
+        names = [] if dataset is None else list_parameters(dataset)
+        parameters = [
+            name for name in names if dataset is not None and dataset[name].dtype.kind in "fiu"
+        ]
+        raise InputError(f"{x!r} is no load", mend=suggest(load, (*_LOADS, *parameters)))
+    without = [run for run in runs if load not in run.quantities]
+    if without:
+        problem = f"{_join_names(without, 'has', 'have')} no {load}"
+        shared = ", ".join(name for name in _LOADS if name in common) or "figures of their own"
+        raise InputError(problem, "The runs cannot share that axis", f"Use {shared}")
+    return load
+
+
+def _choose_velocity(runs: Sequence[Run], common: Sequence[str]) -> str:
+    """Return the first usual velocity among the ``common`` quantities of runs; InputError without
+    any.
+    """
+    usual = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
+    velocity = next((name for name in usual if name in common), None)
+    if velocity is not None:
+        return velocity
+    problem = f"{_join_names(runs)} cannot share an axis: no velocity is in all"
+    if len(runs) == 1:
+        problem = f"{runs[0].name} has no velocity"
+    words = ", ".join(f"{run.name} {run.words}" for run in runs)
+    quantities = [name for name in common if name not in _LOADS and not name.endswith("_error")]
+    mend = "Draw each by itself"
+    if quantities:
+        first = quantities[0]
+        mend = f"Name a quantity that all hold, as --y {first} (y={first!r})"
+    raise InputError(problem, f"Found {words}", mend)
+
+
+def _join_names(runs: Sequence[Run], verb: str = "", verb_of_several: str = "") -> str:
+    """Return the names of runs, and a verb for a single run or for several."""
+    names = " and ".join(", ".join(run.name for run in runs).rsplit(", ", 1))
+    return f"{names} {verb if len(runs) == 1 else verb_of_several}".rstrip()
 
 
 def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") -> float:
-    """Return the load ``x`` over the contact force; :class:`InputError` if it is not one number for
-    all runs.
+    """Return the load ``x`` over the contact force; :class:`InputError` if the ratio is not one
+    number for all runs.
     """
     if x == "force":
         return 1.0
-    found = [
-        run.dataset
-        for run in runs
-        if run.dataset is not None and x in run.dataset and x != "overlap"
-    ]
-    ratios = np.concatenate(
-        [np.zeros(0), *(np.ravel(dataset[x] / dataset["force"]) for dataset in found)]
-    )
-    if (
-        not ratios.size
-        or not np.all(np.isfinite(ratios))
-        or np.ptp(ratios) > 1e-9 * np.max(np.abs(ratios))
-    ):
+    ratios = [np.zeros(0)]
+    for run in runs:
+        if run.dataset is not None and x in run.dataset and x != "overlap":
+            ratios.append(np.ravel(run.dataset[x] / run.dataset["force"]))
+    values = np.concatenate(ratios)
+    is_known = values.size > 0 and np.all(np.isfinite(values))
+    if not is_known or np.ptp(values) > 1e-9 * np.max(np.abs(values)):
         why = "It is not the same multiple of the contact force in all of them"
         why = "The overlap of balls was not measured" if x == "overlap" else why
         raise InputError(f"the {x} of measured points is not known from these runs", why, mend)
-    return float(np.median(ratios))
+    return float(np.median(values))
 
 
-def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
+def _read_points(points: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
+    """Return the curve of measured velocities, from a file or
+    :class:`~granphon.fits.measurements.Measurements`, over the load ``x``.
+    """
     entry = CATALOGUE.get(y)
     if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":
         raise InputError(
             f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal"
         )
     name = "measured"
-    if not isinstance(given, Measurements):
-        name = Path(given).stem
-        first = runs[0].dataset
-        unit = (
-            ""
-            if first is None or "pressure" not in first
-            else str(first["pressure"].attrs.get("units", ""))
-        )
+    if not isinstance(points, Measurements):
+        name = Path(points).stem
+        dataset = runs[0].dataset
+        unit = ""
+        if dataset is not None and "pressure" in dataset:
+            unit = str(dataset["pressure"].attrs.get("units", ""))
         frame = None if balls is None else partial(force_of_frame, balls_per_side=balls)
 
         def press(pressure: float) -> float:
             return pressure / _find_ratio(runs, "pressure", "Give the contact forces in the file")
 
-        given = Measurements.read(
-            given, frame=frame, pressed=press, periods={"N": 1, "N/m": 2, "Pa": 3}.get(unit, 2)
-        )
-    sigma = np.nan if given.sigma is None else given.sigma
+        periods = {"N": 1, "N/m": 2, "Pa": 3}.get(unit, 2)
+        points = Measurements.read(points, frame=frame, pressed=press, periods=periods)
     facts = {"run": name}
-    if given.frequency is not None:
-        frequency = np.unique(given.frequency)
-        facts["waves"] = (
-            f"pulses of {write_value(float(frequency[0]), 'Hz')}"
-            if frequency.size == 1
-            else "pulses"
-        )
-    across = _find_ratio(runs, x) * given.force
-    spread = np.broadcast_to(np.asarray(sigma, float), across.shape)
-    every = np.ones(across.shape, bool)
-    return Curve(name, facts, across, given.velocity, spread, every, every, measured=True).sorted()
+    if points.frequency is not None:
+        frequency = np.unique(points.frequency)
+        facts["waves"] = "pulses"
+        if frequency.size == 1:
+            facts["waves"] = f"pulses of {write_value(float(frequency[0]), 'Hz')}"
+    loads = _find_ratio(runs, x) * points.force
+    sigma = np.nan if points.sigma is None else points.sigma
+    errors = np.broadcast_to(np.asarray(sigma, float), loads.shape)
+    everywhere = np.ones(loads.shape, bool)
+    curve = Curve(
+        name, facts, loads, points.velocity, errors, everywhere, everywhere, measured=True
+    )
+    return curve.sorted()
 
 
 # -- curves ----------------------------------------------------------------------------------------
 
 
 def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return for each curve the heading that it stands under, empty for most, and its own label;
-    and what all curves share.
+    """Return the heading and the label of each curve, and the facts that all curves share.
 
-    What the curves of one run share is their heading. A run of one curve stands under that of
-    another run if it shares it.
+    The facts that the curves of a run share are their heading. A run of one curve stands under the
+    heading of another run if the run shares its facts; most curves have an empty heading.
     """
     differing, common = find_differing([curve.facts for curve in curves])
     if len(curves) == 1:
-        own = curves[0].facts.get("medium", curves[0].run)
-        return [("", own)], [text for text in common if text != own]
-    own_kinds = list[list[str]]()
-    shared_kinds = list[list[str]]()
+        label = curves[0].facts.get("medium", curves[0].run)
+        return [("", label)], [text for text in common if text != label]
+    label_kinds = list[list[str]]()
+    heading_kinds = list[list[str]]()
     for curve in curves:
-        alike = [one.facts for one in curves if one.run == curve.run]
+        facts_of_run = [other.facts for other in curves if other.run == curve.run]
         kinds = [kind for kind in differing if kind in curve.facts]
-        same = [kind for kind in kinds if len({one.get(kind) for one in alike}) == 1]
-        if "name" in same:  # it stands for all that is the same in the run
+        same = [kind for kind in kinds if len({facts.get(kind) for facts in facts_of_run}) == 1]
+        if "name" in same:  # the name stands for all that is the same in the run
             kinds = [kind for kind in kinds if kind == "name" or kind not in same]
             same = ["name"]
-        own_kinds.append(kinds)
-        shared_kinds.append(same if len(alike) > 1 else [])
+        label_kinds.append(kinds)
+        heading_kinds.append(same if len(facts_of_run) > 1 else [])
     labels = []
-    for curve, kinds, shared in zip(curves, own_kinds, shared_kinds, strict=True):
-        others = (
-            other
-            for one, other in zip(curves, shared_kinds, strict=True)
-            if other
-            and set(other) < set(kinds)
-            and all(one.facts[kind] == curve.facts[kind] for kind in other)
-        )
-        above = shared or next(others, [])
+    for curve, kinds, headed in zip(curves, label_kinds, heading_kinds, strict=True):
+        above = headed or _find_heading(curve, kinds, curves, heading_kinds)
         heading = join_facts([curve.facts[kind] for kind in above], _LETTERS)
-        label = join_facts(
-            [curve.facts[kind] for kind in kinds if kind not in above] or [curve.run], _LETTERS
-        )
+        facts = [curve.facts[kind] for kind in kinds if kind not in above]
+        label = join_facts(facts or [curve.run], _LETTERS)
         labels.append((f"{heading}:" if heading else "", label))
     return labels, common
 
 
-def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
-    models = list[Curve]()
-    single = set[int]()
-    for curve in (one for one in found if not one.measured):
-        alike = [
-            n
-            for n, other in enumerate(models)
-            if other.facts == curve.facts and other.units == curve.units
-        ]
-        alike = [n for n in alike if curve.x.size == 1 and n in single]
-        if alike:
-            other = models[alike[0]]
-            parts: dict[str, Any] = {
-                name: np.concatenate([getattr(other, name), getattr(curve, name)])
-                for name in ("x", "y", "error", "valid", "simulated")
-            }
-            names = f"{other.run}, {curve.run}"
-            served = other.served + curve.served
-            models[alike[0]] = replace(other, run=names, served=served, **parts).sorted()
-        else:
-            single |= {len(models)} if curve.x.size == 1 else set()
-            models.append(curve)
-    # curves that are the same get the names of their runs
-    double = [curve for curve in models if sum(other.facts == curve.facts for other in models) > 1]
-    models = [
-        replace(one, facts={"run": one.run} | one.facts) if one in double else one for one in models
-    ]
-    points = [curve for curve in found if curve.measured] + measured
+def _find_heading(
+    curve: Curve,
+    kinds: Sequence[str],
+    curves: Sequence[Curve],
+    heading_kinds: Sequence[Sequence[str]],
+) -> Sequence[str]:
+    """Return the kinds of the heading of another run whose facts the ``curve`` with facts of these
+    ``kinds`` shares; empty without such a run.
+    """
+    for other, headed in zip(curves, heading_kinds, strict=True):
+        is_part = headed and set(headed) < set(kinds)
+        if is_part and all(other.facts[kind] == curve.facts[kind] for kind in headed):
+            return headed
+    return []
+
+
+def _draw_curves(ax: Axes, curves: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
+    """Draw curves of runs and measured points; return the data of the caption."""
+    models = _name_runs(_join_states([curve for curve in curves if not curve.measured]))
+    points = [curve for curve in curves if curve.measured] + measured
     if len(models) > MOST_LOOKS:
-        what = f"{len(models)} curves are too many to be told apart"
-        raise InputError(
-            what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure"
-        )
+        problem = f"{len(models)} curves are too many to be told apart"
+        why = f"Colours and dashes tell {MOST_LOOKS} apart"
+        raise InputError(problem, why, "Draw fewer runs in one figure")
     labels, common = _write_legend(models)
-    # entries below a heading come last, so that none that does not belong there stands there
+    # entries below a heading come last, so that no other entry stands below a heading
     groups: dict[str, list[Line2D]] = {"": []}
     for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
         draw_curve(ax, curve, look, y)
-        groups.setdefault(heading, []).append(
-            _make_handle(look, label, curve.as_points and not curve.served)
-        )
+        is_points = curve.as_points and not curve.served
+        groups.setdefault(heading, []).append(_make_handle(look, label, is_points))
     handles = groups.pop("")
-    headed = [
-        one
-        for text, group in groups.items()
-        for one in (Line2D([], [], linestyle="none", label=text), *group)
-    ]
+    headed = list[Line2D]()
+    for heading, group in groups.items():
+        headed += [Line2D([], [], linestyle="none", label=heading), *group]
     for n, curve in enumerate(points):
-        told = [
-            "data",
-            *[curve.run] * (len(points) > 1),
-            *([curve.facts["waves"]] if "waves" in curve.facts else []),
-        ]
+        words = ["data"]
+        if len(points) > 1:
+            words.append(curve.run)
+        if "waves" in curve.facts:
+            words.append(curve.facts["waves"])
         style: dict[str, Any] = {
             "marker": _DATA_MARKS[n % len(_DATA_MARKS)],
             "markersize": 2.6,
             "linestyle": "none",
+            "color": "black",
         }
-        style |= {"color": "black"}
         error = None if np.all(np.isnan(curve.error)) else curve.error
         ax.errorbar(
             curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", zorder=3.0, **style
         )
-        handles.append(Line2D([], [], label=join_facts(told, _LETTERS), **style))
+        handles.append(Line2D([], [], label=join_facts(words, _LETTERS), **style))
     handles += _make_remarks(models) + headed
     label_axes(ax, [*models, *points], x, y)
     return handles, common
+
+
+def _join_states(curves: Sequence[Curve]) -> list[Curve]:
+    """Return curves, in which single states that differ in their load alone are one curve."""
+    joined = list[Curve]()
+    singles = set[int]()  # numbers of curves that are made of single states
+    for curve in curves:
+        is_single = curve.x.size == 1
+        like = [
+            n
+            for n in sorted(singles)
+            if joined[n].facts == curve.facts and joined[n].units == curve.units
+        ]
+        if is_single and like:
+            joined[like[0]] = joined[like[0]].join(curve)
+            continue
+        if is_single:
+            singles.add(len(joined))
+        joined.append(curve)
+    return joined
+
+
+def _name_runs(curves: Sequence[Curve]) -> list[Curve]:
+    """Return curves, in which curves with the same facts have the names of their runs too."""
+    facts = [curve.facts for curve in curves]
+    return [
+        replace(curve, facts={"run": curve.run} | curve.facts)
+        if facts.count(curve.facts) > 1
+        else curve
+        for curve in curves
+    ]
 
 
 # -- bands, and densities of states ----------------------------------------------------------------
@@ -1328,40 +1358,42 @@ def _draw_spectra(
     runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]
 ) -> _Drawn:
     """Draw the lines of each run, each in one look; their group ids begin with ``name``."""
+    known_facts = [_describe_state(run) for run in runs]
     facts = []
-    for run in runs:
-        told = {"name": run.name} if run.named else {}
-        if run.dataset is not None:
-            kind = find_load(run.dataset)
-            load = run.dataset[kind]
-            (facts_of_state, _), *_ = describe_lines(run.dataset, "force")
-            value = write_value(float(load.values[0]), load.attrs.get("units", ""))
-            told |= facts_of_state | {"load": f"{kind} {value}"}
-        facts.append(told)
-    # what one run does not tell of itself is no difference between it and the others
-    known = all(facts)
-    facts = [
-        one if known and facts.count(one) == 1 else {"run": run.name} | (one if known else {})
-        for run, one in zip(runs, facts, strict=True)
-    ]
+    for run, facts_of_run in zip(runs, known_facts, strict=True):
+        if not all(known_facts):
+            # a run without facts does not differ from the others by its facts
+            facts.append({"run": run.name})
+        elif known_facts.count(facts_of_run) > 1:
+            facts.append({"run": run.name} | facts_of_run)
+        else:
+            facts.append(facts_of_run)
     differing, common = find_differing(facts)
-    labels = [
-        join_facts(
-            [one["name"]]
-            if "name" in one
-            else [one[k] for k in differing if k in one] or [run.name],
-            _LETTERS,
-        )
-        for run, one in zip(runs, facts, strict=True)
-    ]
+    labels = []
+    for run, facts_of_run in zip(runs, facts, strict=True):
+        words = [facts_of_run[kind] for kind in differing if kind in facts_of_run] or [run.name]
+        if "name" in facts_of_run:
+            words = [facts_of_run["name"]]
+        labels.append(join_facts(words, _LETTERS))
     handles = []
-    for n, (parts, look, label) in enumerate(
-        zip(lines, make_looks(len(runs)), labels, strict=True)
-    ):
-        dashes: dict[str, Any] = {"dashes": look.dashes} if look.dashes else {}
-        for x, y in parts:
-            ax.plot(x, y, gid=f"{name}-{n}", color=look.colour, linewidth=look.width, **dashes)
-        handles.append(
-            Line2D([], [], label=label, color=look.colour, linewidth=look.width, **dashes)
-        )
+    looks = make_looks(len(runs))
+    for n, (lines_of_run, look, label) in enumerate(zip(lines, looks, labels, strict=True)):
+        style: dict[str, Any] = {"color": look.colour, "linewidth": look.width}
+        if look.dashes:
+            style |= {"dashes": look.dashes}
+        for x, y in lines_of_run:
+            ax.plot(x, y, gid=f"{name}-{n}", **style)
+        handles.append(Line2D([], [], label=label, **style))
     return handles, common if len(runs) > 1 else []
+
+
+def _describe_state(run: Run) -> dict[str, str]:
+    """Return the facts of a run of one state, in words by kind."""
+    facts = {"name": run.name} if run.named else {}
+    if run.dataset is None:
+        return facts
+    kind = find_load(run.dataset)
+    load = run.dataset[kind]
+    (facts_of_state, _), *_ = describe_lines(run.dataset, "force")
+    value = write_value(float(load.values[0]), load.attrs.get("units", ""))
+    return facts | facts_of_state | {"load": f"{kind} {value}"}

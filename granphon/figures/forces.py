@@ -38,6 +38,22 @@ _IDLE = "0.55"
 _TINTS = (_BALL, "#cfe3f3", "#f7dcc4", "#d5ead3", "#e4d9ee", "#f3e6b3")
 #: largest distance of a ball from the layer that is drawn, in diameters
 _LEVEL = 1e-6
+#: density of the force: least side of its squares, in diameters, and greatest number along an array
+_SQUARE = 4.0
+_MOST_SQUARES = 40
+#: half of the side of a window that is not given, in diameters
+_HALF_WINDOW = 12.0
+#: height of the figure of a window, in inches
+_WINDOW_HEIGHT = 3.65
+#: greatest number of balls in a window that are outlined, and of contacts that are drawn as vectors
+_MOST_BALLS = 700
+_MOST_VECTORS = 20_000
+#: width of the line of a contact that carries the mean force, in diameters, and at most in points
+_LINE = 0.15
+_WIDEST_LINE = 1.5
+#: least and greatest width of a line of a network, in widths of the line of the mean force: a
+#: single contact may carry nearly all of the force
+_WIDTHS = (0.2, 4.0)
 #: what of the contacts may be shown
 Show = Literal["auto", "all", "window", "density"]
 _SHOWS = ("all", "window", "density", "auto")
@@ -55,79 +71,61 @@ def plot_forces(
     """Draw the contact forces of a sample or a network: a line from ball to ball, as wide and as
     dark as its force.
 
-    Strong contacts are on top. Of a sample the forces are over their mean. Rows of the periodic
-    array are moved by whole periods to fill a rectangle. A contact across its edge is drawn on both
-    sides, and cut off there. Contacts that carry nothing are left out; small samples show their
-    balls. Axes are in mean diameters. Balls are drawn at their sites, as displacements, of the
-    order of the spread, would not be seen. Of an array in space one layer is drawn, through the
-    first ball along a1 and a2; in fcc and hcp it is close-packed.
+    Strong contacts are on top. Forces of a sample are over their mean. Rows of the periodic array
+    are moved by whole periods to fill a rectangle. A contact across an edge of the array is drawn
+    at both edges, and cut off there. Contacts without force are left out; small samples show their
+    balls. Axes are in mean diameters. Balls are drawn at their sites, because displacements are of
+    the order of the spread and would not be seen. Of an array in space one layer is drawn, through
+    the first ball along a1 and a2; in fcc and hcp this layer is close-packed.
 
-    Of a network the forces are in N and the axes in m, with prefixes. Balls have their radii; those
+    Forces of a network are in N and the axes in m, with prefixes. Balls have their radii; balls
     that do not move are darker. A contact across the edge of a period ends on both sides where the
-    balls touch; one with a flat wall ends at a short piece of the wall. Contacts without force are
-    thin and grey. A network in space is seen along z. Balls of several kinds have the colours of a
-    legend; if kinds are not known, those of each mass have a tint.
+    balls touch; a contact with a flat wall ends at a short piece of the wall. Contacts without
+    force are thin and grey. A network in space is seen along z. Balls of several kinds have the
+    colours of a legend; if the kinds are not known, balls of each mass have a tint.
 
     Parameters
     ----------
-    show : "all" contacts; those in a "window" of the array; the "density" of the force, which is
-        the mean over the contacts in each square of a coarse grid, those that carry nothing among
-        them; or "auto", all contacts of arrays of up to 48 diameters, and the density of larger
-        ones, whose lines would be too thin to be told apart.
+    show : "all" contacts; the contacts in a "window" of the array; the "density" of the force,
+        which is the mean over all contacts in each square of a coarse grid, with or without force;
+        or "auto", all contacts of arrays of up to 48 diameters, and the density of larger arrays,
+        whose lines would be too thin to be told apart.
     window : the left, lower, right and upper edge of the window, in diameters, or m of a network;
         by default the 24 diameters in the middle.
 
     If ``ax`` is not given, a new figure, one column wide, is made. Raises
-    :class:`~granphon.base.errors.InputError` for another word, for a window in which there is no
-    ball, and for what is neither a sample nor a network.
+    :class:`~granphon.base.errors.InputError` for another word of ``show``, for a window without a
+    ball, and for an object that is neither a sample nor a network.
     """
     one_of("show", show, _SHOWS)
-    given: Any = sample
-    if not isinstance(given, ContactNetwork | Sample):
+    source: Any = sample
+    if not isinstance(source, ContactNetwork | Sample):
         mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
         raise InputError(f"{brief(sample)} has no contact forces to draw", mend=mend)
     network = sample if isinstance(sample, ContactNetwork) else None
     layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
-    if show == "auto":
-        small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
-        show = "window" if window is not None else "all" if small else "density"
+    if show == "auto" and window is not None:
+        show = "window"
+    elif show == "auto":
+        is_small = float(np.max(layer.size)) <= _MOST_DIAMETERS * layer.diameter
+        show = "all" if is_small else "density"
     edges = layer.edges if show != "window" else _choose_window(layer, window)
     if ax is None:
-        height = layer.height if show != "window" or window is not None else 3.65
-        with styled_figure(height + ROW_HEIGHT * min(4, -(-len(layer.kinds) // 2))) as new:
-            return plot_forces(sample, new.subplots(), show=show, window=window)
+        height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
+        rows_of_legend = min(4, -(-len(layer.kinds) // 2))
+        with styled_figure(height + ROW_HEIGHT * rows_of_legend) as new_figure:
+            return plot_forces(sample, new_figure.subplots(), show=show, window=window)
     figure: Any = ax.get_figure()
     drawn: LineCollection | QuadMesh
     left, bottom, right, top = edges
     means = ""
     if show == "density":
-        # squares of four diameters or more, forty along the array at most, over which forces are
-        # averaged; a contact counts half at each of its balls, so that none is lost at an edge of a
-        # periodic array
-        side = max(4.0 * layer.diameter, float(np.max(layer.size)) / 40)
-        (x, y) = layer.places.T
-        numbers = np.maximum(1, np.round(layer.size / side)).astype(int)
-        grid = [
-            np.linspace(a, b, n + 1)
-            for a, b, n in ((left, right, numbers[0]), (bottom, top, numbers[1]))
-        ]
-        total, count = (
-            np.histogram2d(x, y, grid, weights=each)[0] for each in (layer.sums, layer.counts)
-        )
-        with np.errstate(invalid="ignore"):  # nan where no ball is
-            density = total / count
-        drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
-        size, name = (1.0, "$d$") if network is None else prefixed(float(np.max(layer.size)), "m")
-        sides = sorted({f"{float(one[1] - one[0]) / size:.2g}" for one in grid})
-        means = f",\nmeans over {' x '.join(sides * (3 - len(sides)))} {name.replace('u', 'µ')}"
+        drawn, means = _draw_density(layer, ax, edges)
     else:
         drawn = _draw_chains(layer, ax, edges)
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-    add_title(
-        ax,
-        layer.title,
-        layer.kinds if any(one.get_gid() == "balls" for one in ax.collections) else {},
-    )
+    has_balls = any(collection.get_gid() == "balls" for collection in ax.collections)
+    add_title(ax, layer.title, layer.kinds if has_balls else {})
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(5, integer=network is None, steps=[1, 2, 5, 10]))
     if network is None:
@@ -146,21 +144,45 @@ def plot_forces(
     return ax
 
 
-def _choose_window(layer: _Map, given: Sequence[float] | None) -> tuple[float, ...]:
-    """Return the edges of the window that is given, or of that in the middle; InputError if they
-    are no edges.
+def _draw_density(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> tuple[QuadMesh, str]:
+    """Draw means of the contact forces over squares between these edges, and return the map and the
+    size of the squares in words.
+
+    A contact counts half at each of its balls, so that no contact is lost at an edge of a periodic
+    array.
     """
-    if given is None:
+    left, bottom, right, top = edges
+    longest = float(np.max(layer.size))
+    side = max(_SQUARE * layer.diameter, longest / _MOST_SQUARES)
+    n_columns, n_rows = np.maximum(1, np.round(layer.size / side)).astype(int)
+    grid = [np.linspace(left, right, n_columns + 1), np.linspace(bottom, top, n_rows + 1)]
+    x, y = layer.places.T
+    total = np.histogram2d(x, y, grid, weights=layer.sums)[0]
+    count = np.histogram2d(x, y, grid, weights=layer.counts)[0]
+    with np.errstate(invalid="ignore"):  # a square without a ball has the mean nan
+        density = total / count
+    drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
+    length, unit = (1.0, "$d$") if layer.network is None else prefixed(longest, "m")
+    sides = sorted({f"{float(ticks[1] - ticks[0]) / length:.2g}" for ticks in grid})
+    words = " x ".join(sides * (3 - len(sides)))
+    return drawn, f",\nmeans over {words} {unit.replace('u', 'µ')}"
+
+
+def _choose_window(layer: _Map, window: Sequence[float] | None) -> tuple[float, ...]:
+    """Return the edges of the given window, by default of one in the middle; InputError if
+    ``window`` has no four edges.
+    """
+    if window is None:
         low, high = np.reshape(layer.edges, (2, 2))
         middle = (low + high) / 2.0
-        half = np.minimum((high - low) / 2.0, 12.0 * layer.diameter)
+        half = np.minimum((high - low) / 2.0, _HALF_WINDOW * layer.diameter)
         return (*(middle - half).tolist(), *(middle + half).tolist())
-    numbers = finite_array("window", given)
-    if numbers.shape != (4,) or not (numbers[0] < numbers[2] and numbers[1] < numbers[3]):
+    edges = finite_array("window", window)
+    if edges.shape != (4,) or not (edges[0] < edges[2] and edges[1] < edges[3]):
         raise InputError(
-            f"window is {brief(given)}", mend="Give its left, lower, right and upper edge"
+            f"window is {brief(window)}", mend="Give its left, lower, right and upper edge"
         )
-    return tuple(numbers.tolist())
+    return tuple(edges.tolist())
 
 
 def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollection:
@@ -171,10 +193,10 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     lines, forces = layer.find_lines()
     low = np.array(edges[:2])
     high = np.array(edges[2:])
-    near = np.all((lines > low - layer.diameter) & (lines < high + layer.diameter), axis=(1, 2))
-    order = np.argsort(forces[near], kind="stable")  # the strong on top
-    segments = lines[near][order]
-    forces = forces[near][order]
+    is_near = np.all((lines > low - layer.diameter) & (lines < high + layer.diameter), axis=(1, 2))
+    order = np.argsort(forces[is_near], kind="stable")  # strong contacts are drawn last
+    segments = lines[is_near][order]
+    forces = forces[is_near][order]
     reach = layer.radii[:, None]
     inside = np.all((layer.places + reach > low) & (layer.places - reach < high), axis=1)
     sites = layer.places[inside]
@@ -183,46 +205,34 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     if not sites.size or not forces.size:
         mend = f"Give edges inside the array, in {'diameters' if layer.network is None else 'm'}"
         raise InputError("no ball of the array is in the window", mend=mend)
-    # printed size of a diameter, in points, estimated because the layout is not known yet
-    points = (
-        float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / (high - low)))
-        * layer.diameter
-    )
-    if len(sites) <= 700:  # more are not outlined
+    # printed size of a diameter, in points: an estimate, because the layout is not known yet
+    size_of_axes = 72.0 * figure.get_size_inches() * ax.get_position().size
+    points = float(np.min(size_of_axes / (high - low))) * layer.diameter
+    if len(sites) <= _MOST_BALLS:
         style: dict[str, Any] = {
             "facecolors": colours,
             "edgecolors": "0.7",
             "linewidths": 0.4,
             "gid": "balls",
         }
-        place = {"offsets": sites, "offset_transform": ax.transData}
+        offsets = {"offsets": sites, "offset_transform": ax.transData}
         ax.add_collection(
-            EllipseCollection(sizes, sizes, 0.0 * sizes, units="xy", **style, **place),
+            EllipseCollection(sizes, sizes, 0.0 * sizes, units="xy", **style, **offsets),
             autolim=False,
         )
-    widths = forces  # of lines, in those of the mean force
-    if (network := layer.network) is not None:
-        # widths are a fifth of that of the mean force to four times it: one contact may carry all
+    widths = forces  # over the width of the line of the mean force
+    network = layer.network
+    if network is not None:
         mean = float(np.mean(network.normal_force)) if network.n_contacts else 0.0
-        widths = np.clip(forces / mean, 0.2, 4.0) if mean > 0.0 else np.full(len(forces), 0.2)
-        # a piece of a flat wall at each contact with it
-        at = np.isinf(network.radii[network.j])
-        touch = network.contact_places[at, :2]
-        normal = network.normal[at, :2]
-        across = (
-            0.5
-            * network.radii[network.i[at], None]
-            * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-        )
-        pieces = np.stack([touch - across, touch + across], axis=1)
-        walls = LineCollection(list(pieces), colors=_IDLE, linewidths=1.0, gid="walls")
-        ax.add_collection(walls, autolim=False)
-    # more lines are pixels, in files of vectors too
-    chains = LineCollection(
-        list(segments), capstyle="round", gid="forces", rasterized=len(segments) > 20_000
-    )
-    # the line of a contact with the mean force is 0.15 diameters wide, or 1.5 points
-    chains.set(linewidths=min(0.15 * points, 1.5) * widths)
+        thinnest, widest = _WIDTHS
+        widths = np.full(len(forces), thinnest)
+        if mean > 0.0:
+            widths = np.clip(forces / mean, thinnest, widest)
+        _draw_walls(network, ax)
+    # so many lines are pixels in files of vectors too
+    is_raster = len(segments) > _MOST_VECTORS
+    chains = LineCollection(list(segments), capstyle="round", gid="forces", rasterized=is_raster)
+    chains.set(linewidths=min(_LINE * points, _WIDEST_LINE) * widths)
     if forces[-1] > 0.0:
         chains.set(array=forces, cmap=FORCES, norm=Normalize(0.0, float(forces[-1])))
     else:
@@ -231,21 +241,33 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     return chains
 
 
+def _draw_walls(network: ContactNetwork, ax: Axes) -> None:
+    """Draw a piece of the wall, as long as the ball's radius, at each contact with a flat wall."""
+    is_wall = np.isinf(network.radii[network.j])
+    touch = network.contact_places[is_wall, :2]
+    normal = network.normal[is_wall, :2]
+    along_wall = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    half = 0.5 * network.radii[network.i[is_wall], None] * along_wall
+    pieces = np.stack([touch - half, touch + half], axis=1)
+    walls = LineCollection(list(pieces), colors=_IDLE, linewidths=1.0, gid="walls")
+    ax.add_collection(walls, autolim=False)
+
+
 @dataclass(frozen=True)
 class _Map:
-    """What is drawn: balls and contacts in a plane, whose lengths are in diameters for a sample, in
-    m for a network.
+    """Balls and contacts in a plane; lengths are in diameters for a sample, in m for a network.
 
     Attributes
     ----------
-    places, radii, colours : of the balls (n, 2), (n,), in the order in which they are drawn.
-    sums, counts : (n,) of each ball the sum of the forces of its contacts, and the number of these.
-    edges : the left, lower, right and upper edge of all that is drawn.
+    places, radii, colours : (n, 2), (n,), (n,) of the balls, in the order in which balls are drawn.
+    sums, counts : (n,) for each ball the sum of the forces of its contacts, and the number of its
+        contacts.
+    edges : the left, lower, right and upper edge of the drawing.
     diameter : the mean diameter of the balls.
-    height : that of a figure, in inches, in which all is 2.9 inches wide.
+    height : height of a figure, in inches, in which the drawing is 2.9 inches wide.
     axes : the labels of both axes, without the unit of a network.
     find_lines : returns the lines (m, 2, 2) of the contacts, and their forces (m,).
-    network : the network, if it is one.
+    network : the network; None for a sample.
     kinds : the colours of kinds of balls, by their names.
     """
 
@@ -270,73 +292,78 @@ class _Map:
 
 
 def _find_layer(sample: Sample) -> _Map:
+    """Return balls and contacts of the layer of a sample along a1 and a2 through the first ball."""
     structure = sample.packing.structure
     p = len(sample.shape)
     rows, columns = (*sample.shape, 1)[:2]
     vectors = np.eye(3)
     vectors[:p, :p] = structure.vectors
     axes = np.linalg.qr(vectors.T)[0].T
-    # rows: along a1, across it in the layer, across the layer
+    # rows: along a1, across a1 in the layer, across the layer
     axes *= np.sign(np.sum(axes * vectors, axis=1))[:, None]
     plane = axes[:2, :p].T
-    up = axes[2, :p]
+    layer_normal = axes[2, :p]
     table = structure.contacts
     balls = structure.positions
-    level = np.abs((balls - balls[0]) @ up) < _LEVEL
-    inside = (
-        level[table.i]
-        & level[table.j]
-        & (np.abs(table.normal @ up) < _LEVEL)
+    is_in_layer = np.abs((balls - balls[0]) @ layer_normal) < _LEVEL
+    contacts = np.flatnonzero(
+        is_in_layer[table.i]
+        & is_in_layer[table.j]
+        & (np.abs(table.normal @ layer_normal) < _LEVEL)
         & np.all(table.shift[:, 2:] == 0, axis=1)
     )
-    shown = np.flatnonzero(level)
-    flat = sample.sites.reshape(*sample.shape, -1, p)
-    forces = np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1)[..., inside]
+    shown = np.flatnonzero(is_in_layer)
+    cells = sample.sites.reshape(*sample.shape, -1, p)
+    forces_over_mean = sample.equilibrium.forces / sample.equilibrium.force
+    forces = np.moveaxis(forces_over_mean, 0, -1)[..., contacts]
     if p == 3:
-        flat = flat[:, :, 0]
+        cells = cells[:, :, 0]
         forces = forces[:, :, 0]
-    # (L1, L2, n, 2) of the balls, moved by whole periods of a1 into a rectangle, and (L1, L2, n_c)
-    # over the mean
-    flat, forces = flat.reshape(rows, columns, -1, p), forces.reshape(rows, columns, -1)
-    sites = flat[:, :, shown] @ plane
+    # sites (L1, L2, n, 2) of the balls, moved by whole periods of a1 into a rectangle
+    sites = cells.reshape(rows, columns, -1, p)[:, :, shown] @ plane
     length = rows * float(np.linalg.norm(vectors[0]))
-    step = float(vectors[1] @ axes[1])
+    row_height = float(vectors[1] @ axes[1])
     sites[..., 0] = np.mod(sites[..., 0] + 1e-9, length) - 1e-9
     places = sites.reshape(-1, 2)
-    # of each contact the vector, the numbers of its balls, and its force
+    # for each contact the numbers of its balls, its vector, and its force
     number = np.arange(len(places)).reshape(sites.shape[:3])
     shifts = np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))
-    own, other = (np.searchsorted(shown, end[inside]) for end in (table.i, table.j))
-    i = number[..., own].ravel()
-    steps = zip(other.tolist(), shifts[inside, :2].tolist(), strict=True)
-    j = np.stack(
-        [np.roll(number[..., ball], (-a, -b), (0, 1)) for ball, (a, b) in steps], axis=-1
-    ).ravel()
-    ways, force = np.tile(table.normal[inside] @ plane, (rows * columns, 1)), forces.ravel()
+    ball_i = np.searchsorted(shown, table.i[contacts])
+    ball_j = np.searchsorted(shown, table.j[contacts])
+    i = number[..., ball_i].ravel()
+    steps = zip(ball_j.tolist(), shifts[contacts, :2].tolist(), strict=True)
+    numbers_j = [np.roll(number[..., ball], (-a, -b), (0, 1)) for ball, (a, b) in steps]
+    j = np.stack(numbers_j, axis=-1).ravel()
+    vector = np.tile(table.normal[contacts] @ plane, (rows * columns, 1))
+    force = forces.ravel()
 
     def find_lines() -> tuple[Array, Array]:
-        # of the contacts that carry load: one across an edge of the array has two lines, one at
-        # each of its balls
-        ends = places[i], places[j] - ways
-        across = np.linalg.norm(ends[1] - ends[0], axis=1) > 0.5
-        start, there = np.concatenate(ends), np.concatenate([force > 0.0, (force > 0.0) & across])
-        way, double = np.concatenate([ways, ways]), np.concatenate([force, force])
-        return np.stack([start, start + way], axis=1)[there], double[there]
+        # lines of contacts under load; a contact across an edge of the array has a line at each of
+        # its two balls
+        starts = places[i]
+        starts_from_j = places[j] - vector
+        is_loaded = force > 0.0
+        is_across = np.linalg.norm(starts_from_j - starts, axis=1) > 0.5
+        start = np.concatenate([starts[is_loaded], starts_from_j[is_loaded & is_across]])
+        along = np.concatenate([vector[is_loaded], vector[is_loaded & is_across]])
+        forces_of_lines = np.concatenate([force[is_loaded], force[is_loaded & is_across]])
+        return np.stack([start, start + along], axis=1), forces_of_lines
 
-    # half a row below the lowest, which is not at zero in every cell
-    bottom = float(np.min(places[:, 1])) - 0.5 * step
+    # half a row below the lowest row, whose height is not zero in every cell
+    bottom = float(np.min(places[:, 1])) - 0.5 * row_height
+    labels = ("$x/d$", "$y/d$")
+    if p == 3:
+        labels = ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$")
     return _Map(
         places,
         np.full(len(places), 0.5),
         np.full(len(places), "none"),
         *_sum_forces(i, j, force, len(places)),
-        (-0.25, bottom, length - 0.25, bottom + step * columns),
+        (-0.25, bottom, length - 0.25, bottom + row_height * columns),
         1.0,
         1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0)),
         _write_title(sample),
-        ("$x/d$", "$y/d$")
-        if p < 3
-        else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$"),
+        labels,
         find_lines,
     )
 
@@ -344,14 +371,18 @@ def _find_layer(sample: Sample) -> _Map:
 def _sum_forces(
     i: NDArray[np.intp], j: NDArray[np.intp], force: Array, count: int
 ) -> tuple[Array, Array]:
+    """Return, for each of ``count`` balls, the sum of the forces of its contacts, and the number of
+    its contacts.
+    """
     ends = np.concatenate([i, j])
     sums = np.bincount(ends, np.concatenate([force, force]), count)
     return np.asarray(sums, float), np.bincount(ends, minlength=count).astype(float)
 
 
 def _project(network: ContactNetwork) -> _Map:
+    """Return the balls and contacts of a network, seen along z."""
     sums, counts = _sum_forces(network.i, network.j, network.normal_force, network.n_balls)
-    # balls, and no flat walls; the lowest come first
+    # balls without the flat walls, the lowest first
     shown = np.flatnonzero(np.isfinite(network.radii))
     shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
     places = network.positions[shown, :2]
@@ -361,12 +392,13 @@ def _project(network: ContactNetwork) -> _Map:
     diameter = float(2.0 * np.mean(radii))
     margin = max(0.1 * diameter, 0.02 * float(np.max(high - low)))
     width, tall = (high - low + 2.0 * margin).tolist()
-    # balls of each kind have a colour; of each mass a tint, if there are few masses
+    # balls of each kind have a colour; without kinds, balls of each mass have a tint
     moving = network.moving[shown]
     colours = np.full(len(shown), _STILL, dtype=object)
-    known = np.array(network.kinds or [""] * network.n_balls, object)
-    if kinds := colour_kinds(known[network.moving]):
-        colours[moving] = [kinds[name] for name in known[shown][moving]]
+    kind_names = np.array(network.kinds or [""] * network.n_balls, object)
+    kinds = colour_kinds(kind_names[network.moving])
+    if kinds:
+        colours[moving] = [kinds[name] for name in kind_names[shown][moving]]
     else:
         colours[moving] = [
             _TINTS[kind % len(_TINTS)] for kind in number_kinds(network.masses[shown][moving])
@@ -374,8 +406,8 @@ def _project(network: ContactNetwork) -> _Map:
     along = ", seen along $z$" if network.dimension == 3 else ""
 
     def find_lines() -> tuple[Array, Array]:
-        # of all contacts: one across the edge of a period, or with a flat wall, ends where its
-        # balls touch
+        # lines of all contacts; the line of a contact across the edge of a period, or with a flat
+        # wall, goes from the centre of the ball to the point of contact
         i = network.i
         j = network.j
         centres = network.positions
@@ -383,11 +415,10 @@ def _project(network: ContactNetwork) -> _Map:
         apart = np.any(network.shift != 0, axis=1) | flat
         lines = [np.stack([centres[i], centres[j]], axis=1)[~apart]]
         forces = [network.normal_force[~apart]]
-        for end, arm, at in ((i, network.arm_i, apart), (j, -network.arm_j, apart & ~flat)):
-            lines.append(
-                np.stack([centres[end], centres[end] + arm[:, None] * network.normal], axis=1)[at]
-            )
-            forces.append(network.normal_force[at])
+        for end, arm, is_cut in ((i, network.arm_i, apart), (j, -network.arm_j, apart & ~flat)):
+            touch = centres[end] + arm[:, None] * network.normal
+            lines.append(np.stack([centres[end], touch], axis=1)[is_cut])
+            forces.append(network.normal_force[is_cut])
         return np.concatenate(lines)[..., :2], np.concatenate(forces)
 
     return _Map(
@@ -424,22 +455,21 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     """
     _ = state.scales  # one load only
     forces = [sample.equilibrium.forces / sample.equilibrium.force for sample in state.samples]
-    least = min(float(np.min(one)) for one in forces)
-    largest = max(float(np.max(one)) for one in forces)
-    width = max(
-        float(np.mean([sample.contact_force_fluctuation for sample in state.samples])) / 4.0, 1e-12
-    )
+    least = min(float(np.min(forces_of_sample)) for forces_of_sample in forces)
+    largest = max(float(np.max(forces_of_sample)) for forces_of_sample in forces)
+    fluctuation = float(np.mean([sample.contact_force_fluctuation for sample in state.samples]))
+    width = max(fluctuation / 4.0, 1e-12)
     bins = int(np.clip((largest - least) / width, 20, 400))
     margin = (largest - least) / (2.0 * bins)
-    if largest - least < 1e-10:  # this is only rounding
+    if largest - least < 1e-10:  # the forces differ by rounding only
         bins = 21
         margin = 0.05
-    found = [
+    histograms = [
         sample.force_distribution(bins, largest + margin, max(least - margin, 0.0))
         for sample in state.samples
     ]
-    edges = found[0][0]
-    density = np.mean([each for _, each in found], axis=0)
+    edges = histograms[0][0]
+    density = np.mean([density_of_sample for _, density_of_sample in histograms], axis=0)
     first, last = np.flatnonzero(density)[[0, -1]].tolist()
     ax.stairs(
         density[first : last + 1], edges[first : last + 2], baseline=None, color=BLUE, gid="density"
@@ -451,10 +481,10 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
 
 def forces_figure(state: ContactState) -> Figure:
     """Draw a figure of the force chains of the first sample beside the distribution of forces in
-    all; two columns wide.
+    all samples; two columns wide.
 
-    Of a sample longer than 48 diameters, the chains are those of a window of 24, and the density of
-    the force in the whole array stands before them, with the window marked.
+    Of a sample longer than 48 diameters the chains in a window of 24 diameters are drawn, and
+    before them the density of the force in the whole array, with the window marked.
 
     See :func:`plot_forces` and :func:`plot_force_distribution`. Raises
     :class:`~granphon.base.errors.InputError` for several loads.
@@ -462,10 +492,10 @@ def forces_figure(state: ContactState) -> Figure:
     _ = state.scales  # one load only
     sample = state.samples[0]
     layer = _find_layer(sample)
-    large = float(np.max(layer.size)) > _MOST_DIAMETERS
-    with styled_figure(3.1 if large else layer.height, PAGE_WIDTH) as figure:
-        *arrays, last = figure.subplots(1, 2 + large)
-        if large:
+    is_large = float(np.max(layer.size)) > _MOST_DIAMETERS
+    with styled_figure(3.1 if is_large else layer.height, PAGE_WIDTH) as figure:
+        *arrays, distribution = figure.subplots(1, 2 + is_large)
+        if is_large:
             edges = _choose_window(layer, None)
             plot_forces(sample, arrays[0], show="density")
             left, bottom, right, top = edges
@@ -484,5 +514,5 @@ def forces_figure(state: ContactState) -> Figure:
                 spine.set(color=VERMILION, linewidth=1.0)
         else:
             plot_forces(sample, arrays[0], show="all")
-        plot_force_distribution(state, last)
+        plot_force_distribution(state, distribution)
     return figure

@@ -6,6 +6,7 @@ As in :mod:`granphon.figures.bands`, every function draws on an Axes and returns
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -40,6 +41,10 @@ if TYPE_CHECKING:
 _LARGEST = 0.4
 #: angle of the mark of a ball at rest, rad
 _MARK = np.pi / 2.0
+#: most balls of a network that are drawn
+_MOST_BALLS = 500
+#: largest denominator of a fraction in the title, for components of q
+_MOST_DENOMINATOR = 24
 #: edge of the cube in space whose balls are drawn, in diameters
 _CUBE = 2.4
 #: colour of balls
@@ -47,6 +52,8 @@ _BALL = "0.93"
 #: colours of the sectors of spins, and the white rim of their arcs on balls of any colour
 _LIGHT = {VERMILION: "#F5D6BF", BLUE: "#BFDBEB"}
 _RIM = withStroke(linewidth=2.0, foreground="white")
+#: width of the shaft of an arrow, in diameters
+_SHAFT = 0.055
 #: spins and displacements below this part of a diameter are not drawn
 _LEAST = 0.01
 
@@ -62,15 +69,15 @@ class _Motion:
     turn: NDArray[Any]  # (m, 3) angles at phase 0, complex, rad
     gyration: Array  # (m,) radii of gyration
     rotate: bool
-    planar: bool  # balls of a plane or a line that stay in it
+    planar: bool  # whether balls of a plane or a line stay in their plane
     title: str
     colours: list[str]  # (m,)
-    kinds: dict[str, str]  # colours of the kinds of balls, if they are known, by their names
+    kinds: dict[str, str]  # colours of known kinds of balls, by their names
 
     @property
     def view(self) -> View:
-        """Where spheres are seen from: oblique to all rows of the common lattices, higher above
-        those of a plane.
+        """The direction from which spheres are seen: oblique to all rows of the common lattices,
+        and higher above a plane of balls.
         """
         return View(-75.0, 18.0 if np.ptp(self.places[:, 2]) > 0.5 else 30.0)
 
@@ -102,24 +109,23 @@ def plot_mode(
     """Draw the mode of branch ``branch`` at ``q``; axes in mean diameters, hidden.
 
     Each ball at r has the displacement Re(e M^-1/2 exp(i q.r + i phase)), and is turned by the
-    angle phi = w/R_g. Displacements and w have one scale, on which the largest of them in a period
-    is 0.4 d. The free phase of the eigenvector is such that the largest of its components is real
-    and positive, so that nothing stands still at phase 0. Balls of several kinds have the colours
-    of a legend.
+    angle phi = w/R_g. Displacements and w have one scale, on which their largest value in a period
+    is 0.4 d. The free phase of the eigenvector makes its largest component real and positive, so
+    that at phase 0 the balls are displaced. Balls of several kinds have the colours of a legend.
 
     Balls that stay in their plane are drawn at their real size, with an arrow from the centre for
     the displacement; the angle is the sector between the upright and a mark, in vermilion
-    anticlockwise and in blue clockwise. Other balls are spheres in parallel projection, made
-    smaller so that the ones behind show, with lines between those in contact. There a displacement
-    is a black arrow, and a rotation a vermilion one along its axis, of the length w, with an arc
-    that is turned by phi; both arrows start at the surface.
+    anticlockwise and in blue clockwise. Other balls are spheres in parallel projection, smaller
+    than they are so that the balls behind show, with lines between balls in contact. The
+    displacement of a sphere is a black arrow, and its rotation a vermilion arrow along the axis, of
+    the length w, with an arc through phi; both arrows start at the surface.
 
     Parameters
     ----------
     q : (p,) or (3,), fractions of the reciprocal cell.
-    branch : counted from 0, in ascending frequency.
-    cells : number of cells to draw along each lattice vector: by default eight on a line and four
-        by four in a plane, and in space all balls in a cube of 2.4 d.
+    branch : number of the branch from 0, in ascending frequency.
+    cells : number of cells to draw along each lattice vector: by default 8 on a line and 4 by 4 in
+        a plane, and in space all balls in a cube of 2.4 d.
     phase : phase of the motion, rad; at time t it is -omega t.
     direction : direction from which q is approached, as in ``Phonons.modes``: where branches touch,
         and (required) at Gamma.
@@ -149,64 +155,58 @@ def plot_network_mode(
     diameters, hidden.
 
     Arrows, colours and the other arguments are those of :func:`plot_mode`. Contacts across the edge
-    of a period are left out, and so are flat walls. Of more than 500 balls those are drawn that
-    have most of the kinetic energy; the title says so.
+    of a period and flat walls are left out. Of more than 500 balls the 500 with the most kinetic
+    energy are drawn, and the title gives their number.
     """
     network = modes.network
     count = len(modes.frequencies)
     mode = whole_number("mode", mode, 0, count - 1)
     moving = network.ball_motions
-    d = network.scales.length
+    diameter = network.scales.length
     vectors = modes.vectors[mode]
     energy = np.where(np.isfinite(network.radii), np.sum(vectors**2, axis=1), -1.0)
-    balls = np.sort(np.argsort(-energy, kind="stable")[: min(500, np.count_nonzero(energy >= 0.0))])
-    place = np.full(network.n_balls, -1)
-    place[balls] = np.arange(balls.size)
-    pairs = np.stack([place[network.i], place[network.j]], axis=1)
+    n_drawn = min(_MOST_BALLS, np.count_nonzero(energy >= 0.0))
+    balls = np.sort(np.argsort(-energy, kind="stable")[:n_drawn])
+    drawn_index = np.full(network.n_balls, -1)
+    drawn_index[balls] = np.arange(balls.size)
+    pairs = np.stack([drawn_index[network.i], drawn_index[network.j]], axis=1)
     pairs = pairs[np.all(pairs >= 0, axis=1) & ~np.any(network.shift, axis=1)]
     motion = vectors[balls] / np.sqrt(network.masses[balls])[:, None]
     gyration = np.ones(balls.size)
     free = network.moving[balls]
-    gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / d
-    u, w = np.zeros((2, balls.size, 3))
-    u[:, list(moving.translations)] = motion[:, : modes.displacements]
-    w[:, list(moving.rotations)] = motion[:, modes.displacements :]
-    scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
+    gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / diameter
+    displacements, spins = np.zeros((2, balls.size, 3))
+    displacements[:, list(moving.translations)] = motion[:, : modes.displacements]
+    spins[:, list(moving.rotations)] = motion[:, modes.displacements :]
+    scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
     hertz = float(modes.frequencies[mode])
     unit = HertzPrefix.for_top(hertz)
-    part = (
-        f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %"
-        if moving.rotate
-        else ""
-    )
     names = network.kinds or [""] * network.n_balls
     kinds = colour_kinds(itertools.compress(names, network.moving))
-    few = (
-        f", {balls.size} of {network.n_balls} balls"
-        if balls.size < network.n_balls - np.sum(energy < 0.0)
-        else ""
-    )
-    said = (
-        f"{hertz / unit.hertz:.1f} {print_hertz(unit)}{part}\nparticipation"
-        f" {modes.participation_ratio[mode]:.2g}{few}"
-    )
-    found = _Motion(
-        network.positions[balls] / d,
-        network.radii[balls] / d,
+    colour_of_ball = [
+        kinds.get(name, _BALL) if moves else "0.75"
+        for name, moves in zip(names, network.moving, strict=True)
+    ]
+    title = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
+    if moving.rotate:
+        title += f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %"
+    title += f"\nparticipation {modes.participation_ratio[mode]:.2g}"
+    if balls.size < network.n_balls - np.sum(energy < 0.0):
+        title += f", {balls.size} of {network.n_balls} balls"
+    drawn_motion = _Motion(
+        network.positions[balls] / diameter,
+        network.radii[balls] / diameter,
         pairs,
-        scale * u,
-        scale * w / gyration[:, None],
+        scale * displacements,
+        scale * spins / gyration[:, None],
         gyration,
         moving.rotate,
         network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2},
-        said,
-        [
-            kinds.get(names[ball], _BALL) if network.moving[ball] else "0.75"
-            for ball in balls.tolist()
-        ],
+        title,
+        [colour_of_ball[ball] for ball in balls.tolist()],
         kinds,
     )
-    found.draw(ax, phase, view or found.view, positive("size", size))
+    drawn_motion.draw(ax, phase, view or drawn_motion.view, positive("size", size))
     return ax
 
 
@@ -229,23 +229,24 @@ def animate_mode(
     a period.
     """
     motion = _find_motion(phonons, q, branch, cells, direction)
-    count, part = whole_number("frames", frames, 2, 1000), positive("size", size)
-    seen = view or motion.view
+    n_frames = whole_number("frames", frames, 2, 1000)
+    ball_size = positive("size", size)
+    direction_of_view = view or motion.view
     with styled_figure(COLUMN_WIDTH, dpi=150) as figure:
         ax = figure.subplots()
 
     def draw(frame: int) -> None:
         ax.clear()
         with matplotlib.rc_context(STYLE):
-            motion.draw(ax, -2.0 * np.pi * frame / count, seen, part, moved=True)
+            motion.draw(
+                ax, -2.0 * np.pi * frame / n_frames, direction_of_view, ball_size, moved=True
+            )
             if not motion.planar:  # all pictures have the same limits
-                places, room = (
-                    seen.project(motion.places),
-                    _LARGEST + part * motion.radii.max() + 0.05,
-                )
-                hide_axes(ax, places.min(axis=0) - room, places.max(axis=0) + room)
+                centres = direction_of_view.project(motion.places)
+                margin = _LARGEST + ball_size * motion.radii.max() + 0.05
+                hide_axes(ax, centres.min(axis=0) - margin, centres.max(axis=0) + margin)
 
-    return FuncAnimation(figure, draw, frames=count, interval=2000 // count)
+    return FuncAnimation(figure, draw, frames=n_frames, interval=2000 // n_frames)
 
 
 def _find_motion(
@@ -260,108 +261,112 @@ def _find_motion(
     if not 0 <= branch < count:
         raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}")
     lattice = phonons.lattice
-    n = lattice.n_balls
-    p = lattice.periods
+    n_balls = lattice.n_balls
+    periods = lattice.periods
     moving = lattice.motions
-    motion = modes.eigenvectors[0, :, branch].reshape(n, -1) / np.sqrt(lattice.masses)[:, None]
-    largest = motion.ravel()[np.argmax(np.round(np.abs(motion).ravel() / np.abs(motion).max(), 6))]
+    vectors = modes.eigenvectors[0, :, branch].reshape(n_balls, -1)
+    motion = vectors / np.sqrt(lattice.masses)[:, None]
+    # of components that are equal but for rounding, the first counts as the largest
+    sizes = np.abs(motion).ravel() / np.abs(motion).max()
+    largest = motion.ravel()[np.argmax(np.round(sizes, 6))]
     motion = motion * (abs(largest) / largest)
-    u, w = np.zeros((2, n, 3), complex)
-    u[:, list(moving.translations)] = motion[:, moving.translating]
-    w[:, list(moving.rotations)] = motion[:, moving.turning]
-    scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
+    displacements, spins = np.zeros((2, n_balls, 3), complex)
+    displacements[:, list(moving.translations)] = motion[:, moving.translating]
+    spins[:, list(moving.rotations)] = motion[:, moving.turning]
+    scale = _LARGEST / max(_find_amplitude(displacements), _find_amplitude(spins))
     places, balls, pairs = _place_balls(lattice, cells)
-    wave = np.exp(1j * (places[:, :p] @ (modes.wavevectors[0] * phonons.scales.length)))[:, None]
-    radii = phonons.atoms.arrays.get("radius", np.full(n, 0.5))[balls]
-    names = phonons.state.kinds or [""] * n
+    q_per_diameter = modes.wavevectors[0] * phonons.scales.length
+    wave = np.exp(1j * (places[:, :periods] @ q_per_diameter))[:, None]
+    radii = phonons.atoms.arrays.get("radius", np.full(n_balls, 0.5))[balls]
+    names = phonons.state.kinds or [""] * n_balls
     kinds = colour_kinds(names)
     hertz = float(modes.frequencies[0, branch])
     unit = HertzPrefix.for_top(hertz)
-    near = [(float(x), Fraction(float(x)).limit_denominator(24)) for x in np.asarray(q, float)[:p]]
-    fractions = ", ".join(str(ratio) if abs(x - ratio) < 1e-9 else f"{x:.4g}" for x, ratio in near)
-    part = (
-        f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %"
-        if moving.rotate
-        else ""
+    fractions = ", ".join(map(_write_fraction, np.asarray(q, float)[:periods].tolist()))
+    # a frequency of zero has rounding errors of this size
+    rounding = count * np.finfo(float).eps * float(modes.frequencies.max())
+    title = f"q = ({fractions})\n"
+    title += (
+        f"{hertz / unit.hertz:.1f} {print_hertz(unit)}" if hertz > rounding else "zero frequency"
     )
-    # rounding may leave this part of the highest frequency in place of zero
-    zero = hertz <= count * np.finfo(float).eps * float(modes.frequencies.max())
-    said = "zero frequency" if zero else f"{hertz / unit.hertz:.1f} {print_hertz(unit)}"
-    planar = (
-        p < 3
-        and not places[:, 2].any()
-        and 2 not in moving.translations
-        and set(moving.rotations) <= {2}
-    )
+    if moving.rotate:
+        title += f", rotation {100.0 * float(modes.rotational_fraction[0, branch]):.0f} %"
+    stays_in_plane = 2 not in moving.translations and set(moving.rotations) <= {2}
+    planar = periods < 3 and not places[:, 2].any() and stays_in_plane
     return _Motion(
         places,
         radii,
         pairs,
-        scale * u[balls] * wave,
-        (scale * w / lattice.gyration[:, None])[balls] * wave,
+        scale * displacements[balls] * wave,
+        (scale * spins / lattice.gyration[:, None])[balls] * wave,
         lattice.gyration[balls],
         moving.rotate,
         planar,
-        f"q = ({fractions})\n{said}{part}",
+        title,
         [kinds.get(names[ball], _BALL) for ball in balls.tolist()],
         kinds,
     )
 
 
+def _write_fraction(x: float) -> str:
+    """Return a number as a fraction with a small denominator, or else as a decimal number."""
+    ratio = Fraction(x).limit_denominator(_MOST_DENOMINATOR)
+    return str(ratio) if abs(x - ratio) < 1e-9 else f"{x:.4g}"
+
+
 def _place_balls(
     lattice: ContactLattice, cells: tuple[int, ...] | None
 ) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
-    """Return the places (m, 3) of the balls that are drawn, their indices in the cell (m,), and the
-    contacts (m_c, 2).
+    """Return the places (m, 3) of the balls that are drawn, the indices (m,) of these balls in the
+    cell, and the contacts (m_c, 2).
     """
     p, d = lattice.cell.shape
     cell = np.zeros((p, 3))
     sites = np.zeros((lattice.n_balls, 3))
-    cell[:, :d], sites[:, :d] = lattice.cell, lattice.positions
-    cube = cells is None and p == 3
-    if cube:
-        steps = steps_within(
-            lattice.cell, _CUBE * np.sqrt(3.0) + float(np.ptp(sites, axis=0).max())
-        )
+    cell[:, :d] = lattice.cell
+    sites[:, :d] = lattice.positions
+    in_cube = cells is None and p == 3
+    if in_cube:
+        diagonal = _CUBE * np.sqrt(3.0)
+        steps = steps_within(lattice.cell, diagonal + float(np.ptp(sites, axis=0).max()))
     else:
-        numbers = (
-            ((8,), (4, 4))[p - 1]
-            if cells is None
-            else [whole_number("cells", n, 1, 1000) for n in cells]
-        )
+        numbers: Sequence[int] = ((8,), (4, 4))[p - 1] if cells is None else cells
+        numbers = [whole_number("cells", number, 1, 1000) for number in numbers]
         steps = np.array(list(np.ndindex(*numbers)))
     if steps.shape[1:] != (p,):
         raise InputError(
             f"cells is {cells!r}", f"The lattice has {p} periods", f"Give {p} whole numbers"
         )
-    step, ball = (
-        grid.ravel()
-        for grid in np.meshgrid(np.arange(len(steps)), np.arange(lattice.n_balls), indexing="ij")
-    )
+    step = np.repeat(np.arange(len(steps)), lattice.n_balls)
+    ball = np.tile(np.arange(lattice.n_balls), len(steps))
     places = steps[step] @ cell + sites[ball]
-    if cube:
+    if in_cube:
         from_first = places - sites[0]
         inside = np.all((from_first > -1e-6) & (from_first < _CUBE), axis=1)
         step = step[inside]
         ball = ball[inside]
         places = places[inside]
     index = {
-        (b, *s): k for k, (b, s) in enumerate(zip(ball.tolist(), steps[step].tolist(), strict=True))
+        (number, *cell_step): drawn
+        for drawn, (number, cell_step) in enumerate(
+            zip(ball.tolist(), steps[step].tolist(), strict=True)
+        )
     }
     table = lattice.contacts
-    ends = zip(table.i.tolist(), table.j.tolist(), table.shift.tolist(), strict=True)
-    pairs = [
-        (k, index[other])
-        for i, j, shift in ends
-        for (b, *s), k in index.items()
-        if b == i and (other := (j, *(x + y for x, y in zip(s, shift, strict=True)))) in index
-    ]
+    pairs = []
+    for i, j, shift in zip(table.i.tolist(), table.j.tolist(), table.shift.tolist(), strict=True):
+        for (number, *cell_step), drawn in index.items():
+            if number != i:
+                continue
+            neighbour = (j, *(x + y for x, y in zip(cell_step, shift, strict=True)))
+            if neighbour in index:
+                pairs.append((drawn, index[neighbour]))
     return places, ball, np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
 def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
-    """Draw discs with displacements (m, 2) and angles (m,), each with its sector, its arc with a
-    head, a marked diameter.
+    """Draw discs with displacements (m, 2) and angles (m,): each has a sector, an arc with a head,
+    and a marked diameter.
     """
     centres = motion.places[:, :2]
     radii = motion.radii
@@ -378,35 +383,41 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     )
     if motion.rotate:
 
-        def at(distance: Array, angle: Array) -> Array:
+        def find_points(distances: Array, angle: Array) -> Array:
             return np.asarray(
                 centres[:, None]
-                + distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+                + distances[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
             )
 
-        ways = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # anticlockwise, clockwise
+        # anticlockwise, clockwise
+        spin_colours = [VERMILION if angle >= 0.0 else BLUE for angle in angles]
         rim = 0.72 * radii
         end = _MARK + angles[:, None]
-        marks = at(radii, end + np.array([0.0, np.pi]))
-        arcs = at(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
-        # a head as long as the arc allows, pointing along it
+        marks = find_points(radii, end + np.array([0.0, np.pi]))
+        arcs = find_points(rim, _MARK + angles[:, None] * np.linspace(0.0, 1.0, 33))
+        # a head along the arc, as long as the arc allows
         head = np.sign(angles) * np.minimum(0.47, 0.8 * np.abs(angles))
-        back = at(rim, end - head[:, None])
+        back = find_points(rim, end - head[:, None])
         wing = 0.5 * (arcs[:, -1:] - back) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
         heads = np.concatenate([arcs[:, -1:], back + wing, back - wing], axis=1)
         sectors = np.concatenate([centres[:, None], arcs], axis=1)
         ax.add_collection(
             PolyCollection(
-                list(sectors), facecolors=[_LIGHT[way] for way in ways], linewidths=0.0, zorder=1.5
+                list(sectors),
+                facecolors=[_LIGHT[colour] for colour in spin_colours],
+                linewidths=0.0,
+                zorder=1.5,
             )
         )
         ax.add_collection(LineCollection(list(marks), colors="0.45", linewidths=0.6, gid="marks"))
         ax.add_collection(
             LineCollection(
-                list(arcs), colors=ways, linewidths=1.0, gid="spins", path_effects=[_RIM]
+                list(arcs), colors=spin_colours, linewidths=1.0, gid="spins", path_effects=[_RIM]
             )
         )
-        ax.add_collection(PolyCollection(list(heads), facecolors=ways, linewidths=0.0, zorder=2.1))
+        ax.add_collection(
+            PolyCollection(list(heads), facecolors=spin_colours, linewidths=0.0, zorder=2.1)
+        )
 
     ax.quiver(
         *centres.T,
@@ -415,7 +426,7 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
         scale_units="xy",
         scale=1.0,
         units="xy",
-        width=0.055,
+        width=_SHAFT,
         headwidth=3.6,
         headlength=4.0,
         headaxislength=3.6,
@@ -439,26 +450,26 @@ def _draw_spheres(
     turn: Array,
     moved: bool = False,
 ) -> None:
-    """Draw balls of ``radii`` (n,) as spheres with arrows, or where they have ``moved``, with three
-    great circles on each.
+    """Draw balls of ``radii`` (n,) as spheres with arrows, or as ``moved`` spheres with three great
+    circles.
 
-    An arrow starts at the surface of its ball, and one that points away from the viewer at the
-    outline of the ball, so that its length is all seen: black for the displacement, ``shift`` (n,
-    3), vermilion for the rotation, ``turn`` (n, 3), which is about its arrow. The arc with a head
-    shows the angle through which the surface has turned, on the side of the viewer; looking along
-    the arrow, the ball turns clockwise.
+    A black arrow is the displacement, ``shift`` (n, 3), and a vermilion arrow the rotation,
+    ``turn`` (n, 3), about the arrow. An arrow starts at the surface of its ball; an arrow that
+    points away from the viewer starts at the outline of the ball, so that its whole length is seen.
+    The arc with a head, on the side of the viewer, is the angle through which the surface turns; to
+    a viewer who looks along the arrow the ball turns clockwise.
     """
     painter = Painter(view)
     centres = motion.places + shift if moved else motion.places
     for i, j in motion.pairs:  # a line for each contact, from surface to surface
-        way = centres[j] - centres[i]
-        way = way / np.linalg.norm(way)
+        bond = centres[j] - centres[i]
+        bond = bond / np.linalg.norm(bond)
         painter.add_line(
-            np.array([centres[i] + radii[i] * way, centres[j] - radii[j] * way]), "0.62", 1.0
+            np.array([centres[i] + radii[i] * bond, centres[j] - radii[j] * bond]), "0.62", 1.0
         )
     turned: list[Any] = [()] * len(centres)
     if moved:
-        # imported here, as only a ball that turns needs it
+        # imported here, because only moved spheres need the package
         from scipy.spatial.transform import Rotation
 
         angle = np.linspace(0.0, 2.0 * np.pi, 49)
@@ -466,64 +477,64 @@ def _draw_spheres(
         rings = np.stack([np.roll(ring, axis, axis=1) for axis in range(3)])
         turned = [rings @ matrix.T for matrix in Rotation.from_rotvec(turn).as_matrix()]
     balls = zip(centres, radii, shift, turn, motion.gyration, turned, motion.colours, strict=True)
-    for centre, radius, u, phi, scale, circles, face in balls:
+    for centre, radius, displacement, phi, gyration, circles, face in balls:
         painter.add_sphere(centre, radius, face)
-        for circle in circles:
-            seen = np.flatnonzero(view.nearness(circle) >= 0.0)
-            for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
-                if len(part) > 1:
-                    painter.add_line(
-                        centre + radius * circle[part],
-                        "0.3",
-                        0.5,
-                        nearness=float(view.nearness(centre)),
-                    )
-        for arrow, colour in () if moved else ((u, "black"), (scale * phi, VERMILION)):
-            length = float(np.linalg.norm(arrow))
-            if length > _LEAST:
+        if moved:
+            _add_circles(painter, centre, radius, circles)
+            continue
+        for arrow, colour in ((displacement, "black"), (gyration * phi, VERMILION)):
+            if np.linalg.norm(arrow) > _LEAST:
                 start = arrow - min(float(arrow @ view.axes[2]), 0.0) * view.axes[2]
-                # along the line of sight nothing is seen of it
-                size = float(np.linalg.norm(start)) or 1.0
-                painter.add_arrow(centre + radius / size * start, arrow, colour, 0.055)
-        if not moved and scale * np.linalg.norm(phi) > _LEAST:
-            # the arc through which a point of the surface, on the side of the viewer, is turned,
-            # with a head
-            toward = view.axes[2]
-            reach = float(np.linalg.norm(phi))
-            rim = 1.03 * radius
-            axis = phi / reach
-            front = toward - (toward @ axis) * axis
-            if np.linalg.norm(front) < 1e-3:  # it turns about the line of sight
-                front = view.axes[1] - (view.axes[1] @ axis) * axis
-            front = front / np.linalg.norm(front)
-            side = np.cross(axis, front)
-            angles = reach * np.linspace(-0.5, 0.5, 25)
-            arc = centre + rim * (np.cos(angles)[:, None] * front + np.sin(angles)[:, None] * side)
-            near = float(view.nearness(centre)) + 1e-3 * rim
-            end = angles[-1]
-            head = 0.5 * rim
-            # on balls of any colour
-            painter.add_line(arc, "white", 2.6, nearness=near - 1e-4 * rim)
-            painter.add_line(arc, VERMILION, 1.1, nearness=near)
-            tangent = -np.sin(end) * front + np.cos(end) * side
-            painter.add_arrow(
-                arc[-1] - 0.4 * head * tangent,
-                head * tangent,
-                VERMILION,
-                0.25 * head,
-                nearness=near,
-            )
+                # an arrow along the line of sight has no length on the paper
+                length = float(np.linalg.norm(start)) or 1.0
+                painter.add_arrow(centre + radius / length * start, arrow, colour, _SHAFT)
+        if gyration * np.linalg.norm(phi) > _LEAST:
+            _add_arc(painter, centre, 1.03 * radius, phi)
     painter.draw(ax, "spheres", fade=0.55)
     low, high = painter.extent
     hide_axes(ax, low - 0.05, high + 0.05)
 
 
-def _find_amplitude(motion: NDArray[Any]) -> float:
-    """Return the largest of the vectors (n, 3) in a period; on an elliptic path, the longer half
-    axis.
+def _add_circles(painter: Painter, centre: Array, radius: float, circles: Array) -> None:
+    """Add the visible stretches of the great circles (n, n_points, 3) of a sphere."""
+    view = painter.view
+    depth = float(view.nearness(centre))
+    for circle in circles:
+        visible = np.flatnonzero(view.nearness(circle) >= 0.0)
+        for stretch in np.split(visible, np.flatnonzero(np.diff(visible) > 1) + 1):
+            if len(stretch) > 1:
+                painter.add_line(centre + radius * circle[stretch], "0.3", 0.5, nearness=depth)
+
+
+def _add_arc(painter: Painter, centre: Array, radius: float, phi: Array) -> None:
+    """Add the arc through which a point on the viewer's side turns by ``phi`` (3,), rad, with a
+    head.
     """
-    return float(
-        np.sqrt(
-            0.5 * (np.sum(np.abs(motion) ** 2, axis=1) + np.abs(np.sum(motion * motion, axis=1)))
-        ).max()
-    )
+    _, upwards, toward = painter.view.axes
+    angle = float(np.linalg.norm(phi))
+    axis = phi / angle
+    front = toward - (toward @ axis) * axis
+    if np.linalg.norm(front) < 1e-3:  # the ball turns about the line of sight
+        front = upwards - (upwards @ axis) * axis
+    front = front / np.linalg.norm(front)
+    side = np.cross(axis, front)
+    angles = angle * np.linspace(-0.5, 0.5, 25)
+    arc = centre + radius * (np.cos(angles)[:, None] * front + np.sin(angles)[:, None] * side)
+    depth = float(painter.view.nearness(centre)) + 1e-3 * radius
+    # a white rim shows the arc on balls of any colour
+    painter.add_line(arc, "white", 2.6, nearness=depth - 1e-4 * radius)
+    painter.add_line(arc, VERMILION, 1.1, nearness=depth)
+    tangent = -np.sin(angles[-1]) * front + np.cos(angles[-1]) * side
+    head = 0.5 * radius
+    start = arc[-1] - 0.4 * head * tangent
+    painter.add_arrow(start, head * tangent, VERMILION, 0.25 * head, nearness=depth)
+
+
+def _find_amplitude(motion: NDArray[Any]) -> float:
+    """Return the largest length of the vectors (n, 3) in a period: the longer half axis of their
+    elliptic paths.
+    """
+    # of the squares of both half axes
+    total = np.sum(np.abs(motion) ** 2, axis=1)
+    difference = np.abs(np.sum(motion * motion, axis=1))
+    return float(np.sqrt(0.5 * (total + difference)).max())

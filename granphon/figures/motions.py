@@ -1,5 +1,5 @@
-"""Figures of balls in motion: maps over place and time, balls at one time, energies, spectra of
-balls, harmonics.
+"""Figures of balls in motion: maps over position and time, balls at one time, energies, spectra,
+harmonics.
 """
 
 from __future__ import annotations
@@ -24,19 +24,23 @@ from granphon.waves.motion import Motion
 Show = Literal["velocities", "forces"]
 #: part of the greatest amplitude of a spectrum at which its axis ends
 _LEAST = 1e-6
-#: number of radii whose length has the unit of places
-_FEW = 20.0
+#: the length of this number of radii chooses the unit of positions
+_RADII = 20.0
+#: layers are apart by more than this part of a radius
+_LAYER = 0.1
+#: least limit of a scale of colours or of an axis, where nothing moves
+_TINY = 1e-300
 
 
 def plot_motion(
     motion: Motion, ax: Axes, *, show: Show = "velocities", axis: int | None = None
 ) -> Axes:
-    """Draw a map over place and time: of balls their velocity along an axis, or of contacts the
-    change of their force.
+    """Draw a map over position and time: velocities of balls along an axis, or changes of the
+    forces of contacts.
 
-    Places are along ``axis``, 0 to 2, by default the first along which the array does not repeat;
-    they are means over a layer of balls, or over the contacts from it to the next. An oblique cell
-    is drawn as a rectangle.
+    Positions are along ``axis``, 0 to 2, by default the first axis along which the array does not
+    repeat. Positions and values are means over a layer of balls, or over the contacts from one
+    layer to the next. An oblique cell is drawn as a rectangle.
     """
     network = motion.network
     if show not in ("velocities", "forces") or axis not in (None, 0, 1, 2):
@@ -47,41 +51,40 @@ def plot_motion(
     along = int(np.argmin(network.pbc)) % network.dimension if axis is None else axis
     balls = np.isfinite(network.radii)
     radius = float(np.mean(network.radii[balls]))
-    values = motion.velocities[:, balls, along]
-    unit = "m/s"
-    what = f"Velocity along {'xyz'[along]}"
-    places = network.positions
-    of_forces = motion.middles
-    places = places[balls, along] + 0.1 * radius
-    of_forces = of_forces[:, along] + 0.1 * radius
+    apart = _LAYER * radius
+    ball_positions = network.positions[balls, along] + apart
+    contact_positions = motion.middles[:, along] + apart
     length = network.cell[along, along]
     if network.pbc[along] and abs(length) == np.linalg.norm(network.cell[along]):
-        places = np.mod(places, abs(length))
-        of_forces = np.mod(of_forces, abs(length))
-    layers = np.sort(places)
-    layers = layers[np.diff(layers, prepend=-np.inf) > 0.1 * radius] - 0.1 * radius
-    if len(layers) < 3 or 2 * len(layers) < np.ptp(places) / radius - 2.0:
-        # no layers: slices a radius wide
-        layers = np.arange(layers[0], places.max(), radius)
+        ball_positions = np.mod(ball_positions, abs(length))
+        contact_positions = np.mod(contact_positions, abs(length))
+    layers = np.sort(ball_positions)
+    layers = layers[np.diff(layers, prepend=-np.inf) > apart] - apart
+    if len(layers) < 3 or 2 * len(layers) < np.ptp(ball_positions) / radius - 2.0:
+        # balls without layers: slices a radius wide
+        layers = np.arange(layers[0], ball_positions.max(), radius)
     if show == "forces":
-        places = of_forces
+        coordinates = contact_positions
         values = motion.forces - motion.forces[0]
         unit = "N"
-        what = "Change of force"
-    number = np.maximum(np.searchsorted(layers, places, side="right") - 1, 0)
+        quantity = "Change of force"
+    else:
+        coordinates = ball_positions
+        values = motion.velocities[:, balls, along]
+        unit = "m/s"
+        quantity = f"Velocity along {'xyz'[along]}"
+    number = np.maximum(np.searchsorted(layers, coordinates, side="right") - 1, 0)
     order = np.argsort(number, kind="stable")
     starts = np.flatnonzero(np.diff(number[order], prepend=-1))
     counts = np.diff(starts, append=len(order))
     means = np.add.reduceat(values[:, order], starts, axis=1) / counts
-    at = np.add.reduceat(places[order], starts) / counts
-    most = max(float(np.abs(means).max()), 1e-300)
-    (scale, unit), (seconds, time), (metre, length) = (
-        prefixed(most, unit),
-        prefixed(float(motion.times[-1]), "s"),
-        prefixed(_FEW * radius, "m"),
-    )
+    positions = np.add.reduceat(coordinates[order], starts) / counts
+    most = max(float(np.abs(means).max()), _TINY)
+    scale, unit = prefixed(most, unit)
+    seconds, unit_of_time = prefixed(float(motion.times[-1]), "s")
+    metre, unit_of_length = prefixed(_RADII * radius, "m")
     drawn = ax.pcolormesh(
-        (at - at[0]) / metre,
+        (positions - positions[0]) / metre,
         motion.times / seconds,
         means / scale,
         cmap=MOTION,
@@ -90,23 +93,27 @@ def plot_motion(
         norm=TwoSlopeNorm(0.0, -most / scale, most / scale),
         gid="motion",
     )
-    ax.set(xlabel=f"{'xyz'[along]} ({write_unit(length)})", ylabel=f"Time ({write_unit(time)})")
-    add_bar(ax, drawn, f"{what} ({write_unit(unit)})")
+    ax.set(
+        xlabel=f"{'xyz'[along]} ({write_unit(unit_of_length)})",
+        ylabel=f"Time ({write_unit(unit_of_time)})",
+    )
+    add_bar(ax, drawn, f"{quantity} ({write_unit(unit)})")
     return ax
 
 
 def plot_energies(motion: Motion, ax: Axes) -> Axes:
-    """Draw kinetic energies of translation and rotation, the energy of contacts, and what is lost,
-    over time.
+    """Draw kinetic energies of translation and rotation, the energy of contacts, and the lost
+    energy over time.
     """
-    scale, unit = prefixed(max(float((motion.energy + motion.lost).max()), 1e-300), "J")
+    scale, unit = prefixed(max(float((motion.energy + motion.lost).max()), _TINY), "J")
     seconds, time = prefixed(float(motion.times[-1]), "s")
-    for name, colour in zip(
-        ("translation", "rotation", "stored", "lost"), (*COLOURS[:3], "0.4"), strict=True
+    for label, values, colour in (
+        ("translation", motion.translation, COLOURS[0]),
+        ("rotation", motion.rotation, COLOURS[1]),
+        ("contacts", motion.stored, COLOURS[2]),
+        ("lost", motion.lost, "0.4"),
     ):
-        values = getattr(motion, name)
-        label = "contacts" if name == "stored" else name
-        if name in ("translation", "stored") or np.any(values > 1e-9 * scale):
+        if label in ("translation", "contacts") or np.any(values > 1e-9 * scale):
             ax.plot(motion.times / seconds, values / scale, color=colour, label=label)
     ax.set(
         xlabel=f"Time ({write_unit(time)})",
@@ -119,27 +126,28 @@ def plot_energies(motion: Motion, ax: Axes) -> Axes:
 
 
 def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | None = None) -> Axes:
-    """Draw the balls at one of the frames, coloured by their speed; those of an array in space that
-    are seen along z.
+    """Draw the balls at one of the frames, coloured by their speed; an array in space is seen along
+    z.
 
-    ``most`` is the speed, m/s, of the darkest colour; by default the greatest of this frame.
+    ``most`` is the speed, m/s, of the darkest colour; by default the greatest speed of the frame.
     """
     if not -len(motion.times) <= frame < len(motion.times):
         raise InputError(
             f"the motion has no frame {frame}", mend=f"Give 0 to {len(motion.times) - 1}"
         )
     most = float(np.linalg.norm(motion.velocities[frame], axis=1).max()) if most is None else most
-    drawn, label = _draw_speeds(motion, ax, frame, max(most, 1e-300))
+    drawn, label = _draw_speeds(motion, ax, frame, max(most, _TINY))
     add_bar(ax, drawn, label)
     return ax
 
 
 def _draw_speeds(motion: Motion, ax: Axes, frame: int, most: float) -> tuple[Any, str]:
-    """Draw the balls at a frame; return what a bar belongs to, and its label."""
-    (scale, unit), (seconds, time) = prefixed(most, "m/s"), prefixed(float(motion.times[-1]), "s")
+    """Draw the balls at a frame; return the drawn balls and the label of their colour bar."""
+    scale, unit = prefixed(most, "m/s")
+    seconds, time = prefixed(float(motion.times[-1]), "s")
     speeds = np.linalg.norm(motion.velocities[frame], axis=1) / scale
     drawn = draw_balls(motion.network, speeds, ax, "magma_r", Normalize(0.0, most / scale))
-    if np.any(scale * speeds > most):  # they have the darkest colour too
+    if np.any(scale * speeds > most):  # faster balls have the darkest colour too
         drawn.cmap.colorbar_extend = "max"  # type: ignore[assignment]  # the stubs know truth values only
     ax.set_title(f"{motion.times[frame] / seconds:.3g} {write_unit(time)}")
     return drawn, f"Speed ({write_unit(unit)})"
@@ -150,10 +158,10 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
     scale.
     """
     frequencies, amplitudes = motion.spectrum(ball, axis)
-    most = max(float(amplitudes.max()), 1e-300)
+    most = max(float(amplitudes.max()), _TINY)
     top = float(frequencies[amplitudes > _LEAST * most][-1])
     prefix = HertzPrefix.for_top(top)
-    (scale, unit) = prefixed(most, "m")
+    scale, unit = prefixed(most, "m")
     ax.plot(
         frequencies / prefix.hertz,
         np.maximum(amplitudes, 1e-3 * _LEAST * most) / scale,
@@ -173,13 +181,13 @@ def plot_harmonics(
     motion: Motion, ax: Axes, frequency: float, *, count: int = 3, axis: int = 0, periods: int = 10
 ) -> Axes:
     """Draw the amplitudes of the motion at multiples of the ``frequency`` of a drive, over the
-    place along an axis.
+    position along an axis.
 
     Options are those of :meth:`granphon.Motion.harmonics`.
     """
     amplitudes = np.abs(motion.harmonics(frequency, count, axis, periods))
     places = motion.network.positions[:, axis]
-    metre, length = prefixed(_FEW * float(np.median(motion.network.radii)), "m")
+    metre, length = prefixed(_RADII * float(np.median(motion.network.radii)), "m")
     scale, unit = prefixed(float(amplitudes.max()), "m")
     order = np.argsort(places, kind="stable")
     for number, (values, colour) in enumerate(zip(amplitudes, COLOURS, strict=False), 1):
@@ -206,8 +214,8 @@ def plot_harmonics(
 def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None = None) -> Figure:
     """Draw a figure across the page: the motion, and its energies over time.
 
-    Of a chain, and with ``show``, the motion is a map over place and time, see :func:`plot_motion`;
-    of other arrays it is the balls at three times.
+    Of a chain, and with ``show``, the motion is a map over position and time, see
+    :func:`plot_motion`; of any other array the balls are drawn at three times.
     """
     if motion.network.dimension == 1 or show is not None:
         with styled_figure(2.7, PAGE_WIDTH) as figure:
@@ -217,25 +225,25 @@ def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None 
         return figure
     speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)
     frames = pick_evenly(len(motion.times), 4)[1:]
-    # faster balls have the darkest colour too
-    most = max(0.5 * float(speeds[frames].max()), 1e-300)
+    # balls of more than half of the greatest speed have the darkest colour
+    most = max(0.5 * float(speeds[frames].max()), _TINY)
     with styled_figure(2.3, PAGE_WIDTH) as figure:
-        *shots, last = figure.subplots(
+        *shots, energies = figure.subplots(
             1, len(frames) + 1, width_ratios=[1.0] * len(frames) + [1.25]
         )
         for ax, frame in zip(shots, frames, strict=True):
             drawn, label = _draw_speeds(motion, ax, frame, most)
             ax.set_ylabel("y (mm)" if ax is shots[0] else "")
         figure.colorbar(drawn, ax=shots, location="bottom", aspect=50, extend="max", label=label)
-        plot_energies(motion, last)
+        plot_energies(motion, energies)
     return figure
 
 
 def motions_figure(dataset: Dataset) -> Figure:
-    """Draw the greatest force of the motion of each state of a data set over time, and what is
-    lost, one column wide.
+    """Draw the greatest force and the kinetic energy of the motion of each state of a data set over
+    time, one column wide.
 
-    Of more than six states so many are drawn, evenly taken. Raises
+    Of more than eight states eight are drawn, evenly taken. Raises
     :class:`~granphon.base.errors.InputError` for a data set without motions.
     """
     states, handles = choose_states(dataset, "motion_force", "motions")

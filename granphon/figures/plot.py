@@ -1,10 +1,9 @@
-"""The picture of a result that it gets if nothing more is said; this module does not load
-matplotlib until it draws.
-"""
+"""The default picture of a result; this module does not load matplotlib until it draws."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from inspect import signature
 from typing import TYPE_CHECKING, Any
@@ -18,57 +17,83 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: for the class of a result, by the package and the name, so that none is imported here: the module
-#: of figures, the function that draws it, the keyword under which the function takes it, and where
-#: it draws on an Axes, the height of a figure of it, inches
-_PICTURES: dict[str, tuple[str, str, str, float]] = {
-    "granphon.Bands": ("bands", "bands_figure", "bands", 0.0),
-    "granphon.DensityOfStates": ("bands", "bands_figure", "dos", 0.0),
-    "granphon.WidthFit": ("curves", "fit_figure", "fit", 0.0),
-    "granphon.DampingFit": ("waves", "transfer_fit_figure", "fit", 0.0),
-    "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result", 0.0),
-    "granphon.PathSpectra": ("waves", "spectrum_figure", "spectra", 0.0),
-    "granphon.SpectralFunction": ("waves", "plot_lines", "spectrum", 2.6),
-    "granphon.SpectralDensity": ("waves", "plot_sample_dos", "dos", 2.4),
-    "granphon.SurfaceSpectrum": ("waves", "plot_surface", "spectrum", 3.1),
-    "granphon.Transmission": ("waves", "plot_transmission", "result", 2.3),
-    "granphon.ComplexBands": ("waves", "complex_bands_figure", "bands", 0.0),
-    "granphon.Motion": ("motions", "motion_figure", "motion", 0.0),
-    "granphon.Response": ("waves", "response_figure", "response", 0.0),
-    "granphon.Pulse": ("waves", "pulse_figure", "pulse", 0.0),
-    "granphon.NetworkModes": ("modes", "plot_network_mode", "modes", 3.4),
-    "granphon.ContactNetwork": ("forces", "plot_forces", "sample", 0.0),
-    "granphon.SimulatedState": ("forces", "forces_figure", "state", 0.0),
-    "xarray.Dataset": ("curves", "sweep_figure", "dataset", 0.0),
+@dataclass(frozen=True)
+class _Drawing:
+    """The function that draws a result.
+
+    Attributes
+    ----------
+    module, function : the module of figures, and the name of the function in the module.
+    keyword : the keyword under which the function takes the result.
+    height : where the function draws on an Axes, the height of a figure of the Axes, inches; else
+        0.
+    """
+
+    module: str
+    function: str
+    keyword: str
+    height: float = 0.0
+
+    def load(self) -> Callable[..., Any]:
+        """Import the function."""
+        module = import_module(f"granphon.figures.{self.module}")
+        function: Callable[..., Any] = getattr(module, self.function)
+        return function
+
+
+#: pictures of results, by package and name of the class, so that no class is imported here
+_PICTURES = {
+    "granphon.Bands": _Drawing("bands", "bands_figure", "bands"),
+    "granphon.DensityOfStates": _Drawing("bands", "bands_figure", "dos"),
+    "granphon.WidthFit": _Drawing("curves", "fit_figure", "fit"),
+    "granphon.DampingFit": _Drawing("waves", "transfer_fit_figure", "fit"),
+    "granphon.TradeOff": _Drawing("work_precision", "tradeoff_figure", "result"),
+    "granphon.PathSpectra": _Drawing("waves", "spectrum_figure", "spectra"),
+    "granphon.SpectralFunction": _Drawing("waves", "plot_lines", "spectrum", 2.6),
+    "granphon.SpectralDensity": _Drawing("waves", "plot_sample_dos", "dos", 2.4),
+    "granphon.SurfaceSpectrum": _Drawing("waves", "plot_surface", "spectrum", 3.1),
+    "granphon.Transmission": _Drawing("waves", "plot_transmission", "result", 2.3),
+    "granphon.ComplexBands": _Drawing("waves", "complex_bands_figure", "bands"),
+    "granphon.Motion": _Drawing("motions", "motion_figure", "motion"),
+    "granphon.Response": _Drawing("waves", "response_figure", "response"),
+    "granphon.Pulse": _Drawing("waves", "pulse_figure", "pulse"),
+    "granphon.NetworkModes": _Drawing("modes", "plot_network_mode", "modes", 3.4),
+    "granphon.ContactNetwork": _Drawing("forces", "plot_forces", "sample"),
+    "granphon.SimulatedState": _Drawing("forces", "forces_figure", "state"),
+    "xarray.Dataset": _Drawing("curves", "sweep_figure", "dataset"),
 }
-#: the same for what is found of the network of each state of a data set, by the block of the scene
+#: cells along each period in the picture of a small network, for one, two and three periods
+_CELLS = (8, 4, 2)
+#: greatest number of balls of a network that counts as small
+_MOST_BALLS = 8
+#: pictures of the networks of the states of a data set, by the block of the scene
 _OF_STATES = {
-    "response": ("waves", "responses_figure", "dataset", 0.0),
-    "motion": ("motions", "motions_figure", "dataset", 0.0),
+    "response": _Drawing("waves", "responses_figure", "dataset"),
+    "motion": _Drawing("motions", "motions_figure", "dataset"),
 }
 
 
 def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
-    """Draw the default picture of a result, or one picture of several, and return the figure, which
-    a notebook shows.
+    """Draw the default picture of a result, or one picture of several results, and return the
+    figure, which a notebook shows.
 
     ``result`` is bands, complex bands, a transmission, a density of states (of a lattice or of a
     sample), a sweep, a fit, a trade-off, spectra along a path or at single wave vectors, a pulse, a
-    response, a motion, modes of a network (``mode``: which of them), a state at one load, a sample,
-    a network of contacts, or the result of a scene's run, of which bands, density of states or
-    sweep are drawn. A state whose contacts follow from a law is drawn as some cells of its network.
-    ``options`` go to the function of :mod:`granphon.figures` that draws the result, such as
-    ``asymptotes`` of ``bands_figure`` and ``variable`` of ``sweep_figure``. Functions that draw on
-    an Axes of yours are in the same modules.
+    response, a motion, modes of a network (``mode`` is the number of the mode), a state at one
+    load, a sample, a network of contacts, or the result of a scene's run, of which bands, density
+    of states or sweep are drawn. A state whose contacts follow from a law is drawn as some cells of
+    its network. ``options`` go to the function of :mod:`granphon.figures` that draws the result,
+    such as ``asymptotes`` of ``bands_figure`` and ``variable`` of ``sweep_figure``. The same
+    modules have functions that draw on your own Axes.
 
-    A list of results, or a mapping that names them, is one picture: sweeps, fits and results of
+    A list of results, or a mapping that names results, is one picture: sweeps, fits and results of
     scenes over the load, with measured points, or bands, or densities of states. ``options`` are
     then those of :func:`granphon.figures.curves.plot_together`: ``x``, ``y``, ``data``. With
-    ``axes`` it is drawn there, as is a single result of these kinds, and the figure of the Axes is
-    returned.
+    ``axes`` the picture is drawn on these Axes, as is a single result of these kinds, and the
+    figure of the Axes is returned.
 
-    Raises :class:`~granphon.base.errors.InputError` for anything else, and for an option that the
-    function does not have.
+    Raises :class:`~granphon.base.errors.InputError` for any other object, and for an option that
+    the function does not have.
     """
     kinds = [
         f"{kind.__module__.partition('.')[0]}.{kind.__name__}" for kind in type(result).__mro__
@@ -84,83 +109,83 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
             return _show(comparison_figure(results, **options))
         figure: Any = plot_together(results, axes, **options).get_figure()
         return figure  # type: ignore[no-any-return]
-    known = next((_PICTURES[kind] for kind in kinds if kind in _PICTURES), None)
-    given = {} if known is None else {known[2]: result}
-    if (
-        dataset := find_dataset(result)
-    ) is not None:  # of the result of a scene the spectra come first
-        if "load" not in dataset.dims:
-            why = "Its picture is over the load, and one was chosen, or their mean taken"
-            mend = "isel(load=[0])"
-            raise InputError(
-                "the data set has no dimension 'load'",
-                why,
-                f"Keep all loads, or choose by a list: {mend}",
-            )
-        spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
-        known = _PICTURES["xarray.Dataset"]
-        given = {"dataset": dataset}
-        if dataset is not result and any(one is not None for one in spectra.values()):
-            known = _PICTURES["granphon.Bands"]
-            given = spectra
-        elif dataset is not result and getattr(result, "surface", None) is not None:
-            known = _PICTURES["granphon.SurfaceSpectrum"]
-            given = {"spectrum": result.surface}
-        elif (
-            dataset is not result
-            and getattr(getattr(result, "waves", None), "motion", None) is not None
-        ):
-            known = _PICTURES["granphon.Motion"]
-            given = {"motion": result.waves.motion}
-        elif dataset["valid"].size == 1:  # of one state there is nothing to draw over the load
-            marks = {"response_phase": "response", "motion_force": "motion"}
-            known = next(
-                (_OF_STATES[block] for mark, block in marks.items() if mark in dataset), known
-            )
-    if known is None:
-        # what the figure of a network takes for a state or a sample: its network, or several small
-        # cells of it
-        known = _PICTURES["granphon.ContactNetwork"]
-        network = getattr(result, "network", None)
-        if isinstance(network, ContactNetwork):
-            periods = sum(network.pbc)
-            few = periods > 0 and network.n_balls <= 8  # of which some cells are drawn
-            given = {
-                "sample": network.repeat(((8, 4, 2)[periods - 1],) * periods) if few else network
-            }
-    if not given or (kinds[0] == "xarray.Dataset" and dataset is None):
-        refuse_unpressed(result)
-        words = (
-            "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a"
-            " trade-off, spectra (of an"
-            " edge too), a pulse, a response, a motion, modes, a state, a sample, a network,"
-            " or the result of a run of a"
-            " scene with bands, a density of states or a sweep"
-        )
-        raise InputError(f"{brief(result)} has no default picture", mend=f"Give {words}")
-    draw: Callable[..., Any] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
-    _require_options(draw, known[1], given | {"ax": None}, options)
-    if known[3]:
+    dataset = find_dataset(result)
+    if dataset is not None:
+        picture, arguments = _choose_of_dataset(result, dataset)
+    else:
+        picture, arguments = _choose_of_object(result, kinds)
+    draw = picture.load()
+    _require_options(draw, picture.function, arguments | {"ax": None}, options)
+    if picture.height:
         from granphon.figures.scales import draw_alone
 
-        return _show(draw_alone(lambda own: draw(**given, ax=own, **options), known[3]))
-    drawn = draw(**given, **options)
+        return _show(draw_alone(lambda ax: draw(**arguments, ax=ax, **options), picture.height))
+    drawn = draw(**arguments, **options)
     return _show(drawn.get_figure() if "ax" in signature(draw).parameters else drawn)
 
 
 def draw_states(dataset: Any, block: str) -> Figure:
-    """Draw what is found of the network of each state of a data set, by the block of the scene that
-    asks for it.
-    """
-    module, name, _, _ = _OF_STATES[block]
-    figure: Figure = getattr(import_module(f"granphon.figures.{module}"), name)(dataset)
+    """Draw the results of the network of each state of a data set, for a block of the scene."""
+    figure: Figure = _OF_STATES[block].load()(dataset)
     return figure
 
 
-def _show(figure: Any) -> Figure:
-    """Return a plain figure, as the functions make it, as a picture that shows itself, whether
-    pyplot is loaded or not.
+def _choose_of_object(result: Any, kinds: list[str]) -> tuple[_Drawing, dict[str, Any]]:
+    """Return the picture of an object without a data set, and the arguments of its function.
+
+    Without a picture for a class in ``kinds``, the picture is that of the object's network, or of
+    some cells of a small network. InputError if there is no network.
     """
+    name = next((kind for kind in kinds if kind in _PICTURES), None)
+    if name is not None and kinds[0] != "xarray.Dataset":
+        return _PICTURES[name], {_PICTURES[name].keyword: result}
+    network = getattr(result, "network", None)
+    if name is None and isinstance(network, ContactNetwork):
+        periods = sum(network.pbc)
+        if periods > 0 and network.n_balls <= _MOST_BALLS:
+            network = network.repeat((_CELLS[periods - 1],) * periods)
+        return _PICTURES["granphon.ContactNetwork"], {"sample": network}
+    refuse_unpressed(result)
+    words = (
+        "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a"
+        " trade-off, spectra (of an edge too), a pulse, a response, a motion, modes, a state, a"
+        " sample, a network, or the result of a run of a scene with bands, a density of states or"
+        " a sweep"
+    )
+    raise InputError(f"{brief(result)} has no default picture", mend=f"Give {words}")
+
+
+def _choose_of_dataset(result: Any, dataset: Any) -> tuple[_Drawing, dict[str, Any]]:
+    """Return the picture of a data set, or of the spectra of a scene's ``result`` that has the data
+    set, and the arguments of its function.
+    """
+    if "load" not in dataset.dims:
+        raise InputError(
+            "the data set has no dimension 'load'",
+            "Its picture is over the load, and one was chosen, or their mean taken",
+            "Keep all loads, or choose by a list: isel(load=[0])",
+        )
+    if dataset is not result:
+        spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
+        if any(spectrum is not None for spectrum in spectra.values()):
+            return _PICTURES["granphon.Bands"], spectra
+        surface = getattr(result, "surface", None)
+        if surface is not None:
+            return _PICTURES["granphon.SurfaceSpectrum"], {"spectrum": surface}
+        motion = getattr(getattr(result, "waves", None), "motion", None)
+        if motion is not None:
+            return _PICTURES["granphon.Motion"], {"motion": motion}
+    picture = _PICTURES["xarray.Dataset"]
+    if dataset["valid"].size == 1:  # a single state has no curves over the load
+        marks = {"response_phase": "response", "motion_force": "motion"}
+        blocks = [block for mark, block in marks.items() if mark in dataset]
+        if blocks:
+            picture = _OF_STATES[blocks[0]]
+    return picture, {"dataset": dataset}
+
+
+def _show(figure: Any) -> Figure:
+    """Return a plain figure as a picture that shows itself in a notebook."""
     from granphon.figures.scales import Picture
 
     figure.__class__ = Picture
@@ -168,9 +193,11 @@ def _show(figure: Any) -> Figure:
 
 
 def _require_options(
-    draw: Callable[..., Any], name: str, given: dict[str, Any], options: dict[str, Any]
+    draw: Callable[..., Any], name: str, arguments: dict[str, Any], options: dict[str, Any]
 ) -> None:
-    allowed = [one for one in signature(draw).parameters if one not in given]
-    if unknown := [one for one in options if one not in allowed]:
+    """Raise InputError for options that a function does not have besides its ``arguments``."""
+    allowed = [option for option in signature(draw).parameters if option not in arguments]
+    unknown = [option for option in options if option not in allowed]
+    if unknown:
         mend = f"It has {', '.join(allowed)}" if allowed else "It has none"
         raise InputError(f"{name} has no option {', '.join(unknown)}", mend=mend)

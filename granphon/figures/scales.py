@@ -1,10 +1,8 @@
-"""The guarded import of matplotlib, and what figures share that needs it: scales of axes, maps of
-colours, legends.
+"""The guarded import of matplotlib, and the scales of axes, maps of colours and legends of figures.
 
-Every module that draws imports this one before matplotlib. No backend of matplotlib and no pyplot
-is loaded. Raises
-:class:`~granphon.base.errors.MissingPackageError` if matplotlib is not installed, and
-:class:`~granphon.base.errors.FigureError` if its settings cannot be read.
+Every module that draws imports this module before matplotlib. No backend of matplotlib and no
+pyplot is loaded. Raises :class:`~granphon.base.errors.MissingPackageError` if matplotlib is not
+installed, and :class:`~granphon.base.errors.FigureError` if its settings cannot be read.
 """
 
 from __future__ import annotations
@@ -43,39 +41,39 @@ if TYPE_CHECKING:
 
 @contextmanager
 def _open_door() -> Iterator[None]:
-    """Import matplotlib in the block even if MPLBACKEND names a backend that is not there: saving a
-    figure needs none.
+    """Import matplotlib in the block even if MPLBACKEND names a backend that does not exist,
+    because saving a figure needs no backend.
     """
-    first = "matplotlib" not in sys.modules
-    given = os.environ.pop("MPLBACKEND", None)
+    is_first_import = "matplotlib" not in sys.modules
+    backend = os.environ.pop("MPLBACKEND", None)
     log = logging.getLogger("matplotlib")
-    said = BufferingHandler(1000)
-    log.addHandler(said)
+    log_of_import = BufferingHandler(1000)
+    log.addHandler(log_of_import)
     try:
         with needing("A figure"):
             yield
     except (MemoryError, MissingPackageError):
         raise
-    except (
-        Exception
-    ) as error:  # from the file system, a text that is not UTF-8, or whatever the settings ask for
-        records = said.buffer
-        said.buffer = []  # the log names the file that is at fault
+    except Exception as error:
+        # an error of the file system, a text that is not UTF-8, or an error from the settings; the
+        # log names the file at fault
+        records = log_of_import.buffer
+        log_of_import.buffer = []
         why = " ".join(record.getMessage() for record in records)
         mend = "Look at its settings (matplotlibrc, MATPLOTLIBRC) and how it is installed"
         raise FigureError(
             f"matplotlib cannot be imported: {shorten_error(error)}", why, mend
         ) from error
     finally:
-        log.removeHandler(said)
-        for record in said.buffer:
+        log.removeHandler(log_of_import)
+        for record in log_of_import.buffer:
             log.handle(record)
-        if given is not None:
-            os.environ["MPLBACKEND"] = given
-    if first and given:
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
+    if is_first_import and backend:
         with suppress(ValueError):
-            # matplotlib's own import does this too, but fails on a name that it does not know
-            matplotlib.rcParams["backend"] = given
+            # the import of matplotlib sets the backend too, but fails on an unknown name
+            matplotlib.rcParams["backend"] = backend
 
 
 with _open_door():
@@ -103,12 +101,22 @@ MOTION = matplotlib.colormaps["RdBu_r"]
 POLARISATION = LinearSegmentedColormap.from_list(
     "polarisation", [TRANSVERSE_COLOUR, LONGITUDINAL_COLOUR]
 )
-#: least and largest value of a logarithmic axis; the squares of what is farther from one are beyond
-#: floating point
+#: least and largest value of a logarithmic axis: squares of values beyond them are beyond floating
+#: point
 _LEAST = 1e-150
 _LARGEST = 1e150
+#: greatest number of letters of a label in a legend of this number of columns
+_LETTERS_OF_COLUMNS = {3: 9, 2: 24}
+#: least number of plain ticks of a logarithmic axis
+_LEAST_TICKS = 4
 #: height of a row of a legend, in inches
 ROW_HEIGHT = 0.16
+
+
+def find_axis(ax: Axes, which: str) -> Axis:
+    """Return the axis "x" or "y" of an Axes."""
+    axis: Axis = {"x": ax.xaxis, "y": ax.yaxis}[which]
+    return axis
 
 
 def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
@@ -119,16 +127,16 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
 
     Raises :class:`~granphon.base.errors.InputError` for values that no logarithmic axis reaches.
     """
-    there = values[np.isfinite(values)]
-    if there.min() <= 0.0:
+    finite = values[np.isfinite(values)]
+    if finite.min() <= 0.0:
         return
-    if there.min() < _LEAST or there.max() > _LARGEST:
-        what = f"the {which} axis cannot reach from {there.min():.4g} to {there.max():.4g}"
+    if finite.min() < _LEAST or finite.max() > _LARGEST:
+        problem = f"the {which} axis cannot reach from {finite.min():.4g} to {finite.max():.4g}"
         why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
-        raise InputError(what, why, "Look at the units of the data, and leave out what is wrong")
+        raise InputError(problem, why, "Look at the units of the data, and leave out what is wrong")
     ax.set(**{f"{which}scale": "log"})
-    axis = getattr(ax, f"{which}axis")
-    span = there.max() / there.min()
+    axis = find_axis(ax, which)
+    span = finite.max() / finite.min()
     if span < plain:
         axis.set_major_locator(_PlainTicks())
         axis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -137,27 +145,27 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
 
 
 def widen_axis(ax: Axes, which: str, values: Array) -> None:
-    """Let the ``which`` axis of values that differ by rounding, if at all, go a twentieth to either
-    side of them, or more.
+    """Widen the ``which`` axis, "x" or "y", by a twentieth to either side, or more, if the values
+    differ by rounding at most.
 
-    On an axis from rounding to rounding ticks and frame would land anywhere.
+    The ticks of an axis as narrow as rounding would have no meaning.
     """
     least = float(values.min())
     most = float(values.max())
     if most < least * (1.0 + 1e-9):
-        low, high = getattr(ax, f"{which}axis").get_view_interval()
+        low, high = find_axis(ax, which).get_view_interval()
         ax.set(**{f"{which}lim": (min(low, 0.95 * least), max(high, 1.05 * most))})
 
 
 def name_axis(
     axis: Axis, most: float, label: str, unit: str, *, short: bool = False, more: str = ""
 ) -> None:
-    """Label an axis, which has its scale, with a unit in which the numbers at its ticks are short:
+    """Label an axis, after its scale is set, with a unit that makes the numbers at the ticks short:
     µm, GPa.
 
     ``most`` is the largest number, in the SI ``unit``; with ``short`` the unit has a prefix
-    wherever that is shorter. ``more`` follows the unit. The data of the axis stay in SI: only what
-    is written at the ticks is divided.
+    wherever the prefix makes numbers shorter. ``more`` follows the unit. The data of the axis stay
+    in SI: only the texts at the ticks are divided.
     """
     divided = unit in ("m", "N", "N/m", "Pa") and (short or not 1e-2 <= most < 1e5)
     size, name = prefixed(most, unit) if divided else (1.0, unit)
@@ -176,14 +184,14 @@ def name_axis(
 
 
 class Picture(Figure):
-    """A figure with the PNG that a notebook asks for; with pyplot's inline backend loaded, that
-    backend shows it instead.
+    """A figure with a PNG for notebooks; if pyplot's inline backend is loaded, the backend shows
+    the figure instead.
     """
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         stream = BytesIO()
         self.savefig(stream, format="png")
-        # pixels of a screen for an inch; the picture itself has the resolution of the figure
+        # size on a screen of 120 pixels for an inch; the PNG has the resolution of the figure
         width, height = (round(120 * inches) for inches in self.get_size_inches().tolist())
         return stream.getvalue(), {"width": width, "height": height}
 
@@ -205,7 +213,7 @@ def draw_alone(plot: Callable[[Axes], Any], height: float) -> Figure:
 
 
 def add_bar(ax: Axes, drawn: Any, label: str) -> Any:
-    """Draw above an Axes the colour bar of what is drawn there, and return it."""
+    """Draw the colour bar of ``drawn`` above its Axes, and return the bar."""
     figure: Any = ax.get_figure()
     bar = figure.colorbar(drawn, ax=ax, location="top", aspect=40, pad=0.02)
     bar.set_label(label)
@@ -225,7 +233,7 @@ def draw_densities(
     """Draw densities of states per ball over the frequency, with their standard errors as bands.
 
     ``curves`` are colours, labels, frequencies (n,), Hz, densities (n,), 1/Hz, and errors (n,), nan
-    where there is none. The axis ends a little above the highest frequency at which a density is
+    if unknown. The axis ends a little above the highest frequency at which a density is
     above the part ``least`` of its greatest value.
     """
     drawn = list(curves)
@@ -248,23 +256,23 @@ def draw_densities(
 def draw_balls(
     network: ContactNetwork, values: Array, ax: Axes, colours: object, norm: Normalize
 ) -> EllipseCollection:
-    """Draw the balls of a network, seen along z, each in the colour of its value (n,); axes are in
+    """Draw the balls of a network, seen along z, in the colours of their values (n,); axes are in
     mm.
     """
     shown = np.flatnonzero(np.isfinite(network.radii))
-    if network.dimension == 3:  # the nearest come last
+    if network.dimension == 3:  # the nearest balls are drawn last
         shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
     sizes = 2e3 * network.radii[shown]
-    places = 1e3 * network.positions[shown, :2]
+    centres = 1e3 * network.positions[shown, :2]
     if network.pbc[0] and not np.any(network.cell[0, 1:]):
         # an oblique cell is drawn as a rectangle
-        places[:, 0] = np.mod(places[:, 0], 1e3 * network.cell[0, 0])
+        centres[:, 0] = np.mod(centres[:, 0], 1e3 * network.cell[0, 0])
     balls = EllipseCollection(
         sizes,
         sizes,
         0.0 * sizes,
         units="xy",
-        offsets=places,
+        offsets=centres,
         offset_transform=ax.transData,
         array=values[shown],
         cmap=colours,
@@ -274,8 +282,8 @@ def draw_balls(
         linewidths=0.15,
     )
     ax.add_collection(balls, autolim=False)
-    low = places.min(axis=0) - 0.6 * sizes.max()
-    high = places.max(axis=0) + 0.6 * sizes.max()
+    low = centres.min(axis=0) - 0.6 * sizes.max()
+    high = centres.max(axis=0) + 0.6 * sizes.max()
     ax.set(
         xlim=(low[0], high[0]),
         ylim=(low[1], high[1]),
@@ -295,30 +303,29 @@ def add_legend(
 ) -> None:
     """Draw the legend of a figure below its panels, in as many columns as its labels allow.
 
-    The figure grows by the rows beyond those for which it has ``room``, so that a long legend does
-    not take that of the panels.
+    The figure has room for ``room`` rows of the legend, and grows by all further rows, so that the
+    panels keep their size.
     """
     labels = [str(handle.get_label()) for handle in handles]
     columns = _count_columns(labels)
     rows = -(-len(handles) // columns) + sum(text.count("\n") for text in (*labels, title or ""))
-    more = max(0, rows - room) * ROW_HEIGHT
-    figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + more)
+    added_height = max(0, rows - room) * ROW_HEIGHT
+    figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + added_height)
     figure.legend(
         handles=handles, loc="outside lower center", ncols=columns, title=title, **options
     )
 
 
 def _count_columns(labels: Sequence[str]) -> int:
-    # three columns where labels have nine letters at most, two where they have 24
-    return min(
-        len(labels),
-        next((n for n, letters in {3: 9, 2: 24}.items() if max(map(len, labels)) <= letters), 1),
-    )
+    """Return the number of columns of a legend in a column of a page."""
+    longest = max(map(len, labels))
+    columns = next((n for n, letters in _LETTERS_OF_COLUMNS.items() if longest <= letters), 1)
+    return min(len(labels), columns)
 
 
 def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
-    """Set the title of an Axes, and below it a legend of ``kinds`` of balls, colours by their
-    names, if there are any.
+    """Set the title of an Axes, and below the title a legend of ``kinds`` of balls, colours by
+    their names, if there are kinds.
     """
     names: dict[str, str] = {}
     for name, colour in kinds.items():
@@ -348,17 +355,20 @@ def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
 
 
 def hide_axes(ax: Axes, low: Array, high: Array) -> None:
-    """Limit the axes to the rectangle from ``low`` (2,) to ``high`` (2,), equal scales on both, and
-    draw no frame.
+    """Limit the axes to the rectangle from ``low`` (2,) to ``high`` (2,), with equal scales and
+    without a frame.
     """
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     ax.set_axis_off()
 
 
+def _keep_inside(ticks: Array, low: float, high: float) -> Array:
+    """Return the ticks from ``low`` to ``high``, but for rounding."""
+    return ticks[(ticks >= low * (1.0 - 1e-9)) & (ticks <= high * (1.0 + 1e-9))]
+
+
 class _PlainTicks(Locator):
-    """Ticks at round numbers on a logarithmic axis, few but at least four; or the minor ticks of
-    that axis.
-    """
+    """Ticks at round numbers on a logarithmic axis, few but at least four; or its minor ticks."""
 
     def __init__(self, minor: bool = False) -> None:
         self._minor = minor
@@ -370,10 +380,9 @@ class _PlainTicks(Locator):
         low, high = sorted((vmin, vmax))
         inside = finer = np.empty(0)
         for ticks, between in _list_round_numbers(low, high):
-            inside, finer = (
-                t[(t >= low * (1.0 - 1e-9)) & (t <= high * (1.0 + 1e-9))] for t in (ticks, between)
-            )
-            if inside.size >= 4:
+            inside = _keep_inside(ticks, low, high)
+            finer = _keep_inside(between, low, high)
+            if inside.size >= _LEAST_TICKS:
                 break
         return finer if self._minor else inside
 
@@ -382,14 +391,14 @@ def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]
     """Yield sets of round numbers from about ``low`` to ``high``, few first, each with a finer set
     for minor ticks.
 
-    Each decade has the same numbers; over less than a factor of four they are evenly spaced.
+    Each decade has the same numbers; numbers within a factor of four are evenly spaced.
     """
     if high / low >= 4.0:
-        # as on logarithmic paper, of one decade or of several
-        one = (
+        # the digits of logarithmic paper, of one decade or of several
+        digits = (
             np.concatenate([np.arange(10, 20), np.arange(20, 50, 2), np.arange(50, 100, 5)]) / 10.0
         )
-        finer = one if high / low < 30.0 else np.arange(1.0, 10.0)
+        finer = digits if high / low < 30.0 else np.arange(1.0, 10.0)
         decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
         coarse = [(1.0, 3.0)] if high / low > 50.0 else []
         for parts in (
@@ -402,6 +411,6 @@ def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]
     for count in (5, 8, 12):
         ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
         step = ticks[1] - ticks[0]
-        # parts of a step, so that they are round
-        within = 4 if f"{step:.0e}".startswith("2") else 5
-        yield ticks, ticks[0] + step / within * np.arange(within * (ticks.size - 1) + 1)
+        # a step of 2 has four parts, a step of 1, 5 or 10 has five: their ends are round
+        n_steps = 4 if f"{step:.0e}".startswith("2") else 5
+        yield ticks, ticks[0] + step / n_steps * np.arange(n_steps * (ticks.size - 1) + 1)

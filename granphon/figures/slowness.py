@@ -30,11 +30,11 @@ from granphon.figures.style import FRAME, TRANSVERSE_COLOUR
 from granphon.figures.views import HALO, Painter, View
 from granphon.media.state import State, as_state
 
-#: unit in which slowness is drawn, which is ms/m
+#: unit of slowness in figures; s/km is ms/m
 _LABEL = "s/km"
-#: what the colour bar says
+#: label of the colour bar
 _PART = "Longitudinal part of the polarisation"
-#: number of directions in half a turn, of a cut and of a surface
+#: number of directions in half a turn, in a cut and on a surface
 _CUT = 180
 _SURFACE = 48
 #: the directions, Cartesian, that span the two cuts through a surface in space
@@ -56,7 +56,7 @@ def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array
         raise InputError(
             "the state has several loads", "A slowness surface is that of one load", "Use state[0]"
         )
-    # a flexural wave is the last
+    # the last wave is the flexural one, which has no velocity
     waves = len(state.wave_names) - ("out_of_plane" in state.wave_names)
     if not waves:
         raise InputError(
@@ -66,9 +66,11 @@ def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array
     slowness = 1.0 / (1e-3 * velocities[:, :waves])
     polarisations = polarisations[:, :, :waves]
     axes = state.reference_lattice.motions.translations
-    inside = [place for place, axis in enumerate(axes) if axis < periods]
-    toward = directions[:, [axes[place] for place in inside]]
-    return slowness, np.einsum("nu,nub->nb", toward, polarisations[:, inside]) ** 2, polarisations
+    # components of the polarisations along the periods
+    components = [component for component, axis in enumerate(axes) if axis < periods]
+    direction_components = directions[:, [axes[component] for component in components]]
+    along = np.einsum("nu,nub->nb", direction_components, polarisations[:, components])
+    return slowness, along**2, polarisations
 
 
 def plot_slowness(
@@ -83,7 +85,7 @@ def plot_slowness(
     Parameters
     ----------
     state : the state of the contacts, at one load, or a sample or network as in
-        :func:`~granphon.sound_velocities`; it has two or three periods.
+        :func:`~granphon.sound_velocities`, with two or three periods.
     plane : (2, 3) two Cartesian directions that span the cut, the first to the right; the second is
         turned so that it is perpendicular to the first. By default x and y.
     colorbar : whether to draw the colour bar, above the axes.
@@ -93,14 +95,14 @@ def plot_slowness(
     InputError : several loads, one period, or a ``plane`` that is not two different directions.
     MechanismError : a motion of the lattice costs no energy.
     """
-    found = as_state(state)
-    periods = found.reference_lattice.periods
+    contact_state = as_state(state)
+    periods = contact_state.reference_lattice.periods
     if periods == 2 and plane is not None:
         raise InputError("the lattice is a plane", "It has no other cut", "Leave plane out")
     try:
         first, second = (
-            one_direction(way, 3)
-            for way in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64)
+            one_direction(direction, 3)
+            for direction in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64)
         )
     except (TypeError, ValueError) as error:
         raise InputError(
@@ -112,37 +114,34 @@ def plot_slowness(
             "the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"
         )
     span = np.array([first, second / np.linalg.norm(second)])
-    # between the directions of high symmetry, in which the polarisations of transverse waves are
-    # any
+    # directions between those of high symmetry, in which the polarisations of transverse waves are
+    # not determined
     angle = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    slowness, along, polarisations = _find_slowness(
-        found, circle if periods == 2 else circle @ span
-    )
-    across = (
-        np.einsum("u,nub->nb", np.cross(*span), polarisations) ** 2
-        if periods == 3
-        else np.zeros_like(along)
-    )
+    directions = circle if periods == 2 else circle @ span
+    slowness, along, polarisations = _find_slowness(contact_state, directions)
+    across = np.zeros_like(along)
+    if periods == 3:
+        across = np.einsum("u,nub->nb", np.cross(*span), polarisations) ** 2
     order = connect_branches(polarisations)
-    slowness, along, across = (
-        np.take_along_axis(values, order, 1) for values in (slowness, along, across)
-    )
+    slowness = np.take_along_axis(slowness, order, 1)
+    along = np.take_along_axis(along, order, 1)
+    across = np.take_along_axis(across, order, 1)
     for b in range(slowness.shape[1]):
         points = slowness[:, b, None] * circle
-        dashed = across[:, b].mean() > 0.5
+        is_dashed = across[:, b].mean() > 0.5
         pieces = np.stack([points[:-1], points[1:]], axis=1)
         shades: dict[str, Any] = {"cmap": POLARISATION, "norm": Normalize(0, 1)}
         shades["array"] = 0.5 * (along[1:, b] + along[:-1, b])
-        if dashed:
-            # five degrees drawn, five left out
-            drawn = np.arange(len(pieces)) % 10 < 5
-            pieces = pieces[drawn]
-            shades["array"] = shades["array"][drawn]
+        if is_dashed:
+            # five degrees are drawn, five left out
+            is_drawn = np.arange(len(pieces)) % 10 < 5
+            pieces = pieces[is_drawn]
+            shades["array"] = shades["array"][is_drawn]
         lines = LineCollection(
             list(pieces),
             linewidths=1.5,
-            capstyle="butt" if dashed else "round",
+            capstyle="butt" if is_dashed else "round",
             **shades,
             gid=f"wave-{b}",
         )
@@ -151,14 +150,8 @@ def plot_slowness(
     for draw in (ax.axhline, ax.axvline):
         draw(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     names = ["x", "y"]
-    for n, way in enumerate(span if periods == 3 else ()):
-        # sums of unit vectors: "x", "x+y", "−x+2z", "0.6x+0.8z"
-        whole = way / np.abs(way[np.abs(way) > 1e-9]).min()
-        printed = (
-            np.rint(whole) if np.allclose(whole, np.rint(whole), atol=1e-6) else np.round(way, 2)
-        )
-        terms = "".join(f"{x:+g}{letter}" for x, letter in zip(printed, "xyz", strict=True) if x)
-        names[n] = re.sub(r"(?<![\d.])1(?=[xyz])", "", terms).removeprefix("+").replace("-", "−")
+    if periods == 3:
+        names = [_write_direction(direction) for direction in span]
     ax.set(xlabel=f"Slowness, {names[0]} ({_LABEL})", ylabel=f"Slowness, {names[1]} ({_LABEL})")
     ax.set(xlim=(-far, far), ylim=(-far, far), aspect="equal")
     for axis in (ax.xaxis, ax.yaxis):
@@ -169,6 +162,18 @@ def plot_slowness(
     return ax
 
 
+def _write_direction(direction: Array) -> str:
+    """Return a Cartesian direction (3,) as a sum of unit vectors: "x", "x+y", "−x+2z",
+    "0.6x+0.8z".
+    """
+    smallest = np.abs(direction[np.abs(direction) > 1e-9]).min()
+    multiples = np.rint(direction / smallest)
+    is_whole = np.allclose(direction / smallest, multiples, atol=1e-6)
+    numbers = multiples if is_whole else np.round(direction, 2)
+    terms = "".join(f"{x:+g}{letter}" for x, letter in zip(numbers, "xyz", strict=True) if x)
+    return re.sub(r"(?<![\d.])1(?=[xyz])", "", terms).removeprefix("+").replace("-", "−")
+
+
 def plot_slowness_surface(
     state: Any, ax: Axes, *, view: View | None = None, colorbar: bool = True
 ) -> Axes:
@@ -176,6 +181,7 @@ def plot_slowness_surface(
     the polarisation.
 
     The octant that faces the viewer is taken from the two outer surfaces, those of the slower
+    waves, so that the inner surface shows. Arrows mark the Cartesian axes; the bar is a unit of
     waves, so that the inner ones show. Arrows mark the Cartesian axes; the bar is a unit of
     slowness.
 
@@ -191,51 +197,58 @@ def plot_slowness_surface(
     InputError : several loads, or fewer than three periods.
     MechanismError : a motion of the lattice costs no energy.
     """
-    found = as_state(state)
-    if (periods := found.reference_lattice.periods) != 3:
-        what = f"the {found.name} has {counted(periods, 'period')}"
-        raise InputError(what, "Surfaces belong to three", "Use plot_slowness")
+    crystal_state = as_state(state)
+    periods = crystal_state.reference_lattice.periods
+    if periods != 3:
+        problem = f"the {crystal_state.name} has {counted(periods, 'period')}"
+        raise InputError(problem, "Surfaces belong to three", "Use plot_slowness")
     # the octant of positive x, y, z faces the viewer
     view = View(32.0, 24.0) if view is None else view
-    # the edges of the octant that is taken out are lines of this mesh
+    # the edges of the cut octant are lines of this mesh
     polar = np.linspace(0.0, np.pi, _SURFACE + 1)
     azimuth = np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
     theta, phi = np.meshgrid(polar, azimuth, indexing="ij")
-    ways = np.stack(
+    directions = np.stack(
         [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
     )
-    slowness, along, _ = _find_slowness(found, ways.reshape(-1, 3))
-    slowness, along = slowness.reshape(*theta.shape, 3), along.reshape(*theta.shape, 3)
+    slowness, along, _ = _find_slowness(crystal_state, directions.reshape(-1, 3))
+    slowness = slowness.reshape(*theta.shape, 3)
+    along = along.reshape(*theta.shape, 3)
     painter = Painter(view)
     facing = np.where(view.axes[2] >= 0.0, 1.0, -1.0)
     light = view.axes.T @ np.array([-0.45, 0.55, 0.7])
     for wave in range(3):
-        points = slowness[..., wave, None] * ways
+        points = slowness[..., wave, None] * directions
         faces = np.stack(
             [points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2
         ).reshape(-1, 4, 3)
-        part = along[..., wave]
-        part = 0.25 * (part[:-1, :-1] + part[1:, :-1] + part[1:, 1:] + part[:-1, 1:]).ravel()
+        fraction = along[..., wave]
+        fraction = (
+            0.25
+            * (
+                fraction[:-1, :-1] + fraction[1:, :-1] + fraction[1:, 1:] + fraction[:-1, 1:]
+            ).ravel()
+        )
         middle = faces.mean(axis=1)
         normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
         normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
         outwards = np.sign(np.einsum("fi,fi->f", normal, middle))[:, None] * normal
-        near = view.nearness(outwards)
-        shown = np.any(middle * facing < 0.0, axis=1) if wave else near > -0.1
+        towards = view.nearness(outwards)
+        # the outer surfaces without the octant; the inner one without its far side
+        shown = np.any(middle * facing < 0.0, axis=1) if wave else towards > -0.1
         # the inside of a surface, seen through the cut, is darker
-        bright = np.where(near > 0.0, 0.72 + 0.28 * np.clip(outwards @ light, 0.0, 1.0), 0.55)
-        colours = np.array(POLARISATION(part))
+        bright = np.where(towards > 0.0, 0.72 + 0.28 * np.clip(outwards @ light, 0.0, 1.0), 0.55)
+        colours = np.array(POLARISATION(fraction))
         colours[:, :3] *= bright[:, None]
         painter.add_mesh(faces[shown], colours[shown])
         if wave:
-            # the edges of the octant that is taken out
-            half = quarter = _SURFACE // 2  # the mesh has twice as many meridians as half a turn
-            start = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}[
-                facing[0], facing[1]
-            ] * quarter
-            upright = slice(0, half + 1) if facing[2] > 0.0 else slice(half, None)
+            # the edges of the cut octant
+            quarter = _SURFACE // 2  # the mesh has twice as many meridians as half a turn has steps
+            quadrants = {(1.0, 1.0): 0, (-1.0, 1.0): 1, (-1.0, -1.0): 2, (1.0, -1.0): 3}
+            start = quadrants[facing[0], facing[1]] * quarter
+            upright = slice(0, quarter + 1) if facing[2] > 0.0 else slice(quarter, None)
             sides = (points[upright, start], points[upright, start + quarter])
-            for rim in (*sides, points[half, start : start + quarter + 1]):
+            for rim in (*sides, points[quarter, start : start + quarter + 1]):
                 painter.add_line(rim, "black", 0.6, nearness=float(view.nearness(rim).max()) + 1e-3)
     longest = float(slowness.max())
     for axis, name in enumerate("xyz"):
@@ -258,8 +271,11 @@ def plot_slowness_surface(
     ax.plot(
         [corner[0], corner[0] + unit], [corner[1]] * 2, color="black", linewidth=1.5, gid="unit"
     )
-    place = (corner[0] + 0.5 * unit, corner[1]), (0.0, -3.0)
-    ax.annotate(f"{unit:g} {_LABEL}", *place, textcoords="offset points", ha="center", va="top")
+    middle = (corner[0] + 0.5 * unit, corner[1])
+    below = (0.0, -3.0)
+    ax.annotate(
+        f"{unit:g} {_LABEL}", middle, below, textcoords="offset points", ha="center", va="top"
+    )
     hide_axes(ax, np.minimum(low, corner) - [0.1 * longest, 0.3 * longest], high + 0.12 * longest)
     if colorbar:
         add_part_bar(ax, POLARISATION, _PART)
@@ -267,22 +283,25 @@ def plot_slowness_surface(
 
 
 def slowness_figure(state: Any, *, title: str | None = None) -> Figure:
-    """Draw a figure of slowness, one column wide: in the plane its curves; in space its surfaces,
-    and two cuts beneath them.
+    """Draw a figure of slowness, one column wide: the curves of a lattice in the plane; in space
+    the surfaces, and two cuts beneath them.
 
     The cuts are spanned by x and y, and by (1, 1, 0) and z. Raises as :func:`plot_slowness`.
     """
-    space = as_state(state).reference_lattice.periods == 3
-    with styled_figure(5.0 if space else 3.6) as figure:
-        if space:
+    in_space = as_state(state).reference_lattice.periods == 3
+    with styled_figure(5.0 if in_space else 3.6) as figure:
+        if in_space:
             rows: Any = figure.subfigures(2, 1, height_ratios=[1.75, 1.0])
             plot_slowness_surface(state, rows[0].subplots())
             for ax, plane in zip(rows[1].subplots(1, 2), _CUTS, strict=True):
                 plot_slowness(state, ax, plane=plane, colorbar=False)
-            ways: dict[str, Any] = {"polarised in the cut": "-", "across the cut": (0, (2.2, 2.2))}
+            dashes_of_polarisation: dict[str, Any] = {
+                "polarised in the cut": "-",
+                "across the cut": (0, (2.2, 2.2)),
+            }
             lines = [
                 Line2D([], [], color=TRANSVERSE_COLOUR, linestyle=dashes, label=name)
-                for name, dashes in ways.items()
+                for name, dashes in dashes_of_polarisation.items()
             ]
             rows[1].legend(handles=lines, loc="outside lower center", ncols=2)
         else:

@@ -1,4 +1,4 @@
-"""The looks of figures, and the functions that save them; this module does not load matplotlib.
+"""The looks of figures, and the functions that save figures; this module does not load matplotlib.
 
 Each polarisation has a colour, the same in every figure. The colours differ for every kind of
 colour vision, and in grey.
@@ -62,8 +62,8 @@ FRAME = "0.75"
 #: colours of longitudinal and transverse waves, and of the branches that begin as such waves
 LONGITUDINAL_COLOUR = "#0D0887"
 TRANSVERSE_COLOUR = SKY_BLUE
-#: colours of balls of several kinds, in the order in which kinds come, and of all others: every eye
-#: tells them apart, and black arrows stand out on them
+#: colours of balls of several kinds, in the order of kinds, and colour of all further kinds: every
+#: eye tells the colours apart, and black arrows stand out on them
 KIND_COLOURS = (SKY_BLUE, ORANGE, "#1F8A63", "#F7C3DE", "#F4EFB0", "#8F55B5")
 OTHER_KINDS = "#9A9A9A"
 
@@ -79,8 +79,8 @@ def print_hertz(unit: HertzPrefix) -> str:
 
 
 def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
-    """Return the colour of each kind of balls by its name, from the names of balls; none if there
-    are not several kinds.
+    """Return the colour of each kind of balls by its name, from the names of balls; empty for a
+    single kind.
     """
     names = list(dict.fromkeys(kinds))
     colours = (*KIND_COLOURS, *(OTHER_KINDS for _ in names))
@@ -88,63 +88,57 @@ def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
 
 
 def pick_evenly(count: int, most: int) -> list[int]:
-    """Return the numbers of at most ``most`` of ``count`` things, evenly taken, the first and the
-    last among them.
+    """Return at most ``most`` of the numbers 0 to ``count`` - 1, evenly taken, with the first and
+    the last.
     """
-    chosen: list[int] = np.unique(
-        np.linspace(0, count - 1, min(count, most)).round().astype(int)
-    ).tolist()
+    numbers = np.linspace(0, count - 1, min(count, most)).round().astype(int)
+    chosen: list[int] = np.unique(numbers).tolist()
     return chosen
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:
-    """Save a figure, in the format that the ending of ``path`` names; ``options`` are those of
+    """Save a figure, in the format of the suffix of ``path``; ``options`` are those of
     ``Figure.savefig``.
 
     The folder is made if need be.
 
     Raises
     ------
-    FigureError : matplotlib cannot draw it: a label with broken mathtext, ``text.usetex`` without
-        LaTeX, a format or a backend that is not there. Nothing is left at ``path`` then.
+    FigureError : matplotlib cannot draw the figure: a label with broken mathtext, ``text.usetex``
+        without LaTeX, an unknown format or backend. No file is left at ``path``.
     OSError : the file cannot be written.
     """
     mend = "look at the labels, and at the settings of matplotlib (matplotlibrc)"
-    # a backend that was asked for is named first: it may be missing, or lack what it needs
-    mend = (
-        f"Leave --backend (backend) out or give another, or {mend}"
-        if options.get("backend")
-        else mend.capitalize()
-    )
+    if options.get("backend"):  # the backend may be missing, or lack a package
+        mend = f"Leave --backend (backend) out or give another, or {mend}"
+    else:
+        mend = mend.capitalize()
     with _explain_failure(Path(path), mend) as target:
         figure.savefig(target, **options)
 
 
 def save_animation(animation: FuncAnimation, path: str | os.PathLike[str]) -> None:
     """Save an animation as a GIF that repeats; raises what :func:`save_figure` raises."""
-    with _explain_failure(
-        Path(path),
-        "Look at the settings of matplotlib (matplotlibrc), and at how Pillow is installed",
-    ) as target:
+    mend = "Look at the settings of matplotlib (matplotlibrc), and at how Pillow is installed"
+    with _explain_failure(Path(path), mend) as target:
         animation.save(target, writer="pillow")
 
 
 @contextmanager
 def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
-    """Make the folder of a picture that the block draws; if it cannot be drawn, raise FigureError,
-    and leave nothing.
+    """Make the folder of a picture that the block draws; raise FigureError for a picture that
+    cannot be drawn, and leave no file.
     """
-    new = not target.exists()
+    is_new = not target.exists()
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield target
     except Exception as error:
-        # an OSError with a number comes from the file system, and the caller reports it
-        if isinstance(error, (GranphonError, MemoryError)) or (
-            isinstance(error, OSError) and error.errno is not None
-        ):
+        # the caller reports an OSError with a number, which comes from the file system
+        is_of_files = isinstance(error, OSError) and error.errno is not None
+        if is_of_files or isinstance(error, GranphonError | MemoryError):
             raise
-        if new:
+        if is_new:
             target.unlink(missing_ok=True)
         raise FigureError(
             f"{target.name} could not be drawn: {shorten_error(error)}", mend=mend
@@ -152,11 +146,11 @@ def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
 
 
 def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) -> dict[str, str]:
-    """Save the figures ``names``, each made by ``figure``, in ``folder``; one that cannot be drawn
-    does not stop the work.
+    """Save the figures ``names``, each made by ``figure``, in ``folder``; a figure that cannot be
+    drawn does not stop the others.
 
-    Returns the names of those that could not be drawn, with a sentence for each. Raises OSError if
-    a file cannot be written.
+    Returns a sentence for each figure that could not be drawn, by name. Raises OSError if a file
+    cannot be written.
     """
     failures = {}
     for name in names:
@@ -165,8 +159,10 @@ def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) ->
         except OSError:
             raise
         except GranphonError as error:
-            told = str(error)
-            failures[name] = told if told.startswith(name) else f"{name} could not be drawn: {told}"
+            message = str(error)
+            failures[name] = (
+                message if message.startswith(name) else f"{name} could not be drawn: {message}"
+            )
         except Exception as error:
             failures[name] = f"{name} could not be drawn: {type(error).__name__}: {error}"
     return failures

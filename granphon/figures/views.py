@@ -1,5 +1,5 @@
-"""Drawings of bodies in space on plain Axes, seen from afar: points are projected, and what is
-nearer is drawn later.
+"""Drawings of bodies in space on plain Axes, seen from afar: points are projected, and nearer
+shapes are drawn later.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from granphon.base.arrays import Array
 
 _Rgba = tuple[float, float, float, float]
-#: white border of letters that stand on a drawing
+#: white border of letters on a drawing
 HALO = patheffects.withStroke(linewidth=1.5, foreground="white")
 #: length of the head of an arrow, over the width of its shaft
 _HEAD_LENGTH = 3.6
@@ -54,7 +54,7 @@ class View:
         return np.asarray(np.asarray(points) @ self.axes[:2].T)
 
     def nearness(self, points: ArrayLike) -> Array:
-        """Find how near to the viewer points (..., 3) are, (...)."""
+        """Return how near to the viewer points (..., 3) are, (...)."""
         return np.asarray(np.asarray(points) @ self.axes[2])
 
 
@@ -74,17 +74,15 @@ class Painter:
         edge: ColorType = "none",
         width: float = 0.0,
     ) -> None:
-        """Add a shape on the paper; of shapes that are equally near, the later one is drawn
-        later.
-        """
+        """Add a shape on the paper; of shapes with equal nearness the later one is drawn later."""
         self._shapes.append((nearness, path, to_rgba(face), to_rgba(edge), width))
 
     def add_line(
         self, points: Array, color: ColorType, width: float, nearness: float | None = None
     ) -> None:
         """Add a line through points (n, 3), as near as their mean unless ``nearness`` is given."""
-        near = float(self.view.nearness(points).mean()) if nearness is None else nearness
-        self.add(near, Path(self.view.project(points)), edge=color, width=width)
+        depth = float(self.view.nearness(points).mean()) if nearness is None else nearness
+        self.add(depth, Path(self.view.project(points)), edge=color, width=width)
 
     def add_polygon(self, corners: Array, nearness: float, **look: Any) -> None:
         """Add a flat face with corners (n, 3); ``look`` as in add."""
@@ -95,26 +93,31 @@ class Painter:
         """Add the faces of a mesh, corners (n, m, 3) and colours (n, 4), without gaps between
         them.
         """
-        near = self.view.nearness(corners).mean(axis=1).tolist()
+        depths = self.view.nearness(corners).mean(axis=1).tolist()
         paths = map(Path, self.view.project(corners))
         rgba = map(tuple, colours.tolist())
         self._shapes += [
-            (depth, path, one, one, 0.3) for depth, path, one in zip(near, paths, rgba, strict=True)
+            (depth, path, colour, colour, 0.3)
+            for depth, path, colour in zip(depths, paths, rgba, strict=True)
         ]
 
     def add_sphere(self, centre: Array, radius: float, color: ColorType) -> None:
         """Add a ball lit from the upper left."""
-        near = float(self.view.nearness(centre))
+        depth = float(self.view.nearness(centre))
         middle = self.view.project(centre)
         base = np.array(to_rgba(color))
-        for part in np.linspace(0.0, 1.0, 15):
+        for fraction in np.linspace(0.0, 1.0, 15):
             # discs that shrink towards the light, each a step brighter
-            shade = base * [*[0.6 + 0.4 * np.sqrt(part)] * 3, 1.0]
-            shade[:3] += (1.0 - shade[:3]) * 0.6 * part**2
-            across, up = (middle + radius * 0.36 * part * np.array([-1.0, 1.0])).tolist()
-            disc = Path.circle((across, up), radius * (1.0 - 0.95 * part))
+            shade = base * [*[0.6 + 0.4 * np.sqrt(fraction)] * 3, 1.0]
+            shade[:3] += (1.0 - shade[:3]) * 0.6 * fraction**2
+            across, up = (middle + radius * 0.36 * fraction * np.array([-1.0, 1.0])).tolist()
+            disc = Path.circle((across, up), radius * (1.0 - 0.95 * fraction))
             self.add(
-                near, disc, face=tuple(shade), edge="0.35" if part == 0.0 else "none", width=0.5
+                depth,
+                disc,
+                face=tuple(shade),
+                edge="0.35" if fraction == 0.0 else "none",
+                width=0.5,
             )
 
     def add_arrow(
@@ -125,18 +128,18 @@ class Painter:
         width: float,
         nearness: float | None = None,
     ) -> None:
-        """Add a flat arrow from ``start`` (3,) by ``along`` (3,); its shaft is ``width`` wide, in
+        """Add a flat arrow from ``start`` (3,) by ``along`` (3,), with a shaft of ``width``, in
         units of length.
         """
-        near = float(self.view.nearness(start + 0.5 * along)) if nearness is None else nearness
+        depth = float(self.view.nearness(start + 0.5 * along)) if nearness is None else nearness
         tail = self.view.project(start)
-        way = self.view.project(along)
-        length = float(np.linalg.norm(way))
+        shaft = self.view.project(along)
+        length = float(np.linalg.norm(shaft))
         if length < width:
-            return  # it points along the line of sight
-        x = way / length
+            return  # the arrow points along the line of sight
+        x = shaft / length
         y = np.array([-x[1], x[0]])
-        # an arrow that is seen short keeps its shape, and is drawn smaller
+        # an arrow that is short on the paper keeps its shape, and is drawn smaller
         head = min(_HEAD_LENGTH * width, 0.6 * length)
         half = 0.5 * head / _HEAD_LENGTH
         wing = 1.7 * head / _HEAD_LENGTH
@@ -145,7 +148,7 @@ class Painter:
         along_y = [-half, -half, -wing, 0.0, wing, half, half]
         outline = tail + np.outer(along_x, x) + np.outer(along_y, y)
         self.add(
-            near,
+            depth,
             Path(np.vstack([outline, outline[:1]]), closed=True),
             face=color,
             edge="white",
@@ -153,13 +156,13 @@ class Painter:
         )
 
     def draw(self, ax: Axes, gid: str, *, fade: float = 0.0, **options: Any) -> PathCollection:
-        """Draw all shapes as one collection of paths; the colour of the farthest is the part
-        ``fade`` white.
+        """Draw all shapes as one collection of paths; the part ``fade`` of the farthest colour is
+        white.
         """
-        near, paths, faces, edges, widths = zip(
+        depths, paths, faces, edges, widths = zip(
             *sorted(self._shapes, key=lambda shape: shape[0]), strict=True
         )
-        white = fade * (near[-1] - np.array(near)[:, None]) / max(near[-1] - near[0], 1e-9)
+        white = fade * (depths[-1] - np.array(depths)[:, None]) / max(depths[-1] - depths[0], 1e-9)
         look: dict[str, Any] = {
             "linewidths": widths,
             "capstyle": "round",

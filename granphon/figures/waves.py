@@ -1,9 +1,8 @@
-"""Figures of waves in networks: spectral functions, attenuation, densities of states, of edges and
-loads too; pulses.
+"""Figures of waves in networks: spectral functions, attenuation, densities of states, pulses.
 
-Over the frequency there are responses, in dB, with their phase and over the load; fits to transfer
-functions; and what passes, which is told by complex bands, and by what passes a strip between
-crystals.
+Other figures over the frequency are those of edges; of responses, in dB, with their phase and over
+the load; of fits to transfer functions; of complex bands; and of the transmission of a strip
+between crystals.
 """
 
 from __future__ import annotations
@@ -30,6 +29,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
@@ -64,10 +64,23 @@ from granphon.waves.transmission import Transmission
 
 #: ratio of the darkest to the lightest shade of a spectral function
 _SHADES = 1e3
-#: number of receivers up to which each has a colour and an entry of the legend
+#: greatest number of rows of a map: more rows cannot be told apart in print
+_ROWS = 600
+#: a spectrum ends at this multiple of the highest frequency of the bands
+_BEYOND_BANDS = 1.08
+#: a line below this part of the highest peak is not drawn
+_LEAST_LINE = 1e-3
+#: number of receivers up to which each receiver has a colour and an entry of the legend
 _FEW = len(COLOURS)
-#: greatest number of maps or of places
+#: greatest number of maps, and of receivers of several states
 _PANELS = 4
+#: greatest number of states
+_STATES = 8
+#: number of loads from which responses are maps over the load, and range of their colours, in dB
+_LOADS_OF_MAP = 6
+_DECIBELS = 80.0
+#: decay from layer to layer, in units of pi, above which a wave is not drawn
+_MOST_DECAY = 1.5
 
 
 def plot_spectrum(
@@ -75,83 +88,63 @@ def plot_spectrum(
 ) -> Axes:
     """Draw a spectral function along the path as a map, on a logarithmic scale of colours.
 
-    A column for each wave vector of the cell reaches half way to its neighbours, and not beyond the
-    corners around it. Legs of the path on which the cell has no wave vector are left white. The
-    bands of the mean lattice are dashed; peaks are dots, with bars as long as the width (full, at
-    half maximum) where it is resolved.
+    The column of a wave vector of the cell reaches half way to its neighbours, but not beyond the
+    corners around it. Legs of the path on which the cell has no wave vector are white. The bands of
+    the mean lattice are dashed; peaks are dots, with bars as long as the width (full, at half
+    maximum) where the width is resolved.
 
     Parameters
     ----------
-    spectra : along the path.
-    number : which of the polarisations.
-    bands, peaks : whether to draw these.
+    spectra : the spectral functions along the path.
+    number : number of the polarisation, from 0.
+    bands, peaks : whether to draw the bands and the peaks.
     """
-    one = spectra.spectra[number]
+    spectrum = spectra.spectra[number]
     order = np.argsort(spectra.distances, kind="stable")
     unit = HertzPrefix.for_top(float(spectra.bands.max()))
     x = spectra.distances[order]
-    top = 1.08 * float(spectra.bands.max())
-    inside = one.frequencies <= top
-    values = one.values[order][:, inside]
-    frequencies = one.frequencies[inside]
-    group = max(1, frequencies.size // 600)  # more rows could not be told apart
-    rows = frequencies.size // group
-    values = values[:, : rows * group].reshape(len(x), rows, group).max(axis=2)
-    edges_y = (
-        np.append(frequencies[: rows * group : group], frequencies[rows * group - 1]) / unit.hertz
-    )
-    if edges_y[-1] < top / unit.hertz:  # nothing is above the highest frequency
+    top = _BEYOND_BANDS * float(spectra.bands.max())
+    inside = spectrum.frequencies <= top
+    frequencies = spectrum.frequencies[inside]
+    group = max(1, frequencies.size // _ROWS)
+    n_rows = frequencies.size // group
+    groups = spectrum.values[order][:, inside][:, : n_rows * group].reshape(len(x), n_rows, group)
+    values = groups.max(axis=2)
+    lower_edges = frequencies[: n_rows * group : group]
+    edges_y = np.append(lower_edges, frequencies[n_rows * group - 1]) / unit.hertz
+    if edges_y[-1] < top / unit.hertz:  # the spectrum is zero above its highest frequency
         edges_y = np.append(edges_y, top / unit.hertz)
         values = np.pad(values, ((0, 0), (0, 1)))
     corners = spectra.corners
-    # the edges (n + 1,) of columns along the path, and which point each shows; -1 where no point
-    # lies on that leg
-    near = 1e-9 * float(corners[-1])
-    edges_x = [float(corners[0])]
-    owners = list[int]()
-    for n, (here, after) in enumerate(zip(x, [*x[1:], np.inf], strict=True)):
-        if not n and (before := corners[1:][corners[1:] < here - near]).size:
-            edges_x.append(float(before[-1]))
-            owners.append(-1)
-        owners.append(n)
-        between = corners[(corners > here + near) & (corners < after - near)]
-        if not between.size:  # the last point may be at the end of the path
-            edges_x.append(0.5 * float(here + after) if np.isfinite(after) else float(corners[-1]))
-            continue
-        edges_x.append(float(between[0]))
-        if between.size > 1:
-            edges_x.append(float(between[-1]))
-            owners.append(-1)
-    owner = np.array(owners)
-    shown = np.where(owner[:, None] < 0, np.nan, values[owner])
+    edges_x, points = _find_columns(x, corners)
+    shown = np.where(points[:, None] < 0, np.nan, values[points])
     _draw_map(
         ax,
-        np.array(edges_x),
+        edges_x,
         edges_y,
         shown,
-        f"Spectral function, {one.polarisation}",
+        f"Spectral function, {spectrum.polarisation}",
         unit,
         gid="spectral-function",
     )
     if bands:
-        label = "bands of the mean lattice"
-        per = spectra.band_distances.size // (len(corners) - 1)
+        n_points = spectra.band_distances.size // (len(corners) - 1)
         for leg in range(len(corners) - 1):
-            part = slice(leg * per, (leg + 1) * per)
+            points_of_leg = slice(leg * n_points, (leg + 1) * n_points)
             lines = ax.plot(
-                spectra.band_distances[part],
-                spectra.bands[part] / unit.hertz,
+                spectra.band_distances[points_of_leg],
+                spectra.bands[points_of_leg] / unit.hertz,
                 color="0.35",
                 linewidth=0.7,
                 dashes=(3, 2),
             )
-            lines[0].set_label(label if not leg else "_")
+            lines[0].set_label("_" if leg else "bands of the mean lattice")
     if peaks:
-        wide = np.where(one.resolved, 0.5 * one.width, 0.0)[order] / unit.hertz
+        half_width = np.where(spectrum.resolved, 0.5 * spectrum.width, 0.0)[order] / unit.hertz
         dots, *_ = ax.errorbar(
             x,
-            one.peak[order] / unit.hertz,
-            wide,
+            spectrum.peak[order] / unit.hertz,
+            half_width,
             fmt="o",
             markersize=2.2,
             color=ORANGE,
@@ -160,10 +153,36 @@ def plot_spectrum(
             markeredgecolor="black",
             markeredgewidth=0.3,
         )
-        dots.set_clip_on(False)  # those at the ends of the path are drawn whole
+        dots.set_clip_on(False)  # dots at the ends of the path are drawn whole
     name_corners(ax, corners, spectra.labels)
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, top / unit.hertz))
     return ax
+
+
+def _find_columns(x: Array, corners: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Return edges (m + 1,) of columns for points ``x`` (n,) along a path, in ascending order, and
+    the number (m,) of the point in each column; -1 in a column for legs without a point.
+    """
+    near = 1e-9 * float(corners[-1])
+    edges = [float(corners[0])]
+    points = list[int]()
+    passed = corners[1:][corners[1:] < x[0] - near]
+    if passed.size:
+        edges.append(float(passed[-1]))
+        points.append(-1)
+    for n, (start, end) in enumerate(zip(x, [*x[1:], np.inf], strict=True)):
+        points.append(n)
+        between = corners[(corners > start + near) & (corners < end - near)]
+        if between.size:
+            edges.append(float(between[0]))
+        elif np.isfinite(end):
+            edges.append(0.5 * float(start + end))
+        else:  # the last point is at the end of the path
+            edges.append(float(corners[-1]))
+        if between.size > 1:
+            edges.append(float(between[-1]))
+            points.append(-1)
+    return np.array(edges), np.array(points, np.intp)
 
 
 def _draw_map(
@@ -187,15 +206,15 @@ def plot_surface(
     """Draw the spectrum of the outer layer of a half space as a map, on a logarithmic scale, over
     the wave vectors in turn.
 
-    Dashes are the edges of the crystal's bands, and dots the ``branches`` at the same wave vectors,
-    by default the waves that the spectrum has: full ones are undamped, hollow ones leak. The x axis
-    is that of the path; without one it counts the first coordinate that changes, in fractions of
-    the reciprocal cell. At one wave vector, as at the end of a chain, the spectrum of each motion
-    is drawn over frequency instead, with bands in grey and waves dotted.
+    Dashes are the edges of the crystal's bands. Dots are the ``branches`` at the same wave vectors,
+    by default the waves of the spectrum: undamped waves are full dots, leaky waves hollow ones. The
+    x axis is that of the path; without a path it is the first coordinate that changes, in fractions
+    of the reciprocal cell. At one wave vector, as at the end of a chain, the spectrum of each
+    motion is drawn over the frequency instead, with bands in grey and waves dotted.
     """
     unit = HertzPrefix.for_top(float(spectrum.edges.max()))
     q = spectrum.qpoints
-    own = branches or spectrum.waves
+    drawn_branches = branches or spectrum.waves
     y = spectrum.frequencies / unit.hertz
     if len(y) < 2:
         raise InputError("a map needs several frequencies", mend="Give more of them")
@@ -207,9 +226,10 @@ def plot_surface(
             ax.plot(y, values * unit.hertz, color=colour, linewidth=0.9, label=f"${letter}$")
         for low, high in edges[0]:
             ax.axvspan(low, high, color="0.9", linewidth=0.0, zorder=0.0)
-        for number, value in enumerate([] if own is None else own.frequencies / unit.hertz):
+        waves = [] if drawn_branches is None else drawn_branches.frequencies / unit.hertz
+        for number, frequency in enumerate(waves):
             ax.axvline(
-                value,
+                frequency,
                 color="0.2",
                 linewidth=0.8,
                 dashes=(1, 2),
@@ -233,13 +253,18 @@ def plot_surface(
             dashes=(3, 2),
             label="_" if number else "edges of bands",
         )
-    if own is not None:
+    if drawn_branches is not None:
         for leaks, words in ((False, "waves of the edge"), (True, "leaky waves")):
-            some = (own.widths > 0.0) == leaks
-            if np.any(some):
+            is_drawn = (drawn_branches.widths > 0.0) == leaks
+            if np.any(is_drawn):
                 look: dict[str, Any] = {"markersize": 1.6, "color": ORANGE, "label": words}
                 look |= {"markerfacecolor": "none", "markeredgewidth": 0.4} if leaks else {}
-                ax.plot(x[own.place[some]], own.frequencies[some] / unit.hertz, "o", **look)
+                ax.plot(
+                    x[drawn_branches.place[is_drawn]],
+                    drawn_branches.frequencies[is_drawn] / unit.hertz,
+                    "o",
+                    **look,
+                )
     if spectrum.labels:
         name_corners(ax, spectrum.corners, spectrum.labels)
     else:
@@ -256,14 +281,18 @@ def spectrum_figure(spectra: PathSpectra) -> Figure:
     The attenuation is left out if fewer than two lines are resolved.
     """
     count = len(spectra.spectra)
-    resolved = [one for one in spectra.spectra if np.sum(one.resolved & (one.width > 0.0)) > 1]
+    resolved = [
+        spectrum
+        for spectrum in spectra.spectra
+        if np.sum(spectrum.resolved & (spectrum.width > 0.0)) > 1
+    ]
     with styled_figure(0.3 + 2.8 * count + 2.0 * bool(resolved)) as figure:
         ratios = [1.4] * count + [1.0] * bool(resolved)
         panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, ax in enumerate(panels[:count]):
             plot_spectrum(spectra, ax, number)
-        for one, colour in zip(resolved, (BLUE, VERMILION, PURPLE), strict=False):
-            plot_attenuation(one, panels[-1], colour=colour)
+        for spectrum, colour in zip(resolved, (BLUE, VERMILION, PURPLE), strict=False):
+            plot_attenuation(spectrum, panels[-1], colour=colour)
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
@@ -272,46 +301,48 @@ def plot_attenuation(
     spectrum: SpectralFunction, ax: Axes, *, power: float | None = None, colour: str = BLUE
 ) -> Axes:
     """Draw the attenuation of resolved lines over their frequency, both logarithmic, with a power
-    law beside it.
+    law beside the lines.
 
     ``power`` is by default that of Rayleigh's scattering by small disorder: omega^(d+1) in d
-    dimensions, as d is the number of components of q.
+    dimensions, where d is the number of components of q.
     """
-    there = spectrum.resolved & (spectrum.width > 0.0)
+    is_drawn = spectrum.resolved & (spectrum.width > 0.0)
     unit = HertzPrefix.for_top(float(spectrum.peak.max()))
-    f = spectrum.peak[there] / unit.hertz
-    a = spectrum.attenuation[there]
-    ax.plot(f, a, "o", markersize=3.0, color=colour, label=spectrum.polarisation)
-    if f.size > 1 and not (power is None and spectrum.polarisation.startswith("rot")):
+    frequencies = spectrum.peak[is_drawn] / unit.hertz
+    attenuations = spectrum.attenuation[is_drawn]
+    ax.plot(
+        frequencies, attenuations, "o", markersize=3.0, color=colour, label=spectrum.polarisation
+    )
+    if frequencies.size > 1 and not (power is None and spectrum.polarisation.startswith("rot")):
         exponent = spectrum.q.shape[1] + 1.0 if power is None else power
-        first = int(np.argmin(f))
-        line = np.array([f.min(), f.max()])
+        first = int(np.argmin(frequencies))
+        line = np.array([frequencies.min(), frequencies.max()])
         label = f"$f^{{{exponent:g}}}$"
-        known = ax.get_legend_handles_labels()[1]
+        labels = ax.get_legend_handles_labels()[1]
         style: dict[str, Any] = {
             "color": colour,
             "linewidth": 0.9,
             "linestyle": ":",
-            "label": "_" if label in known else label,
+            "label": "_" if label in labels else label,
         }
-        ax.plot(line, a[first] * (line / f[first]) ** exponent, **style)
+        ax.plot(line, attenuations[first] * (line / frequencies[first]) ** exponent, **style)
         ax.set(yscale="log")
-        scale_axis(ax, "x", f)
+        scale_axis(ax, "x", frequencies)
     ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Attenuation of the amplitude (1/m)")
     ax.legend()
     return ax
 
 
 def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
-    """Draw the spectral function over frequency at each wave vector, up to six of them evenly
-    taken.
+    """Draw the spectral function over the frequency at up to six wave vectors, evenly taken.
 
     The axis of frequency ends above the highest frequency at which a line has a thousandth of the
     highest peak.
     """
     chosen = pick_evenly(len(spectrum.q), len(COLOURS))
     values = spectrum.values[chosen]
-    top = float(spectrum.frequencies[np.flatnonzero(values.max(axis=0) > 1e-3 * values.max())[-1]])
+    is_seen = values.max(axis=0) > _LEAST_LINE * values.max()
+    top = float(spectrum.frequencies[np.flatnonzero(is_seen)[-1]])
     unit = HertzPrefix.for_top(top)
     for colour, n in zip(COLOURS, chosen, strict=False):
         ax.plot(
@@ -332,8 +363,8 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
 
 
 def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
-    """Draw the density of states of a network per ball: total with its standard error as a band,
-    and its two parts.
+    """Draw the density of states of a network per ball: the total, with its standard error as a
+    band, and the parts of translation and rotation.
     """
     f = dos.frequencies
     curves: list[tuple[Any, str, Array, Array, Array]] = [
@@ -351,8 +382,8 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
     """Draw a figure, one column wide, of the densities of states of the arrays of a sweep, with
     standard errors as bands.
 
-    A state, which is a load, a medium and a combination of parameters, has one colour. Of more than
-    eight states eight are drawn, evenly taken, and the legend says of how many. Raises
+    A state is a load, a medium and a combination of parameters, and has one colour. Of more than
+    eight states eight are drawn, evenly taken, and the legend gives the number of all. Raises
     :class:`~granphon.base.errors.InputError` if the sweep has no densities of states.
     """
     states, handles = choose_states(dataset, "dos_total", "densities of states of arrays")
@@ -367,66 +398,64 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
 
 
 def sweep_spectra_figure(dataset: Dataset) -> Figure:
-    """Draw a figure of the plane waves in the arrays of a sweep, one column wide; states are those
-    of the densities.
+    """Draw a figure of the plane waves in the arrays of a sweep, one column wide; states are chosen
+    as by :func:`sweep_dos_figure`.
 
-    For each polarisation there are the frequencies along the path, with bars as long as the line is
-    wide (full, at half maximum) where it is resolved in at least half of the samples, and of these
-    lines the attenuation over their frequency, both logarithmic, with bars of its standard error.
-    Raises :class:`~granphon.base.errors.InputError` if the sweep has no spectra.
+    For each polarisation the upper panel has the frequencies along the path, with bars as long as
+    the line is wide (full, at half maximum) where the width is resolved in at least half of the
+    samples. The lower panel has the attenuation of the resolved lines over their frequency, both
+    logarithmic, with bars of its standard error. Raises
+    :class:`~granphon.base.errors.InputError` if the sweep has no spectra.
     """
     states, handles = choose_states(dataset, "line_frequency", "spectra of arrays")
     count = dataset.sizes["polarisation"]
     unit = HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
     with styled_figure(0.4 + 4.2 * count) as figure:
-        panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=[1.2, 1.0] * count)[
-            :, 0
-        ]
+        ratios = [1.2, 1.0] * count
+        panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, name in enumerate(dataset["polarisation"].values.tolist()):
-            (above, below), corners, shown = (
-                panels[2 * number : 2 * number + 2],
-                np.zeros(0),
-                [np.zeros(0)],
-            )
+            above, below = panels[2 * number : 2 * number + 2]
+            corners = np.zeros(0)
+            drawn_frequencies = [np.zeros(0)]
             for colour, take in states:
                 ends = take("path_corners")
                 along = take("path_distance")
                 # paths of balls of several diameters differ in length alone
                 corners = ends / ends[-1]
-                peak, width, resolved, alpha = (
-                    take(one, number)
-                    for one in ("line_frequency", "line_width", "line_resolved", "attenuation")
-                )
-                peak = peak / unit.hertz
-                known = resolved >= 0.5
+                peak = take("line_frequency", number) / unit.hertz
+                width = take("line_width", number) / unit.hertz
+                attenuation = take("attenuation", number)
+                is_resolved = take("line_resolved", number) >= 0.5
                 style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
-                wide = np.where(known, 0.5 * width, 0.0) / unit.hertz
+                half_width = np.where(is_resolved, 0.5 * width, 0.0)
                 dots, *_ = above.errorbar(
-                    along / ends[-1], peak, wide, elinewidth=0.8, zorder=3, **style
+                    along / ends[-1], peak, half_width, elinewidth=0.8, zorder=3, **style
                 )
                 dots.set_clip_on(False)
-                there = known & (alpha > 0.0)
+                is_drawn = is_resolved & (attenuation > 0.0)
                 bars = None
-                if "attenuation_error" in dataset and np.all(
-                    np.isfinite(error := take("attenuation_error", number))
-                ):
-                    # down to a tenth of the value at most, as there is no zero on the axis
-                    bars = np.array([np.minimum(error, 0.9 * alpha), error])[:, there]
-                below.errorbar(peak[there], alpha[there], bars, elinewidth=0.7, **style)
-                shown.append(peak[there])
+                if "attenuation_error" in dataset:
+                    errors = take("attenuation_error", number)
+                    if np.all(np.isfinite(errors)):
+                        bars = _limit_bars(attenuation[is_drawn], errors[is_drawn])
+                below.errorbar(peak[is_drawn], attenuation[is_drawn], bars, elinewidth=0.7, **style)
+                drawn_frequencies.append(peak[is_drawn])
             name_corners(above, corners, [str(label) for label in dataset["labels_of_path"].values])
             above.set(ylabel=f"Frequency, {name} ({print_hertz(unit)})", ylim=(0.0, None))
-            if (values := np.concatenate(shown)).size:
+            frequencies = np.concatenate(drawn_frequencies)
+            if frequencies.size:
                 below.set_yscale("log")
-                scale_axis(below, "x", values)
+                scale_axis(below, "x", frequencies)
             else:
-                told: dict[str, Any] = {
-                    "transform": below.transAxes,
-                    "ha": "center",
-                    "va": "center",
-                    "color": "0.4",
-                }
-                below.text(0.5, 0.5, "no line is resolved", **told)
+                below.text(
+                    0.5,
+                    0.5,
+                    "no line is resolved",
+                    transform=below.transAxes,
+                    ha="center",
+                    va="center",
+                    color="0.4",
+                )
                 below.set(xticks=[], yticks=[])
             below.set(
                 xlabel=f"Frequency ({print_hertz(unit)})", ylabel=f"Attenuation, {name} (1/m)"
@@ -435,57 +464,65 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
     return figure
 
 
-def choose_states(
-    dataset: Dataset, name: str, what: str
-) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
-    """Return the states that are drawn, in order of load, and their legend; InputError if the sweep
-    has no ``name``.
+def _limit_bars(values: Array, errors: Array) -> Array:
+    """Return the lengths (2, n) of bars below and above values on a logarithmic axis, which a bar
+    may follow down to a tenth of the value.
+    """
+    return np.array([np.minimum(errors, 0.9 * values), errors])
 
-    Of each they are its colour, and what returns the values of a variable there, of a polarisation
-    if it has several.
+
+def choose_states(
+    dataset: Dataset, name: str, words: str
+) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
+    """Return the states that are drawn, in order of load, and their legend; InputError, with the
+    ``words`` for the variable, if the sweep has no variable ``name``.
+
+    A state is a colour and a function, which returns the values of a variable in the state, and of
+    a polarisation if the variable has several.
     """
     if name not in dataset:
-        raise InputError(f"the sweep has no {what}", mend="Draw another figure")
+        raise InputError(f"the sweep has no {words}", mend="Draw another figure")
     load = find_load(dataset)
     values = dataset[load].values
     unit = dataset[load].attrs.get("units", "")
     lines = describe_lines(dataset, name)
-    found = []
     kinds, _ = find_differing([facts for facts, _ in lines])
-    for at in np.argsort(values, kind="stable").tolist():
-        size = write_value(float(values[at]), unit)
-        for facts, place in lines:
+    labels = []
+    indices = []
+    for number in np.argsort(values, kind="stable").tolist():
+        size = write_value(float(values[number]), unit)
+        for facts, index in lines:
             parts = [size] * (len(values) > 1) + [facts[kind] for kind in kinds]
-            found.append((", ".join(parts) or size, place | {"load": at}))
-    chosen = pick_evenly(len(found), 8)
-    # its end is too pale
+            labels.append(", ".join(parts) or size)
+            indices.append(index | {"load": number})
+    chosen = pick_evenly(len(labels), _STATES)
+    # the light end of the colours is too pale
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3])
 
-    def take(place: dict[str, int], variable: str, polarisation: int = 0) -> Array:
+    def take(index: dict[str, int], variable: str, polarisation: int = 0) -> Array:
         return np.asarray(
-            dataset[variable].isel(place | {"polarisation": polarisation}, missing_dims="ignore"),
+            dataset[variable].isel(index | {"polarisation": polarisation}, missing_dims="ignore"),
             float,
         )
 
     states = list[tuple[Any, Callable[..., Array]]]()
     handles = list[Line2D]()
     for shade, n in zip(shades.tolist(), chosen, strict=True):
-        states.append((tuple(shade), partial(take, found[n][1])))
-        handles.append(Line2D([], [], color=tuple(shade), label=found[n][0]))
-    if len(found) > len(chosen):
-        handles.append(
-            Line2D([], [], linestyle="none", label=f"{len(chosen)} of {len(found)} are drawn")
-        )
+        states.append((tuple(shade), partial(take, indices[n])))
+        handles.append(Line2D([], [], color=tuple(shade), label=labels[n]))
+    if len(labels) > len(chosen):
+        words_of_rest = f"{len(chosen)} of {len(labels)} are drawn"
+        handles.append(Line2D([], [], linestyle="none", label=words_of_rest))
     return states, handles
 
 
 def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
-    """Draw the burst that was sent, the coherent signal, and the signals of some single balls, one
+    """Draw the burst of the source, the coherent signal, and the signals of some single balls, one
     above the other.
 
-    Means over further planes are drawn too, if the pulse has them. Each trace is over time; those
-    of balls and of means are in proportion to the greatest signal. A mark shows the time of flight
-    by the envelope, if it can be read.
+    Means over further planes are drawn too, if the pulse has such planes. Each trace is over time;
+    traces of balls and of means are over the greatest signal. A mark shows the time of flight by
+    the envelope, if the time of flight is known.
     """
     seconds, unit = prefixed(float(pulse.times[-1]), "s")
     t = pulse.times / seconds
@@ -504,18 +541,14 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
         ax.plot(t, 0.45 * trace - row, color=colour, linewidth=0.7)
     ax.set_yticks(-np.arange(len(traces)), [name for name, _, _ in traces])
     ax.tick_params(axis="y", length=0)
-    told = ": its arrival is not known"
+    arrival = ": its arrival is not known"
     if not pulse.why_unknown:
         time = pulse.time_of_flight
-        ax.axvline(
-            (time + 0.5 * pulse.cycles / pulse.frequency) / seconds,
-            color="black",
-            linewidth=0.6,
-            dashes=(3, 2),
-        )
-        told = f" in {time / seconds:.4g} {write_unit(unit)}: {pulse.distance / time:.4g} m/s"
+        middle = time + 0.5 * pulse.cycles / pulse.frequency  # of the burst when it arrives
+        ax.axvline(middle / seconds, color="black", linewidth=0.6, dashes=(3, 2))
+        arrival = f" in {time / seconds:.4g} {write_unit(unit)}: {pulse.distance / time:.4g} m/s"
     ax.set(xlabel=f"Time ({write_unit(unit)})", xlim=t[[0, -1]], ylim=(-len(traces) + 0.4, 0.6))
-    ax.set_title(f"{write_unit(write_quantity(pulse.distance, 'm', 4))}{told}")
+    ax.set_title(f"{write_unit(write_quantity(pulse.distance, 'm', 4))}{arrival}")
     return ax
 
 
@@ -525,9 +558,8 @@ def pulse_figure(pulse: Pulse) -> Figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
         plot_seismogram(pulse, above)
         above.tick_params(axis="x", labelbottom=True)
-        size, unit = prefixed(
-            float(max(pulse.envelope.max(), pulse.speckle_amplitude.max())), "m/s"
-        )
+        most = float(max(pulse.envelope.max(), pulse.speckle_amplitude.max()))
+        size, unit = prefixed(most, "m/s")
         t = above.lines[0].get_xdata()
         below.plot(t, pulse.envelope / size, color=BLUE, linewidth=1.0, label="coherent, envelope")
         below.plot(
@@ -536,7 +568,7 @@ def pulse_figure(pulse: Pulse) -> Figure:
         below.set(
             xlabel=above.get_xlabel(), ylabel=f"Velocity ({write_unit(unit)})", ylim=(0.0, None)
         )
-        # above the panel: within it the two curves leave no place that is always free
+        # the legend stands above the panel, in which no corner is always free
         below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return figure
 
@@ -547,11 +579,12 @@ def plot_frame(
     """Draw the balls of a network in the plane, coloured by their velocity along the polarisation
     at one of the frames.
 
-    ``most`` is the velocity, m/s, of the strongest colour; by default the greatest of this frame.
+    ``most`` is the velocity, m/s, of the strongest colour; by default the greatest velocity of the
+    frame.
     """
     if not 0 <= frame < len(pulse.frames):
-        what = f"the pulse has no frame {frame}; it has {len(pulse.frames)}"
-        raise InputError(what, mend="Give transmit the times of frames")
+        problem = f"the pulse has no frame {frame}; it has {len(pulse.frames)}"
+        raise InputError(problem, mend="Give transmit the times of frames")
     along = pulse.velocities[frame] @ pulse.polarisation
     limit = float(np.max(np.abs(along))) if most is None else most
     draw_balls(network, along, ax, MOTION, Normalize(-limit, limit))
@@ -565,24 +598,23 @@ def animate_pulse(
     """Return a ``matplotlib.animation.FuncAnimation`` of the wave that crosses the array, one
     picture for each frame.
 
-    ``interval`` is the time between pictures, ms; ``figure`` is drawn on, by default a new one.
-    Raises
-    :class:`~granphon.base.errors.InputError` for a pulse without frames.
+    ``interval`` is the time between pictures, ms; ``figure`` is drawn on, by default a new figure.
+    Raises :class:`~granphon.base.errors.InputError` for a pulse without frames.
     """
     from matplotlib.animation import FuncAnimation
 
     if not len(pulse.frames):
         raise InputError("the pulse has no frames", mend="Give transmit the times of frames")
-    with styled_figure(COLUMN_WIDTH, dpi=150) as new:
-        figure = new if figure is None else figure
+    with styled_figure(COLUMN_WIDTH, dpi=150) as new_figure:
+        figure = new_figure if figure is None else figure
         ax = figure.subplots()
         most = 0.5 * float(np.max(np.abs(pulse.velocities @ pulse.polarisation), initial=0.0))
         plot_frame(network, pulse, 0, ax, most)
     (balls,) = ax.collections
-    there = np.isfinite(network.radii)
+    has_radius = np.isfinite(network.radii)
 
     def show(frame: int) -> Any:
-        balls.set_array((pulse.velocities[frame] @ pulse.polarisation)[there])
+        balls.set_array((pulse.velocities[frame] @ pulse.polarisation)[has_radius])
         ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
         return (balls,)
 
@@ -606,8 +638,9 @@ def _draw_lines(
     name: str,
     lines: Iterable[tuple[Array, Array, Any, float, str]],
 ) -> None:
-    """Draw magnitude and phase over frequencies, Hz: (magnitude, phase, colour, width, label) of
-    each line.
+    """Draw magnitudes, and phases below, over frequencies, Hz.
+
+    ``lines`` are (magnitude, phase, colour, width, label).
     """
     prefix = HertzPrefix.for_top(float(frequencies[-1]))
     f = frequencies / prefix.hertz
@@ -623,31 +656,26 @@ def _draw_lines(
 
 
 def _mark_peaks(ax: Axes, frequencies: Array, heights: Array, drawn: Array, colour: Any) -> None:
-    """Draw dots at peaks, Hz, of responses that are drawn over the frequencies ``drawn``."""
+    """Draw dots at the peaks, Hz, of responses over the frequencies ``drawn``, Hz."""
     prefix = HertzPrefix.for_top(float(drawn[-1]))
     ax.scatter(frequencies / prefix.hertz, _find_decibels(heights), s=4.0, color=colour, zorder=3)
 
 
 def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, Axes]:
     """Draw magnitudes, in dB over one SI unit, and phases, in units of pi, of all receivers over
-    frequency.
+    the frequency.
 
-    Of more than six receivers, those of a plane say, each is a thin grey line, and their mean is a
-    strong one.
+    Of more than six receivers, such as those of a plane, each is a thin grey line, and their mean
+    is a strong line.
     """
-    few = len(response.receivers) <= _FEW
-    balls = zip(
-        response.values.T,
-        COLOURS if few else [GUIDE] * len(response.receivers),
-        response.receivers,
-        strict=False,
-    )
-    lines = [
-        (values, colour, 1.2 if few else 0.4, f"ball {ball}" if few else "")
-        for values, colour, ball in balls
-    ]
-    lines += [] if few else [(response.coherent, COLOURS[0], 1.4, "mean")]
-    shown = ((np.abs(one), np.unwrap(np.angle(one)), *style) for one, *style in lines)
+    lines: list[tuple[Array, Any, float, str]]
+    if len(response.receivers) <= _FEW:
+        balls = zip(response.values.T, COLOURS, response.receivers, strict=False)
+        lines = [(values, colour, 1.2, f"ball {ball}") for values, colour, ball in balls]
+    else:
+        lines = [(values, GUIDE, 0.4, "") for values in response.values.T]
+        lines.append((response.coherent, COLOURS[0], 1.4, "mean"))
+    shown = ((np.abs(values), np.unwrap(np.angle(values)), *style) for values, *style in lines)
     _draw_lines(above, below, response.frequencies, RESPONSES[response.quantity], shown)
     if len(response.receivers) > 1:
         above.legend()
@@ -665,86 +693,79 @@ def response_figure(response: Response) -> Figure:
 def responses_figure(dataset: Dataset) -> Figure:
     """Draw the responses in a data set of states, one column wide.
 
-    Of one state they are magnitude and phase of each receiver, with dots at the peaks. Of several
-    states magnitude and phase are drawn for each receiver, a state in each colour; of six loads and
-    more the magnitude is a map over load and frequency, for each receiver and each medium and
-    combination of parameters. Of more than eight states, and four receivers or maps, so many are
-    drawn, evenly taken, and the figure says so.
+    The responses of one state are magnitude and phase of each receiver, with dots at the peaks. Of
+    several states magnitude and phase are drawn for each receiver, a state in each colour; of six
+    loads and more the magnitude is a map over load and frequency, for each receiver and each medium
+    and combination of parameters. At most eight states, and four receivers or maps, are drawn,
+    evenly taken, and the figure gives the number of all.
 
     Raises :class:`~granphon.base.errors.InputError` if the data set has no responses.
     """
-    name = next((one for one in RESPONSES.values() if one in dataset), "receptance")
+    name = next((quantity for quantity in RESPONSES.values() if quantity in dataset), "receptance")
     states, handles = choose_states(dataset, name, "responses")
-    if dataset.sizes["load"] >= 6:
+    if dataset.sizes["load"] >= _LOADS_OF_MAP:
         return _map_figure(dataset, name)
-    places = dataset["receiver"].values.astype(str).tolist()
-    f = dataset["response_frequency"].values
-    chosen = pick_evenly(len(places), _FEW if len(states) == 1 else _PANELS)
-    with styled_figure(3.6 * (1 if len(states) == 1 else len(chosen))) as figure:
-        groups = [chosen] if len(states) == 1 else [[number] for number in chosen]
-        panels = figure.subplots(
-            2 * len(groups), 1, squeeze=False, height_ratios=[1.6, 1.0] * len(groups)
-        )[:, 0]
-        for at, group in enumerate(groups):
-            above, below = panels[2 * at : 2 * at + 2]
+    receivers = dataset["receiver"].values.astype(str).tolist()
+    frequencies = dataset["response_frequency"].values
+    is_single = len(states) == 1
+    chosen = pick_evenly(len(receivers), _FEW if is_single else _PANELS)
+    groups = [chosen] if is_single else [[number] for number in chosen]
+    with styled_figure(3.6 * len(groups)) as figure:
+        ratios = [1.6, 1.0] * len(groups)
+        panels = figure.subplots(2 * len(groups), 1, squeeze=False, height_ratios=ratios)[:, 0]
+        for number_of_group, group in enumerate(groups):
+            above, below = panels[2 * number_of_group : 2 * number_of_group + 2]
             above.sharex(below)
             above.tick_params(labelbottom=False)
             rows = [
-                (take, number, COLOURS[row] if len(states) == 1 else colour)
+                (take, number, COLOURS[row] if is_single else colour)
                 for colour, take in states
                 for row, number in enumerate(group)
             ]
             lines = (
-                (take(name)[:, n], take("response_phase")[:, n], colour, 1.2, "")
-                for take, n, colour in rows
+                (take(name)[:, number], take("response_phase")[:, number], colour, 1.2, "")
+                for take, number, colour in rows
             )
-            _draw_lines(above, below, f, name, lines)
+            _draw_lines(above, below, frequencies, name, lines)
             if "peaks_frequency" in dataset:
-                # lines narrower than the step are higher than what is drawn of them
+                # a line narrower than the step of frequencies is higher than its drawn curve
                 for take, number, colour in rows:
-                    _mark_peaks(
-                        above,
-                        take("peaks_frequency")[number],
-                        take(f"peaks_{name}")[number],
-                        f,
-                        colour,
-                    )
-            if len(states) > 1 and len(places) > 1:
-                above.set_title(places[group[0]])
-        if len(states) == 1:
-            told = zip(COLOURS, (places[number] for number in chosen), strict=False)
-            handles = [Line2D([], [], color=colour, label=place) for colour, place in told]
-        if len(chosen) < len(places):
-            handles.append(
-                Line2D(
-                    [],
-                    [],
-                    linestyle="none",
-                    label=f"{len(chosen)} of {len(places)} receivers are drawn",
-                )
-            )
+                    peaks = take("peaks_frequency")[number]
+                    heights = take(f"peaks_{name}")[number]
+                    _mark_peaks(above, peaks, heights, frequencies, colour)
+            if not is_single and len(receivers) > 1:
+                above.set_title(receivers[group[0]])
+        if is_single:
+            handles = [
+                Line2D([], [], color=colour, label=receivers[number])
+                for colour, number in zip(COLOURS, chosen, strict=False)
+            ]
+        if len(chosen) < len(receivers):
+            words = f"{len(chosen)} of {len(receivers)} receivers are drawn"
+            handles.append(Line2D([], [], linestyle="none", label=words))
         if len(handles) > 1:
             add_legend(figure, handles, room=1)
     return figure
 
 
 def _map_figure(dataset: Dataset, name: str) -> Figure:
+    """Draw the magnitude of responses as maps over load and frequency, one column wide."""
     load = find_load(dataset)
     prefix = HertzPrefix.for_top(float(dataset["response_frequency"].values[-1]))
     order = np.argsort(dataset[load].values, kind="stable")
     x = dataset[load].values[order]
     y = dataset["response_frequency"].values / prefix.hertz
     lines = describe_lines(dataset, name)
-    places = dataset["receiver"].values.astype(str).tolist()
+    receivers = dataset["receiver"].values.astype(str).tolist()
     kinds, _ = find_differing([facts for facts, _ in lines])
-    panels = [(facts, at, number) for facts, at in lines for number in range(len(places))]
+    panels = [(facts, index, number) for facts, index in lines for number in range(len(receivers))]
     chosen = pick_evenly(len(panels), _PANELS)
     with styled_figure(0.3 + 2.7 * len(chosen)) as figure:
         axes = figure.subplots(len(chosen), 1, squeeze=False, sharex=True)[:, 0]
-        for ax, (facts, at, number) in zip(axes, (panels[one] for one in chosen), strict=True):
-            shown = _find_decibels(
-                dataset[name].isel(at | {"receiver": number}, missing_dims="ignore").values[order]
-            )
+        chosen_panels = [panels[number] for number in chosen]
+        for ax, (facts, index, receiver) in zip(axes, chosen_panels, strict=True):
+            responses = dataset[name].isel(index | {"receiver": receiver}, missing_dims="ignore")
+            shown = _find_decibels(responses.values[order])
             most = float(np.nanmax(shown))
             mesh = ax.pcolormesh(
                 x,
@@ -753,14 +774,14 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
                 shading="nearest",
                 cmap=SPECTRUM,
                 rasterized=True,
-                vmin=max(most - 80.0, float(np.nanmin(shown))),
-                vmax=most,  # 80 dB
+                vmin=max(most - _DECIBELS, float(np.nanmin(shown))),
+                vmax=most,
             )
             add_bar(ax, mesh, _label_decibels(name))
             ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
-            told = [facts[kind] for kind in kinds] + [places[number]] * (len(places) > 1)
-            if told:
-                ax.text(0.02, 0.97, ", ".join(told), transform=ax.transAxes, va="top")
+            words = [facts[kind] for kind in kinds] + [receivers[receiver]] * (len(receivers) > 1)
+            if words:
+                ax.text(0.02, 0.97, ", ".join(words), transform=ax.transAxes, va="top")
         scale_axis(axes[-1], "x", x)
         axes[-1].set(xlabel=axis_label(load, dataset[load].attrs.get("units")), xlim=(x[0], x[-1]))
         if len(chosen) < len(panels):
@@ -785,17 +806,17 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
         "label": "data",
         "zorder": 1.0,
     }
-    turns = np.unwrap(fit.phase[order])
+    phase = np.unwrap(fit.phase[order])
     with styled_figure(3.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
-        above.errorbar(
-            f, data.magnitude[order], None if data.sigma is None else data.sigma[order], **points
-        )
+        errors = None if data.sigma is None else data.sigma[order]
+        above.errorbar(f, data.magnitude[order], errors, **points)
         if data.phase is not None and data.phase_sigma is not None:
-            # a phase is known but for whole turns: that nearest to the fit
-            off = np.angle(np.exp(1j * (data.phase - fit.phase)))[order]
-            below.errorbar(f, (turns + off) / math.pi, data.phase_sigma[order] / math.pi, **points)
-        for axes, values in ((above, fit.magnitude[order]), (below, turns / math.pi)):
+            # a phase is known but for whole turns: the phase nearest to the fit is drawn
+            difference = np.angle(np.exp(1j * (data.phase - fit.phase)))[order]
+            errors = data.phase_sigma[order] / math.pi
+            below.errorbar(f, (phase + difference) / math.pi, errors, **points)
+        for axes, values in ((above, fit.magnitude[order]), (below, phase / math.pi)):
             axes.plot(f, values, color=COLOURS[0], linewidth=1.2, label="fit", zorder=2.0)
         above.set(yscale="log", ylabel="Magnitude" + ("" if unit == "1" else f" ({unit})"))
         below.set(
@@ -806,17 +827,17 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
 
 
 def complex_bands_figure(bands: ComplexBands) -> Figure:
-    """Draw wave numbers over frequency: real parts of waves that run to the left, decay of all
-    others to the right.
+    """Draw wave numbers over the frequency: real parts of running waves to the left, decay of all
+    other waves to the right.
 
-    Shown are the waves towards higher layers, in units of pi over the height of a layer. Grey dots
-    to the left are the real parts of waves that decay.
+    Waves towards higher layers are drawn, in units of pi over the height of a layer. Grey dots to
+    the left are the real parts of waves that decay.
     """
     unit = HertzPrefix.for_top(float(bands.frequencies.max()))
     number = bands.forward * bands.height / math.pi
     f = np.broadcast_to(bands.frequencies[:, None] / unit.hertz, number.shape)
     runs = np.arange(number.shape[1]) < bands.running[:, None]
-    decays = ~runs & (number.imag < 1.5)  # larger decay from layer to layer, in pi, is not drawn
+    decays = ~runs & (number.imag < _MOST_DECAY)
     with styled_figure(2.8) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         dots = {"linestyle": "none", "marker": "o", "markersize": 1.4, "markeredgewidth": 0.0}
@@ -827,13 +848,13 @@ def complex_bands_figure(bands: ComplexBands) -> Figure:
             xlabel="Re $k$ ($\\pi/h$)", ylabel=f"Frequency ({print_hertz(unit)})", xlim=(-1.0, 1.0)
         )
         left.set_ylim(float(f.min()), float(f.max()))
-        right.set(xlabel="Im $k$ ($\\pi/h$)", xlim=(0.0, 1.5))
+        right.set(xlabel="Im $k$ ($\\pi/h$)", xlim=(0.0, _MOST_DECAY))
     return figure
 
 
 def plot_transmission(result: Transmission, ax: Axes) -> Axes:
-    """Draw the parts of the energy that pass, and that are sent back, over frequency; where no wave
-    runs in, nothing.
+    """Draw the transmitted and the reflected part of the energy over the frequency, where a wave
+    runs in.
     """
     if len(result.frequencies) < 2:
         raise InputError("a curve needs several frequencies", mend="Give more of them")

@@ -1,6 +1,4 @@
-"""Media and packings in words, as the legends of figures name them; this module does not load
-matplotlib.
-"""
+"""Media and packings in words, for the legends of figures; this module does not load matplotlib."""
 
 from __future__ import annotations
 
@@ -16,7 +14,7 @@ from granphon.media.simulation import DEFAULT_SHAPES
 
 #: a space at which no line ends
 _NO_BREAK = "\u00a0"
-#: what the options of media mean in a legend; the value stands for {}
+#: options of media in words; {} is the place of the value
 _OPTIONS = {
     "local_field=paper": "local field of the paper",
     "friction_history=true": "loaded with friction",
@@ -29,8 +27,7 @@ _OPTIONS = {
     "ordered=true": "as a path",
     "friction_coefficient": "friction coefficient {}",
 }
-#: symbols of the numbers that describe balls, and their units, with the names under which sweeps
-#: vary them
+#: symbols and units of the numbers that describe balls, by their names in sweeps
 _SYMBOLS = {
     "young_modulus": ("E", "Pa"),
     "poisson_ratio": ("ν", ""),
@@ -39,8 +36,8 @@ _SYMBOLS = {
     "width": ("W", "m"),
     "mass": ("m", "kg"),
 }
-#: what is said of motions, and of terms of finite overlap, where nothing was asked for: a title
-#: leaves these out
+#: words for the default motions, stiffness of rolling, and terms of finite overlap: a title leaves
+#: them out
 DEFAULTS = frozenset({"motions of the lattice", "no torsion", "no bending", "overlap ≪ diameter"})
 
 
@@ -48,19 +45,17 @@ def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
     """Return a medium in words: "simulation, 4 samples of 32 x 32 balls" for
     ``simulation(samples=4, shape=32 32)``.
 
-    ``periods`` and ``balls`` are the number of periods of the lattice, and that of balls in its
-    cell.
+    ``periods`` is the number of periods of the lattice, ``balls`` the number of balls in its cell.
     """
     name, _, inner = label.removesuffix(")").partition("(")
     try:
         words = [str(find_medium(name).words)]
     except KeyError:
         return label
-    options = dict(one.split("=", 1) for one in inner.split(", ") if "=" in one)
+    options = dict(setting.split("=", 1) for setting in inner.split(", ") if "=" in setting)
     if name == "simulation":
-        shape = options.pop("shape", " ".join(map(str, DEFAULT_SHAPES[periods]))).replace(
-            " ", " x "
-        )
+        default_shape = " ".join(map(str, DEFAULT_SHAPES[periods]))
+        shape = options.pop("shape", default_shape).replace(" ", " x ")
         samples = int(options.pop("samples", 1))
         several = f"{samples} samples" if samples > 1 else "a sample"
         words.append(f"{several} of {shape} {'balls' if balls == 1 else 'cells'}")
@@ -68,17 +63,19 @@ def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
         if option == "tolerance":
             value = f"{100.0 * float(value):g} %"
         if option == "start" and value != "gas":
-            load, _, size = value.rpartition(" ")
-            value = (
-                f"{load} {write_value(float(size), load_quantities(periods)[load].unit)}"
-                if load
-                else f"a* of {size}"
-            )
-        plain = _OPTIONS.get(f"{option}={value}") or _OPTIONS.get(
-            option, option.replace("_", " ") + " {}"
-        )
-        words.append(plain.format(value))
+            value = _describe_start(value, periods)
+        template = _OPTIONS.get(f"{option}={value}") or _OPTIONS.get(option)
+        template = template or option.replace("_", " ") + " {}"
+        words.append(template.format(value))
     return ", ".join(words)
+
+
+def _describe_start(value: str, periods: int) -> str:
+    """Return the start of a simulation in words, from "a*" or from the name and size of a load."""
+    load, _, size = value.rpartition(" ")
+    if not load:
+        return f"a* of {size}"
+    return f"{load} {write_value(float(size), load_quantities(periods)[load].unit)}"
 
 
 def write_unit(unit: str) -> str:
@@ -94,18 +91,20 @@ def write_value(value: float, unit: str) -> str:
 
 
 def describe_parameter(name: str, value: Any) -> tuple[str, str]:
-    """Return the kind of fact that a parameter of a packing is, and its value in words: ("spread",
+    """Return the kind of fact of a parameter of a packing, and its value in words: ("spread",
     "W = 2 µm").
 
-    Those of a kind of ball, "A.diameter", are told with the kind: "d = 8 mm of A".
+    A parameter of a kind of ball, "A.diameter", has the kind in its words: "d = 8 mm of A".
     """
-    kind, _, own = name.rpartition(".")
+    kind, _, parameter = name.rpartition(".")
     if kind:
-        return name, f"{describe_parameter(own, value)[1]} of {kind}"
+        return name, f"{describe_parameter(parameter, value)[1]} of {kind}"
     if name in _SYMBOLS and not isinstance(value, str):
-        symbol, own = _SYMBOLS[name]
-        text = f"{symbol} = {write_value(float(value), own)}"
-        return ("spread", text if value else "equal balls") if name == "width" else (name, text)
+        symbol, unit = _SYMBOLS[name]
+        text = f"{symbol} = {write_value(float(value), unit)}"
+        if name == "width":
+            return "spread", text if value else "equal balls"
+        return name, text
     if name == "friction":
         return name, "with friction" if str(value) == "True" else "without friction"
     if name == "lattice":
@@ -113,15 +112,17 @@ def describe_parameter(name: str, value: Any) -> tuple[str, str]:
     if name == "motions":
         return name, f"motions {str(value).replace('_', ' ')}"
     if name in ("torsion", "bending"):
-        return name, f"{name} {value:.4g}" if isinstance(
-            value, float
-        ) and value else f"no {name}" if not value else (f"{name} of {str(value).capitalize()}")
+        if not value:
+            return name, f"no {name}"
+        if isinstance(value, float):
+            return name, f"{name} {value:.4g}"
+        return name, f"{name} of {str(value).capitalize()}"
     return name, f"{name.replace('_', ' ')} {value}"
 
 
 def list_facts(packing: Packing) -> dict[str, str]:
-    """Return what balls and their contacts are, in words by kind; what two packings share has the
-    same words.
+    """Return facts of balls and their contacts, in words by kind; two packings with the same value
+    have the same words.
     """
     ball = packing.material
     spread = packing.spread
@@ -152,19 +153,19 @@ def describe_overlap(finite: bool) -> str:
 
 
 def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[str]]:
-    """Return the kinds of fact that several mappings do not share, and in words what all share,
-    without what is usual.
+    """Return the kinds of the facts in which several mappings differ, and the facts that all share,
+    without :data:`DEFAULTS`.
     """
-    kinds = list(dict.fromkeys(kind for one in facts for kind in one))
-    differing = [kind for kind in kinds if len({one.get(kind) for one in facts}) > 1]
-    return differing, [
-        facts[0][kind] for kind in kinds if kind not in differing and facts[0][kind] not in DEFAULTS
-    ]
+    kinds = list(dict.fromkeys(kind for facts_of_packing in facts for kind in facts_of_packing))
+    values = {kind: {facts_of_packing.get(kind) for facts_of_packing in facts} for kind in kinds}
+    differing = [kind for kind in kinds if len(values[kind]) > 1]
+    common = [facts[0][kind] for kind in kinds if kind not in differing]
+    return differing, [text for text in common if text not in DEFAULTS]
 
 
 def join_facts(facts: Iterable[str], letters: int) -> str:
-    """Return facts in one text, in lines of so many letters at most that break between facts, or at
-    commas in them.
+    """Return facts in one text, in lines of ``letters`` at most, which end between facts or at
+    commas in facts.
     """
     text = ", ".join(facts).replace(" ", _NO_BREAK).replace(f",{_NO_BREAK}", ", ")
     return textwrap.fill(text, letters, break_long_words=False, break_on_hyphens=False)

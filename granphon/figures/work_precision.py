@@ -1,8 +1,8 @@
-"""Work-precision diagrams: the error of a method against its time, a curve for each method, its
-knob beside each point.
+"""Work-precision diagrams: the error of a method against its time, a curve for each method, with
+the setting of the method beside each point.
 
-As in :mod:`granphon.figures.bands`, whose style they share, every function draws on an Axes and
-returns it.
+As in :mod:`granphon.figures.bands`, whose style the diagrams share, every function draws on an Axes
+and returns the Axes.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 from granphon.figures.scales import scale_axis, styled_figure, widen_axis
@@ -23,165 +24,208 @@ from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
 #: size of a marker, in points
 _MARKER = 4.0
-#: limits of the axis of times if no point was run, s
+#: colours and markers of methods: every eye tells the colours apart, and markers differ in grey
+_LOOKS = tuple(zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, "#000000"), "os^DvP", strict=True))
+#: of points closer than these ratios of time and error, in decades, the first has a label
+_CLOSE_TIMES = 0.25
+_CLOSE_ERRORS = 0.6
+#: a point slower than this part of the slowest has its label to the left
+_SLOW = 0.3
+#: a bar goes down by this part of its value at most, because a logarithmic axis has no zero
+_BAR = 0.9
+#: the floor of rounding is drawn if it is above this part of the least error
+_LEAST_FLOOR = 1e-4
+#: letters of a line above the axes
+_LETTERS = 54
+#: limits of the axis of times without a point that was run, s
 _TIMES = 1e-3, 1e1
-#: limits of the axis of relative errors if no point has an error
+#: limits of the axis of relative errors without a point with an error
 _ERRORS = 1e-8, 1e0
 
 
 def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     """Draw error against time of the points of a trade-off, on logarithmic axes.
 
-    Markers are open where the reference is not a hundred times better. Bars are the spread of
-    times, and the standard errors of the errors of random samples. The floor is the condition
-    number times rounding; the scatter of random samples is in their errors instead. Points without
-    an error, because there is no reference or no difference from it, are marks at the bottom.
-    Points that were not run are counted above the axes, by method.
+    Markers are open where the reference is less than a hundred times better than the point. Bars
+    are the spread of times, and the standard errors of the errors of random samples. The floor is
+    the condition number times rounding; random samples have their scatter in place of a floor.
+    Points without an error, because there is no reference or no difference from the reference, are
+    marks at the bottom. Points that were not run are counted above the axes, by method.
     """
     points = result.points
     ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title="Media")
-    methods = list(dict.fromkeys(point.method for point in points))
-    # the spreads of times as they are drawn, limited so that bars end above zero
-    spreads = {id(point): min(point.spread, 0.9 * point.seconds) for point in points}
-    slowest = max((point.seconds for point in points if point.ran), default=0.0)
-    # told apart by every eye, and in grey by the marker
-    looks = zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, "#000000"), "os^DvP", strict=True)
-    for method, (colour, marker) in zip(methods, itertools.cycle(looks), strict=False):
-        ran = [point for point in points if point.method == method and point.ran]
-        drawn = [p for p in ran if p.error > 0.0]
-        rest = [p for p in ran if not p.error > 0.0]
-        label = method
-        if drawn:
-            x = [p.seconds for p in drawn]
-            y = [p.error for p in drawn]
-            spread = [spreads[id(p)] for p in drawn]
-            bars = [min(p.stderr, 0.9 * p.error) for p in drawn]
-            style: dict[str, Any] = {
-                "color": colour,
-                "marker": marker,
-                "ms": _MARKER,
-                "lw": 0.9,
-                "elinewidth": 0.6,
-            }
-            ax.errorbar(x, y, bars, spread, label=label, **style)[0].set_zorder(2.5)
-            label = "_"
-        if rest:
-            bottom: dict[str, Any] = {
-                "transform": ax.get_xaxis_transform(),
-                "clip_on": False,
-                "gid": "without-error",
-            }
-            ax.plot(
-                [p.seconds for p in rest],
-                [0.0] * len(rest),
-                marker,
-                color=colour,
-                ms=_MARKER,
-                label=label,
-                **bottom,
-            )
-        for point in drawn:
-            if not point.resolved:
-                ax.plot(
-                    point.seconds,
-                    point.error,
-                    marker,
-                    color=colour,
-                    mfc="white",
-                    ms=_MARKER,
-                    mew=0.9,
-                    zorder=3.0,
-                )
-        # of points that lie close together the first has a label, so that labels can be read
-        labelled: list[MeasuredPoint] = []
-        for point in drawn if len(drawn) > 1 else ():
-            if any(
-                abs(math.log10(point.seconds / other.seconds)) <= 0.25
-                and abs(math.log10(point.error / other.error)) <= 0.6
-                for other in labelled
-            ):
-                continue
-            labelled.append(point)
-            # above a curve, which falls to the right; below it near where the axes end
-            side, place = (
-                (-3.0, ("right", "top"))
-                if point.seconds > 0.3 * slowest
-                else (3.0, ("left", "bottom"))
-            )
-            ax.annotate(
-                point.knob.replace(" x ", "×"),
-                (point.seconds, point.error),
-                (side, side),
-                textcoords="offset points",
-                ha=place[0],
-                va=place[1],
-                fontsize=7.0,
-                color=colour,
-            )
-    ax.margins(0.14)
     ran = [point for point in points if point.ran]
+    slowest = max((point.seconds for point in ran), default=0.0)
+    methods = list(dict.fromkeys(point.method for point in points))
+    for method, (colour, marker) in zip(methods, itertools.cycle(_LOOKS), strict=False):
+        points_of_method = [point for point in ran if point.method == method]
+        _draw_method(ax, method, points_of_method, {"color": colour, "marker": marker})
+        _label_points(
+            ax, [point for point in points_of_method if point.error > 0.0], slowest, colour
+        )
+    ax.margins(0.14)
     errors = [point.error for point in ran if point.error > 0.0]
-    times = [p.seconds + side * spreads[id(p)] for p in ran for side in (-1.0, 1.0)]
+    times = [point.seconds + side * _limit_spread(point) for point in ran for side in (-1.0, 1.0)]
     for which, values in (("x", np.array(times or _TIMES)), ("y", np.array(errors or _ERRORS))):
         scale_axis(ax, which, values, 100.0)  # plain small numbers take much room
         widen_axis(ax, which, values)
     if not ran:
         ax.set_xlim(*_TIMES)
-    floor = max((p.floor for p in points if not p.failure and not p.random), default=0.0)
-    if errors and floor > 1e-4 * min(p.error for p in points if p.error > 0.0):
-        ax.axhline(floor, color="0.4", lw=0.8, ls=":", zorder=0)
-        near = (1.0, floor), (-2.0, 2.0), ("axes fraction", "data"), "offset points"
-        ax.annotate("rounding", *near, ha="right", color="0.4", fontsize=7.0)
-    elif errors and floor:
+    _draw_floor(ax, points)
+    if ran:
+        ax.legend(
+            ncols=2,
+            handlelength=1.4,
+            columnspacing=1.0,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.17),
+            borderaxespad=0.0,
+        )
+    missing = {
+        method: sum(not point.ran for point in points if point.method == method)
+        for method in methods
+    }
+    _count_missing(ax, missing, len(points))
+    return ax
+
+
+def _limit_spread(point: MeasuredPoint) -> float:
+    """Return the spread of the times of a point, s, limited so that its bar ends above zero."""
+    return min(point.spread, _BAR * point.seconds)
+
+
+def _draw_method(
+    ax: Axes, method: str, points: Sequence[MeasuredPoint], look: dict[str, Any]
+) -> None:
+    """Draw the curve of a method, with open markers without a good reference, and the points
+    without an error at the bottom.
+    """
+    drawn = [point for point in points if point.error > 0.0]
+    without_error = [point for point in points if not point.error > 0.0]
+    label = method
+    if drawn:
+        bars = ax.errorbar(
+            [point.seconds for point in drawn],
+            [point.error for point in drawn],
+            [min(point.stderr, _BAR * point.error) for point in drawn],
+            [_limit_spread(point) for point in drawn],
+            label=label,
+            ms=_MARKER,
+            lw=0.9,
+            elinewidth=0.6,
+            **look,
+        )
+        bars[0].set_zorder(2.5)
+        label = "_"
+    if without_error:
+        ax.plot(
+            [point.seconds for point in without_error],
+            [0.0] * len(without_error),
+            linestyle="none",
+            ms=_MARKER,
+            label=label,
+            transform=ax.get_xaxis_transform(),
+            clip_on=False,
+            gid="without-error",
+            **look,
+        )
+    for point in drawn:
+        if not point.resolved:
+            ax.plot(
+                point.seconds,
+                point.error,
+                linestyle="none",
+                mfc="white",
+                ms=_MARKER,
+                mew=0.9,
+                zorder=3.0,
+                **look,
+            )
+
+
+def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, colour: str) -> None:
+    """Write the settings of several points beside the points; of points that are close together the
+    first has a label, so that labels can be read.
+    """
+    labelled: list[MeasuredPoint] = []
+    for point in points if len(points) > 1 else ():
+        is_close = any(
+            abs(math.log10(point.seconds / other.seconds)) <= _CLOSE_TIMES
+            and abs(math.log10(point.error / other.error)) <= _CLOSE_ERRORS
+            for other in labelled
+        )
+        if is_close:
+            continue
+        labelled.append(point)
+        # above a curve, which falls to the right; below the curve near the end of the axes
+        is_slow = point.seconds > _SLOW * slowest
+        offset = -3.0 if is_slow else 3.0
         ax.annotate(
-            f"rounding: {floor:.0e}, below",
-            (0.02, 0.02),
-            xycoords="axes fraction",
+            point.knob.replace(" x ", "×"),
+            (point.seconds, point.error),
+            (offset, offset),
+            textcoords="offset points",
+            ha="right" if is_slow else "left",
+            va="top" if is_slow else "bottom",
+            fontsize=7.0,
+            color=colour,
+        )
+
+
+def _draw_floor(ax: Axes, points: Sequence[MeasuredPoint]) -> None:
+    """Draw the floor of rounding, or a note below it; or say why no point has an error."""
+    style: dict[str, Any] = {"xycoords": "axes fraction", "color": "0.4"}
+    floors = [point.floor for point in points if not point.failure and not point.random]
+    floor = max(floors, default=0.0)
+    errors = [point.error for point in points if point.error > 0.0]
+    ran = [point for point in points if point.ran]
+    if not any(point.error > 0.0 for point in ran):
+        ax.set_ylim(*_ERRORS)
+        words = "run, but without a reference" if ran else "nothing was run"
+        if any(not point.failure for point in ran):
+            words = "no error above rounding"
+        ax.annotate(words, (0.5, 0.5), ha="center", **style)
+    elif floor > _LEAST_FLOOR * min(errors):
+        ax.axhline(floor, color="0.4", lw=0.8, ls=":", zorder=0)
+        ax.annotate(
+            "rounding",
+            (1.0, floor),
+            (-2.0, 2.0),
+            ("axes fraction", "data"),
+            "offset points",
+            ha="right",
             color="0.4",
             fontsize=7.0,
         )
-    elif not errors:
-        ax.set_ylim(*_ERRORS)
-        judged = any(not point.failure for point in ran)
-        words = (
-            "no error above rounding"
-            if judged
-            else "run, but without a reference"
-            if ran
-            else "nothing was run"
-        )
-        ax.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
-    if ran:
-        below: dict[str, Any] = {
-            "loc": "upper center",
-            "bbox_to_anchor": (0.5, -0.17),
-            "borderaxespad": 0.0,
-        }
-        ax.legend(ncols=2, handlelength=1.4, columnspacing=1.0, **below)
-    missing = {method: sum(not p.ran for p in points if p.method == method) for method in methods}
-    told = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
-    if told:
-        lines = textwrap.wrap(f"not run: {told}", 54)
-        if len(lines) > 1:
-            lines = [f"not run: {sum(missing.values())} of {len(points)} points"]
-        ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
-        ax.annotate(
-            "\n".join(lines),
-            (0.5, 1.0),
-            (0.0, 3.0),
-            "axes fraction",
-            "offset points",
-            ha="center",
-            fontsize=7.0,
-        )
-    return ax
+    elif floor:
+        ax.annotate(f"rounding: {floor:.0e}, below", (0.02, 0.02), fontsize=7.0, **style)
+
+
+def _count_missing(ax: Axes, missing: dict[str, int], n_points: int) -> None:
+    """Write above the axes how many of ``n_points`` points were not run, by method."""
+    counts = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
+    if not counts:
+        return
+    lines = textwrap.wrap(f"not run: {counts}", _LETTERS)
+    if len(lines) > 1:
+        lines = [f"not run: {sum(missing.values())} of {n_points} points"]
+    ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
+    ax.annotate(
+        "\n".join(lines),
+        (0.5, 1.0),
+        (0.0, 3.0),
+        "axes fraction",
+        "offset points",
+        ha="center",
+        fontsize=7.0,
+    )
 
 
 def tradeoff_figure(result: TradeOff) -> Figure:
     """Draw a figure of the diagram of a trade-off, see :func:`plot_work_precision`."""
     with styled_figure(3.3, 3.5) as figure:
         plot_work_precision(result, figure.subplots())
-        # the layout changes the width of the axes, and with it the ticks, whose labels the layout
-        # is made for
+        # the layout changes the width of the axes, the width changes the ticks, and the layout has
+        # room for their labels
         figure.draw_without_rendering()
     return figure

@@ -833,8 +833,8 @@ def fit_width(
         raise explain_undetermined(problem, logs, errors)
     fitted = problem.model.fit_packing(logs)
     values = np.exp(logs)
-    least = _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
-    errors_known = sigma_given or float(problem.sigma[0]) >= least
+    least_scatter = _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
+    errors_known = sigma_given or float(problem.sigma[0]) >= least_scatter
     warnings = find_warnings(problem, logs, errors, sigma_given, errors_known)
     covariance = covariance if errors_known else np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force

@@ -1,15 +1,16 @@
-"""Balls of several kinds and how they are arranged, as a scene says it: the crystal that it makes,
-and its medium.
+"""Balls of several kinds and how they are arranged, as a scene says: an arrangement, the crystal
+that it makes, and the medium of the crystal.
 
 An arrangement stands where a scene, a sweep and their tasks have a packing, so that there is one
-path for both. Unlike a crystal it is plain data: balls can be changed, and the crystal is then made
-anew.
+path for both. Unlike a crystal, an arrangement is plain data: balls can be changed, and the crystal
+is then made anew.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -22,16 +23,19 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions
 from granphon.balls.packing import KIND_PARAMETERS, Packing, given_packing
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.text import closest, counted, spell
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.medium import Medium
 from granphon.media.state import NetworkState
 
-#: what an arrangement takes as a crystal does
+#: options of an arrangement that a crystal has too
 _OPTIONS = ("law", "friction", "motions", "torsion", "bending")
 #: balls of a crystal up to which its states are found when a scene is only checked
 _QUICK_BALLS = 500
+#: relative difference of two masses, inertias or ratios of stiffnesses that is put down to rounding
+_SAME = 1e-12
 
 
 @dataclass(frozen=True)
@@ -39,33 +43,35 @@ class CrystalCell(Lattice):
     """The cell of a crystal, in units of the mean diameter; ``sites`` are fractions, or distances
     across the periods.
 
-    What repeats nowhere is put into a cell along x, beyond the reach of its neighbours.
+    A cluster without periods is put into a cell along x, beyond the reach of its neighbours.
     """
 
     #: length of the longest contact, in mean diameters
     reach: float = field(default=1.0, compare=False)
-    #: number of axes along which a pressure acts: the periods, and those across which the crystal
-    #: was cut
+    #: number of axes along which a pressure acts: the periods, and the axes across which the
+    #: crystal was cut
     pressed_axes: int = field(default=1, compare=False)
 
     def __post_init__(self) -> None:
-        """Take the cell as it is: a crystal is checked when it is made."""
+        """Take the cell without a check: the crystal was checked when it was made."""
 
     @classmethod
     def of(cls, crystal: Crystal, diameter: float) -> CrystalCell:
         """Return the cell of a crystal, whose contacts are in m."""
-        places = crystal.positions.copy()
+        positions = crystal.positions.copy()
         vectors = crystal.cell
         if not crystal.periods:
-            vectors = np.eye(places.shape[1])[:1] * (
-                float(np.ptp(places[:, 0])) + 4.0 * float(np.max(crystal.radii))
-            )
+            length = float(np.ptp(positions[:, 0])) + 4.0 * float(np.max(crystal.radii))
+            vectors = np.eye(positions.shape[1])[:1] * length
         p = len(vectors)
-        places[:, :p] = places[:, :p] @ np.linalg.inv(vectors[:, :p])
-        places[:, p:] /= diameter
-        reach = float(np.linalg.norm(crystal.contacts.vector, axis=1).max(initial=0.0)) / diameter
-        rows, sites = (tuple(map(tuple, one.tolist())) for one in (vectors / diameter, places))
-        cell = cls(crystal.name, rows, sites, reach, max(1, crystal.periods + len(crystal.faces)))
+        positions[:, :p] = positions[:, :p] @ np.linalg.inv(vectors[:, :p])
+        positions[:, p:] /= diameter
+        distances = np.linalg.norm(crystal.contacts.vector, axis=1)
+        reach = float(distances.max(initial=0.0)) / diameter
+        rows = tuple(map(tuple, (vectors / diameter).tolist()))
+        sites = tuple(map(tuple, positions.tolist()))
+        pressed_axes = max(1, crystal.periods + len(crystal.faces))
+        cell = cls(crystal.name, rows, sites, reach, pressed_axes)
         cell.__dict__["contacts"] = crystal.contacts
         return cell
 
@@ -80,24 +86,25 @@ class Arrangement:
     kinds : the name of each kind, and its :class:`~granphon.Ball`.
     lattice : name of the lattice, or the :class:`~granphon.Lattice`; None where ``cell`` and
         ``sites`` are given.
-    order : names of the kinds that follow each other on the sites of the lattice; empty for all of
-        them.
+    order : names of the kinds that follow each other on the sites of the lattice; empty for all
+        kinds.
     cell, sites : vectors along which the crystal repeats, m; the place of each ball, m, with the
         name of its kind.
     repeat : numbers of cells of the supercell along each period.
-    cut : axis, number of layers, and (lower, upper) edge of each cut of that supercell, in turn.
-    replace : numbers of balls of what was cut, each with the name of the kind that takes its place.
-    remove : numbers of balls that are taken out then.
+    cut : axis, number of layers, and (lower, upper) edge of each cut of the supercell, in turn.
+    replace : numbers of balls after the cuts, each with the name of the kind that replaces the
+        ball.
+    remove : numbers of balls that are taken out last.
     law : the contact law, or pairs of names of kinds, each with its law.
     friction, motions, torsion, bending : as for a :class:`~granphon.Crystal`; torsion and bending
         are pure numbers.
     seed : of the diameters of balls, if kinds have a spread: the supercell is then a sample,
         :meth:`Crystal.sample`.
-    given : the crystal itself, if it was not made of the others.
+    given : the crystal itself, if it was not made of the other attributes.
 
     Raises
     ------
-    InputError : what makes no crystal.
+    InputError : attributes that make no crystal.
     """
 
     kinds: tuple[tuple[str, Ball], ...]
@@ -135,7 +142,7 @@ class Arrangement:
         )
 
     def __post_init__(self) -> None:
-        """Make the crystal, which raises errors of what makes none."""
+        """Make the crystal, which raises the errors of attributes that make none."""
         _ = self.crystal
 
     @property
@@ -152,47 +159,39 @@ class Arrangement:
         options = {name: getattr(self, name) for name in _OPTIONS}
         options["law"] = dict(self.law) if isinstance(self.law, tuple) else self.law
 
-        def find(name: str) -> Ball:
+        def find_ball(name: str) -> Ball:
             if name not in balls:
                 guess = closest(name, balls)
-                what = f"there is no kind of ball {name!r}"
-                raise InputError(
-                    what,
-                    mend=f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}",
-                )
+                mend = f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}"
+                raise InputError(f"there is no kind of ball {name!r}", mend=mend)
             return balls[name]
 
         if self.lattice is None:
-            places = [list(place) for place, _ in self.sites]
-            found = Crystal(
-                [find(name) for _, name in self.sites], self.cell, places, name="crystal", **options
-            )
+            site_balls = [find_ball(name) for _, name in self.sites]
+            positions = [list(position) for position, _ in self.sites]
+            made = Crystal(site_balls, self.cell, positions, name="crystal", **options)
         else:
-            found = Crystal.on(
-                self.lattice, [find(name) for name in self.order or tuple(balls)], **options
-            )
-        if any(ball.spread for ball in found.kinds):
+            kinds = [find_ball(name) for name in self.order or tuple(balls)]
+            made = Crystal.on(self.lattice, kinds, **options)
+        if any(ball.spread for ball in made.kinds):
             if self.cut or self.replace or self.remove:
-                what = "a crystal is cut or has defects, and a kind of its balls has a spread"
-                raise InputError(
-                    what,
-                    "Layers would repeat one sample",
-                    "Leave one of them out, or use gp.Crystal",
-                )
-            return found.sample(self.repeat or None, self.seed)
+                problem = "a crystal is cut or has defects, and a kind of its balls has a spread"
+                why = "Layers would repeat one sample"
+                raise InputError(problem, why, "Leave one of them out, or use gp.Crystal")
+            return made.sample(self.repeat or None, self.seed)
         if self.repeat:
-            found = found.repeat(self.repeat)
+            made = made.repeat(self.repeat)
         for axis, layers, edges in self.cut:
-            found = found.cut(list(axis) if isinstance(axis, tuple) else axis, layers, edges)
+            made = made.cut(list(axis) if isinstance(axis, tuple) else axis, layers, edges)
         for index, name in self.replace:
-            found = found.replace(index, find(name))
-        return found.remove(list(self.remove)) if self.remove else found
+            made = made.replace(index, find_ball(name))
+        return made.remove(list(self.remove)) if self.remove else made
 
-    # -- what a packing has too --------------------------------------------------------------------
+    # -- attributes that a packing has too ---------------------------------------------------------
 
     @property
     def kind_names(self) -> tuple[str, ...]:
-        """Names of the kinds of which there are balls."""
+        """Names of the kinds that have balls in the crystal."""
         return self.crystal.names
 
     @property
@@ -222,92 +221,97 @@ class Arrangement:
 
     @property
     def mindlin_ratio(self) -> float | None:
-        """Ratio of the shear to the normal stiffness; None if contacts do not have it in common."""
+        """Ratio of the shear to the normal stiffness; None if contacts do not have one ratio in
+        common.
+        """
         ratios = self.crystal.mindlin_ratios if self.friction else np.zeros(1)
-        if np.any(ratios) and self.crystal._springs.know_radii:  # it depends on the load
+        if np.any(ratios) and self.crystal._springs.know_radii:  # the ratio depends on the load
             return None
-        return float(ratios[0]) if np.ptp(ratios) <= 1e-12 else None
+        return float(ratios[0]) if np.ptp(ratios) <= _SAME else None
 
     def describe(self) -> list[tuple[str, Any, str]]:
-        """Return names, values and SI units of what describes it, as a notebook shows them."""
+        """Return names, values and SI units that describe the arrangement, as a notebook shows
+        them.
+        """
         crystal = self.crystal
         rows = list[tuple[str, Any, str]]()
-        for name, ball in ((name, ball) for name, ball in self.kinds if name in crystal.names):
-            own = ball.material
-            unit = {"young_modulus": "Pa", "density": "kg/m^3", "yield_strength": "Pa"}
-            told = {key: value for key, value in vars(own).items() if value is not None}
-            rows += [
-                (f"diameter of {name}", ball.diameter, "m"),
-                (f"mass of {name}", ball.mass, "kg"),
-            ]
-            if (spread := ball.spread) is not None:
-                rows += [
-                    (f"spread of {name}", type(spread).__name__.lower(), ""),
-                    (f"width of {name}", spread.width, "m"),
-                ]
-            rows += [
-                (f"{spell(key)} of {name}", value, unit.get(key, "")) for key, value in told.items()
-            ]
+        for name, ball in self.kinds:
+            if name in crystal.names:
+                rows += _describe_kind(name, ball)
         counts = [np.count_nonzero(crystal.kind == number) for number in range(len(crystal.kinds))]
         balls = ", ".join(
             f"{count} {name}" for count, name in zip(counts, crystal.names, strict=True)
         )
         law = "of each pair" if isinstance(self.law, tuple) else type(self.law).__name__
-        rows += [
-            ("crystal", crystal.name, ""),
-            ("balls of the cell", balls, ""),
-            ("contact law", law, ""),
-        ]
-        rows += [
-            ("cut", f"{counted(layers, 'layer')}, {' and '.join(edges)}", "")
-            for _, layers, edges in self.cut
-        ]
-        rows += [
-            (name, getattr(self, name), "k d^2")
-            for name in ("torsion", "bending")
-            if getattr(self, name)
-        ]
-        return [
-            *rows,
-            ("friction", self.friction, ""),
-            ("motions", crystal.ball_motions.name.replace("_", " "), ""),
-        ]
+        rows.append(("crystal", crystal.name, ""))
+        rows.append(("balls of the cell", balls, ""))
+        rows.append(("contact law", law, ""))
+        for _, layers, edges in self.cut:
+            rows.append(("cut", f"{counted(layers, 'layer')}, {' and '.join(edges)}", ""))
+        if self.torsion:
+            rows.append(("torsion", self.torsion, "k d^2"))
+        if self.bending:
+            rows.append(("bending", self.bending, "k d^2"))
+        rows.append(("friction", self.friction, ""))
+        rows.append(("motions", crystal.ball_motions.name.replace("_", " "), ""))
+        return rows
 
     def change(self, values: Mapping[str, Any]) -> Arrangement:
         """Return the arrangement with other ``values`` of parameters of kinds, in SI units:
         {"A.diameter": 8e-3}, m.
 
         A mass that was given stays if the material or the diameter changes. The diameter of a kind
-        changes the distances of balls, so that they must lie on a lattice.
+        changes the distances of balls, so that balls must lie on a lattice.
         """
         balls = dict(self.kinds)
         for name, value in values.items():
-            kind, _, own = name.rpartition(".")
-            if kind not in self.kind_names or own not in KIND_PARAMETERS:
-                allowed = ", ".join(
-                    f"{one}.{parameter}" for one in self.kind_names for parameter in KIND_PARAMETERS
-                )
-                raise InputError(
-                    f"the crystal has no parameter {name!r}",
-                    f"It has {allowed}",
-                    "Use one of these",
-                )
-            ball = balls[kind]
-            solid = math.isclose(ball.mass, ball.material.ball_mass(ball.diameter), rel_tol=1e-12)
-            inner = math.isclose(ball.inertia, 0.1 * ball.mass * ball.diameter**2, rel_tol=1e-12)
-            anew: dict[str, Any] = ({"mass": None} if solid else {}) | (
-                {"inertia": None} if inner else {}
-            )
-            of_ball = own in ("diameter", "mass")
-            anew |= (
-                {own: value} if of_ball else {"material": replace(ball.material, **{own: value})}
-            )
-            balls[kind] = replace(ball, **anew)
-        given = None if self.given is None else self.given.with_balls(balls)
-        return replace(self, kinds=tuple(balls.items()), given=given)
+            kind, _, parameter = name.rpartition(".")
+            if kind not in self.kind_names or parameter not in KIND_PARAMETERS:
+                pairs = itertools.product(self.kind_names, KIND_PARAMETERS)
+                allowed = ", ".join(map(".".join, pairs))
+                problem = f"the crystal has no parameter {name!r}"
+                raise InputError(problem, f"It has {allowed}", "Use one of these")
+            balls[kind] = _change_ball(balls[kind], parameter, value)
+        crystal = None if self.given is None else self.given.with_balls(balls)
+        return replace(self, kinds=tuple(balls.items()), given=crystal)
 
 
-#: what a scene, a sweep or a task is about
+def _describe_kind(name: str, ball: Ball) -> list[tuple[str, Any, str]]:
+    """Return names, values and SI units of the ball of a kind and of its material."""
+    rows: list[tuple[str, Any, str]] = [
+        (f"diameter of {name}", ball.diameter, "m"),
+        (f"mass of {name}", ball.mass, "kg"),
+    ]
+    if ball.spread is not None:
+        rows.append((f"spread of {name}", type(ball.spread).__name__.lower(), ""))
+        rows.append((f"width of {name}", ball.spread.width, "m"))
+    units = {"young_modulus": "Pa", "density": "kg/m^3", "yield_strength": "Pa"}
+    for constant, value in vars(ball.material).items():
+        if value is not None:
+            rows.append((f"{spell(constant)} of {name}", value, units.get(constant, "")))
+    return rows
+
+
+def _change_ball(ball: Ball, parameter: str, value: Any) -> Ball:
+    """Return the ball with another value of a parameter of its own or of its material, SI.
+
+    The mass and the moment of inertia of a solid ball follow; those that were given stay.
+    """
+    changes: dict[str, Any] = {}
+    solid_mass = ball.material.ball_mass(ball.diameter)
+    solid_inertia = 0.1 * ball.mass * ball.diameter**2
+    if math.isclose(ball.mass, solid_mass, rel_tol=_SAME):
+        changes["mass"] = None
+    if math.isclose(ball.inertia, solid_inertia, rel_tol=_SAME):
+        changes["inertia"] = None
+    if parameter in ("diameter", "mass"):
+        changes[parameter] = value
+    else:
+        changes["material"] = replace(ball.material, **{parameter: value})
+    return replace(ball, **changes)
+
+
+#: the balls that a scene, a sweep or a task is about
 Balls = Packing | Arrangement
 
 
@@ -320,20 +324,9 @@ def given_balls(packing: Any) -> Balls:
     return packing if isinstance(packing, Arrangement) else given_packing(packing)
 
 
-def _mean_of(name: str, what: str) -> property:
-    """Return the property that is the mean of a field of the crystal's state over its contacts."""
-
-    def find(state: LoadedCrystal) -> Any:
-        # of a sample, whose contacts open one by one, all contacts count, as in Crystal.at_force
-        live = (state.source.normal_stiffness > 0.0) | bool(np.any(state.source.crystal.deviations))
-        return np.mean(getattr(state.source, name), axis=-1, where=live)[()]
-
-    return property(find, doc=what)
-
-
 class LoadedCrystal(NetworkState):
     """States of a crystal as sweeps and scenes have them: with means over the contacts that carry
-    load, of a sample all.
+    load, of a sample over all contacts.
     """
 
     medium = "crystal"
@@ -355,7 +348,7 @@ class LoadedCrystal(NetworkState):
 
     @property
     def limits(self) -> Any:
-        """What limits the state, see :attr:`CrystalState.limits`."""
+        """The conditions that limit the state, see :attr:`CrystalState.limits`."""
         return self.source.limits
 
     @property
@@ -363,10 +356,35 @@ class LoadedCrystal(NetworkState):
         """Whether each state is within the range of its contact laws."""
         return self.source.valid
 
-    force = _mean_of("normal_force", "Mean normal force, N.")
-    overlap = _mean_of("overlap", "Mean overlap, m.")
-    normal_stiffness = _mean_of("normal_stiffness", "Mean normal stiffness, N/m.")
-    shear_stiffness = _mean_of("shear_stiffness", "Mean shear stiffness, N/m.")
+    def _average(self, values: Array) -> Any:
+        """Return the mean over contacts of ``values`` (..., n_c).
+
+        Open contacts do not count; of a sample, whose contacts open one by one, all contacts count,
+        as in :meth:`Crystal.at_force`.
+        """
+        is_sample = bool(np.any(self.source.crystal.deviations))
+        counts = (self.source.normal_stiffness > 0.0) | is_sample
+        return np.mean(values, axis=-1, where=counts)[()]
+
+    @property
+    def force(self) -> Any:
+        """Mean normal force, N."""
+        return self._average(self.source.normal_force)
+
+    @property
+    def overlap(self) -> Any:
+        """Mean overlap, m."""
+        return self._average(self.source.overlap)
+
+    @property
+    def normal_stiffness(self) -> Any:
+        """Mean normal stiffness, N/m."""
+        return self._average(self.source.normal_stiffness)
+
+    @property
+    def shear_stiffness(self) -> Any:
+        """Mean shear stiffness, N/m."""
+        return self._average(self.source.shear_stiffness)
 
     @property
     def relative_overlap(self) -> Any:
@@ -382,8 +400,8 @@ class LoadedCrystal(NetworkState):
     def pressure(self) -> Any:
         """Mean pressure, minus the trace of the stress over the periods: N, N/m or Pa.
 
-        Raises :class:`~granphon.base.errors.InputError` for what was cut, whose stress is that of
-        the whole layer.
+        Raises :class:`~granphon.base.errors.InputError` for a crystal that was cut, whose stress is
+        that of the whole layer.
         """
         p = self.packing.structure.periods
         if self.packing.structure.pressed_axes > p:
@@ -394,8 +412,8 @@ class LoadedCrystal(NetworkState):
 
     @property
     def exponent(self) -> Any:
-        """The exponent of sound velocities, see :attr:`CrystalState.exponent`; None where there is
-        none in common.
+        """The exponent of sound velocities, see :attr:`CrystalState.exponent`; None where contacts
+        do not have one in common.
         """
         try:
             return self.source.exponent
@@ -404,13 +422,13 @@ class LoadedCrystal(NetworkState):
 
     @property
     def exponent_error(self) -> Any:
-        """Its standard error: zero, as nothing is sampled."""
+        """Standard error of the exponent: zero, as nothing is sampled."""
         return None if self.exponent is None else np.zeros(self.shape)[()]
 
 
 class CrystalMedium(Medium[Any]):
-    """Balls of several kinds, each contact with its own law and force: what an :class:`Arrangement`
-    makes.
+    """The medium of an :class:`Arrangement`: balls of several kinds, each contact with its own law
+    and force.
     """
 
     name = "crystal"
@@ -427,7 +445,7 @@ class CrystalMedium(Medium[Any]):
         return bool(self.packing.crystal.n_balls <= _QUICK_BALLS)
 
     def require_sound(self, pushed: bool = False) -> None:
-        """Raise nothing: which contacts carry is found with the state."""
+        """Raise nothing: which contacts carry load is found with the state."""
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
         """Return the state at a load, with the shape of the values of the load."""
@@ -438,4 +456,11 @@ class CrystalMedium(Medium[Any]):
             options["gravity"] = load.gravity * crystal.downward
         if load.tensor is not None:
             values = np.asarray(values)[..., None] * np.array(load.tensor)
-        return LoadedCrystal(self.packing, getattr(crystal, f"at_{load.kind}")(values, **options))
+        find_state: dict[str, Callable[..., CrystalState]] = {
+            "force": crystal.at_force,
+            "overlap": crystal.at_overlap,
+            "pressure": crystal.at_pressure,
+            "stress": crystal.at_stress,
+            "strain": crystal.at_strain,
+        }
+        return LoadedCrystal(self.packing, find_state[load.kind](values, **options))

@@ -1,20 +1,21 @@
 """Crystals: balls of several kinds on any sites, and their contacts under any load.
 
-A crystal is data: kinds of balls, a cell, places at which neighbours touch, the law of each
-contact, and how its edges are held. Its methods ``at_...`` find the state at rest
-(:mod:`granphon.media.crystal_statics`), whose network of contacts is what velocities, bands and
-waves are found from.
+A crystal is data: kinds of balls, a cell, positions at which neighbours touch, the law of each
+contact, and how the edges are held. The methods ``at_...`` of a crystal find the state at rest
+(:mod:`granphon.media.crystal_statics`). Velocities, bands and waves are found from the network of
+contacts of that state.
 
-Where a crystal has been cut, its remaining periods lie along x, or in the xy plane, and its layers
-follow each other along the next axis: y in a plane, z in space, x of a chain.
+Where a crystal has been cut, the periods that remain lie along x, or in the xy plane, and the
+layers follow each other along the next axis: y in a plane, z in space, x of a chain.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
@@ -73,7 +74,7 @@ from granphon.networks.network import ContactNetwork
 
 #: most cells of a supercell along a period, and most layers of a cut
 _MOST_CELLS = 1_000_000
-#: most balls of a crystal: its contacts are held in memory, about 1 kB a ball
+#: most balls of a crystal, whose contacts are held in memory, about 1 kB a ball
 _MOST_BALLS = 10_000_000
 #: memory of a ball, or of a contact, while a crystal is made and checked, bytes
 _BALL_BYTES = 550.0
@@ -88,11 +89,18 @@ _PER_LOAD = (
     "strain",
     "ways",
 )
-#: relative error at which a mean force or overlap is reached, and most states on the way to it
+#: relative error at which a mean force or overlap is reached, and most states in the search for it
 _MEAN = 4e-15
 _MEANS = 60
-#: the first of these of a sample, which is at rest to 1e-12 of the mean force
+#: relative error at which the mean of a sample is reached: samples are at rest to 1e-12 of the mean
+#: force
 _SAMPLED = 1e-11
+#: relative error of a mean that is put down to rounding where no better one is found
+_ROUNDED_MEAN = 1e-13
+#: least length, area or volume of a cell, over the power of the mean radius
+_LEAST_CELL = 1e-3
+#: units of a pressure along so many axes
+_PRESSURE_UNITS = ("N", "N", "N/m", "Pa")
 #: difference of the exponents of contacts that is put down to rounding
 _SAME_EXPONENT = 1e-9
 
@@ -101,8 +109,8 @@ _SAME_EXPONENT = 1e-9
 class Faces:
     """The two faces of a cut, across ``axis`` of the crystal, lower and upper.
 
-    ``balls`` are those that a face touches, or the layer that it holds; ``thickness`` is that of
-    all layers, m.
+    ``balls`` are the balls that each face touches, or the layer that each face holds;
+    ``thickness`` is the thickness of all layers together, m.
     """
 
     axis: int
@@ -117,10 +125,10 @@ class Faces:
 
 
 class Side(NamedTuple):
-    """One face of a cut: its axis, which side it is on (-1 lower, 1 upper), how it is held, and the
-    balls there.
+    """One face of a cut: the axis, the side (-1 lower, 1 upper), how the face is held, and its
+    balls.
 
-    ``wall`` is the number of the wall that a load moves; -1 if it moves none.
+    ``wall`` is the number of the wall that a load moves; -1 of a face that no load moves.
     """
 
     axis: int
@@ -128,6 +136,33 @@ class Side(NamedTuple):
     edge: str
     balls: Index
     wall: int
+
+
+#: rows, columns and values of a sparse matrix from the unknowns to the relative displacements of
+#: contacts
+_Entry = tuple[Any, Any, Any]
+
+
+class _Unknowns(NamedTuple):
+    """The unknowns of the statics: displacements of the balls that move, then strains, then
+    displacements of walls.
+
+    ``free_number`` (n,) is the number of each ball among the balls that move, -1 of a ball that is
+    held, and ``n_free`` the number of their displacements; ``strains`` are the pairs of axes of the
+    strains; ``walls`` are the faces whose upper wall moves, and ``wall_of_ball`` (n,) is the number
+    of the wall that carries each ball, -1 of a ball on no wall.
+    """
+
+    free_number: Index
+    n_free: int
+    strains: tuple[tuple[int, int], ...]
+    walls: list[Faces]
+    wall_of_ball: Index
+
+    @property
+    def first_wall(self) -> int:
+        """Number of the first wall among the unknowns."""
+        return self.n_free + len(self.strains)
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -143,10 +178,10 @@ class Crystal(Result):
     law : the law of the normal force of all contacts, such as :class:`~granphon.Hertz` (the
         default), or a mapping from pairs of names of kinds to laws, {("A", "B"): law}; a registered
         law by its name. A floor is the kind "floor". An object of your own with the methods of
-        :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; it is compared with its
-        derivatives once. A law whose force is zero at overlaps below 0 only pushes. One that pulls
-        there is a bond, which never opens; or it adheres down to its ``least_overlap``, and is zero
-        below that.
+        :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; its force is compared
+        with its derivatives once. A law whose force is zero at overlaps below 0 only pushes. A law
+        that pulls at overlaps below 0 is a bond, which never opens; or it adheres down to its
+        ``least_overlap``, below which the force is zero.
     friction : whether contacts resist shear, with the stiffness of Mindlin for contacts that do not
         slip: kappa = 8 G* a, where the contact radius a of any law follows from its stiffness k = 2
         E* a.
@@ -158,11 +193,11 @@ class Crystal(Result):
 
     Attributes
     ----------
-    kinds, names : the different balls, and what each kind is called: A, B, C, ... if its ball has
-        no name.
+    kinds, names : the different balls, and the name of each kind: A, B, C, ... if its ball has no
+        name.
     kind : (n,) the number of the kind of each ball.
     deviations : (n,) diameters of the balls of a :meth:`sample`, minus the diameters of their
-        kinds, m; None of balls that are not drawn.
+        kinds, m; None if the balls were not drawn.
     contacts : the :class:`~granphon.balls.contact_table.ContactTable`, in m.
 
     Raises
@@ -209,140 +244,121 @@ class Crystal(Result):
         name: str = "of these balls",
     ) -> None:
         require("name", label, name)
-        places = real_array("positions", positions)
+        centres = real_array("positions", positions)
         vectors = real_array("cell", cell)
-        if places.ndim != 2 or not len(places) or not 1 <= places.shape[1] <= 3:
-            what = f"positions of the crystal have the shape {places.shape}"
-            raise InputError(what, mend="Give (n, d) centres in m, d = 1, 2 or 3")
-        n, d = places.shape
+        if centres.ndim != 2 or not len(centres) or not 1 <= centres.shape[1] <= 3:
+            problem = f"positions of the crystal have the shape {centres.shape}"
+            raise InputError(problem, mend="Give (n, d) centres in m, d = 1, 2 or 3")
+        n, d = centres.shape
         vectors = vectors.reshape(0, d) if vectors.size == 0 else vectors
         if vectors.ndim != 2 or vectors.shape[1] != d or len(vectors) > d:
-            what = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
-            raise InputError(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
-        if not (np.all(np.isfinite(places)) and np.all(np.isfinite(vectors))):
-            raise InputError(
-                "the cell or a position of the crystal is not finite",
-                mend="Give finite numbers, in m",
-            )
-        given = list_balls(balls)
-        if len(given) != n:
-            raise InputError(
-                f"there are {len(given)} balls and {n} positions",
-                mend="Give one ball for each site",
-            )
-        kinds, kind = find_kinds(given)
-        p = len(vectors)
+            problem = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
+            raise InputError(problem, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
+        if not (np.all(np.isfinite(centres)) and np.all(np.isfinite(vectors))):
+            problem = "the cell or a position of the crystal is not finite"
+            raise InputError(problem, mend="Give finite numbers, in m")
+        site_balls = list_balls(balls)
+        if len(site_balls) != n:
+            problem = f"there are {len(site_balls)} balls and {n} positions"
+            raise InputError(problem, mend="Give one ball for each site")
+        kinds, kind = find_kinds(site_balls)
         radii = np.array([ball.radius for ball in kinds])[kind]
-        mean = float(np.mean(radii))
-        if np.any(np.abs(vectors[:, p:]) > TOUCH * mean):
-            where = ("", "along x", "in the xy plane", "")[p]
-            raise InputError(
-                f"the cell of crystal {name!r} does not lie {where}", mend="Turn the crystal"
-            )
-        if p and not abs(np.linalg.det(vectors[:, :p] / mean)) > 1e-3:
-            what = f"the cell of crystal {name!r} has no room for a ball"
-            why = f"Its vectors are too short for balls of {2.0 * mean:.4g} m, or not independent"
-            raise InputError(what, why, "Give lengths in m")
-        if p == 0 and n == 1:
+        _require_cell(vectors, float(np.mean(radii)), name)
+        if len(vectors) == 0 and n == 1:
             raise InputError("a single ball without a period touches nothing", mend="Give a cell")
-        contacts = find_contacts(vectors, places, name, radii)
-        read = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
+        contacts = find_contacts(vectors, centres, name, radii)
+        twist, roll = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
         self._set(
             kinds=kinds,
             names=name_kinds(kinds),
             kind=kind,
             cell=vectors,
-            positions=places,
+            positions=centres,
             contacts=contacts,
             law=read_laws(law),
             friction=require("friction", truth, friction),
             motions=motions,
-            torsion=read[0],
-            bending=read[1],
+            torsion=twist,
+            bending=roll,
             name=name,
             faces=(),
             deviations=None,
         )
 
     def _set(self, **values: Any) -> None:
-        for key, value in values.items():
-            kept = read_only(value) if isinstance(value, np.ndarray) else value
-            object.__setattr__(self, key, kept)
-        _ = self._springs  # the laws of all pairs are there
+        """Set the attributes, of which arrays become read-only; raise if a pair lacks a law."""
+        for name, value in values.items():
+            frozen = read_only(value) if isinstance(value, np.ndarray) else value
+            object.__setattr__(self, name, frozen)
+        _ = self._springs
 
     @classmethod
     def _of_fields(cls, *values: Any) -> Self:
-        made = object.__new__(cls)
-        made._set(**{field.name: value for field, value in zip(fields(cls), values, strict=True)})
-        return made
+        """Make a crystal of the values of its fields, unchecked."""
+        crystal = object.__new__(cls)
+        names = [field.name for field in fields(cls)]
+        crystal._set(**dict(zip(names, values, strict=True)))
+        return crystal
 
     def _check(self) -> None:
-        """Raise :class:`~granphon.base.errors.InputError` for what the constructor refuses or could
-        not have found.
+        """Raise :class:`~granphon.base.errors.InputError` for data that the constructor refuses or
+        could not have found.
         """
         super()._check()
         read_rolling(
             f"the crystal {self.name!r}", self.dimension, self.motions, self.torsion, self.bending
         )
         table = self.contacts
-        n = self.n_balls
         radii = self._mean_radii
-        ends, allowed = (
-            np.concatenate(
-                [table.i, table.j, *(balls for face in self.faces for balls in face.balls)]
-            ),
-            range(n),
+        face_balls = [balls for face in self.faces for balls in face.balls]
+        ends = np.concatenate([table.i, table.j, *face_balls])
+        separations = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
+        along_normal = table.normal * np.linalg.norm(separations, axis=1)[:, None]
+        tolerance = TOUCH * float(np.mean(radii))
+        kinds_exist = np.all(np.isin(self.kind, range(len(self.kinds))))
+        kinds_are_named = len(self.names) == len(self.kinds)
+        ends_exist = np.all(np.isin(ends, range(self.n_balls)))
+        vectors_lead = np.all(np.abs(table.vector - separations) <= tolerance)
+        normals_lie_along = np.all(np.abs(along_normal - separations) <= tolerance)
+        arms_i_are_radii = np.all(np.abs(table.arm_i - radii[table.i]) <= tolerance)
+        arms_j_are_radii = np.all(np.abs(table.arm_j - radii[table.j]) <= tolerance)
+        cuts_are_thick = all(
+            face.thickness > 0.0 and np.isfinite(face.thickness) for face in self.faces
         )
-        apart = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
-        small = TOUCH * float(np.mean(radii))
-        for holds, what in (
-            (np.all(np.isin(self.kind, range(len(self.kinds)))), "a ball has no kind"),
-            (len(self.names) == len(self.kinds), "there are not as many names as kinds"),
-            (np.all(np.isin(ends, allowed)), "a contact or a face names a ball that is not there"),
-            (
-                np.all(np.abs(table.vector - apart) <= small),
-                "a contact does not lead from ball to ball",
-            ),
-            (
-                np.all(
-                    np.abs(table.normal * np.linalg.norm(apart, axis=1)[:, None] - apart) <= small
-                ),
-                "a normal is not along it",
-            ),
-            (np.all(np.abs(table.arm_i - radii[table.i]) <= small), "an arm is not the radius"),
-            (np.all(np.abs(table.arm_j - radii[table.j]) <= small), "an arm is not the radius"),
-            (
-                all(face.thickness > 0.0 and np.isfinite(face.thickness) for face in self.faces),
-                "a cut has no thickness",
-            ),
+        for holds, problem in (
+            (kinds_exist, "a ball has no kind"),
+            (kinds_are_named, "there are not as many names as kinds"),
+            (ends_exist, "a contact or a face names a ball that is not there"),
+            (vectors_lead, "a contact does not lead from ball to ball"),
+            (normals_lie_along, "a normal is not along it"),
+            (arms_i_are_radii and arms_j_are_radii, "an arm is not the radius"),
+            (cuts_are_thick, "a cut has no thickness"),
         ):
             if not holds:
-                raise InputError(
-                    f"{what} in the data of the crystal {self.name!r}",
-                    mend="Make the crystal again",
-                )
+                problem = f"{problem} in the data of the crystal {self.name!r}"
+                raise InputError(problem, mend="Make the crystal again")
 
     def _derive(self, **changes: Any) -> Self:
         """Return the crystal with other values of some attributes."""
-        return self._of_fields(
-            *(changes.get(one.name, getattr(self, one.name)) for one in fields(self))
-        )
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return self._of_fields(*(values | changes).values())
 
     def _take(
         self, origin: Index, contacts: ContactTable, positions: Array, **changes: Any
     ) -> Self:
-        """Return a crystal of balls that are those of the numbers ``origin``; they keep what they
-        are, and their faces.
+        """Return a crystal of the balls with the numbers ``origin``, which keep their kinds and
+        their faces.
         """
         kind = self.kind[origin]
+        # the kinds that remain, in the order in which their balls come
         used = kind[np.sort(np.unique(kind, return_index=True)[1])]
         faces = []
         for face in self.faces:
-            low, high = (read_only(np.flatnonzero(np.isin(origin, at))) for at in face.balls)
+            low, high = (read_only(np.flatnonzero(np.isin(origin, balls))) for balls in face.balls)
             faces.append(replace(face, balls=(low, high)))
         return self._derive(
-            kinds=tuple(self.kinds[one] for one in used),
-            names=tuple(self.names[one] for one in used),
+            kinds=tuple(self.kinds[number] for number in used),
+            names=tuple(self.names[number] for number in used),
             kind=np.argsort(used)[np.searchsorted(np.sort(used), kind)],
             positions=positions,
             contacts=contacts,
@@ -351,7 +367,7 @@ class Crystal(Result):
             **changes,
         )
 
-    # -- other ways to make one --------------------------------------------------------------------
+    # -- other ways to make a crystal --------------------------------------------------------------
 
     @classmethod
     def on(cls, lattice: str | Lattice, balls: Sequence[Ball], **options: Any) -> Self:
@@ -368,75 +384,38 @@ class Crystal(Result):
         options : options of the class: law, friction, motions, torsion, bending, name.
 
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError`
-        if they cannot all touch, because the radii do not fit the lattice.
+        if neighbours cannot all touch, because the radii do not fit the lattice.
         """
-        given = list_balls(balls)
-        find_kinds(given)
+        kinds = list_balls(balls)
+        find_kinds(kinds)
         if (isinstance(lattice, str) and lattice == "chain") or lattice is LATTICES["chain"]:
             steps = [
-                one.radius + other.radius
-                for one, other in zip(given, given[1:] + given[:1], strict=True)
+                ball.radius + following.radius
+                for ball, following in zip(kinds, kinds[1:] + kinds[:1], strict=True)
             ]
-            places = np.concatenate([[0.0], np.cumsum(steps)])
-            return cls(
-                given, [[float(places[-1])]], places[:-1, None], **({"name": "chain"} | options)
-            )
+            positions = np.concatenate([[0.0], np.cumsum(steps)])
+            options = {"name": "chain"} | options
+            return cls(kinds, [[float(positions[-1])]], positions[:-1, None], **options)
         structure = find_structure(lattice)
-        if len(given) > structure.n_balls or structure.n_balls % len(given):
-            sites = counted(structure.n_balls, "site")
-            what = (
-                f"{counted(len(given), 'kind')} of balls do not go on the {sites} in a cell of"
-                f" {structure.name}"
+        n = structure.n_balls
+        if len(kinds) > n or n % len(kinds):
+            problem = (
+                f"{counted(len(kinds), 'kind')} of balls do not go on the {counted(n, 'site')} in"
+                f" a cell of {structure.name}"
             )
+            why = "Kinds follow each other on the sites of one cell"
             mend = (
                 "Give a lattice that has a multiple, such as NaCl or CsCl for two kinds, or a"
                 " cell and places"
             )
-            raise InputError(what, "Kinds follow each other on the sites of one cell", mend)
-        balls_on = [given[site % len(given)] for site in range(structure.n_balls)]
-        radii = np.array([ball.radius for ball in balls_on])
-        table = structure.contacts
-        apart = radii[table.i] + radii[table.j]
-        scale = float(np.mean(apart))
-        if np.ptp(apart) > TOUCH * scale:
-            low = int(np.argmin(apart))
-            high = int(np.argmax(apart))
-            pairs = [
-                f"those of sites {table.i[at]} and {table.j[at]} at {apart[at]:.6g} m"
-                for at in (low, high)
-            ]
-            said = f"Centres would be apart: {pairs[0]}, {pairs[1]}"
-            what = f"balls of these sizes cannot all touch on the {structure.name} lattice"
-            raise InputError(
-                what, said, "Give balls of one size, or a cell and places at which they touch"
-            )
+            raise InputError(problem, why, mend)
+        site_balls = [kinds[site % len(kinds)] for site in range(n)]
+        scale = _scale_until_touch(structure, site_balls)
         cell = scale * structure.vectors
-        if len(given) == structure.n_balls == 2:
-            # the larger of two balls must not touch each other before they touch the smaller
-            p = structure.periods
-            images = np.stack(np.meshgrid(*[[-1, 0, 1]] * p), axis=-1).reshape(-1, p)
-            gap = float(np.min(np.linalg.norm(images[np.any(images, axis=1)] @ cell, axis=1)))
-            small, large = sorted(given, key=lambda ball: ball.diameter)
-            if gap < large.diameter * (1.0 - TOUCH):
-                least = (
-                    2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / gap)
-                    - large.diameter
-                )
-                called = small.name or "AB"[given.index(small)]
-                what = (
-                    f"ball {called} of {small.diameter:g} m is too small for its site in"
-                    f" {structure.name}"
-                )
-                ratio = small.diameter / large.diameter
-                wanted = least / large.diameter
-                why = f"The others, of {large.diameter:g} m, touch each other before they touch it:"
-                why += (
-                    f" the ratio of the diameters is {ratio:.4g}, and must be {wanted:.4g} or more"
-                )
-                raise InputError(what, why, f"Give it a diameter of {least:.6g} m or more")
-        return cls(
-            balls_on, cell, scale * structure.positions, **({"name": structure.name} | options)
-        )
+        if len(kinds) == n == 2:
+            _require_large_enough(structure, cell, kinds)
+        options = {"name": structure.name} | options
+        return cls(site_balls, cell, scale * structure.positions, **options)
 
     @classmethod
     def from_atoms(cls, atoms: Any, balls: Mapping[str, Ball], **options: Any) -> Self:
@@ -444,70 +423,61 @@ class Crystal(Result):
         for each chemical symbol.
 
         ``options`` are those of the class. The crystal repeats along the vectors of the cell that
-        are periodic. Where all balls have the same z and none of the periods leaves the plane, it
-        is one of the plane; on a line it is a chain. Kinds are called by their symbols.
+        are periodic. Where all balls have the same z and none of the periods leaves the plane, the
+        crystal is plane; on a line it is a chain. Kinds are called by their symbols.
 
-        Raises :class:`~granphon.base.errors.InputError` for a symbol without a ball, and for what
-        the class does not allow.
+        Raises :class:`~granphon.base.errors.InputError` for a symbol without a ball, and for
+        arguments that the class does not allow.
         """
-        if not all(
-            hasattr(atoms, name) for name in ("positions", "cell", "pbc", "get_chemical_symbols")
-        ):
-            raise InputError(
-                f"{brief(atoms)} are not Atoms", mend="Give ase.Atoms, with lengths in m"
-            )
+        attributes = ("positions", "cell", "pbc", "get_chemical_symbols")
+        if not all(hasattr(atoms, name) for name in attributes):
+            problem = f"{brief(atoms)} are not Atoms"
+            raise InputError(problem, mend="Give ase.Atoms, with lengths in m")
         symbols = atoms.get_chemical_symbols()
         if not symbols or not isinstance(balls, Mapping):
-            what = f"the balls are {brief(balls)}" if symbols else "there are no atoms"
-            raise InputError(
-                what,
-                mend='Give balls by symbols, as {"Na": ball}' if symbols else "Give one or more",
-            )
-        if missing := sorted(set(symbols) - set(balls)):
-            raise InputError(
-                f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol"
-            )
+            problem = "there are no atoms"
+            mend = "Give one or more"
+            if symbols:
+                problem = f"the balls are {brief(balls)}"
+                mend = 'Give balls by symbols, as {"Na": ball}'
+            raise InputError(problem, mend=mend)
+        missing = sorted(set(symbols) - set(balls))
+        if missing:
+            problem = f"there is no ball for {', '.join(missing)}"
+            raise InputError(problem, mend="Give one for each symbol")
         find_kinds([balls[symbol] for symbol in symbols])
         named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
-        places = np.array(atoms.positions, float)
+        positions = np.array(atoms.positions, float)
         cell = np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
-        small = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
+        tolerance = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
         d = 3
-        while (
-            d > 1
-            and len(cell) < d
-            and np.ptp(places[:, d - 1]) <= small
-            and not np.any(np.abs(cell[:, d - 1]) > small)
-        ):
+        while d > 1 and len(cell) < d:
+            is_level = np.ptp(positions[:, d - 1]) <= tolerance
+            if not is_level or np.any(np.abs(cell[:, d - 1]) > tolerance):
+                break
             d -= 1
-        return cls(
-            [named[one] for one in symbols],
-            cell[:, :d],
-            places[:, :d],
-            **({"name": "of these atoms"} | options),
-        )
+        options = {"name": "of these atoms"} | options
+        site_balls = [named[symbol] for symbol in symbols]
+        return cls(site_balls, cell[:, :d], positions[:, :d], **options)
 
     def repeat(self, shape: Any) -> Self:
-        """Return the crystal of ``shape`` (L1, ..., Lp) cells of this one as one cell.
+        """Return the crystal whose cell is ``shape`` (L1, ..., Lp) cells of this crystal.
 
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
         """
         if not self.periods:
-            raise InputError(
-                f"crystal {self.name!r} has no period along which it could be repeated",
-                mend="Give its cell",
-            )
-        full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
-        _require_room(math.prod(full), self)
+            problem = f"crystal {self.name!r} has no period along which it could be repeated"
+            raise InputError(problem, mend="Give its cell")
+        counts = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
+        _require_room(math.prod(counts), self)
         table = self.contacts
         n = self.n_balls
-        cells, *ends = repeat_contacts(table.i, table.j, table.shift, n, tuple(full))
+        cells, *ends = repeat_contacts(table.i, table.j, table.shift, n, tuple(counts))
         origin = np.tile(np.arange(n), len(cells))
         rows = np.tile(np.arange(len(table)), len(cells))
         positions = ((cells @ self.cell)[:, None] + self.positions).reshape(-1, self.dimension)
-        return self._take(
-            origin, table.take(rows, *ends), positions, cell=self.cell * np.array(full)[:, None]
-        )
+        cell = self.cell * np.array(counts)[:, None]
+        return self._take(origin, table.take(rows, *ends), positions, cell=cell)
 
     def sample(self, shape: Any = None, seed: int = 0, diameters: ArrayLike | None = None) -> Self:
         """Return a supercell whose balls have their own diameters, with the distributions that
@@ -527,8 +497,7 @@ class Crystal(Result):
         contact law of the mean ball, and mean balls touch at the reference sites. A contact of
         balls with the deviations D_i and D_j has the overlap (D_i + D_j)/2 there. In the state at
         rest some contacts are then open, and some balls may be loose. Means of forces and overlaps,
-        as
-        :meth:`at_force` takes them, are over all contacts of the sample, the open ones too.
+        as :meth:`at_force` takes them, are over all contacts of the sample, the open ones too.
 
         Raises :class:`~granphon.base.errors.InputError` for another shape of the arrays, numbers
         that are not finite and above zero, and crystals without a spread of which no diameters are
@@ -536,39 +505,45 @@ class Crystal(Result):
         """
         p = self.periods
         n = self.n_balls
-        given = None
+        listed = None
         if diameters is not None:
-            given = finite_array("diameters", diameters, "m", "above zero")
-            if given.ndim != p + (n > 1) or (n > 1 and given.shape[-1] != n) or shape is not None:
-                wanted = ", ".join([*(f"L{axis + 1}" for axis in range(p)), *[str(n)] * (n > 1)])
-                what = f"diameters have the shape {given.shape}, and shape is {brief(shape)}"
-                raise InputError(what, mend=f"Give an array ({wanted}), and no shape")
-            shape = given.shape[:p]
+            listed = self._read_diameters(diameters, shape)
+            shape = listed.shape[:p]
         elif not any(ball.spread for ball in self.kinds):
-            what = f"no ball of crystal {self.name!r} has a spread of diameters"
-            raise InputError(
-                what,
-                mend="Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or"
-                " diameters",
-            )
-        full = tuple(np.atleast_1d(np.asarray((1,) * p if shape is None else shape)).tolist())
-        other = self.repeat(full) if p or full else self
-        off = np.zeros(other.n_balls) if given is None else given.ravel().astype(float)
+            problem = f"no ball of crystal {self.name!r} has a spread of diameters"
+            mend = "Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or diameters"
+            raise InputError(problem, mend=mend)
+        counts = tuple(np.atleast_1d(np.asarray((1,) * p if shape is None else shape)).tolist())
+        supercell = self.repeat(counts) if p or counts else self
+        deviations = np.zeros(supercell.n_balls)
+        if listed is not None:
+            deviations = listed.ravel().astype(float)
+        sample_shape = (*counts, n) if n > 1 or not p else counts
         for number, ball in enumerate(self.kinds):
-            own = other.kind == number
-            if given is None and ball.spread is not None:
-                off[own] = ball.spread.sample((*full, n) if n > 1 or not p else full, seed).ravel()[
-                    own
-                ]
-            # twice, so that what remains is zero to the rounding of the deviations, not of the
-            # diameters
-            off[own] -= np.mean(off[own])
-            off[own] -= np.mean(off[own])
-            if (least := ball.diameter + float(np.min(off[own]))) <= 0.0:
-                raise InputError(
-                    f"the smallest ball has a diameter of {least:g} m", mend="Give a smaller spread"
-                )
-        return other._derive(deviations=off)
+            members = supercell.kind == number
+            if listed is None and ball.spread is not None:
+                deviations[members] = ball.spread.sample(sample_shape, seed).ravel()[members]
+            # the mean is subtracted twice, so that what remains of it is zero to the rounding of
+            # the deviations, not of the diameters
+            deviations[members] -= np.mean(deviations[members])
+            deviations[members] -= np.mean(deviations[members])
+            least = ball.diameter + float(np.min(deviations[members]))
+            if least <= 0.0:
+                problem = f"the smallest ball has a diameter of {least:g} m"
+                raise InputError(problem, mend="Give a smaller spread")
+        return supercell._derive(deviations=deviations)
+
+    def _read_diameters(self, diameters: ArrayLike, shape: Any) -> Array:
+        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m."""
+        p = self.periods
+        n = self.n_balls
+        array = finite_array("diameters", diameters, "m", "above zero")
+        has_balls = n == 1 or array.shape[-1:] == (n,)
+        if array.ndim != p + (n > 1) or not has_balls or shape is not None:
+            axes = [f"L{axis + 1}" for axis in range(p)] + [str(n)] * (n > 1)
+            problem = f"diameters have the shape {array.shape}, and shape is {brief(shape)}"
+            raise InputError(problem, mend=f"Give an array ({', '.join(axes)}), and no shape")
+        return array
 
     def replace(self, index: Any, ball: Ball) -> Self:
         """Return the crystal with another ball at one site, or at several: a defect.
@@ -576,79 +551,74 @@ class Crystal(Result):
         ``index`` is the number of a ball, or a list of numbers. A ball of another size must touch
         the same neighbours.
         """
-        at = index_array("index", index, self.n_balls)
-        given = list(self.balls)
+        sites = index_array("index", index, self.n_balls)
+        site_balls = list(self.balls)
         if not isinstance(ball, Ball):
             raise InputError(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball")
-        for one in at.tolist():
-            if abs(ball.radius - given[one].radius) > 0.5 * TOUCH * ball.radius:
-                what = (
-                    f"ball {one} has the radius {given[one].radius:.9g} m, and the new one"
+        for site in sites.tolist():
+            radius = site_balls[site].radius
+            if abs(ball.radius - radius) > 0.5 * TOUCH * ball.radius:
+                problem = (
+                    f"ball {site} has the radius {radius:.9g} m, and the new one"
                     f" {ball.radius:.9g} m"
                 )
                 why = "Its neighbours would overlap or miss it"
-                raise InputError(
-                    what,
-                    why,
-                    "Give a ball of the same size, or a new crystal from cell and positions",
-                )
-            given[one] = ball
-        kinds, kind = find_kinds(given)
-        known = dict(zip(self.kinds, self.names, strict=True))
+                mend = "Give a ball of the same size, or a new crystal from cell and positions"
+                raise InputError(problem, why, mend)
+            site_balls[site] = ball
+        kinds, kind = find_kinds(site_balls)
+        names = name_kinds(kinds, dict(zip(self.kinds, self.names, strict=True)))
         deviations = self.deviations
         if deviations is not None:
-            deviations = np.where(np.isin(np.arange(self.n_balls), at), 0.0, deviations)
-        return self._derive(
-            kinds=kinds, kind=kind, names=name_kinds(kinds, known), deviations=deviations
-        )
+            is_replaced = np.isin(np.arange(self.n_balls), sites)
+            deviations = np.where(is_replaced, 0.0, deviations)
+        return self._derive(kinds=kinds, kind=kind, names=names, deviations=deviations)
 
     def with_balls(self, balls: Mapping[str, Ball]) -> Self:
-        """Return the crystal with other balls of some kinds, by name, at the same places.
+        """Return the crystal with other balls of some kinds, by name, at the same positions.
 
-        Raises :class:`~granphon.base.errors.InputError` for what is no mapping of names to balls, a
-        name without a kind, and a ball of another diameter.
+        Raises :class:`~granphon.base.errors.InputError` for an argument that is no mapping of names
+        to balls, a name without a kind, and a ball of another diameter.
         """
-        known = dict(zip(self.names, self.kinds, strict=True))
-        given: object = balls
-        if not isinstance(given, Mapping) or not all(
-            isinstance(ball, Ball) for ball in given.values()
+        kinds = dict(zip(self.names, self.kinds, strict=True))
+        mapping: object = balls
+        if not isinstance(mapping, Mapping) or not all(
+            isinstance(ball, Ball) for ball in mapping.values()
         ):
-            mend = (
-                f'Give a granphon.Ball for each kind that changes, as {{"{self.names[0]}": ball}}'
-            )
-            raise InputError(f"the balls are {brief(given)}", mend=mend)
+            example = f'{{"{self.names[0]}": ball}}'
+            mend = f"Give a granphon.Ball for each kind that changes, as {example}"
+            raise InputError(f"the balls are {brief(mapping)}", mend=mend)
         for name, ball in balls.items():
-            if name not in known:
-                raise InputError(
-                    f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(known)}"
-                )
-            if ball.diameter != known[name].diameter:
-                what = (
+            if name not in kinds:
+                problem = f"there is no kind of ball {name!r}"
+                raise InputError(problem, mend=f"Give one of {', '.join(kinds)}")
+            diameter = kinds[name].diameter
+            if ball.diameter != diameter:
+                problem = (
                     f"balls {name!r} of {ball.diameter:g} m do not touch their neighbours where"
-                    f" those of "
+                    f" those of {diameter:g} m lie"
                 )
                 why = "Only on a named lattice places follow from diameters"
-                raise InputError(
-                    f"{what}{known[name].diameter:g} m lie", why, "Make the crystal anew"
-                )
-        return self._derive(kinds=tuple((known | dict(balls)).values()))
+                raise InputError(problem, why, "Make the crystal anew")
+        return self._derive(kinds=tuple((kinds | dict(balls)).values()))
 
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number
         or a list of numbers.
         """
-        kept = np.ones(self.n_balls, bool)
-        kept[index_array("index", index, self.n_balls)] = False
-        if not np.any(kept):
+        remains = np.ones(self.n_balls, bool)
+        remains[index_array("index", index, self.n_balls)] = False
+        if not np.any(remains):
             raise InputError("no ball is left", mend="Remove fewer")
-        place = np.cumsum(kept) - 1
+        new_numbers = np.cumsum(remains) - 1
         table = self.contacts
-        origin = np.flatnonzero(kept)
-        rows = np.flatnonzero(kept[table.i] & kept[table.j])
-        contacts = table.take(rows, place[table.i[rows]], place[table.j[rows]], table.shift[rows])
-        other = self._take(origin, contacts, self.positions[kept])
-        other._require_joined()
-        return other
+        rows = np.flatnonzero(remains[table.i] & remains[table.j])
+        i = new_numbers[table.i[rows]]
+        j = new_numbers[table.j[rows]]
+        contacts = table.take(rows, i, j, table.shift[rows])
+        crystal = self._take(np.flatnonzero(remains), contacts, self.positions[remains])
+        crystal._require_joined()
+        return crystal
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
         """Return so many layers of the crystal, which no longer repeat across them: a strip, slab
@@ -667,69 +637,68 @@ class Crystal(Result):
             upper).
 
         The layers follow each other along the first axis that is no longer a period, the lower face
-        first: y of what was cut from a plane, z from space, x from a chain. If need be the crystal
-        is turned, so that the periods that are left lie along x or in the xy plane. Where both
-        faces are walls, a load moves the upper one.
+        first: y of a crystal cut from a plane, z from space, x from a chain. If need be the crystal
+        is turned, so that the periods that remain lie along x or in the xy plane. Where both faces
+        are walls, a load moves the upper wall.
 
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, and if
         layers do not hang together.
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count, self)
-        words, layering = require("edges", read_edges, edges), Layers.across(axis, self.cell)
-        d = self.dimension
+        face_edges = require("edges", read_edges, edges)
+        layering = Layers.across(axis, self.cell)
         n = self.n_balls
-        a = self.periods - 1
+        across = self.periods - 1
         table = self.contacts
-        turn = layering.turn
         stack = layering.stack
         sites, shift = layering.gather(self.positions, table.i, table.j, table.shift)
         i, j, rows, shift = layering.unfold(table.i, table.j, shift, n, count)
-        positions = ((sites @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(
-            -1, d
-        )
+        layer_positions = (sites @ layering.turn.T)[None]
+        positions = layer_positions + np.arange(count)[:, None, None] * stack
+        positions = positions.reshape(-1, self.dimension)
         origin = np.tile(np.arange(n), count)
-        outer = find_faces(positions[:, a], self._mean_radii[origin], words, n)
-        other = self._take(
-            origin, table.take(rows, i, j, shift, turn), positions, cell=layering.cell
-        )
-        face = Faces(a, count * abs(float(stack[a])), words, outer)
-        other = other._derive(faces=(*other.faces, face))
-        other._require_joined()
-        return other
+        contacts = table.take(rows, i, j, shift, layering.turn)
+        crystal = self._take(origin, contacts, positions, cell=layering.cell)
+        outer_balls = find_faces(positions[:, across], self._mean_radii[origin], face_edges, n)
+        thickness = count * abs(float(stack[across]))
+        faces = Faces(across, thickness, face_edges, outer_balls)
+        crystal = crystal._derive(faces=(*crystal.faces, faces))
+        crystal._require_joined()
+        return crystal
 
     def _require_joined(self) -> None:
         """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp,
         and faces have balls.
         """
         n = self.n_balls
-        p = self.periods
         table = self.contacts
-        if not all(one.balls.size for one in self._sides):
-            what = f"no ball is left at a face of crystal {self.name!r}"
+        if not all(side.balls.size for side in self._sides):
+            problem = f"no ball is left at a face of crystal {self.name!r}"
             why = "It could be neither held nor pressed there"
-            raise InputError(what, why, "Remove balls first, and cut then")
+            raise InputError(problem, why, "Remove balls first, and cut then")
         if not self.n_contacts:
-            raise InputError(
-                f"no balls of crystal {self.name!r} touch",
-                mend="Give more layers, or remove fewer balls",
-            )
+            problem = f"no balls of crystal {self.name!r} touch"
+            raise InputError(problem, mend="Give more layers, or remove fewer balls")
         held = np.zeros(n, bool)  # by a wall, which extends along all periods
-        held[
-            np.concatenate(
-                [np.zeros(0, np.intp), *(one.balls for one in self._sides if one.edge != "free")]
-            )
-        ] = True
-        if (alone := np.setdiff1d(np.flatnonzero(~held), np.append(table.i, table.j))).size:
-            raise InputError(
-                f"ball {alone[0]} of crystal {self.name!r} touches no other", mend="Remove it too"
-            )
-        mend = "Remove one of them, or give more layers"
+        for side in self._sides:
+            held[side.balls] |= side.edge != "free"
+        alone = np.setdiff1d(np.flatnonzero(~held), np.append(table.i, table.j))
+        if alone.size:
+            problem = f"ball {alone[0]} of crystal {self.name!r} touches no other"
+            raise InputError(problem, mend="Remove it too")
         require_joined(
-            table.i, table.j, table.shift, n, p, f"crystal {self.name!r}", mend=mend, held=held
+            table.i,
+            table.j,
+            table.shift,
+            n,
+            self.periods,
+            f"crystal {self.name!r}",
+            mend="Remove one of them, or give more layers",
+            held=held,
         )
 
-    # -- what it is --------------------------------------------------------------------------------
+    # -- balls and contacts ------------------------------------------------------------------------
 
     @property
     def n_balls(self) -> int:
@@ -749,12 +718,12 @@ class Crystal(Result):
     @property
     def balls(self) -> tuple[Ball, ...]:
         """The ball at each site."""
-        return tuple(self.kinds[one] for one in self.kind.tolist())
+        return tuple(self.kinds[number] for number in self.kind.tolist())
 
     @property
     def n_contacts(self) -> int:
-        """Number of contacts in the cell, those with floors among them, which come last."""
-        return len(self.contacts) + sum(len(one.balls) for one in self._floors)
+        """Number of contacts in the cell; contacts with floors count, and come last."""
+        return len(self.contacts) + sum(len(floor.balls) for floor in self._floors)
 
     @property
     def measure(self) -> float:
@@ -763,12 +732,13 @@ class Crystal(Result):
 
     def __repr__(self) -> str:
         kinds = ", ".join(
-            f"{np.count_nonzero(self.kind == at)} {name}" for at, name in enumerate(self.names)
+            f"{np.count_nonzero(self.kind == number)} {name}"
+            for number, name in enumerate(self.names)
         )
-        what = f"{counted(self.n_balls, 'ball')} ({kinds}), {counted(self.n_contacts, 'contact')}"
-        return (
-            f"Crystal({self.name!r}: {what}, {counted(self.periods, 'period')}, {self.dimension}D)"
-        )
+        balls = f"{counted(self.n_balls, 'ball')} ({kinds})"
+        contacts = counted(self.n_contacts, "contact")
+        periods = counted(self.periods, "period")
+        return f"Crystal({self.name!r}: {balls}, {contacts}, {periods}, {self.dimension}D)"
 
     @cached_property
     def radii(self) -> Array:
@@ -794,25 +764,32 @@ class Crystal(Result):
 
     @property
     def is_held(self) -> bool:
-        """Whether a floor or clamp holds balls of it."""
-        return any(one.edge != "free" for one in self._sides)
+        """Whether a floor or clamp holds balls of the crystal."""
+        return any(side.edge != "free" for side in self._sides)
 
     @property
     def downward(self) -> Array:
-        """(d,) unit vector across the layers of what was cut, towards the face that is held; the
-        lower one if both are.
+        """(d,) unit vector across the layers of a cut, towards the face that is held; towards the
+        lower face if both are held.
 
-        Raises :class:`~granphon.base.errors.InputError` if no face is.
+        Raises :class:`~granphon.base.errors.InputError` if no face is held.
         """
-        for one in self._sides:
-            if one.edge != "free":
-                return np.asarray(one.sign * np.eye(self.dimension)[one.axis])
-        what = f"nothing holds crystal {self.name!r} against gravity"
-        error = InputError(
-            what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'
-        )
+        for side in self._sides:
+            if side.edge != "free":
+                return np.asarray(side.sign * np.eye(self.dimension)[side.axis])
+        problem = f"nothing holds crystal {self.name!r} against gravity"
+        mend = 'Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'
+        error = InputError(problem, mend=mend)
         error.block = ("load", "gravity")
         raise error
+
+    def _take_least_of_ends(self, values: Array) -> Array:
+        """Return the smaller of the ``values`` (n,) of the two balls of each contact, (n_c,); at
+        a floor the value of the ball.
+        """
+        table = self.contacts
+        on_floors = [values[floor.balls] for floor in self._floors]
+        return np.concatenate([np.minimum(values[table.i], values[table.j]), *on_floors])
 
     @cached_property
     def masses(self) -> Array:
@@ -822,25 +799,19 @@ class Crystal(Result):
     @cached_property
     def _sides(self) -> list[Side]:
         """The faces of all cuts, the lower before the upper of each."""
-        out = list[Side]()
+        sides = list[Side]()
         walls = 0
         for face in self.faces:
             for sign, edge, balls in zip((-1.0, 1.0), face.edges, face.balls, strict=True):
-                out.append(
-                    Side(
-                        face.axis,
-                        sign,
-                        edge,
-                        balls,
-                        walls if face.is_pressed and sign > 0.0 else -1,
-                    )
-                )
+                wall = walls if face.is_pressed and sign > 0.0 else -1
+                sides.append(Side(face.axis, sign, edge, balls, wall))
             walls += face.is_pressed
-        return out
+        return sides
 
     @property
     def _floors(self) -> list[Side]:
-        return [one for one in self._sides if one.edge == "floor"]
+        """The faces that stand on a floor."""
+        return [side for side in self._sides if side.edge == "floor"]
 
     @cached_property
     def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
@@ -849,55 +820,52 @@ class Crystal(Result):
         """
         table = self.contacts
         m = len(self.kinds)
-        one = self.kind[table.i]
-        other = self.kind[table.j]
-        at_floor = np.concatenate(
-            [np.zeros(0, np.intp), *(self.kind[one.balls] for one in self._floors)]
-        )
-        low = np.concatenate([np.minimum(one, other), at_floor])
-        high = np.concatenate([np.maximum(one, other), np.full(len(at_floor), m)])
-        keys, number = np.unique(low * (m + 1) + high, return_inverse=True)
+        kinds_i = self.kind[table.i]
+        kinds_j = self.kind[table.j]
+        on_floors = [self.kind[floor.balls] for floor in self._floors]
+        kinds_on_floors = np.concatenate([np.zeros(0, np.intp), *on_floors])
+        floor_kinds = np.full(len(kinds_on_floors), m)
+        low = np.concatenate([np.minimum(kinds_i, kinds_j), kinds_on_floors])
+        high = np.concatenate([np.maximum(kinds_i, kinds_j), floor_kinds])
+        keys, pair_of_contact = np.unique(low * (m + 1) + high, return_inverse=True)
         bodies: list[Body] = [*self.kinds, RIGID_PLANE]
         names = [*self.names, RIGID_PLANE.name]
         pairs = [
             (bodies[a], bodies[b], names[a], names[b])
             for a, b in (divmod(key, m + 1) for key in keys.tolist())
         ]
-        return pairs, number.astype(np.intp)
+        return pairs, pair_of_contact.astype(np.intp)
 
     @cached_property
     def _springs(self) -> Springs:
         """The law of each contact."""
-        pairs, number = self._pairs
+        pairs, pair_of_contact = self._pairs
         laws: list[PairLaw] = []
         checked: set[int] = set()
-        for ball, other, one, two in pairs:
-            found = law_of_pair(self.law, ball, other, one, two)
-            if id(found) not in checked:
-                check_law(found, ContactConstants.of(ball, other).radius)
-                checked.add(id(found))
-            laws.append(found)
-        order = np.argsort(number, kind="stable")
-        split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[
-            : len(pairs)
-        ]
-        return Springs(
-            [(law, at) for law, at in zip(laws, split, strict=True)],
-            len(number),
-            self._constants[0],
-        )
+        for first, second, first_name, second_name in pairs:
+            law = law_of_pair(self.law, first, second, first_name, second_name)
+            if id(law) not in checked:
+                check_law(law, ContactConstants.of(first, second).radius)
+                checked.add(id(law))
+            laws.append(law)
+        # the contacts of each pair, in their order
+        order = np.argsort(pair_of_contact, kind="stable")
+        starts = np.searchsorted(pair_of_contact[order], np.arange(1, len(pairs)))
+        contacts_of_pairs = np.split(order, starts)[: len(pairs)]
+        groups = list(zip(laws, contacts_of_pairs, strict=True))
+        return Springs(groups, len(pair_of_contact), self._constants[0])
 
     def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
-        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers from that of the balls on
-        are floors.
+        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers that no ball has are
+        floors.
         """
-        names = [
+        first, second = (
             self.names[self.kind[end]] if end < self.n_balls else RIGID_PLANE.name for end in (i, j)
-        ]
-        return self.contact_model.law_of(names[0], names[1])
+        )
+        return self.contact_model.law_of(first, second)
 
     def touch(self) -> CrystalState:
-        """Return the crystal as its balls touch, without load; stiffnesses are those at overlaps of
+        """Return the state in which balls touch without load; stiffnesses are those at overlaps of
         1e-6 of distances.
         """
         frame = self._frame[0]
@@ -920,7 +888,7 @@ class Crystal(Result):
 
     @cached_property
     def contact_model(self) -> ContactModel:
-        """The kinds and the laws of their contacts, which networks of the crystal have too."""
+        """The kinds and the laws of their contacts, for networks of the crystal."""
         return ContactModel(
             self.kinds, self.names, self.law, self.friction, self.torsion, self.bending
         )
@@ -928,97 +896,125 @@ class Crystal(Result):
     @cached_property
     def _constants(self) -> Array:
         """(4, n_c) E*, R, kappa/k and the modulus of twist of each contact."""
-        pairs, number = self._pairs
-        each = [ContactConstants.of(ball, other) for ball, other, _, _ in pairs]
-        return np.reshape(each, (-1, 4))[number].T
+        pairs, pair_of_contact = self._pairs
+        constants = [ContactConstants.of(first, second) for first, second, _, _ in pairs]
+        return np.reshape(constants, (-1, 4))[pair_of_contact].T
 
     @cached_property
     def ball_motions(self) -> Motions:
         """The motions of each ball, without rotations if no contact resists any."""
         allowed = allowed_motions(self.dimension)
-        among = next(iter(allowed.values())) if self.motions is None else allowed[self.motions]
-        return select_motions(
-            1.0 if self.friction else 0.0, 1.0 if self.torsion else 0.0, self.bending, among
-        )
+        motions = next(iter(allowed.values())) if self.motions is None else allowed[self.motions]
+        slip = 1.0 if self.friction else 0.0
+        twist = 1.0 if self.torsion else 0.0
+        return select_motions(slip, twist, self.bending, motions)
 
     @cached_property
     def _frame(self) -> tuple[Frame, Index, Index]:
-        """The unknowns of the statics, the place of each ball among displacements (-1: held), and
-        its wall (-1: none).
+        """The unknowns of the statics, the number (n,) of each ball among the balls that move (-1:
+        held), and the number (n,) of the wall that carries each ball (-1: none).
         """
-        if self.deviations is None and any(
-            ball.spread is not None and ball.spread.rms for ball in self.kinds
-        ):
-            what = f"balls of crystal {self.name!r} have a spread of diameters, and none are drawn"
-            raise InputError(
-                what,
-                "Each ball is simulated by itself",
-                "Draw them: crystal.sample((8, 8), seed=0)",
-            )
-        n = self.n_balls
+        self._require_drawn()
         d = self.dimension
         p = self.periods
         table = self.contacts
-        radii = self._mean_radii
-        bulges = self._bulges
-        place = np.zeros(n, np.intp)
-        rider = np.full(n, -1, np.intp)
-        # axis, balls: those that move
-        walls = [(face.axis, len(face.balls[1])) for face in self.faces if face.is_pressed]
-        for side in self._sides:
-            if side.edge == "clamped":
-                place[side.balls], rider[side.balls] = -1, side.wall
-        free = place == 0
-        place[free] = np.arange(np.count_nonzero(free))
-        n_free = d * int(np.count_nonzero(free))
-        pairs = tuple((a, b) for a in range(p) for b in range(a, p))
-        # forces on strains, sums over all contacts, are then of the size of those on balls, root of
-        # n as these are in sum
-        length = 2.0 * float(np.mean(radii)) * math.sqrt(max(len(table), 1))
-        first_wall = n_free + len(pairs)
-        parts: list[tuple[Any, Any, Any]] = []
+        unknowns = self._number_unknowns()
+        # strains are unknowns times this length, m: forces on strains, sums over all contacts, are
+        # then as large as forces on balls are in sum
+        length = 2.0 * float(np.mean(self._mean_radii)) * math.sqrt(max(len(table), 1))
+        entries = self._list_ball_entries(unknowns)
         rows = np.arange(len(table)) * d
-        for ends, sign in ((table.j, 1.0), (table.i, -1.0)):
-            moves = place[ends] >= 0
-            for a in range(d):
-                parts.append((rows[moves] + a, d * place[ends[moves]] + a, sign))
-            rides = rider[ends] >= 0
-            if np.any(rides):
-                across = np.array([one for one, _ in walls])[rider[ends[rides]]]
-                parts.append((rows[rides] + across, first_wall + rider[ends[rides]], sign))
-        for number, (a, b) in enumerate(pairs):
-            parts.append((rows + a, n_free + number, table.vector[:, b] / length))
+        for number, (a, b) in enumerate(unknowns.strains, start=unknowns.n_free):
+            entries.append((rows + a, number, table.vector[:, b] / length))
             if a != b:
-                parts.append((rows + b, n_free + number, table.vector[:, a] / length))
+                entries.append((rows + b, number, table.vector[:, a] / length))
+        entries += self._list_floor_entries(unknowns)
+        bulges = self._bulges
         vectors = [table.vector]
-        start = len(table)
         offsets = [bulges[table.i] + bulges[table.j]]
-        for axis, sign, _, at, wall in self._floors:
-            own = (start + np.arange(len(at))) * d + axis
-            moves = place[at] >= 0
-            parts.append((own[moves], d * place[at[moves]] + axis, -1.0))
-            if wall >= 0:
-                parts.append((own, first_wall + wall, 1.0))
-            vectors.append(sign * radii[at, None] * np.eye(d)[axis])
-            offsets.append(bulges[at])
-            start += len(at)
+        for floor in self._floors:
+            radii = self._mean_radii[floor.balls]
+            vectors.append(floor.sign * radii[:, None] * np.eye(d)[floor.axis])
+            offsets.append(bulges[floor.balls])
         vector = np.concatenate(vectors)
-        flat = np.arange(len(vector)) >= len(table)
-        motion = compose(parts, (len(vector) * d, first_wall + len(walls)))
-        counts = tuple(count for _, count in walls)
+        is_flat = np.arange(len(vector)) >= len(table)
+        shape = (len(vector) * d, unknowns.first_wall + len(unknowns.walls))
         frame = Frame(
             vector,
-            flat,
-            motion,
+            is_flat,
+            compose(entries, shape),
             d,
             self.cell[:, :p],
-            n_free,
-            pairs,
-            counts,
+            unknowns.n_free,
+            unknowns.strains,
+            tuple(len(face.balls[1]) for face in unknowns.walls),
             length,
             np.concatenate(offsets),
         )
-        return frame, place, rider
+        return frame, unknowns.free_number, unknowns.wall_of_ball
+
+    def _list_ball_entries(self, unknowns: _Unknowns) -> list[_Entry]:
+        """Return the entries of the displacements of balls and walls on the contacts of balls."""
+        d = self.dimension
+        free_number = unknowns.free_number
+        wall_of_ball = unknowns.wall_of_ball
+        entries: list[_Entry] = []
+        rows = np.arange(len(self.contacts)) * d
+        for ends, sign in ((self.contacts.j, 1.0), (self.contacts.i, -1.0)):
+            moves = free_number[ends] >= 0
+            for axis in range(d):
+                columns = d * free_number[ends[moves]] + axis
+                entries.append((rows[moves] + axis, columns, sign))
+            rides = wall_of_ball[ends] >= 0
+            if np.any(rides):
+                walls = wall_of_ball[ends[rides]]
+                axes = np.array([face.axis for face in unknowns.walls])[walls]
+                entries.append((rows[rides] + axes, unknowns.first_wall + walls, sign))
+        return entries
+
+    def _list_floor_entries(self, unknowns: _Unknowns) -> list[_Entry]:
+        """Return the entries of the displacements of balls and walls on the contacts with
+        floors.
+        """
+        d = self.dimension
+        entries: list[_Entry] = []
+        first_contact = len(self.contacts)
+        for floor in self._floors:
+            numbers = unknowns.free_number[floor.balls]
+            rows = (first_contact + np.arange(len(floor.balls))) * d + floor.axis
+            moves = numbers >= 0
+            entries.append((rows[moves], d * numbers[moves] + floor.axis, -1.0))
+            if floor.wall >= 0:
+                entries.append((rows, unknowns.first_wall + floor.wall, 1.0))
+            first_contact += len(floor.balls)
+        return entries
+
+    def _require_drawn(self) -> None:
+        """Raise :class:`InputError` if balls have a spread of diameters, and none are drawn."""
+        spreads = [ball.spread for ball in self.kinds if ball.spread is not None]
+        if self.deviations is None and any(spread.rms for spread in spreads):
+            problem = (
+                f"balls of crystal {self.name!r} have a spread of diameters, and none are drawn"
+            )
+            why = "Each ball is simulated by itself"
+            raise InputError(problem, why, "Draw them: crystal.sample((8, 8), seed=0)")
+
+    def _number_unknowns(self) -> _Unknowns:
+        """Return the numbers of the unknowns of the statics."""
+        p = self.periods
+        wall_of_ball = np.full(self.n_balls, -1, np.intp)
+        is_free = np.ones(self.n_balls, bool)
+        for side in self._sides:
+            if side.edge == "clamped":
+                is_free[side.balls] = False
+                wall_of_ball[side.balls] = side.wall
+        n_free_balls = int(np.count_nonzero(is_free))
+        free_number = np.full(self.n_balls, -1, np.intp)
+        free_number[is_free] = np.arange(n_free_balls)
+        strains = tuple((a, b) for a in range(p) for b in range(a, p))
+        walls = [face for face in self.faces if face.is_pressed]
+        n_free = self.dimension * n_free_balls
+        return _Unknowns(free_number, n_free, strains, walls, wall_of_ball)
 
     # -- under load --------------------------------------------------------------------------------
 
@@ -1034,10 +1030,10 @@ class Crystal(Result):
         Parameters
         ----------
         pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. On a cut
-            crystal it also acts on both faces; on a free face the outer balls share it equally.
+            crystal P also acts on both faces; on a free face the outer balls share it equally.
         gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp, or
-            (..., d), of which there is one for each load. Then the periods keep the length at which
-            balls touch, as between walls, P acts on the upper face alone, and may be zero.
+            (..., d) for one acceleration at each load. With gravity the periods keep the length at
+            which balls touch, as between walls; P acts on the upper face alone, and may be zero.
         finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed
             cell, and static forces enter the response. By default overlaps are small, which drops
             terms of relative order delta/d.
@@ -1053,19 +1049,16 @@ class Crystal(Result):
             self._require_pressable()
         adhere = self._springs.adhere
         if np.any(values < 0.0) and not adhere:
-            what = f"pressure is {brief(values.tolist())}: tensile"
-            raise InputError(
-                what, "One-sided contacts carry no tension", "Give a pressure above zero"
-            )
-        if not adhere and any(
-            one == 0.0 and field is None for one, field in zip(values.flat, fields, strict=True)
-        ):
+            problem = f"pressure is {brief(values.tolist())}: tensile"
+            why = "One-sided contacts carry no tension"
+            raise InputError(problem, why, "Give a pressure above zero")
+        loads = list(zip(values.ravel().tolist(), fields, strict=True))
+        if not adhere and any(value == 0.0 and field is None for value, field in loads):
             why = "Balls that only touch have no stiffness, and carry no sound"
             raise InputError("pressure is zero", why, "Press them, or give gravity and a floor")
-
-        loads = zip(values.ravel().tolist(), fields, strict=True)
         pushes = (
-            self._push_hydrostatic(one, field, f"a pressure of {one:g}") for one, field in loads
+            self._push_hydrostatic(value, field, f"a pressure of {value:g}")
+            for value, field in loads
         )
         return self._solve_each(values, pushes, finite_overlap)
 
@@ -1076,11 +1069,11 @@ class Crystal(Result):
         gravity: ArrayLike | None = None,
         finite_overlap: bool | None = None,
     ) -> CrystalState:
-        """Return the state at rest under that hydrostatic pressure at which contacts carry the mean
+        """Return the state at rest under the hydrostatic pressure at which contacts carry the mean
         ``force``, N.
 
-        The mean is that over the contacts that carry a load, or touch if they adhere; of balls that
-        differ in diameter that over all contacts. ``gravity``, ``finite_overlap`` and the errors
+        The mean is taken over the contacts that carry a load, or touch if they adhere; of balls
+        that differ in diameter, over all contacts. ``gravity``, ``finite_overlap`` and the errors
         are as in :meth:`at_pressure`.
         """
         return self._at_mean("force", force, gravity, finite_overlap)
@@ -1109,8 +1102,9 @@ class Crystal(Result):
         Parameters
         ----------
         stress : (p, p) symmetric, or Voigt: (1,), (3,) for xx, yy, xy or (6,) for xx, yy, zz, yz,
-            xz, xy; or an array of these. Pa in space, N/m in the plane, N on a line. Of what was
-            cut it is that along the periods that are left, and the faces are not pressed.
+            xz, xy; or an array of these. Pa in space, N/m in the plane, N on a line. Of a crystal
+            that was cut, the stress acts along the periods that remain, and the faces are not
+            pressed.
         gravity : m/s^2, of a crystal that stands on a floor or clamp; see :meth:`at_pressure`.
         finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
 
@@ -1122,12 +1116,12 @@ class Crystal(Result):
         """
         values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
 
-        def name(one: Array) -> str:
-            rounded = np.round(one, 12) if np.max(np.abs(one)) > 1e-6 else one
-            return f"the stress {brief(rounded.tolist())} {('', 'N', 'N/m', 'Pa')[self.periods]}"
+        def describe(tensor: Array) -> str:
+            rounded = np.round(tensor, 12) if np.max(np.abs(tensor)) > 1e-6 else tensor
+            return f"the stress {brief(rounded.tolist())} {_PRESSURE_UNITS[self.periods]}"
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
-        pushes = (self._push(name(one), field, stress=one) for one, field in loads)
+        pushes = (self._push(describe(tensor), field, stress=tensor) for tensor, field in loads)
         return self._solve_each(values, pushes, finite_overlap, 2)
 
     def at_strain(
@@ -1142,7 +1136,7 @@ class Crystal(Result):
         Parameters
         ----------
         strain : (p, p) symmetric, or Voigt with twice the shear: (1,), (3,) for xx, yy, 2xy or (6,)
-            for xx, yy, zz, 2yz, 2xz, 2xy; or an array of these. It is measured from the cell in
+            for xx, yy, zz, 2yz, 2xz, 2xy; or an array of these. Strain is measured from the cell in
             which balls only touch.
         gravity, finite_overlap : see :meth:`at_stress`.
 
@@ -1153,88 +1147,92 @@ class Crystal(Result):
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
         values, fields = self._read_gravity(self._read_tensor("strain", strain, 0.5), gravity, 2)
-        if (least := float(np.min(np.linalg.eigvalsh(values)))) <= -1.0:
-            what = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
-            raise InputError(what, "Nothing would be left of it", "Give a strain above -1")
+        least = float(np.min(np.linalg.eigvalsh(values)))
+        if least <= -1.0:
+            problem = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
+            raise InputError(problem, "Nothing would be left of it", "Give a strain above -1")
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
         pushes = (
-            self._push(f"the strain {brief(one.tolist())}", field, strain=one)
-            for one, field in loads
+            self._push(f"the strain {brief(tensor.tolist())}", field, strain=tensor)
+            for tensor, field in loads
         )
         return self._solve_each(values, pushes, finite_overlap, 2)
 
     def _read_tensor(self, name: str, values: ArrayLike, shear: float) -> Array:
-        """Return tensors (..., p, p), from these or from Voigt's order, in which shears count by
-        the factor ``shear``.
+        """Return tensors (..., p, p), from such tensors or from vectors in Voigt's order, whose
+        shears count by the factor ``shear``.
         """
         p = self.periods
         if not p:
-            raise InputError(
-                f"crystal {self.name!r} has no period that a {name} could act on",
-                mend="Give a pressure",
-            )
-        given = finite_array(name, values)
+            problem = f"crystal {self.name!r} has no period that a {name} could act on"
+            raise InputError(problem, mend="Give a pressure")
+        tensors = finite_array(name, values)
         voigt = voigt_pairs(p)
-        if p == 1 and given.ndim == 0:
-            given = given[None]
-        if given.shape[-2:] == (p, p):
-            if np.any(np.abs(given - np.swapaxes(given, -1, -2)) > 1e-12 * np.max(np.abs(given))):
+        if p == 1 and tensors.ndim == 0:
+            tensors = tensors[None]
+        if tensors.shape[-2:] == (p, p):
+            skew = np.abs(tensors - np.swapaxes(tensors, -1, -2))
+            if np.any(skew > 1e-12 * np.max(np.abs(tensors))):
                 raise InputError(f"{name} is not symmetric", mend="Give a symmetric matrix")
-            return given
-        if given.shape[-1:] != (len(voigt),):
-            what = f"{name} has the shape {given.shape}"
-            raise InputError(
-                what,
-                mend=f"Give ({p}, {p}), or ({len(voigt)},) in Voigt order, or an array of these",
-            )
-        out = np.zeros((*given.shape[:-1], p, p))
+            return tensors
+        if tensors.shape[-1:] != (len(voigt),):
+            problem = f"{name} has the shape {tensors.shape}"
+            mend = f"Give ({p}, {p}), or ({len(voigt)},) in Voigt order, or an array of these"
+            raise InputError(problem, mend=mend)
+        full = np.zeros((*tensors.shape[:-1], p, p))
         for number, (a, b) in enumerate(voigt):
-            out[..., a, b] = out[..., b, a] = given[..., number] * (1.0 if a == b else shear)
-        return out
+            entry = tensors[..., number] * (1.0 if a == b else shear)
+            full[..., a, b] = entry
+            full[..., b, a] = entry
+        return full
 
     def _read_gravity(
         self, values: Array, gravity: ArrayLike | None, rank: int = 0
     ) -> tuple[Array, list[Array | None]]:
-        """Return loads, whose last ``rank`` axes are those of one, broadcast with gravity, and this
-        at each, or None.
+        """Return loads broadcast with gravity, and the acceleration (d,), m/s^2, at each load, None
+        of no gravity.
+
+        The last ``rank`` axes of ``values`` belong to one load.
         """
-        lead = values.shape[: values.ndim - rank]
+        load_shape = values.shape[: values.ndim - rank]
         if gravity is None:
-            return values, [None] * math.prod(lead)
+            return values, [None] * math.prod(load_shape)
         field = finite_array("gravity", gravity)
         d = self.dimension
-        p = self.periods
         field = field[..., None] if d == 1 and field.shape[-1:] != (1,) else field
-        try:
-            shape = (
-                np.broadcast_shapes(lead, field.shape[:-1]) if field.shape[-1:] == (d,) else None
-            )
-        except ValueError:
-            shape = None
+        shape = None
+        if field.shape[-1:] == (d,):
+            with suppress(ValueError):
+                shape = np.broadcast_shapes(load_shape, field.shape[:-1])
         if shape is None:
-            what = f"gravity has the shape {field.shape}" + (
-                f", and the loads {lead}" if lead else ""
-            )
-            raise InputError(
-                what, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane"
-            )
-        across = np.abs(field) > 1e-12 * np.max(np.abs(field), axis=-1, keepdims=True)
-        walls = {one.axis for one in self._sides if one.edge != "free"}
-        for axis in np.flatnonzero(np.any(across.reshape(-1, d), axis=0)).tolist():
-            if axis < p or (
-                axis not in walls and not any("clamped" in face.edges for face in self.faces)
-            ):
-                where = "repeats" if axis < p else "stands on nothing"
-                what = f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {where}"
+            loads = f", and the loads {load_shape}" if load_shape else ""
+            problem = f"gravity has the shape {field.shape}{loads}"
+            mend = f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane"
+            raise InputError(problem, mend=mend)
+        self._require_standing(field)
+        each_field = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
+        each_value = np.broadcast_to(values, shape + values.shape[len(load_shape) :])
+        return each_value, [vector if np.any(vector) else None for vector in each_field]
+
+    def _require_standing(self, field: Array) -> None:
+        """Raise :class:`InputError` for gravity (..., d) along an axis on which nothing holds the
+        balls.
+        """
+        d = self.dimension
+        acts = np.abs(field) > 1e-12 * np.max(np.abs(field), axis=-1, keepdims=True)
+        wall_axes = {side.axis for side in self._sides if side.edge != "free"}
+        has_clamp = any("clamped" in face.edges for face in self.faces)
+        for axis in np.flatnonzero(np.any(acts.reshape(-1, d), axis=0)).tolist():
+            is_period = axis < self.periods
+            if is_period or not (axis in wall_axes or has_clamp):
+                reason = "repeats" if is_period else "stands on nothing"
+                problem = f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {reason}"
+                why = "Nothing holds the balls there"
                 mend = (
                     'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))'
                 )
-                raise InputError(what, "Nothing holds the balls there", mend)
-        each = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
-        return np.broadcast_to(values, shape + values.shape[len(lead) :]), [
-            one if np.any(one) else None for one in each
-        ]
+                raise InputError(problem, why, mend)
 
     def _push(
         self,
@@ -1247,65 +1245,64 @@ class Crystal(Result):
         """Return the load of gravity, a ``stress`` or ``strain`` (p, p) of the periods, and a
         pressure on the faces.
         """
-        frame, place, _ = self._frame
-        lifted: tuple[str, str] | None = (
-            None  # why gravity lifts balls off what they stand on, and what mends it
-        )
-        force, pressed, given = np.zeros((3, frame.motion.shape[1]))
+        frame, free_number, _ = self._frame
+        force, pressed, held_values = np.zeros((3, frame.motion.shape[1]))
         held = np.zeros(len(force), bool)
+        lift: tuple[str, str] | None = None
         if field is not None:
-            force[: frame.n_free] = (self.masses[place >= 0, None] * field).ravel()
-            for face in self.faces:
-                low, high = face.edges
-                way = field[face.axis] if low != "free" else -field[face.axis]
-                others = math.prod(one.thickness for one in self.faces if one is not face)
-                weight = float(np.sum(self.masses[place >= 0])) * way / (self.measure * others)
-                if (
-                    lifted is None
-                    and way > 0.0
-                    and pressure <= weight
-                    and (low, high) != ("clamped", "clamped")
-                ):
-                    unit = ("N", "N/m", "Pa")[self.periods + len(self.faces) - 1]
-                    word, sign = (low, "") if low != "free" else (high, "-")
-                    why = (
-                        f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on"
-                        f" which the balls stand"
-                    )
-                    lifted = (
-                        why,
-                        f"Turn it round, or press with more than their weight, {weight:.4g} {unit}",
-                    )
+            force[: frame.n_free] = (self.masses[free_number >= 0, None] * field).ravel()
+            lift = self._explain_lift(field, pressure)
         if stress is not None:
             force[frame.strains] += frame.work_of(stress)
         if strain is not None:
             held[frame.strains] = True
-            given[frame.strains] = [strain[a, b] * frame.length for a, b in frame.pairs]
-        for one in self._sides:
-            push = (
-                pressure
-                * frame.measure
-                * math.prod(face.thickness for face in self.faces if face.axis != one.axis)
-            )
-            if one.wall >= 0:
-                pressed[frame.strains.stop + one.wall] -= push
-            elif one.edge == "free":
-                at = place[one.balls][place[one.balls] >= 0]
-                pressed[self.dimension * at + one.axis] -= one.sign * push / max(len(at), 1)
+            held_values[frame.strains] = [strain[a, b] * frame.length for a, b in frame.pairs]
+        for side in self._sides:
+            thicknesses = [face.thickness for face in self.faces if face.axis != side.axis]
+            face_force = pressure * frame.measure * math.prod(thicknesses)
+            if side.wall >= 0:
+                pressed[frame.strains.stop + side.wall] -= face_force
+            elif side.edge == "free":
+                numbers = free_number[side.balls][free_number[side.balls] >= 0]
+                ball_force = side.sign * face_force / max(len(numbers), 1)
+                pressed[self.dimension * numbers + side.axis] -= ball_force
         if not np.all(np.isfinite(force + pressed)):
             raise FloatingPointError(f"the forces of {words} are not finite")
-        return Push(force + pressed, held, given, stress, pressed, words, lifted)
+        return Push(force + pressed, held, held_values, stress, pressed, words, lift)
+
+    def _explain_lift(self, field: Array, pressure: float) -> tuple[str, str] | None:
+        """Return why gravity lifts balls off the face on which they stand, and what mends that;
+        None if gravity does not, or the pressure is larger than the weight.
+        """
+        free_number = self._frame[1]
+        mass = float(np.sum(self.masses[free_number >= 0]))
+        for face in self.faces:
+            low, high = face.edges
+            lift = field[face.axis] if low != "free" else -field[face.axis]
+            thicknesses = [other.thickness for other in self.faces if other is not face]
+            weight = mass * lift / (self.measure * math.prod(thicknesses))
+            if lift > 0.0 and pressure <= weight and (low, high) != ("clamped", "clamped"):
+                unit = _PRESSURE_UNITS[self.periods + len(self.faces)]
+                word, sign = (low, "") if low != "free" else (high, "-")
+                why = (
+                    f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which"
+                    f" the balls stand"
+                )
+                press = f"press with more than their weight, {weight:.4g} {unit}"
+                return why, f"Turn it round, or {press}"
+        return None
 
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
-        words += f" {('N', 'N', 'N/m', 'Pa')[self.periods + len(self.faces)]}"
+        """Return the load of a pressure on periods and faces; with gravity the periods keep their
+        length.
+        """
+        words += f" {_PRESSURE_UNITS[self.periods + len(self.faces)]}"
         if field is not None:
-            return self._push(
-                f"{words} with gravity",
-                field,
-                strain=np.zeros((self.periods,) * 2),
-                pressure=pressure,
-            )
-        stress = -pressure * np.eye(self.periods) * math.prod(face.thickness for face in self.faces)
+            words = f"{words} with gravity"
+            strain = np.zeros((self.periods,) * 2)
+            return self._push(words, field, strain=strain, pressure=pressure)
+        thickness = math.prod(face.thickness for face in self.faces)
+        stress = -pressure * np.eye(self.periods) * thickness
         return self._push(words, None, stress, pressure=pressure)
 
     def _at_mean(
@@ -1314,191 +1311,247 @@ class Crystal(Result):
         """Return the state at which contacts have a mean force or overlap, by a search for the
         pressure.
         """
-        given, fields = self._read_gravity(finite_array(kind, values), gravity)
+        goals, fields = self._read_gravity(finite_array(kind, values), gravity)
         self._require_pressable()
-        if np.any(given <= 0.0):
-            word = "zero" if np.any(given == 0.0) else f"{brief(given.tolist())}: tensile"
+        if np.any(goals <= 0.0):
+            sign = "zero" if np.any(goals == 0.0) else f"{brief(goals.tolist())}: tensile"
             why = "One-sided contacts carry no tension"
             mend = f"Give {kind} above zero"
             if self._springs.adhere:
                 why = "A mean of contacts that adhere has no one pressure there"
                 mend = "Use at_pressure, which may be zero or below"
-            raise InputError(f"{kind} is {word}", why, mend)
+            raise InputError(f"{kind} is {sign}", why, mend)
         follows = read_finite_overlap(finite_overlap)
-        frame = self._frame[0]
-        springs = self._springs
-        with _in_double_precision(given):
-            loads = zip(given.ravel().tolist(), fields, strict=True)
-            each = [
-                self._find_mean(kind, one, field, follows, frame, springs) for one, field in loads
-            ]
-            return self._stack(given, each, 0, follows)
+        with _in_double_precision(goals):
+            loads = zip(goals.ravel().tolist(), fields, strict=True)
+            solutions = [self._find_mean(kind, goal, field, follows) for goal, field in loads]
+            return self._stack(goals, solutions, 0, follows)
 
     def _require_pressable(self) -> None:
+        """Raise :class:`InputError` if there is neither a period nor a face to press on."""
         if not (self.periods or self.faces):
-            raise InputError(
-                f"crystal {self.name!r} has neither periods nor faces to press on",
-                mend="Give a cell",
-            )
+            problem = f"crystal {self.name!r} has neither periods nor faces to press on"
+            raise InputError(problem, mend="Give a cell")
 
     def _find_mean(
-        self,
-        kind: str,
-        goal: float,
-        field: Array | None,
-        follows: bool,
-        frame: Frame,
-        springs: Springs,
+        self, kind: str, goal: float, field: Array | None, follows: bool
     ) -> tuple[Rest, Push]:
+        """Return the state at rest at which the mean force (N) or overlap (m) of contacts is
+        ``goal``, and its load.
+
+        The next pressure follows from the power with which overlaps grow with the pressure, and
+        where balls differ from a secant; the search halves the interval of the pressures if that
+        leaves it.
+        """
+        frame = self._frame[0]
+        springs = self._springs
         words = f"a mean {kind} of {goal:g} {'N' if kind == 'force' else 'm'}, at a pressure of"
-        size = goal
-        if kind == "overlap":
-            size = float(np.mean(springs.force(np.full(springs.count, goal))))
-        # the pressure of a contact force, from the virial; of a column, that force
-        area = frame.measure * math.prod(face.thickness for face in self.faces)
-        dimension = self.periods + len(self.faces)
-        pressure = size * float(np.sum(frame.distance)) / (dimension * area)
+        pressure = self._estimate_pressure(kind, goal)
         low = 0.0
         high = math.inf
         start: Rest | None = None
-        rest: Rest | None = None
-        last = math.inf
-        before = (0.0, math.nan)
+        state: Rest | None = None
+        last_error = math.inf
+        last_point = (0.0, math.nan)  # pressure, mean
         differ = bool(np.any(frame.offset))
-        enough = _SAMPLED if differ else _MEAN
+        tolerance = _SAMPLED if differ else _MEAN
         for _ in range(_MEANS):
             push = self._push_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
             small = settle(frame, springs, push, start)
-            # from the last one where balls differ: their mean would jump with the places of loose
-            # balls
-            rest = (
-                settle_exactly(frame, springs, push, rest if differ and rest else small)
-                if follows
-                else small
-            )
-            force = springs.force(rest.overlap)
-            stiffness = springs.stiffness(rest.overlap)
-            loaded = (stiffness > 0.0 if springs.adhere else force != 0.0) | differ
-            if not np.any(loaded):
-                what = f"all contacts are open under {words} {pressure:.6g}"
-                raise InputError(what, "Those that adhere have come apart", f"Give a larger {kind}")
-            mean = float(np.mean((force if kind == "force" else rest.overlap)[loaded]))
-            off = mean / goal - 1.0
-            rounded = 1e-13
-            if differ:  # loose balls leave more, of the parts of the mean
-                rounded = (
-                    10.0
-                    * _SAMPLED
-                    * max(1.0, float(np.mean(np.abs(rest.overlap)) / np.abs(np.mean(rest.overlap))))
-                )
-            if springs.adhere:  # the mean may be small against its parts, attraction and repulsion
-                parts = np.abs(
-                    stiffness * rest.overlap
-                    if kind == "force"
-                    else force / np.where(loaded, stiffness, np.inf)
-                )
-                rounded *= max(1.0, float(np.mean(parts[loaded])) / goal)
-            if abs(off) <= enough or (abs(off) <= rounded and abs(off) >= last):
-                return rest, push
-            if field is not None and off > 0.0 and abs(off - last) <= rounded * off:
-                # gravity alone presses more than is wanted, and less pressure changes nothing
+            if follows:
+                # where balls differ the search goes on from the last state: from another state
+                # loose balls would come to rest elsewhere, and the mean would jump
+                nearest = state if differ and state else small
+                state = settle_exactly(frame, springs, push, nearest)
+            else:
+                state = small
+            contacts = _MeanContacts.of(state, springs, differ)
+            if not np.any(contacts.counts):
+                problem = f"all contacts are open under {words} {pressure:.6g}"
+                why = "Those that adhere have come apart"
+                raise InputError(problem, why, f"Give a larger {kind}")
+            mean = contacts.find_mean(kind)
+            excess = mean / goal - 1.0
+            error = abs(excess)
+            rounding = contacts.bound_rounding(kind, goal, differ, springs.adhere)
+            if error <= tolerance or (error <= rounding and error >= last_error):
+                return state, push
+            if field is not None and excess > 0.0 and abs(excess - last_error) <= rounding * excess:
+                # gravity alone presses more than the goal, and less pressure changes nothing
                 break
-            last = abs(off)
-            low, high = (pressure, high) if off < 0.0 else (low, pressure)
-            # overlaps go as a power of the pressure, f/(k delta), and so does the start of the next
-            # state
-            power = float(np.mean(force[loaded]) / np.mean((stiffness * rest.overlap)[loaded]))
-            grow = goal / mean if mean / goal > 0.0 else 2.0
-            new = pressure * (grow if kind == "force" else grow ** (1.0 / power))
-            factor = grow**power if kind == "force" else grow
+            last_error = error
+            if excess < 0.0:
+                low = pressure
+            else:
+                high = pressure
+            # a mean of the wrong sign says nothing about the size of the step
+            growth = goal / mean if mean / goal > 0.0 else 2.0
+            power = contacts.power
+            guess = pressure * (growth if kind == "force" else growth ** (1.0 / power))
+            # factor of the overlaps from which the next state is found
+            factor = growth**power if kind == "force" else growth
             if differ:  # overlaps on the sites do not grow, and their mean follows no power
                 factor = 1.0
-                if math.isfinite(before[1]) and mean != before[1]:
-                    new = pressure + (goal - mean) * (pressure - before[0]) / (mean - before[1])
-                before = pressure, mean
+                last_pressure, last_mean = last_point
+                if math.isfinite(last_mean) and mean != last_mean:
+                    pressure_step = pressure - last_pressure
+                    guess = pressure + (goal - mean) * pressure_step / (mean - last_mean)
+                last_point = pressure, mean
             start = Rest(factor * small.x, factor * small.overlap, small.normal)
-            pressure = new if low < new < high else 0.5 * (low + min(high, 2.0 * pressure))
+            middle = 0.5 * (low + min(high, 2.0 * pressure))
+            pressure = guess if low < guess < high else middle
             if pressure in (low, high):
-                if abs(off) <= rounded:
-                    return rest, push
+                if error <= rounding:
+                    return state, push
                 break
-        what = (
+        problem = (
             f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any"
             f" pressure"
         )
-        why = f"At a pressure of {pressure:.4g} it is {mean:.4g}" + ", as gravity presses more" * (
-            field is not None
-        )
-        raise InputError(what, why, "Give a larger one" if field is not None else "")
+        why = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
+        if field is None:
+            raise InputError(problem, why)
+        raise InputError(problem, f"{why}, as gravity presses more", "Give a larger one")
+
+    def _estimate_pressure(self, kind: str, goal: float) -> float:
+        """Return the pressure at which contacts of equal forces have the mean force (N) or overlap
+        (m) ``goal``: N, N/m or Pa.
+
+        The pressure follows from the virial; of a column it is the force of a contact.
+        """
+        frame = self._frame[0]
+        force = goal
+        if kind == "overlap":
+            springs = self._springs
+            force = float(np.mean(springs.force(np.full(springs.count, goal))))
+        measure = frame.measure * math.prod(face.thickness for face in self.faces)
+        dimension = self.periods + len(self.faces)
+        return force * float(np.sum(frame.distance)) / (dimension * measure)
 
     def _solve_each(
         self, values: Array, pushes: Iterable[Push], finite_overlap: bool | None, rank: int = 0
     ) -> CrystalState:
-        """Return the state at each load: ``pushes`` are those of the values, or of tensors of
-        ``rank`` 2.
+        """Return the state at each load of ``values``, numbers or tensors of ``rank`` 2, of which
+        ``pushes`` are the forces.
         """
         follows = read_finite_overlap(finite_overlap)
         frame = self._frame[0]
         springs = self._springs
-        found = []
+        solutions = []
         with _in_double_precision(values):
             for push in pushes:
-                rest = settle(frame, springs, push)
-                found.append(
-                    (settle_exactly(frame, springs, push, rest) if follows else rest, push)
-                )
-            return self._stack(values, found, rank, follows)
+                state = settle(frame, springs, push)
+                if follows:
+                    state = settle_exactly(frame, springs, push, state)
+                solutions.append((state, push))
+            return self._stack(values, solutions, rank, follows)
 
     def _stack(
-        self, values: Array, found: Sequence[tuple[Rest, Push]], rank: int, follows: bool
+        self, values: Array, solutions: Sequence[tuple[Rest, Push]], rank: int, follows: bool
     ) -> CrystalState:
-        """Return the state of some loads, with the shape of ``values``, whose last ``rank`` axes
-        are those of one.
+        """Return the state at the loads ``values``, of which the last ``rank`` axes belong to one
+        load.
         """
-        frame, place, rider = self._frame
-        lead = values.shape[: values.ndim - rank]
+        frame, free_number, wall_of_ball = self._frame
+        load_shape = values.shape[: values.ndim - rank]
         d = self.dimension
         p = self.periods
         springs = self._springs
-        moved = np.zeros((len(found), self.n_balls, d))
-        ways = np.zeros((len(found), len(frame.walls)))
-        strain, stress = np.zeros((2, len(found), p, p))
-        for at, (rest, _) in enumerate(found):
-            moved[at, place >= 0] = rest.x[: frame.n_free].reshape(-1, d)
-            ways[at] = rest.x[frame.strains.stop :]
-            strain[at] = frame.strain(rest.x)
-            force = springs.force(rest.overlap)
+        displacements = np.zeros((len(solutions), self.n_balls, d))
+        wall_motions = np.zeros((len(solutions), len(frame.walls)))
+        strain, stress = np.zeros((2, len(solutions), p, p))
+        for index, (state, _) in enumerate(solutions):
+            displacements[index, free_number >= 0] = state.x[: frame.n_free].reshape(-1, d)
+            wall_motions[index] = state.x[frame.strains.stop :]
+            strain[index] = frame.strain(state.x)
             if p:
-                deformed = np.eye(p) + strain[at] if follows else np.eye(p)
-                virial = (force[:, None] * rest.normal[:, :p]).T @ np.where(
-                    frame.flat[:, None], 0.0, frame.vector[:, :p]
-                )
-                virial = virial @ deformed.T
-                stress[at] = (
-                    -0.5 * (virial + virial.T) / (frame.measure * float(np.linalg.det(deformed)))
-                )
-        for one in self._sides:
-            if one.wall >= 0:
-                moved[:, rider == one.wall, one.axis] = ways[:, one.wall, None]
+                deformation = np.eye(p) + strain[index] if follows else np.eye(p)
+                stress[index] = self._find_stress(state, deformation)
+        for side in self._sides:
+            if side.wall >= 0:
+                riders = wall_of_ball == side.wall
+                displacements[:, riders, side.axis] = wall_motions[:, side.wall, None]
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
-            loose = np.setdiff1d(np.arange(d), [one.axis for one in self._floors])
-            moved[..., loose] -= np.mean(moved[..., loose], axis=1, keepdims=True)
-        overlap = np.array([rest.overlap for rest, _ in found])
-        force = np.array([springs.force(one) for one in overlap])
-        stiffness = np.array([springs.stiffness(one) for one in overlap])
-        normal = np.array([rest.normal for rest, _ in found])
-        deep = np.max(overlap / frame.distance, axis=1)
+            loose = np.setdiff1d(np.arange(d), [side.axis for side in self._floors])
+            displacements[..., loose] -= np.mean(displacements[..., loose], axis=1, keepdims=True)
+        overlap = np.array([state.overlap for state, _ in solutions])
+        depth = np.max(overlap / frame.distance, axis=1)
+        deepest_push = solutions[int(np.argmax(depth))][1]
         modulus = min(ball.material.young_modulus for ball in self.kinds)
-        require_shallow(modulus, float(np.max(deep)), found[int(np.argmax(deep))][1].words)
-
-        values_of = zip(
-            _PER_LOAD, (force, overlap, stiffness, normal, moved, stress, strain, ways), strict=True
-        )
+        require_shallow(modulus, float(np.max(depth)), deepest_push.words)
+        arrays: dict[str, Array] = {
+            "normal_force": np.array([springs.force(overlaps) for overlaps in overlap]),
+            "overlap": overlap,
+            "normal_stiffness": np.array([springs.stiffness(overlaps) for overlaps in overlap]),
+            "normal": np.array([state.normal for state, _ in solutions]),
+            "displacements": displacements,
+            "stress": stress,
+            "strain": strain,
+            "ways": wall_motions,
+        }
         shaped: dict[str, Any] = {
-            name: read_only(array.reshape(*lead, *array.shape[1:])) for name, array in values_of
+            name: read_only(array.reshape(*load_shape, *array.shape[1:]))
+            for name, array in arrays.items()
         }
         return CrystalState(self, **shaped, finite_overlap=follows)
+
+    def _find_stress(self, state: Rest, deformation: Array) -> Array:
+        """Return the stress (p, p) of a state at rest on the cell with a ``deformation`` (p, p)."""
+        frame = self._frame[0]
+        p = self.periods
+        forces = self._springs.force(state.overlap)[:, None] * state.normal[:, :p]
+        virial = forces.T @ np.where(frame.flat[:, None], 0.0, frame.vector[:, :p])
+        virial = virial @ deformation.T
+        measure = frame.measure * float(np.linalg.det(deformation))
+        return np.asarray(-0.5 * (virial + virial.T) / measure)
+
+
+class _MeanContacts(NamedTuple):
+    """The contacts of a state at rest over which means are taken.
+
+    ``overlap``, ``force`` and ``stiffness`` (n_c,) are in SI; ``counts`` (n_c,) says which contacts
+    the mean is over.
+    """
+
+    overlap: Array
+    force: Array
+    stiffness: Array
+    counts: Flags
+
+    @classmethod
+    def of(cls, state: Rest, springs: Springs, differ: bool) -> Self:
+        """Return the contacts of a state: those that carry a load, or touch if they adhere; all of
+        them if balls ``differ``.
+        """
+        force = springs.force(state.overlap)
+        stiffness = springs.stiffness(state.overlap)
+        counts = (stiffness > 0.0 if springs.adhere else force != 0.0) | differ
+        return cls(state.overlap, force, stiffness, counts)
+
+    def find_mean(self, kind: str) -> float:
+        """Return the mean force, N, or overlap, m."""
+        return float(np.mean((self.force if kind == "force" else self.overlap)[self.counts]))
+
+    @property
+    def power(self) -> float:
+        """Exponent f/(k delta) with which overlaps grow with the pressure."""
+        work = np.mean((self.stiffness * self.overlap)[self.counts])
+        return float(np.mean(self.force[self.counts]) / work)
+
+    def bound_rounding(self, kind: str, goal: float, differ: bool, adhere: bool) -> float:
+        """Return the relative error of the mean that is put down to rounding."""
+        rounding = _ROUNDED_MEAN
+        if differ:  # loose balls leave more: the mean is small against its terms
+            ratio = float(np.mean(np.abs(self.overlap)) / np.abs(np.mean(self.overlap)))
+            rounding = 10.0 * _SAMPLED * max(1.0, ratio)
+        if adhere:  # the mean may be small against its terms, attraction and repulsion
+            if kind == "force":
+                terms = np.abs(self.stiffness * self.overlap)
+            else:
+                terms = np.abs(self.force / np.where(self.counts, self.stiffness, np.inf))
+            rounding *= max(1.0, float(np.mean(terms[self.counts])) / goal)
+        return rounding
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -1513,14 +1566,15 @@ class CrystalState(Result):
     overlap : (..., n_c) m; zero or below of an open contact.
     normal_stiffness : (..., n_c) N/m; 0 where a contact is open.
     normal : (..., n_c, d) unit vectors from ball i to ball j, or into the floor.
-    displacements : (..., n, d) of the balls from where they touch, beside the strain of the cell,
-        m.
+    displacements : (..., n, d) of the balls from the positions at which they touch, beside the
+        strain of the cell, m.
     stress : (..., p, p) Pa, N/m or N along three, two or one periods; tension is positive. With
-        finite overlap it is Cauchy's.
-    strain : (..., p, p) of the periods, from where balls only touch; extension is positive.
+        finite overlap the stress is Cauchy's.
+    strain : (..., p, p) of the periods, from the cell in which balls only touch; extension is
+        positive.
     ways : (..., n_w) displacement of each upper wall whose lower face is a wall too, m.
     finite_overlap : whether contacts have turned and the cell has deformed. If not, the network has
-        the places at which balls touch, which drops terms of relative order delta/d.
+        the positions at which balls touch, which drops terms of relative order delta/d.
     """
 
     crystal: Crystal
@@ -1543,21 +1597,21 @@ class CrystalState(Result):
             raise InputError("the state has one load, and no index", mend="Use it as it is")
         count = int(np.prod(self.shape))
         axes = len(self.shape)
-        where = np.arange(count).reshape(self.shape)[index]
-        if not np.size(where):
-            raise InputError(
-                f"the index {brief(index)} selects none of the loads", mend="Select one or more"
-            )
+        chosen_loads = np.arange(count).reshape(self.shape)[index]
+        if not np.size(chosen_loads):
+            problem = f"the index {brief(index)} selects none of the loads"
+            raise InputError(problem, mend="Select one or more")
         arrays = {name: getattr(self, name) for name in _PER_LOAD}
         chosen: Any = {
-            name: read_only(a.reshape(count, *a.shape[axes:])[where]) for name, a in arrays.items()
+            name: read_only(a.reshape(count, *a.shape[axes:])[chosen_loads])
+            for name, a in arrays.items()
         }
         return replace(self, **chosen)
 
     def __repr__(self) -> str:
         forces = self.normal_force
-        what = f"{np.min(forces):.6g} to {np.max(forces):.6g} N"
-        return f"CrystalState({self.crystal!r}, normal_force={what}, shape={self.shape})"
+        forces_text = f"{np.min(forces):.6g} to {np.max(forces):.6g} N"
+        return f"CrystalState({self.crystal!r}, normal_force={forces_text}, shape={self.shape})"
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -1580,10 +1634,10 @@ class CrystalState(Result):
         springs = self.crystal._springs
         if not springs.know_radii:
             return self.normal_stiffness
-        found = np.empty(self.normal_stiffness.shape)
-        for at in np.ndindex(self.shape):
-            found[at] = springs.punch(self.overlap[at])
-        return read_only(found)
+        stiffnesses = np.empty(self.normal_stiffness.shape)
+        for index in np.ndindex(self.shape):
+            stiffnesses[index] = springs.punch(self.overlap[index])
+        return read_only(stiffnesses)
 
     @property
     def torsion_stiffness(self) -> Array:
@@ -1603,8 +1657,8 @@ class CrystalState(Result):
 
     @property
     def contact_radius(self) -> Array:
-        """(..., n_c) radius of the contact, m: that of the law, or k/2E* of one that does not know
-        it.
+        """(..., n_c) radius of the contact, m: that of the law, or k/2E* if the law does not know
+        the radius.
         """
         return np.asarray(self._punch / (2.0 * self.crystal._constants[0]))
 
@@ -1613,27 +1667,26 @@ class CrystalState(Result):
         """The exponent d log v / d log P of all sound velocities, if the load grows as a whole,
         without terms of delta/d.
 
-        It is f k'/2k^2 of a contact, with the slope k' of its law: (a - 1)/2a where f goes as
-        delta^a. Raises :class:`~granphon.base.errors.InputError` if contacts do not have it in
-        common: velocities are then no power.
+        The exponent of a contact is f k'/2k^2, with the slope k' of the stiffness of its law:
+        (a - 1)/2a where f goes as delta^a. Raises :class:`~granphon.base.errors.InputError` if
+        contacts do not have one exponent in common: velocities are then no power.
         """
-        found = np.empty(self.shape)
-        for at in np.ndindex(self.shape):
-            force = self.normal_force[at]
-            k = self.normal_stiffness[at]
-            live = k > 0.0
-            slope = self.crystal._springs.stiffness_slope(self.overlap[at])
-            each = 0.5 * (force[live] / k[live]) * (slope[live] / k[live])
-            if np.ptp(each) > _SAME_EXPONENT:
-                what = (
-                    f"the exponents of contacts differ, from {np.min(each):.6g} to"
-                    f" {np.max(each):.6g}"
+        exponents = np.empty(self.shape)
+        for index in np.ndindex(self.shape):
+            force = self.normal_force[index]
+            k = self.normal_stiffness[index]
+            loaded = k > 0.0
+            slope = self.crystal._springs.stiffness_slope(self.overlap[index])
+            contact_exponents = 0.5 * (force[loaded] / k[loaded]) * (slope[loaded] / k[loaded])
+            if np.ptp(contact_exponents) > _SAME_EXPONENT:
+                problem = (
+                    f"the exponents of contacts differ, from {np.min(contact_exponents):.6g} to"
+                    f" {np.max(contact_exponents):.6g}"
                 )
-                raise InputError(
-                    what, "Their laws are not one power", "Compare the velocities at two loads"
-                )
-            found[at] = np.mean(each)
-        return found[()]
+                why = "Their laws are not one power"
+                raise InputError(problem, why, "Compare the velocities at two loads")
+            exponents[index] = np.mean(contact_exponents)
+        return exponents[()]
 
     @property
     def scales(self) -> Units:
@@ -1645,40 +1698,36 @@ class CrystalState(Result):
 
     @cached_property
     def limits(self) -> tuple[Check, ...]:
-        """What limits the state, as conditions.
+        """The conditions that limit the state.
 
-        They are the contact radius over the radius of the ball, the overlap over the last overlap
-        of a tabulated law, and the mean pressure of a contact over the yield strength, each the
-        largest over the contacts; and material constants that no solid has.
+        They are on the contact radius over the radius of the ball, the overlap over the last
+        overlap of a tabulated law, and the mean pressure of a contact over the yield strength, each
+        the largest over the contacts; and on material constants that no solid has.
         """
         crystal = self.crystal
-        table = self.crystal.contacts
-        at = [one.balls for one in crystal._floors]
-        small = np.concatenate(
-            [np.minimum(table.arm_i, table.arm_j), *(crystal._mean_radii[one] for one in at)]
-        )
-        out = [check_limit("contact_radius", np.max(self.contact_radius / small, axis=-1))]
-        if np.any(np.isfinite(crystal._springs.most)):
-            out.append(
-                check_limit(
-                    "table", np.max(np.maximum(self.overlap, 0.0) / crystal._springs.most, axis=-1)
-                )
-            )
+        arms = np.minimum(crystal.contacts.arm_i, crystal.contacts.arm_j)
+        on_floors = [crystal._mean_radii[floor.balls] for floor in crystal._floors]
+        radius = np.concatenate([arms, *on_floors])
+        checks = [check_limit("contact_radius", np.max(self.contact_radius / radius, axis=-1))]
+        last_overlap = crystal._springs.most
+        if np.any(np.isfinite(last_overlap)):
+            ratio = np.max(np.maximum(self.overlap, 0.0) / last_overlap, axis=-1)
+            checks.append(check_limit("table", ratio))
         for name, (attribute, _, _, limit, at_least) in BALL_LIMITS.items():
-            for ball, called in zip(crystal.kinds, crystal.names, strict=True):
+            for ball, kind_name in zip(crystal.kinds, crystal.names, strict=True):
                 value = attrgetter(attribute)(ball)
-                if (value < limit) if at_least else (value > limit):
-                    out.append(check_limit(name, np.full(self.shape, value), f" (ball {called})"))
-        strengths = [one.material.yield_strength for one in crystal.kinds]
+                is_beyond = value < limit if at_least else value > limit
+                if is_beyond:
+                    values = np.full(self.shape, value)
+                    checks.append(check_limit(name, values, f" (ball {kind_name})"))
+        strengths = [ball.material.yield_strength for ball in crystal.kinds]
         if any(strengths):
-            yields = np.array([math.inf if one is None else one for one in strengths])[crystal.kind]
-            weak = np.concatenate(
-                [np.minimum(yields[table.i], yields[table.j]), *(yields[one] for one in at)]
-            )
+            known_strengths = [math.inf if value is None else value for value in strengths]
+            strength = crystal._take_least_of_ends(np.array(known_strengths)[crystal.kind])
             area = math.pi * self.contact_radius**2
-            mean = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
-            out.append(check_limit("yield", np.max(mean / weak, axis=-1)))
-        return tuple(out)
+            pressure = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
+            checks.append(check_limit("yield", np.max(pressure / strength, axis=-1)))
+        return tuple(checks)
 
     @property
     def valid(self) -> Any:
@@ -1695,8 +1744,9 @@ class CrystalState(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is doubtful about the state, in words; empty if nothing is."""
-        return tuple(said for check in self.limits if (said := check.warning) is not None)
+        """The reasons to doubt the state, one sentence each; empty if there are none."""
+        warnings = [check.warning for check in self.limits]
+        return tuple(warning for warning in warnings if warning is not None)
 
     @cached_property
     def _clamped(self) -> Flags:
@@ -1707,78 +1757,106 @@ class CrystalState(Result):
         return held
 
     @cached_property
-    def _kept(self) -> Flags:
-        """(n_c,) which contacts the network has: those that are closed, and not of two bodies that
-        are held.
+    def _in_network(self) -> Flags:
+        """(n_c,) which contacts the network has: contacts that are closed, and not between two
+        bodies that are held.
         """
         held = self._clamped
         table = self.crystal.contacts
-        between = [
-            held[table.i] & held[table.j],
-            *(held[one.balls] for one in self.crystal._floors),
-        ]
-        return np.asarray((self.normal_stiffness > 0.0) & ~np.concatenate(between))
+        floors = [held[floor.balls] for floor in self.crystal._floors]
+        between_held = np.concatenate([held[table.i] & held[table.j], *floors])
+        return np.asarray((self.normal_stiffness > 0.0) & ~between_held)
 
     @cached_property
     def network(self) -> ContactNetwork:
         """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open.
 
         Walls are bodies of infinite mass and radius, after the balls; balls of a clamped layer have
-        an infinite mass. Its ``kinds`` are the names of the crystal, and "floor". Raises
-        :class:`~granphon.base.errors.InputError` for several loads.
+        an infinite mass. The ``kinds`` of the network are the names of the crystal, and "floor".
+        Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
         if not self.is_single:
-            what = f"the state holds {int(np.prod(self.shape))} loads"
+            problem = f"the state holds {int(np.prod(self.shape))} loads"
             why = "A network, atoms and phonons belong to one"
             mend = (
                 "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of"
                 " these: state[0]"
             )
-            raise InputError(what, why, mend)
+            raise InputError(problem, why, mend)
         crystal = self.crystal
-        table = self.crystal.contacts
+        p = crystal.periods
+        d = crystal.dimension
+        return ContactNetwork(
+            pbc=(p > 0, p > 1, p > 2),
+            motions=crystal.motions or next(iter(allowed_motions(d))),
+            dimension=d,
+            prestress=self.finite_overlap,
+            adhesive=crystal._springs.adhere,
+            contact_model=crystal.contact_model,
+            **self._list_bodies(),
+            **self._list_contacts(),
+        )
+
+    def _list_bodies(self) -> dict[str, Any]:
+        """Return the cell, and the balls and then the walls, as arguments of a network."""
+        crystal = self.crystal
+        floors = crystal._floors
         follows = self.finite_overlap
         n = crystal.n_balls
         d = crystal.dimension
         p = crystal.periods
-        floors = crystal._floors
-        deformed = np.eye(d)
-        deformed[:p, :p] += self.strain if follows else 0.0
-        places = crystal.positions @ deformed.T + (self.displacements if follows else 0.0)
-        held = self._clamped
-        extra = len(floors)
-        positions = np.zeros((n + extra, 3))
+        deformation = np.eye(d)
+        deformation[:p, :p] += self.strain if follows else 0.0
+        displacements = self.displacements if follows else 0.0
         cell = np.zeros((3, 3))
-        positions[:n, :d], cell[:p, :d] = places, crystal.cell @ deformed.T
-        masses = np.append(np.where(held, np.inf, crystal.masses), np.full(extra, np.inf))
-        inertias = np.append(
-            np.array([one.inertia for one in crystal.kinds])[crystal.kind], np.full(extra, np.inf)
-        )
-        radii = np.append(crystal.radii, np.full(extra, np.inf))
+        cell[:p, :d] = crystal.cell @ deformation.T
+        positions = np.zeros((n + len(floors), 3))
+        positions[:n, :d] = crystal.positions @ deformation.T + displacements
+        for number, floor in enumerate(floors, start=n):
+            radii = crystal._mean_radii[floor.balls]
+            heights = positions[floor.balls, floor.axis] + floor.sign * radii
+            positions[number, floor.axis] = np.mean(heights)
+        infinite = np.full(len(floors), np.inf)
+        inertias = np.array([ball.inertia for ball in crystal.kinds])[crystal.kind]
+        return {
+            "cell": cell,
+            "positions": positions,
+            "radii": np.append(crystal.radii, infinite),
+            "masses": np.append(np.where(self._clamped, np.inf, crystal.masses), infinite),
+            "inertias": np.append(inertias, infinite),
+            "kinds": (
+                *(crystal.names[number] for number in crystal.kind.tolist()),
+                *(RIGID_PLANE.name,) * len(floors),
+            ),
+        }
+
+    def _list_contacts(self) -> dict[str, Any]:
+        """Return the closed contacts as arguments of a network, those with floors last."""
+        crystal = self.crystal
+        table = crystal.contacts
+        floors = crystal._floors
+        follows = self.finite_overlap
+        bulges = np.append(crystal._bulges, np.zeros(len(floors)))
         i = [table.i]
         j = [table.j]
         arm_i = [table.arm_i]
         arm_j = [table.arm_j]
-        for number, (axis, sign, _, at, _) in enumerate(floors):
-            i.append(at)
-            j.append(np.full(len(at), n + number))
-            arm_i.append(crystal._mean_radii[at])
-            arm_j.append(np.zeros(len(at)))
-            positions[n + number, axis] = np.mean(
-                positions[at, axis] + sign * crystal._mean_radii[at]
-            )
-        ends = np.concatenate(i), np.concatenate(j)
+        for number, floor in enumerate(floors, start=crystal.n_balls):
+            i.append(floor.balls)
+            j.append(np.full(len(floor.balls), number))
+            arm_i.append(crystal._mean_radii[floor.balls])
+            arm_j.append(np.zeros(len(floor.balls)))
+        ends_i = np.concatenate(i)
+        ends_j = np.concatenate(j)
         shift = np.zeros((crystal.n_contacts, 3), np.intp)
+        shift[: len(table), : crystal.periods] = table.shift
         normal = np.zeros((crystal.n_contacts, 3))
-        shift[: len(table), :p], normal[:, :d] = table.shift, self.normal
-        # radii less half of the overlap each in the true geometry
-        half = 0.5 * self.overlap if follows else 0.0
-        bulges = np.append(crystal._bulges, np.zeros(extra)) * follows
-        kept = self._kept
-        allowed = allowed_motions(d)
+        normal[:, : crystal.dimension] = self.normal
+        # in the true geometry arms are radii less half of the overlap
+        half_overlap = 0.5 * self.overlap if follows else 0.0
         fields: dict[str, Any] = {
-            "i": ends[0],
-            "j": ends[1],
+            "i": ends_i,
+            "j": ends_j,
             "shift": shift,
             "normal": normal,
             "normal_force": self.normal_force,
@@ -1786,80 +1864,126 @@ class CrystalState(Result):
             "shear_stiffness": self.shear_stiffness,
             "torsion_stiffness": self.torsion_stiffness,
             "bending_stiffness": self.bending_stiffness,
-            "arm_i": np.concatenate(arm_i) + bulges[ends[0]] - half,
-            "arm_j": np.concatenate(arm_j) + bulges[ends[1]] - half,
+            "arm_i": np.concatenate(arm_i) + bulges[ends_i] * follows - half_overlap,
+            "arm_j": np.concatenate(arm_j) + bulges[ends_j] * follows - half_overlap,
         }
-        own: dict[str, Any] = {name: values[kept] for name, values in fields.items()}
-        if follows:  # its statics are those of normal forces alone
-            own["tangential_force"] = np.zeros((np.count_nonzero(kept), 3))
-        return ContactNetwork(
-            cell=cell,
-            pbc=(p > 0, p > 1, p > 2),
-            positions=positions,
-            radii=radii,
-            masses=masses,
-            inertias=inertias,
-            motions=crystal.motions or next(iter(allowed)),
-            dimension=d,
-            prestress=follows,
-            adhesive=crystal._springs.adhere,
-            contact_model=crystal.contact_model,
-            kinds=(
-                *(crystal.names[one] for one in crystal.kind.tolist()),
-                *(RIGID_PLANE.name,) * extra,
-            ),
-            **own,
-        )
+        contacts = {name: values[self._in_network] for name, values in fields.items()}
+        if follows:  # the statics are those of normal forces alone
+            contacts["tangential_force"] = np.zeros((np.count_nonzero(self._in_network), 3))
+        return contacts
 
 
 def list_balls(balls: Any) -> list[Any]:
     """Return balls, the argument of a public call, as a list; one ball is a list of one."""
-    given = balls.tolist() if isinstance(balls, np.ndarray) else balls
-    if isinstance(given, str | Mapping | set | frozenset) or not isinstance(given, Iterable | Ball):
+    if isinstance(balls, Ball):
+        return [balls]
+    listed = balls.tolist() if isinstance(balls, np.ndarray) else balls
+    if isinstance(listed, str | Mapping | set | frozenset) or not isinstance(listed, Iterable):
         raise InputError(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball")
-    return [given] if isinstance(given, Ball) else list(given)
+    return list(listed)
 
 
 def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
     """Return the different balls in the order in which they come, and the number of the kind of
-    each.
+    each ball.
     """
     if not balls:
         raise InputError("there are no balls", mend="Give a list of granphon.Ball")
-    of_object: dict[int, int] = {}
-    kinds: dict[Ball, int] = {}
-    out = []
+    # one ball often stands on many sites: an object is compared with the kinds once
+    number_of_object: dict[int, int] = {}
+    number_of_ball: dict[Ball, int] = {}
+    numbers = []
     for ball in balls:
-        at = of_object.get(id(ball))
-        if at is None:
+        number = number_of_object.get(id(ball))
+        if number is None:
             if not isinstance(ball, Ball):
-                raise InputError(
-                    f"{brief(ball)} is not a ball", mend="Give a granphon.Ball for each site"
-                )
-            at = of_object[id(ball)] = kinds.setdefault(ball, len(kinds))
-        out.append(at)
-    return tuple(kinds), np.array(out, np.intp)
+                problem = f"{brief(ball)} is not a ball"
+                raise InputError(problem, mend="Give a granphon.Ball for each site")
+            number = number_of_ball.setdefault(ball, len(number_of_ball))
+            number_of_object[id(ball)] = number
+        numbers.append(number)
+    return tuple(number_of_ball), np.array(numbers, np.intp)
 
 
 def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
-    """Return the name of each kind: that which is known or its own, or the next of the letters A,
-    B, C, ...
+    """Return the name of each kind: the ``known`` name, or that of its ball, or the next of A, B,
+    C, ...
     """
     names = {ball: (known or {}).get(ball) or ball.name for ball in kinds}
-    taken = {name for name in names.values() if name} | {RIGID_PLANE.name}
+    used_names = {name for name in names.values() if name} | {RIGID_PLANE.name}
     letters = (
-        map("".join, itertools.product(ascii_uppercase, repeat=size)) for size in itertools.count(1)
+        "".join(word)
+        for size in itertools.count(1)
+        for word in itertools.product(ascii_uppercase, repeat=size)
     )
-    free = (one for one in itertools.chain.from_iterable(letters) if one not in taken)
-    found = tuple(names[ball] or next(free) for ball in kinds)
-    if len(set(found)) < len(found) or RIGID_PLANE.name in found:
-        twice = next(name for name in found if found.count(name) > 1 or name == RIGID_PLANE.name)
-        raise InputError(
-            f"two kinds are called {twice!r}",
-            "Laws are given by names",
-            "Name each kind differently",
-        )
-    return found
+    free_names = (letter for letter in letters if letter not in used_names)
+    kind_names = tuple(names[ball] or next(free_names) for ball in kinds)
+    counts = Counter([*kind_names, RIGID_PLANE.name])
+    twice = next((name for name in kind_names if counts[name] > 1), None)
+    if twice is not None:
+        problem = f"two kinds are called {twice!r}"
+        raise InputError(problem, "Laws are given by names", "Name each kind differently")
+    return kind_names
+
+
+def _require_cell(vectors: Array, radius: float, name: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for a cell (p, d), m, that does not lie along
+    the first axes, or has no room for a ball of the mean ``radius``, m.
+    """
+    p = len(vectors)
+    if np.any(np.abs(vectors[:, p:]) > TOUCH * radius):
+        axes = ("", "along x", "in the xy plane", "")[p]
+        problem = f"the cell of crystal {name!r} does not lie {axes}"
+        raise InputError(problem, mend="Turn the crystal")
+    if p and not abs(np.linalg.det(vectors[:, :p] / radius)) > _LEAST_CELL:
+        problem = f"the cell of crystal {name!r} has no room for a ball"
+        why = f"Its vectors are too short for balls of {2.0 * radius:.4g} m, or not independent"
+        raise InputError(problem, why, "Give lengths in m")
+
+
+def _scale_until_touch(structure: Lattice, site_balls: Sequence[Ball]) -> float:
+    """Return the factor, m, by which a lattice of distances one is scaled until neighbours touch.
+
+    Raises :class:`~granphon.base.errors.InputError` if neighbours cannot all touch.
+    """
+    radii = np.array([ball.radius for ball in site_balls])
+    table = structure.contacts
+    distances = radii[table.i] + radii[table.j]
+    scale = float(np.mean(distances))
+    if np.ptp(distances) > TOUCH * scale:
+        extremes = [int(np.argmin(distances)), int(np.argmax(distances))]
+        texts = [
+            f"those of sites {table.i[row]} and {table.j[row]} at {distances[row]:.6g} m"
+            for row in extremes
+        ]
+        problem = f"balls of these sizes cannot all touch on the {structure.name} lattice"
+        why = f"Centres would be apart: {', '.join(texts)}"
+        mend = "Give balls of one size, or a cell and places at which they touch"
+        raise InputError(problem, why, mend)
+    return scale
+
+
+def _require_large_enough(structure: Lattice, cell: Array, kinds: Sequence[Ball]) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if the larger of two balls touch each other
+    before they touch the smaller one.
+    """
+    p = structure.periods
+    images = np.stack(np.meshgrid(*[[-1, 0, 1]] * p), axis=-1).reshape(-1, p)
+    gap = float(np.min(np.linalg.norm(images[np.any(images, axis=1)] @ cell, axis=1)))
+    small, large = sorted(kinds, key=lambda ball: ball.diameter)
+    if gap >= large.diameter * (1.0 - TOUCH):
+        return
+    scale = 0.5 * (small.diameter + large.diameter) / gap
+    least = 2.0 * large.diameter * scale - large.diameter
+    name = small.name or "AB"[kinds.index(small)]
+    problem = f"ball {name} of {small.diameter:g} m is too small for its site in {structure.name}"
+    ratio = small.diameter / large.diameter
+    least_ratio = least / large.diameter
+    why = (
+        f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of"
+        f" the diameters is {ratio:.4g}, and must be {least_ratio:.4g} or more"
+    )
+    raise InputError(problem, why, f"Give it a diameter of {least:.6g} m or more")
 
 
 def _require_room(cells: int, crystal: Crystal) -> None:
@@ -1867,12 +1991,11 @@ def _require_room(cells: int, crystal: Crystal) -> None:
     fit into memory.
     """
     balls = cells * crystal.n_balls
-    needed = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)
-    require_memory(f"crystals of {balls:,} balls", needed, "Take fewer cells")
+    memory = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)
+    require_memory(f"crystals of {balls:,} balls", memory, "Take fewer cells")
     if balls > _MOST_BALLS:
-        raise InputError(
-            f"the crystal would have {balls:,} balls", mend=f"Make it of up to {_MOST_BALLS:,}"
-        )
+        problem = f"the crystal would have {balls:,} balls"
+        raise InputError(problem, mend=f"Make it of up to {_MOST_BALLS:,}")
 
 
 @contextmanager
@@ -1882,5 +2005,5 @@ def _in_double_precision(values: Array) -> Iterator[None]:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
             yield
     except FloatingPointError:
-        what = f"a crystal under a load of {brief(values.tolist())} is beyond double precision"
-        raise InputError(what, mend="Lower the load, or compare the units") from None
+        problem = f"a crystal under a load of {brief(values.tolist())} is beyond double precision"
+        raise InputError(problem, mend="Lower the load, or compare the units") from None

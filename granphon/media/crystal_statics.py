@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -108,28 +108,6 @@ _MOST_FORCES = 1e6
 _MOST_EXPLAINED = 20_000
 
 
-def _of_each(name: str, order: int, what: str) -> Callable[[Springs, Array], Array]:
-    """Return the method that finds a quantity of all contacts, each by its law.
-
-    Trials of a solver may leave the floating range, and see it by themselves.
-    """
-
-    def find(springs: Springs, values: Array) -> Array:
-        out = np.zeros(springs.count)
-        for law, contacts in springs.groups:
-            own: Any = law
-            ask = (
-                partial(own._evaluate, order=order)
-                if isinstance(law, EnergyLaw)
-                else getattr(law, name)
-            )
-            out[contacts] = ask(values[contacts])
-        return out
-
-    find.__doc__ = what
-    return find
-
-
 class Springs:
     """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,);
     others never push.
@@ -188,10 +166,41 @@ class Springs:
         groups = [(law, own[own >= 0]) for law, at in self.groups for own in (place[at],)]
         return Springs(groups, len(contacts), self.modulus[contacts])
 
-    force = _of_each("force", FORCE, "Forces, N.")
-    stiffness = _of_each("stiffness", STIFFNESS, "Stiffnesses, N/m.")
-    stiffness_slope = _of_each("stiffness_slope", SLOPE, "Slopes of the stiffnesses, N/m^2.")
-    energy = _of_each("energy", ENERGY, "Energies, J.")
+    def force(self, overlap: Array) -> Array:
+        """Return the force of each contact, N, at overlaps (n_c,), m."""
+        return self._evaluate(overlap, FORCE)
+
+    def stiffness(self, overlap: Array) -> Array:
+        """Return the stiffness of each contact, N/m, at overlaps (n_c,), m."""
+        return self._evaluate(overlap, STIFFNESS)
+
+    def stiffness_slope(self, overlap: Array) -> Array:
+        """Return the slope of the stiffness of each contact, N/m^2, at overlaps (n_c,), m."""
+        return self._evaluate(overlap, SLOPE)
+
+    def energy(self, overlap: Array) -> Array:
+        """Return the energy of each contact, J, at overlaps (n_c,), m."""
+        return self._evaluate(overlap, ENERGY)
+
+    def _evaluate(self, overlap: Array, order: int) -> Array:
+        """Return a quantity of all contacts, each by its law.
+
+        Trials of a solver may leave the floating range, which the solver notices: laws of granphon
+        are evaluated without checks.
+        """
+        values = np.zeros(self.count)
+        for law, contacts in self.groups:
+            if isinstance(law, EnergyLaw):
+                values[contacts] = law._evaluate(overlap[contacts], order)
+            else:
+                find = {
+                    ENERGY: law.energy,
+                    FORCE: law.force,
+                    STIFFNESS: law.stiffness,
+                    SLOPE: law.stiffness_slope,
+                }[order]
+                values[contacts] = find(overlap[contacts])
+        return values
 
     def overlap(self, forces: Array) -> Array:
         """Overlaps at forces that contacts can bear, m."""

@@ -1,12 +1,12 @@
-"""Limits of the model: the quantities that are compared with them, and what is said of a state
-beyond one.
+"""Limits of the model: the quantities that are compared with limits, and the warnings about a state
+beyond a limit.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -17,68 +17,80 @@ from granphon.base.results import Result
 from granphon.base.scales import prefixed
 from granphon.media.left_out import LEFT_OUT_LIMIT
 
-#: conditions on the contacts, by name: the limit; the quantity that it limits; what a warning says
-#: of it, with the worst value and the limit; what fails beyond it. A rising load reaches the first
-#: four together, near delta/d = 1 %, where the terms that the contact law leaves out are of that
-#: size too. What is said of the medium is in :attr:`Check.warning`
+
+class _Limit(NamedTuple):
+    """The limit of a quantity, the sentence of a warning with the worst value and the limit, and
+    the reason: what fails beyond the limit.
+    """
+
+    value: float
+    quantity: str
+    sentence: str
+    reason: str
+
+
+#: conditions on the contacts, by name. A rising load reaches the first four limits together, near
+#: delta/d = 1 %, where the terms that the contact law leaves out are of that size too. The sentence
+#: about a medium is in :attr:`Check.warning`
 _LIMITS = {
-    "contact_radius": (
+    "contact_radius": _Limit(
         MOST_CONTACT_RADIUS,
         "contact radius over ball radius",
-        "the radius of a contact is {part} of that of a ball, more than {limit_part}",
+        "the radius of a contact is {percent} of that of a ball, more than {limit_percent}",
         "Hertz's law assumes that the contact is a small spot",
     ),
-    "load": (
+    "load": _Limit(
         0.3,
         "(f/E d^2)^(1/6)",
         "the ratio (f/E d^2)^(1/6) is {worst}, more than {limit}",
         "the balls must be much stiffer than their contacts",
     ),
-    "velocity": (
+    "velocity": _Limit(
         0.5,
         "sound velocity over bulk velocity",
         "sound is {worst} times as fast as in the material of the balls, more than {limit}",
         "waves must be slow against those inside a ball",
     ),
-    "resonance": (
+    "resonance": _Limit(
         0.5,
         "top frequency over the lowest resonance of a ball",
-        "the top frequency is {part} of the lowest resonance of a ball, more than {limit_part}",
+        "the top frequency is {percent} of the lowest resonance of a ball, more than"
+        " {limit_percent}",
         "a ball must move as a rigid body",
     ),
-    "spread": (
+    "spread": _Limit(
         0.03,
         "rms difference of diameters over their mean",
-        "the rms difference of diameters is {part} of their mean, more than {limit_part}",
+        "the rms difference of diameters is {percent} of their mean, more than {limit_percent}",
         "contacts are treated as those of nearly equal balls",
     ),
-    "shear": (
+    "shear": _Limit(
         LEFT_OUT_LIMIT,
         "part by which the shear modulus of a simulation with friction is expected to be too small",
         "the simulated shear modulus is too small, by {about} (v_T by {half})",
         "contacts of loose balls are left out. Use geometry: exact",
     ),
-    "places": (
+    "places": _Limit(
         LEFT_OUT_LIMIT,
         "part by which a velocity depends on the numbering of the balls",
-        "velocities depend on the numbering of the balls, by some {part}",
+        "velocities depend on the numbering of the balls, by some {percent}",
         "loose balls float in their cages as the array is pressed from the gas. Use geometry:"
         " exact",
     ),
-    "torsion": (
+    "torsion": _Limit(
         0.1,
         "overlap over diameter, over the torsion of a contact",
-        "overlap over diameter is {part} of the torsion of a contact, more than {limit_part}",
+        "overlap over diameter is {percent} of the torsion of a contact, more than {limit_percent}",
         "other terms of the order of this torsion are left out",
     ),
-    "table": (
+    "table": _Limit(
         1.0,
         "overlap over the last of the table of its contact law",
         "the overlap of a contact is {worst} times the last of the table of its law, more"
         " than {limit}",
         "beyond its table the law goes on as a power",
     ),
-    "yield": (
+    "yield": _Limit(
         ONSET_OF_YIELD,
         "mean contact pressure over yield strength",
         "the mean pressure in a contact is {worst} times the yield strength, more than {limit}",
@@ -100,9 +112,9 @@ class Check(Result):
     Attributes
     ----------
     name : name of the condition.
-    meaning : what the value is.
-    value : a pure number with the shape of the load. It must not be above ``limit``, or with
-        ``at_least`` not below it.
+    meaning : the quantity that is limited.
+    value : a pure number with the shape of the load, which must not be above ``limit``, or with
+        ``at_least`` not below ``limit``.
     limit : the limit, a pure number.
     reason : why the value is limited.
     at_least : whether the limit is a lower one.
@@ -137,48 +149,50 @@ class Check(Result):
         loads = np.size(self.value)
         if not failing:
             return None
-        several = loads > 1
         value = np.asarray(self.value)
         worst = float(value.min() if self.at_least else value.max())
         if self.name == "medium":
-            force = _write_force(worst)
-            least = _write_force(self.limit)
-            lower = "the contact force is"
-            if several:
-                are = "is lower," if failing == 1 else "are lower, down to"
-                lower = f"{failing} of the {loads} contact forces {are}"
-            return f"{self.reason} below {least}: {lower} {force}."
+            return self._warn_of_medium(worst, failing, loads)
         if self.name in BALL_LIMITS:
-            _, what, unit, *_ = BALL_LIMITS[self.name]
-            said = (
-                f"the {what} is {{worst}} {unit}, {'less' if self.at_least else 'more'} than"
-                f" {{limit}} {unit}"
-            )
+            _, quantity, unit, *_ = BALL_LIMITS[self.name]
+            relation = "less" if self.at_least else "more"
+            sentence = f"the {quantity} is {{worst}} {unit}, {relation} than {{limit}} {unit}"
         else:
-            said = _LIMITS[self.name][2]
-        several &= self.name not in ("spread", *BALL_LIMITS)  # which do not depend on the load
-        up = "up to " if several and failing > 1 else ""
+            sentence = _LIMITS[self.name].sentence
+        # the spread and the constants of a ball do not depend on the load
+        several = loads > 1 and self.name not in ("spread", *BALL_LIMITS)
+        bound = "up to " if several and failing > 1 else ""
         words = {
-            "worst": f"{up}{worst:.4g}",
-            "part": f"{up}{100.0 * worst:.4g} %",
+            "worst": f"{bound}{worst:.4g}",
+            "percent": f"{bound}{100.0 * worst:.4g} %",
             "limit": f"{self.limit:g}",
-            "limit_part": f"{100.0 * self.limit:g} %",
-            "about": f"{up}about {100.0 * worst:.2g} %",
+            "limit_percent": f"{100.0 * self.limit:g} %",
+            "about": f"{bound}about {100.0 * worst:.2g} %",
             "half": f"{100.0 * (1.0 - math.sqrt(max(1.0 - worst, 0.0))):.2g} %",
         }
-        said = said.format_map(words)
+        sentence = sentence.format_map(words)
         if several:
-            which = f"all {loads}" if failing == loads else f"{failing} of {loads}"
-            said = f"at {'both' if which == 'all 2' else which} loads {said}"
-        return f"{said[0].upper()}{said[1:]}: {self.reason}."
+            share = f"all {loads}" if failing == loads else f"{failing} of {loads}"
+            sentence = f"at {'both' if share == 'all 2' else share} loads {sentence}"
+        return f"{sentence[0].upper()}{sentence[1:]}: {self.reason}."
+
+    def _warn_of_medium(self, worst: float, failing: int, loads: int) -> str:
+        """Return the warning that contact forces, at worst ``worst`` N, are below the range of the
+        medium.
+        """
+        clause = "the contact force is"
+        if loads > 1:
+            verb = "is lower," if failing == 1 else "are lower, down to"
+            clause = f"{failing} of the {loads} contact forces {verb}"
+        return f"{self.reason} below {_write_force(self.limit)}: {clause} {_write_force(worst)}."
 
 
 def check_limit(name: str, value: Any, more: str = "") -> Check:
-    """Return the condition of a name, of the contacts or of balls, for a ``value``; ``more`` is
-    added to its reason.
+    """Return the condition of a name, on contacts or on balls, for a ``value``; ``more`` is added
+    to the reason.
     """
     if name in BALL_LIMITS:
-        _, what, unit, limit, at_least = BALL_LIMITS[name]
-        return Check(name, f"{what} in {unit}", value, limit, WRONG_UNIT + more, at_least)
-    limit, meaning, _, reason = _LIMITS[name]
-    return Check(name, meaning, value, limit, reason + more)
+        _, quantity, unit, limit, at_least = BALL_LIMITS[name]
+        return Check(name, f"{quantity} in {unit}", value, limit, WRONG_UNIT + more, at_least)
+    condition = _LIMITS[name]
+    return Check(name, condition.quantity, value, condition.value, condition.reason + more)

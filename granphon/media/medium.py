@@ -1,5 +1,5 @@
-"""Media: the state of a packing under a load given as a force, a pressure or an overlap; and those
-that are contact laws.
+"""Media: the state of a packing under a load given as a force, a pressure or an overlap; and the
+media that are contact laws.
 
 The media of Section III are, in order of accuracy, the averaged lattice (equations 23 and 24), the
 averaged force (25) and the effective medium (28-46). They differ only in their contact law. For
@@ -153,8 +153,8 @@ class Medium(ABC, Generic[StateT]):
         return self.at(Load("pressure", pressure), finite_overlap=finite_overlap)
 
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
-        """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as
-        some touch.
+        """State at the overlap delta = d - a, m; where balls differ the overlap may be negative, as
+        long as some balls touch.
         """
         return self.at(Load("overlap", overlap), finite_overlap=finite_overlap)
 
@@ -212,12 +212,12 @@ class LawMedium(Medium[ContactState]):
     """
 
     packing: Packing
-    # memory of the state at one load while it is found, bytes
+    # memory for finding the state at one load, bytes
     _load_bytes: ClassVar[float] = 160.0
 
     @cached_property
     def law(self) -> Law:
-        """Contact law of the medium; for equal balls, and on a line, it is Hertz's law in every
+        """Contact law of the medium; Hertz's law for equal balls, and on a line, in every
         medium.
         """
         return self.spread_law if self.packing.spread_matters else self.packing.law
@@ -443,9 +443,9 @@ class EffectiveMedium(LawMedium):
         """Local-field factor Xi, with alpha and beta, of the packing's lattice, Mindlin ratio,
         torsion and bending.
 
-        Without friction, torsion and bending some lattices have none: it raises
-        :class:`~granphon.base.errors.MechanismError`. With ``torsion="mindlin"`` torsion is left
-        out, because it is of the order delta/d, as other terms that the medium leaves out.
+        Without friction, torsion and bending some lattices have none, and
+        :class:`~granphon.base.errors.MechanismError` is raised. With ``torsion="mindlin"`` torsion
+        is left out, because it is of the order delta/d, as other terms that the medium leaves out.
         """
         packing = self.packing
         eta = self.packing.mindlin_ratio

@@ -1,6 +1,7 @@
 """Memory of simulated samples, estimated before they are made.
 
-It follows from the arrays; bytes for each ball were measured as Python's tracemalloc counts them.
+The memory follows from the arrays; bytes for each ball were measured as Python's tracemalloc counts
+them.
 """
 
 from __future__ import annotations
@@ -12,30 +13,31 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.media.left_out import estimate_reduced_force
 
-#: bytes for each ball while a sample without rotations is worked on, with one, two and three
-#: periods, besides those of the lattice's Green's function
+#: bytes for each ball while a sample without rotations is solved, with one, two and three periods,
+#: besides those of the lattice's Green's function
 _BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
-#: bytes for each ball while a linear response with rotations is worked on, besides the same
+#: bytes for each ball while a linear response with rotations is solved, besides those of the
+#: Green's function
 _ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
 #: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and
 #: m motions of a ball
 _GREEN_BYTES = 50.0
 #: f* below which contacts are factorised
 _FACTOR_FORCE = 0.015
-#: bytes for each ball that this takes more, without rotations and with them
+#: further bytes for each ball of a factorisation, without rotations and with them
 _FACTOR_BYTES = 2100.0
 _ROTATING_FACTOR_BYTES = 4900.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
-#: bytes for each ball of the place where the operator of a further sample works, with one, two and
-#: three periods, and the most bytes of it
+#: bytes for each ball of the workspace of the operator of a further sample, with one, two and three
+#: periods, and the most bytes of the workspace
 _WORKSPACE_BYTES = {1: 25.0, 2: 65.0, 3: 130.0}
 _MOST_WORKSPACE = 2.3e6
 #: bytes for each ball of a further equilibrium that is kept: a displacement along each period
 _EQUILIBRIUM_BYTES = {1: 9.0, 2: 17.0, 3: 25.0}
 #: least f* of an estimate
 LEAST_FORCE = 5e-5
-#: bytes for each ball while a path is worked on, with two and three periods
+#: bytes for each ball while a path is followed, with two and three periods
 _HISTORY_BYTES = {2: 2000.0, 3: 5000.0}
 #: bytes for each ball of each state of a path that is kept
 _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
@@ -45,7 +47,7 @@ def estimate_memory(packing: Packing, balls: int, samples: int, load: Load, load
     """Return the memory, bytes, that samples of so many ``balls`` each need at a load, with their
     moduli.
 
-    They are ``loaded`` step by step with friction, or brought to rest at each load.
+    Samples are ``loaded`` step by step with friction, or brought to rest at each load.
     """
     structure = packing.structure
     turning = packing.ball_motions.rotate

@@ -1,26 +1,28 @@
 """The medium that simulates the disordered array: every ball has its own diameter and is at rest
 under load.
 
-Section III of Velicky and Caroli replaces the array by an average one. Here a periodic sample of L1
-x L2 balls is simulated. Its mechanical equilibrium is found without friction
-(:mod:`granphon.array.equilibrium`); its linear response (:mod:`granphon.array.linear_response`)
+Section III of Velicky and Caroli replaces the array by an average array. Here a periodic sample of
+L1 x L2 balls is simulated. The mechanical equilibrium of the sample is found without friction
+(:mod:`granphon.array.equilibrium`); the linear response (:mod:`granphon.array.linear_response`)
 then has shear springs at every contact that carries load. A state is a mean over samples; its
 attributes, elastic tensor, sound waves and local exponent have standard errors.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
-from operator import attrgetter
+from operator import attrgetter, methodcaller
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.equilibrium import Equilibrium
 from granphon.array.geometry import ReducedLoad, require_small
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import STEP, Sample, jackknife, standard_error
@@ -72,10 +74,10 @@ from granphon.media.state import ContactState, read_finite_overlap
 _MOST_SEED = 2**64 - 1
 #: default numbers of cells of a sample, with one, two and three periods
 DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
-#: rule of validation for the numbers of cells in a scene; ``periods`` says how many they must be
+#: rule of validation for the numbers of cells in a scene; ``periods`` says how many there must be
 read_cells = partial(lengths, low=1, high=20_000)
-#: greatest numbers of balls along a side of a sample, of its cells, and of samples, far beyond what
-#: fits into memory
+#: greatest numbers of balls along a side of a sample, of its cells, and of samples, far more than
+#: memory holds
 _MOST_SIDE = 2**31
 _MOST_CELLS = 2**48
 _MOST_SAMPLES = 2**31
@@ -87,12 +89,13 @@ _SOFT = 1e-6
 #: least width over diameter: where overlaps are more than 1e20 widths, some samples find no
 #: equilibrium
 _LEAST_WIDTH = 1e-20
-#: time of the start of a ball in the exact geometry over that on the lattice
+#: time for each ball of a start in the exact geometry, over the time in the directions of the
+#: lattice
 _EXACT_BALL = 20
-#: balls whose start takes as long as what any sample takes, on the lattice and in the exact
-#: geometry
+#: balls whose start takes as long as the fixed cost of any sample, by whether the geometry is exact
 _LEAST_SAMPLE = {False: 625, True: 2500}
-#: f* of a start that takes twice as long as one at a high force; below it the time grows as 1/f*
+#: f* of a start that takes twice as long as a start at a high force; below it the time grows as
+#: 1/f*
 _SLOW_FORCE = 0.0015
 
 
@@ -119,22 +122,23 @@ class SampleLaw(EnergyLaw):
 
     @property
     def least_overlap(self) -> float:
-        """Overlap up to which all balls are apart while they are on the sites of the lattice, m; it
-        is below zero.
+        """Overlap up to which all balls are apart while they are on the sites of the lattice, m; a
+        number below zero.
         """
-        largest = max(
-            float(np.max(self.simulation.deviations(index)))
-            for index in range(self.simulation.samples)
-        )
-        return -largest * self.simulation.packing.width_units.width
+        simulation = self.simulation
+        samples = range(simulation.samples)
+        largest = max(float(np.max(simulation.deviations(index))) for index in samples)
+        return -largest * simulation.packing.width_units.width
 
-    def _average_at(self, overlap: ArrayLike, of: Callable[[Sample], float]) -> Any:
-        values = np.asarray(overlap, float)
-        different, where = np.unique(values, return_inverse=True)
+    def _average_at(self, overlap: ArrayLike, quantity: Callable[[Sample], float]) -> Any:
+        """Return the mean over samples of a quantity at each ``overlap``, m."""
+        overlaps = np.asarray(overlap, float)
+        distinct, numbers = np.unique(overlaps, return_inverse=True)
         means = [
-            np.mean([of(one) for one in self._simulate(value)]) for value in different.tolist()
+            np.mean([quantity(sample) for sample in self._simulate(value)])
+            for value in distinct.tolist()
         ]
-        return np.array(means)[where].reshape(values.shape)[()]
+        return np.array(means)[numbers].reshape(overlaps.shape)[()]
 
     @cached_property
     def _simulate(self) -> Callable[[float], tuple[Sample, ...]]:
@@ -145,9 +149,8 @@ class SampleLaw(EnergyLaw):
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        return self._average_at(
-            overlap, attrgetter(("energy", "force", "normal_stiffness", "stiffness_slope")[order])
-        )
+        names = ("energy", "force", "normal_stiffness", "stiffness_slope")
+        return self._average_at(overlap, attrgetter(names[order]))
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return the force fluctuation over the balls, the ratio Delta f / f, at each ``overlap``,
@@ -160,8 +163,8 @@ class SampleLaw(EnergyLaw):
         return self._average_at(overlap, lambda sample: sample.contact_fraction())
 
     def least_valid_force(self, width: float) -> float:
-        """Return 0 N for any ``width``, m: the simulation is valid at every load at which it finds
-        an equilibrium.
+        """Return 0 N for any ``width``, m: the simulation is valid at every load that has an
+        equilibrium.
         """
         return 0.0
 
@@ -179,18 +182,6 @@ HISTORY_UNITS = {
 }
 
 
-def _average_history(name: str, meaning: str) -> property:
-    """Return the property of a state that is the mean over samples of one of :data:`HISTORY_UNITS`;
-    None without them.
-    """
-
-    def find(state: SimulatedState) -> Any:
-        known = getattr(state.samples[0], name, None) is not None
-        return state._average(lambda sample: getattr(sample, name)) if known else None
-
-    return property(find, doc=f"{meaning}; None without a history of friction.")
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedState(ContactState):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
@@ -198,8 +189,8 @@ class SimulatedState(ContactState):
     At a given force or pressure every sample bears the same force, and overlaps are averaged. At a
     given overlap all samples have the same overlap, and forces are averaged. In both cases
     ``normal_stiffness`` is the exact derivative of the mean force with respect to the mean overlap;
-    after a history with friction it belongs to the linear response, which differs from the slope of
-    the path (:attr:`PressedSample.normal_stiffness`).
+    after a history with friction ``normal_stiffness`` belongs to the linear response, which differs
+    from the slope of the path (:attr:`PressedSample.normal_stiffness`).
 
     Attributes
     ----------
@@ -207,9 +198,9 @@ class SimulatedState(ContactState):
         fastest.
     fixed_overlap : True if all samples have the same overlap, False if they have the same force.
 
-    ``finite_overlap`` is True of samples in their exact geometry, if only at some loads. Otherwise
-    it is False: the linear response, pressure and density of the samples are in the paper's limit;
-    :class:`~granphon.base.errors.InputError` if it is set.
+    ``finite_overlap`` is True of samples in their exact geometry, if only at some loads. False
+    means that the linear response, pressure and density of the samples are in the paper's limit;
+    :class:`~granphon.base.errors.InputError` if such a state is made with True.
     """
 
     units = {**ContactState.units, "contact_force_fluctuation": "1", **HISTORY_UNITS}
@@ -222,51 +213,48 @@ class SimulatedState(ContactState):
     def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load) -> Self:
         """Make the state of ``samples`` under an applied ``load``.
 
-        Its force or overlap is exact if the load is given as one of these.
+        The force or the overlap of the state is exact if the load is given as such.
         """
-        rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(
-            *load.shape, -1, 3
-        )
-        forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
+        rows = [(sample.force, sample.overlap, sample.normal_stiffness) for sample in samples]
+        columns = np.moveaxis(np.array(rows).reshape(*load.shape, -1, 3), -1, 0)
+        forces, overlaps, stiffnesses = columns
         fixed_overlap = load.kind == "overlap"
-        # samples with the same overlap act in parallel: average stiffnesses; with the same force in
-        # series: compliances
-        k = (
-            np.mean(stiffnesses, axis=-1)
-            if fixed_overlap
-            else 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
-        )
-        f = load.array if load.kind == "force" else np.mean(forces, axis=-1)
-        delta = load.array if fixed_overlap else np.mean(overlaps, axis=-1)
+        if fixed_overlap:  # samples act in parallel
+            stiffness = np.mean(stiffnesses, axis=-1)
+        else:  # samples act in series
+            stiffness = 1.0 / np.mean(1.0 / stiffnesses, axis=-1)
+        force = load.array if load.kind == "force" else np.mean(forces, axis=-1)
+        overlap = load.array if fixed_overlap else np.mean(overlaps, axis=-1)
         return cls(
             packing=simulation.packing,
             medium=simulation.name,
             law=simulation.law,
-            force=np.asarray(f)[()],
-            overlap=np.asarray(delta)[()],
-            normal_stiffness=np.asarray(k)[()],
+            force=np.asarray(force)[()],
+            overlap=np.asarray(overlap)[()],
+            normal_stiffness=np.asarray(stiffness)[()],
             samples=tuple(samples),
             fixed_overlap=fixed_overlap,
-            finite_overlap=any(one.is_exact for one, _ in simulation.by_geometry(load)),
+            finite_overlap=any(medium.is_exact for medium, _ in simulation.by_geometry(load)),
         )
 
     def __post_init__(self) -> None:
-        if self.finite_overlap and not (
-            isinstance(self.law, SampleLaw) and self.law.simulation.geometry != LATTICE
-        ):
+        simulation = self._simulation
+        may_be_exact = simulation is not None and simulation.geometry != LATTICE
+        if self.finite_overlap and not may_be_exact:
             raise no_finite_overlap(self.medium)
         super().__post_init__()
 
     def __getitem__(self, index: Any) -> Self:
         """Return the state at some of the loads, indexed like an array."""
-        which = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
-        samples = tuple(self._table.reshape(-1, self.n_samples)[which].ravel().tolist())
-        f, delta, k = (
-            np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness)
-        )
-        finite = bool(np.any(np.asarray(self._is_exact)[index]))
+        chosen = np.arange(int(np.prod(self.shape, dtype=int))).reshape(self.shape)[index]
+        samples = self._table.reshape(-1, self.n_samples)[chosen]
         return replace(
-            self, force=f, overlap=delta, normal_stiffness=k, samples=samples, finite_overlap=finite
+            self,
+            force=np.asarray(self.force)[index],
+            overlap=np.asarray(self.overlap)[index],
+            normal_stiffness=np.asarray(self.normal_stiffness)[index],
+            samples=tuple(samples.ravel().tolist()),
+            finite_overlap=bool(np.any(np.asarray(self._is_exact)[index])),
         )
 
     def _find_again(self) -> dict[str, Any]:
@@ -312,17 +300,14 @@ class SimulatedState(ContactState):
         :class:`~granphon.base.errors.InputError` if there is only one sample.
         """
         if self.n_samples < 2:
-            raise InputError(
-                "one sample has no standard error",
-                mend="Give samples=2 or more to granphon.DirectSimulation",
-            )
-        values = self.over_samples(
-            (lambda sample: getattr(sample, of)) if isinstance(of, str) else of
-        )
-        return standard_error(values, len(self.shape))[()]
+            mend = "Give samples=2 or more to granphon.DirectSimulation"
+            raise InputError("one sample has no standard error", mend=mend)
+        quantity = attrgetter(of) if isinstance(of, str) else of
+        return standard_error(self.over_samples(quantity), len(self.shape))[()]
 
-    def _average(self, of: Callable[[Any], ArrayLike]) -> Any:
-        return np.mean(self.over_samples(of), axis=len(self.shape))[()]
+    def _average(self, quantity: Callable[[Any], ArrayLike]) -> Any:
+        """Return the mean over samples of a quantity, with the shape of the load in front."""
+        return np.mean(self.over_samples(quantity), axis=len(self.shape))[()]
 
     @property
     def force_fluctuation(self) -> Any:
@@ -333,8 +318,8 @@ class SimulatedState(ContactState):
 
     @property
     def contact_force_fluctuation(self) -> Any:
-        """Rms deviation of the forces of single contacts from the mean force, divided by it; with
-        the shape of the load.
+        """Rms deviation of the forces of single contacts from the mean force, over the mean force;
+        with the shape of the load.
         """
         return self._average(lambda sample: sample.contact_force_fluctuation)
 
@@ -343,10 +328,10 @@ class SimulatedState(ContactState):
         """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / z (N_c / 6 on the
         triangular lattice).
 
-        In the exact geometry loose balls lean on others with W/d of that or less, so that it
-        depends on the threshold: at a* = 0.4 it is 0.67, 0.68 of all forces above zero, and 0.58 of
-        those above 1e-3 (steel balls, W/d = 2.6e-4). ``contact_fraction(threshold=...)`` of one of
-        the ``samples`` takes another threshold.
+        In the exact geometry loose balls lean on others with W/d of the mean force or less, so that
+        the fraction depends on the threshold: at a* = 0.4 the fraction is 0.67, that of all forces
+        above zero 0.68, and that of forces above 1e-3 of the mean 0.58 (steel balls, W/d = 2.6e-4).
+        ``contact_fraction(threshold=...)`` of one of the ``samples`` takes another threshold.
         """
         return self._average(lambda sample: sample.contact_fraction())
 
@@ -372,43 +357,69 @@ class SimulatedState(ContactState):
         """
         return self._average_distribution("mobilisation_distribution", bins)
 
-    def _average_distribution(self, name: str, *given: Any) -> tuple[Array, Array, Array]:
+    def _average_distribution(self, name: str, *arguments: Any) -> tuple[Array, Array, Array]:
         """Return the edges of a distribution of the samples, its mean over them, and the standard
         error of the mean.
         """
         if not hasattr(self.samples[0], name):
-            what = f"there is no {name}"
+            problem = f"there is no {name}"
             why = "Balls that come to rest without friction bear no tangential forces"
-            raise InputError(what, why, "Give friction_history=True to granphon.DirectSimulation")
-        edges: Array = getattr(self.samples[0], name)(*given)[0]
-        each = self.over_samples(lambda sample: getattr(sample, name)(*given)[1])
+            raise InputError(
+                problem, why, "Give friction_history=True to granphon.DirectSimulation"
+            )
+        distribution = methodcaller(name, *arguments)
+        edges: Array = distribution(self.samples[0])[0]
+        densities = self.over_samples(lambda sample: distribution(sample)[1])
         axis = len(self.shape)
-        mean = np.mean(each, axis=axis)
-        return (
-            edges,
-            mean,
-            standard_error(each, axis) if self.n_samples > 1 else np.full_like(mean, np.nan),
-        )
+        mean = np.mean(densities, axis=axis)
+        error = np.full_like(mean, np.nan)
+        if self.n_samples > 1:
+            error = standard_error(densities, axis)
+        return edges, mean, error
 
-    sliding_fraction = _average_history(
-        "sliding_fraction",
-        "Part of the contacts that carry load whose tangential force is at Coulomb's limit",
-    )
-    tangential_ratio = _average_history(
-        "tangential_ratio", "Mean magnitude of the tangential forces over the mean normal force"
-    )
-    work = _average_history("work", "Work of the load since the start, a mean over contacts, J")
-    dissipated_energy = _average_history(
-        "dissipated_energy", "Energy lost since the start, a mean over contacts, J"
-    )
+    def _average_history(self, name: str) -> Any:
+        """Return the mean over samples of one of :data:`HISTORY_UNITS`; None if samples have no
+        history of friction.
+        """
+        if getattr(self.samples[0], name, None) is None:
+            return None
+        return self._average(attrgetter(name))
+
+    @property
+    def sliding_fraction(self) -> Any:
+        """Fraction of the contacts that carry load whose tangential force is at Coulomb's limit;
+        None without a history of friction.
+        """
+        return self._average_history("sliding_fraction")
+
+    @property
+    def tangential_ratio(self) -> Any:
+        """Mean magnitude of the tangential forces over the mean normal force; None without a
+        history of friction.
+        """
+        return self._average_history("tangential_ratio")
+
+    @property
+    def work(self) -> Any:
+        """Work of the load since the start, a mean over contacts, J; None without a history of
+        friction.
+        """
+        return self._average_history("work")
+
+    @property
+    def dissipated_energy(self) -> Any:
+        """Energy lost since the start, a mean over contacts, J; None without a history of
+        friction.
+        """
+        return self._average_history("dissipated_energy")
 
     @property
     def elastic_tensor(self) -> Array:
         """Elastic tensor in Voigt order: the mean over samples of their linear response.
 
-        It is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy in
-        space; (..., 1, 1), N, of a chain. Samples of finite size do not have the symmetry of the
-        lattice; velocities follow from the part that has.
+        The tensor is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz,
+        xy in space; (..., 1, 1), N, of a chain. Samples of finite size do not have the symmetry of
+        the lattice; velocities follow from the part of the tensor that has the symmetry.
 
         If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of
         compliances. For several samples without friction the bulk modulus then differs from
@@ -429,16 +440,17 @@ class SimulatedState(ContactState):
         """Elastic tensor of each sample, (..., n_samples, n, n), Voigt order; None if there is only
         one sample.
         """
-        return (
-            self.over_samples(lambda sample: sample.elastic_tensor) if self.n_samples > 1 else None
-        )
+        if self.n_samples < 2:
+            return None
+        return self.over_samples(attrgetter("elastic_tensor"))
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
         """Return velocities, m/s, (..., n_u) along ``direction``, or (..., n, n_u) for directions
         (n, p), and displacements.
 
-        Displacements are unit vectors, columns of (..., n_u, n_u) or (..., n, n_u, n_u). Both
-        follow from the mean elastic tensor: in an isotropic plane from its bulk and shear modulus.
+        Displacements are unit vectors, columns of (..., n_u, n_u) or (..., n, n_u, n_u). Velocities
+        and displacements follow from the mean elastic tensor: in an isotropic plane from its bulk
+        and shear modulus.
         """
         return self._find_waves(self.elastic_tensor, self.effective_density, direction)
 
@@ -457,9 +469,8 @@ class SimulatedState(ContactState):
         # a sample that resists no shear has a modulus of zero, to rounding
         shear = np.where(np.abs(shear) < 1e-12 * np.abs(bulk), np.maximum(shear, 0.0), shear)
         # v_L and v_T, m/s, from K and G, Pa (equation 16)
-        velocities = np.sqrt(
-            np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None]
-        )
+        wave_moduli = np.stack([bulk + shear, shear], axis=-1)
+        velocities = np.sqrt(wave_moduli / np.asarray(density)[..., None])
         if along.ndim > 1:
             velocities = np.repeat(velocities[..., None, :], len(along), axis=-2)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
@@ -468,38 +479,44 @@ class SimulatedState(ContactState):
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
         """Return standard errors of velocities along ``direction``, m/s, in the order of
-        ``wave_names``; None of one.
+        ``wave_names``; None of one sample.
         """
-        every = self.sampled_tensors
-        if every is None:
+        tensors = self.sampled_tensors
+        if tensors is None:
             return None
-        velocities, _ = self._find_waves(
-            every, np.asarray(self.effective_density)[..., None], direction
-        )
+        density = np.asarray(self.effective_density)[..., None]
+        velocities, _ = self._find_waves(tensors, density, direction)
         return standard_error(velocities, len(self.shape))
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves
         of the samples.
         """
-        found = self.long_waves(direction)
-        ideal = super().polarised_waves(direction)[0]
-        places = [self.wave_names.index(name) for name in names]
-        scales = super().branch_scales(direction, names)
-        return [
-            np.asarray(found[..., i] / (ideal[..., i] / scale))
-            for i, scale in zip(places, scales, strict=True)
-        ]
+        velocities = self.long_waves(direction)
+        ideal_velocities = super().polarised_waves(direction)[0]
+        scales = []
+        for name, scale in zip(names, super().branch_scales(direction, names), strict=True):
+            column = self.wave_names.index(name)
+            reduced_velocity = ideal_velocities[..., column] / scale
+            scales.append(np.asarray(velocities[..., column] / reduced_velocity))
+        return scales
+
+    @property
+    def _simulation(self) -> DirectSimulation | None:
+        """The medium that made the state; None of samples that have the law of equal balls."""
+        return self.law.simulation if isinstance(self.law, SampleLaw) else None
 
     @property
     def _is_exact(self) -> Any:
         """Whether the samples at each load are in their exact geometry: each load has its own if
-        none is named.
+        the medium names none.
         """
-        simulation = getattr(self.law, "simulation", None)
+        simulation = self._simulation
         if simulation is None or simulation.geometry is not None:
             return self._fill_shape(self.finite_overlap)
-        return np.reshape([one.is_exact for one in self.samples[:: self.n_samples]], self.shape)[()]
+        return np.reshape(
+            [sample.is_exact for sample in self.samples[:: self.n_samples]], self.shape
+        )[()]
 
     @property
     def _shrinkage(self) -> Any:
@@ -510,19 +527,19 @@ class SimulatedState(ContactState):
         """Whether loose balls float in their cages as samples are pressed from the gas: in the
         directions of the lattice.
         """
-        simulation = getattr(self.law, "simulation", None)
+        simulation = self._simulation
         return simulation is not None and simulation.floats
 
     @property
     def shear_deficit(self) -> Any:
-        """Part by which the shear modulus is expected to be too small, as contacts have the
+        """Fraction by which the shear modulus is expected to be too small, as contacts have the
         directions of the lattice.
 
-        They leave out that loose balls lean on others
-        (:func:`~granphon.media.left_out.estimate_shear_deficit`). It is None in the exact geometry,
-        for equal balls, on a line, and where no contact resists slip.
+        These directions leave out that loose balls lean on others
+        (:func:`~granphon.media.left_out.estimate_shear_deficit`). The deficit is None in the exact
+        geometry, for equal balls, on a line, and where no contact resists slip.
         """
-        simulation = getattr(self.law, "simulation", None)
+        simulation = self._simulation
         if simulation is None or np.all(self._is_exact) or not simulation.resists_slip:
             return None
         ratio = self.packing.relative_width
@@ -537,31 +554,28 @@ class SimulatedState(ContactState):
         """Whether the directions of the lattice leave out at most 1 % of the shear modulus
         (:attr:`shear_deficit`).
 
-        From the gas in these directions none is, as velocities depend on the numbering of the balls
-        (:attr:`floats`).
+        No state that was pressed from the gas in these directions is valid, as its velocities
+        depend on the numbering of the balls (:attr:`floats`).
         """
         if self.floats:
             return self._fill_shape(False)
         deficit = self.shear_deficit
-        return (
-            self._fill_shape(True)
-            if self.chosen_automatically or deficit is None
-            else (deficit <= LEFT_OUT_LIMIT)
-        )
+        if self.chosen_automatically or deficit is None:
+            return self._fill_shape(True)
+        return deficit <= LEFT_OUT_LIMIT
 
     @property
     def pressure(self) -> Any:
         """Pressure P, N/m in the plane, Pa in space: see :attr:`granphon.ContactState.pressure`.
 
-        In the exact geometry it is the work of the load on the cell, over the change of its size:
-        the mean over samples.
+        In the exact geometry the pressure is the work of the load on the cell, over the change of
+        the size of the cell: the mean over samples.
         """
         if not self.finite_overlap:
             return super().pressure
-        of_work = self.packing.pressure_per_force * self._average(
-            lambda sample: sample.boundary_force
-        )
-        return np.where(self._is_exact, of_work, super().pressure)[()]
+        boundary_force = self._average(attrgetter("boundary_force"))
+        exact_pressure = self.packing.pressure_per_force * boundary_force
+        return np.where(self._is_exact, exact_pressure, super().pressure)[()]
 
     @property
     def mean_errors(self) -> dict[str, Any]:
@@ -571,20 +585,22 @@ class SimulatedState(ContactState):
         At a given force or pressure it is the error of the overlap, at a given overlap the error of
         the force. The dictionary is empty if there is only one sample.
         """
+        if self.n_samples < 2:
+            return {}
         name = "force" if self.fixed_overlap else "overlap"
-        return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
+        return {f"{name}_error": self.standard_error(name)}
 
     @property
     def exponent(self) -> Any:
         """Local exponent d log v_L / d log P; exactly 1/6 for equal balls and on a line.
 
-        It belongs to the modulus of longitudinal waves, averaged over all directions and samples: K
-        + G in the plane, K + 4G/3 in space, with the averages of Voigt where samples are not
-        isotropic.
+        The exponent belongs to the modulus of longitudinal waves, averaged over all directions and
+        samples: K + G in the plane, K + 4G/3 in space, with the averages of Voigt where samples are
+        not isotropic.
 
-        It is a difference over :data:`~granphon.array.sample.STEP` of log f to either side: each
-        sample is solved at two more loads, when the exponent or its error is first asked for. The
-        derivative itself is not used, as its variance is infinite: a contact about to open
+        The exponent is a difference over :data:`~granphon.array.sample.STEP` of log f to either
+        side: each sample is solved at two more loads, when the exponent or its error is first asked
+        for. The derivative itself is not used, as its variance is infinite: a contact about to open
         contributes a slope of h^(-1/2). After a history of friction both loads are higher, by 5 %
         and 15 %. In the exact geometry the spacing falls with the load, by f/k for each unit of log
         f; density and pressure follow.
@@ -613,22 +629,23 @@ class SimulatedState(ContactState):
         """The terms of each sample whose means :func:`_compute_exponent` takes, (..., n_samples,
         4).
         """
-        low, high = np.moveaxis(
-            longitudinal_modulus(self.over_samples(attrgetter("elastic_tensors_beside"))), -1, 0
+        moduli_beside = longitudinal_modulus(
+            self.over_samples(attrgetter("elastic_tensors_beside"))
         )
+        low, high = np.moveaxis(moduli_beside, -1, 0)
         modulus = longitudinal_modulus(self.over_samples(attrgetter("elastic_tensor")))
         rise = modulus * np.log(high / low) / (2.0 * STEP)  # dM / d log f
-        # the mean force is an average of samples at the same overlap; at the same force the two are
-        # left out
-        names = ("force", "normal_stiffness") if self.fixed_overlap else ()
-        f, k = [self.over_samples(attrgetter(name)) for name in names] or (
-            np.ones_like(modulus),
-        ) * 2
-        return np.stack([rise * k / f, modulus, k, f], axis=-1)
+        # samples at the same force need neither their force nor their stiffness
+        force = np.ones_like(modulus)
+        stiffness = np.ones_like(modulus)
+        if self.fixed_overlap:
+            force = self.over_samples(attrgetter("force"))
+            stiffness = self.over_samples(attrgetter("normal_stiffness"))
+        return np.stack([rise * stiffness / force, modulus, stiffness, force], axis=-1)
 
     @property
     def _shortening(self) -> Array:
-        """Part by which the spacing falls for each unit of log f; 0 in the directions of the
+        """Fraction by which the spacing falls for each unit of log f; 0 in the directions of the
         lattice.
         """
         spacing = self.packing.diameter - np.asarray(self.overlap)
@@ -636,8 +653,9 @@ class SimulatedState(ContactState):
 
 
 def read_geometry(value: Any) -> str | None:
-    """Read the name of a geometry; None leaves it to the load. It is a rule of
-    :mod:`granphon.base.validation`.
+    """Read the name of a geometry; None leaves the geometry to the load.
+
+    The function is a rule of :mod:`granphon.base.validation`.
     """
     return None if value is None else choice(value, options=GEOMETRIES)
 
@@ -651,14 +669,13 @@ class DirectSimulation(Medium[SimulatedState]):
     packing : the balls, on a lattice that stands without friction: the chain, the triangular
         lattice, fcc, hcp, or one given as data; others with a history of friction from the gas.
     shape : (L1, ..., Lp), numbers of cells of a periodic sample along the p vectors of the cell; by
-        default (16384,),
-        (128, 128) or (24, 24, 24).
+        default (16384,), (128, 128) or (24, 24, 24).
     seed : seed of the first sample; the next ones have the next seeds. Diameters are the same on
         any machine.
     samples : number of samples that are averaged.
     diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a shape
-        and a seed: one sample of just these balls. They are shifted to have the packing's diameter
-        as their mean; a packing without a spread takes theirs.
+        and a seed: one sample of just these balls. The diameters are shifted to have the packing's
+        diameter as their mean; a packing without a spread takes their spread.
     executor : a :class:`concurrent.futures.Executor`, or an object with the same methods, that
         solves samples in parallel.
     workers : number of threads for each Fourier transform. Neither ``executor`` nor ``workers``
@@ -671,9 +688,10 @@ class DirectSimulation(Medium[SimulatedState]):
     geometry : "exact": directions, lever arms and overlaps follow from positions, with
         ``finite_overlap`` (prestress and boundary included). "lattice": contacts keep the
         directions of the lattice, the limit of small spread, which is faster. None, the default:
-        exact for a history of friction; without one "lattice" at loads where it is expected to
-        leave out less than 1e-3 of the shear modulus, else exact. Equal balls, and balls that
-        differ by more than a fifth of their diameter, have the directions of the lattice.
+        "exact" for a history of friction; without a history "lattice" at loads where the directions
+        of the lattice are expected to leave out less than 1e-3 of the shear modulus, else "exact".
+        Equal balls, and balls that differ by more than a fifth of their diameter, have the
+        directions of the lattice.
     start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by
         default, or a load as {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas":
         balls lie apart on their sites, and are pressed with friction until they carry a load; for
@@ -682,13 +700,14 @@ class DirectSimulation(Medium[SimulatedState]):
         everywhere, as for small cycles of the load. For a load that continues in one direction,
         "slide": eta k, and zero where a contact slides; or "partial_slip": ``eta k (1 - |T|/mu
         f)^(1/3)``, as if ``|T|`` were about to grow at every contact.
-    step_tolerance : steps of the load are halved until that changes f* by less than this fraction.
+    step_tolerance : steps of the load are halved until a halving changes f* by less than this
+        fraction.
     ordered : whether ``at_*`` take the loads in the order given, as :meth:`path` does.
 
     Raises
     ------
     MechanismError : the lattice does not stand without friction, as sc, bcc, diamond, square,
-        honeycomb and kagome, and there is no history of friction that starts from the gas.
+        honeycomb and kagome do not, and there is no history of friction that starts from the gas.
     InputError : motions other than those along the periods, a shape or number that is not whole and
         above zero, diameters with a shape or samples, a width below 1e-20 of the diameter; options
         of a history without ``friction_history``, a history without a friction coefficient, on a
@@ -719,7 +738,7 @@ class DirectSimulation(Medium[SimulatedState]):
     step_tolerance: float = FrictionHistory.step_tolerance
     ordered: bool = FrictionHistory.ordered
 
-    #: what a scene may set; it cannot give diameters, and says elsewhere where it runs
+    #: what a scene may set: neither diameters nor executor and workers
     options: ClassVar[Mapping[str, Option]] = {
         "shape": Option(shape, read_cells),
         "seed": Option(seed, partial(whole, low=0, high=_MOST_SEED)),
@@ -736,124 +755,149 @@ class DirectSimulation(Medium[SimulatedState]):
         history = self.history
         for name, value in history.options.items():
             object.__setattr__(self, name, value)
-        # the balls move as simulated balls do, and stand without friction, or are held by it from
-        # the gas on
-        packing = self.packing
-        structure = self.packing.structure
-        shape = self.shape
-        periods = structure.periods
-        own = next(iter(allowed_motions(structure.periods).values()))
-        if structure.dimension > periods or packing.motions not in (None, own.name):
-            what = f"the motions {packing.motions!r}"
-            mend = f"Use another medium, or the motions {own.name!r}"
-            if structure.dimension > periods:
-                what = f"a lattice of {periods} periods in space"
-                mend = "Use another medium"
-            why = "Simulated balls move along the periods of their lattice"
-            raise InputError(f"balls with {what} are not simulated", why, mend)
-        held = history.is_loaded and history.from_gas and history.friction_coefficient != 0
-        if not held and (falls := _explain_fall(structure, own)) is not None:
-            what = (
-                f"the {structure.name} lattice is not simulated, because it does not stand"
-                f" without friction"
-            )
-            mend = "use another medium, or a lattice with more contacts, such as triangular or fcc"
-            friction = "" if packing.friction else "friction: true of the packing and "
-            if ContactLattice.of(
-                structure, packing.material.mindlin_ratio, bending=packing.bending
-            ).mechanism:
-                mend = f"Friction does not hold it either: {mend}"
-            elif history.is_loaded:
-                keys = f"{friction}start: gas, and a friction_coefficient above zero"
-                mend = (
-                    f"Start the history at the gas ({keys}), from which friction holds it; or"
-                    f" {mend}"
-                )
-            else:
-                keys = (
-                    f"{friction}friction_history: true with a friction_coefficient and start: gas"
-                )
-                mend = f"A simulation with {keys} simulates it; or {mend}"
-            raise MechanismError(what, falls, mend)
-        if shape is not None:
-            shape = require(
-                "shape", partial(lengths, low=1, high=_MOST_SIDE, periods=periods), shape
-            )
-            if math.prod(shape) > _MOST_CELLS:
-                what = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
-                raise InputError(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer")
-        object.__setattr__(self, "shape", shape or DEFAULT_SHAPES[periods])
+        self._require_simulated_lattice()
+        periods = self.packing.structure.periods
+        object.__setattr__(self, "shape", self._read_shape() or DEFAULT_SHAPES[periods])
         if self.diameters is not None:
-            # the sample takes their shape, and the packing their spread if it has none
-            array = read_only(finite_array("diameters", self.diameters, "m", "above zero"))
-            n = structure.n_balls
-            if array.ndim != periods + (n > 1) or (n > 1 and array.shape[-1] != n):
-                wanted = ", ".join(
-                    [*(f"L{axis + 1}" for axis in range(periods)), *[str(n)] * (n > 1)]
-                )
-                raise InputError(
-                    f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})"
-                )
-            if packing.spread is None and np.ptp(array):
-                # the packing takes the mean of the shifted list, which rounding may have changed
-                spread = Measured(
-                    tuple((packing.diameter + (array - np.mean(array))).ravel().tolist())
-                )
-                packing = replace(packing, spread=spread, diameter=spread.mean)
-            object.__setattr__(self, "packing", packing)
-            object.__setattr__(self, "diameters", array)
-            if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
-                what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
-                raise InputError(
-                    what, "The diameters determine the shape of the sample", "Leave shape out"
-                )
-            object.__setattr__(self, "shape", array.shape[:periods])
+            diameters = self._read_diameters(self.diameters)
+            object.__setattr__(self, "packing", self._take_spread(diameters))
+            object.__setattr__(self, "diameters", diameters)
+            object.__setattr__(self, "shape", diameters.shape[:periods])
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
-            what = f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
-            raise InputError(
-                what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out"
+            problem = (
+                f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
             )
-        object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
-        object.__setattr__(
-            self, "seed", whole_number("seed", self.seed, 0, _MOST_SEED + 1 - self.samples)
-        )
+            why = f"Samples are simulated from {_LEAST_WIDTH:g} on"
+            raise InputError(problem, why, "Leave the spread out")
+        samples = whole_number("samples", self.samples, 1, _MOST_SAMPLES)
+        object.__setattr__(self, "samples", samples)
+        seed = whole_number("seed", self.seed, 0, _MOST_SEED + 1 - samples)
+        object.__setattr__(self, "seed", seed)
         whole_number("workers", self.workers, 1)
-        if self.diameters is not None and self.samples > 1:
+        if self.diameters is not None and samples > 1:
             raise InputError("diameters are given, which make one sample", mend="Leave samples out")
         if self.executor is not None and not hasattr(self.executor, "submit"):
-            raise InputError(
-                f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none"
-            )
-        geometry = require("geometry", read_geometry, self.geometry)
+            problem = f"executor is {self.executor!r}"
+            raise InputError(problem, mend="Give a concurrent.futures.Executor, or none")
+        object.__setattr__(self, "geometry", self._read_geometry())
+        require_small(self.ratio)
+        self._require_history()
+
+    def _require_simulated_lattice(self) -> None:
+        """Raise unless balls move as simulated balls do, and stand without friction, or are held by
+        friction from the gas on.
+        """
+        packing = self.packing
+        structure = packing.structure
+        history = self.history
+        periods = structure.periods
+        motions = next(iter(allowed_motions(periods).values()))
+        if structure.dimension > periods or packing.motions not in (None, motions.name):
+            balls = f"the motions {packing.motions!r}"
+            mend = f"Use another medium, or the motions {motions.name!r}"
+            if structure.dimension > periods:
+                balls = f"a lattice of {periods} periods in space"
+                mend = "Use another medium"
+            why = "Simulated balls move along the periods of their lattice"
+            raise InputError(f"balls with {balls} are not simulated", why, mend)
+        if history.is_loaded and history.from_gas and history.friction_coefficient != 0:
+            return
+        soft_waves = _explain_fall(structure, motions)
+        if soft_waves is None:
+            return
+        problem = (
+            f"the {structure.name} lattice is not simulated, because it does not stand without"
+            f" friction"
+        )
+        lattices = "use another medium, or a lattice with more contacts, such as triangular or fcc"
+        with_friction = ContactLattice.of(
+            structure, packing.material.mindlin_ratio, bending=packing.bending
+        )
+        friction = "" if packing.friction else "friction: true of the packing and "
+        if with_friction.mechanism:
+            mend = f"Friction does not hold it either: {lattices}"
+        elif history.is_loaded:
+            keys = f"{friction}start: gas, and a friction_coefficient above zero"
+            start = f"Start the history at the gas ({keys}), from which friction holds it"
+            mend = f"{start}; or {lattices}"
+        else:
+            keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
+            mend = f"A simulation with {keys} simulates it; or {lattices}"
+        raise MechanismError(problem, soft_waves, mend)
+
+    def _read_shape(self) -> tuple[int, ...] | None:
+        """Return the numbers of cells along the periods, None if they are not given."""
+        if self.shape is None:
+            return None
+        periods = self.packing.structure.periods
+        rule = partial(lengths, low=1, high=_MOST_SIDE, periods=periods)
+        shape: tuple[int, ...] = require("shape", rule, self.shape)
+        if math.prod(shape) > _MOST_CELLS:
+            problem = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
+            why = f"No memory holds more than {_MOST_CELLS:.3g}"
+            raise InputError(problem, why, "Give fewer")
+        return shape
+
+    def _read_diameters(self, diameters: ArrayLike) -> Array:
+        """Return diameters (L1, ..., Lp), or (L1, ..., Lp, n) of n > 1 balls in the cell, m."""
+        structure = self.packing.structure
+        periods = structure.periods
+        n = structure.n_balls
+        array = read_only(finite_array("diameters", diameters, "m", "above zero"))
+        if array.ndim != periods + (n > 1) or (n > 1 and array.shape[-1] != n):
+            axes = [f"L{axis + 1}" for axis in range(periods)] + [str(n)] * (n > 1)
+            problem = f"diameters have the shape {array.shape}"
+            raise InputError(problem, mend=f"Give an array ({', '.join(axes)})")
+        if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
+            problem = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
+            why = "The diameters determine the shape of the sample"
+            raise InputError(problem, why, "Leave shape out")
+        return array
+
+    def _take_spread(self, diameters: Array) -> Packing:
+        """Return the packing, which has the spread of ``diameters``, m, if it has none of its
+        own.
+        """
+        packing = self.packing
+        if packing.spread is not None or not np.ptp(diameters):
+            return packing
+        # the packing takes the mean of the shifted list, which rounding may have changed
+        shifted = packing.diameter + (diameters - np.mean(diameters))
+        spread = Measured(tuple(shifted.ravel().tolist()))
+        return replace(packing, spread=spread, diameter=spread.mean)
+
+    def _read_geometry(self) -> str | None:
+        """Return the geometry of contacts; None if the load decides."""
+        geometry: str | None = require("geometry", read_geometry, self.geometry)
         if geometry is None and not can_be_exact(self.packing):
             geometry = LATTICE
-        elif geometry is None and history.is_loaded:
-            geometry = EXACT  # otherwise the load decides
-        object.__setattr__(self, "geometry", geometry)
+        elif geometry is None and self.history.is_loaded:
+            geometry = EXACT
         if geometry == EXACT and not self.packing.spread_matters:
-            what = "on a line" if self.packing.width else "of equal balls"
-            why = f"The contacts {what} have the directions of the lattice anyway"
-            raise InputError(
-                f"the exact geometry {what} is not simulated",
-                why,
-                "Use a medium with finite_overlap",
-            )
-        require_small(self.ratio)
-        if history.is_loaded and self.packing.structure.periods == 1:
+            balls = "on a line" if self.packing.width else "of equal balls"
+            problem = f"the exact geometry {balls} is not simulated"
+            why = f"The contacts {balls} have the directions of the lattice anyway"
+            raise InputError(problem, why, "Use a medium with finite_overlap")
+        return geometry
+
+    def _require_history(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for a history of friction that balls do
+        not have, or a start that no sample can bear.
+        """
+        history = self.history
+        if not history.is_loaded:
+            return
+        if self.packing.structure.periods == 1:
             why = "On a line contacts do not slip, so that friction does nothing"
             raise InputError("a chain has no friction_history", why, "Leave it out")
-        if history.is_loaded and not self.packing.mindlin_ratio > 0.0:
+        if not self.packing.mindlin_ratio > 0.0:
+            problem = "friction_history needs contacts with friction"
             why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
-            raise InputError(
-                "friction_history needs contacts with friction",
-                why,
-                "Give the packing friction=True",
-            )
-        # a start that no sample can bear is refused, solving none
+            raise InputError(problem, why, "Give the packing friction=True")
         start = history.start
         if isinstance(start, float) and self.packing.width:
             start = Load("overlap", self.packing.width * (start - 0.5))
-        if history.is_loaded and isinstance(start, Load):
+        if isinstance(start, Load):
             try:
                 require_load(self.packing, start.applied, self._largest)
             except InputError as error:
@@ -866,8 +910,8 @@ class DirectSimulation(Medium[SimulatedState]):
         """How samples are loaded: the options of a history, read as one; see
         :meth:`FrictionHistory.read`.
         """
-        given = {name: getattr(self, name) for name in HISTORY_OPTIONS}
-        return require("DirectSimulation", FrictionHistory.read, given)  # type: ignore[no-any-return]
+        options = {name: getattr(self, name) for name in HISTORY_OPTIONS}
+        return require("DirectSimulation", FrictionHistory.read, options)  # type: ignore[no-any-return]
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, DirectSimulation):
@@ -881,9 +925,17 @@ class DirectSimulation(Medium[SimulatedState]):
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        """Everything that determines the results, except the values of given diameters."""
-        given = self.diameters is not None
-        return self.packing, self.shape, self.seed, self.samples, given, self.geometry, self.history
+        """All values that determine the results, except those of given diameters."""
+        has_diameters = self.diameters is not None
+        return (
+            self.packing,
+            self.shape,
+            self.seed,
+            self.samples,
+            has_diameters,
+            self.geometry,
+            self.history,
+        )
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -912,21 +964,20 @@ class DirectSimulation(Medium[SimulatedState]):
     def by_geometry(
         self, load: Load, finite_overlap: bool | None = None
     ) -> list[tuple[Self, list[int]]]:
-        """Return this simulation in each geometry, by word, that it has at values of an applied
-        load, and their places.
+        """Return the simulation in each geometry that it has at an applied load, and the indices of
+        the values of the load in that geometry.
 
-        Where no geometry is named, each load has its own
+        Where the simulation names no geometry, each load has its own
         (:func:`~granphon.media.left_out.choose_geometries`).
         """
         if self.geometry is not None:
             return [(self, list(range(load.size)))]
-        words = choose_geometries(self.packing, load.applied.flat, finite_overlap)
+        geometries = choose_geometries(self.packing, load.applied.flat, finite_overlap)
+        indices_of: dict[str, list[int]] = {}
+        for index, geometry in enumerate(geometries):
+            indices_of.setdefault(geometry, []).append(index)
         return [
-            (
-                replace(self, geometry=word),
-                [place for place, one in enumerate(words) if one == word],
-            )
-            for word in dict.fromkeys(words)
+            (replace(self, geometry=geometry), indices) for geometry, indices in indices_of.items()
         ]
 
     @property
@@ -941,23 +992,21 @@ class DirectSimulation(Medium[SimulatedState]):
         """Whether contacts have springs against slip under sound: not where all of them slide, as
         mu is zero.
         """
-        all_slide = (
-            self.history.friction_coefficient == 0.0 and self.history.shear_response != "stick"
-        )
+        history = self.history
+        all_slide = history.friction_coefficient == 0.0 and history.shear_response != "stick"
         return self.packing.mindlin_ratio > 0.0 and not all_slide
 
     @property
     def _largest(self) -> float:
-        """Excess of the diameter of the largest ball over the mean, m: of those that are given, or
+        """Excess of the diameter of the largest ball over the mean, m: of balls that are given, or
         that may be drawn.
         """
+        packing = self.packing
+        largest = packing.spread.largest if packing.spread else 0.0
+        if self.diameters is None:
+            return max(0.0, largest)
         # diameters that are given may be larger than the largest of the packing's spread
-        given = (
-            self.packing.width_units.width * float(np.max(self.deviations(0)))
-            if self.diameters is not None
-            else 0.0
-        )
-        return max(given, self.packing.spread.largest if self.packing.spread else 0.0)
+        return max(packing.width_units.width * float(np.max(self.deviations(0))), largest)
 
     def seed_of(self, index: int) -> int | None:
         """Return the seed of a sample; None if the diameters are given."""
@@ -966,26 +1015,24 @@ class DirectSimulation(Medium[SimulatedState]):
     def deviations(self, index: int) -> Array:
         """Return the reduced deviations x = Delta/W of the diameters of a sample, with mean zero.
 
-        Their shape is (L1, ..., Lp); with n > 1 balls in the cell it is (n, L1, ..., Lp).
+        The shape is (L1, ..., Lp), and (n, L1, ..., Lp) with n > 1 balls in the cell.
         """
         packing = self.packing
         n = packing.structure.n_balls
         shape = (*self.cells, n) if n > 1 else self.cells
-        given = np.zeros(shape)
-        if packing.spread is not None:
-            given = (
-                self.diameters
-                if self.diameters is not None
-                else packing.spread.sample(shape, self.seed + index)
-            )
+        diameters = np.zeros(shape)
+        if packing.spread is not None and self.diameters is not None:
+            diameters = self.diameters
+        elif packing.spread is not None:
+            diameters = packing.spread.sample(shape, self.seed + index)
         if n > 1:
-            given = np.ascontiguousarray(np.moveaxis(given, -1, 0))
+            diameters = np.ascontiguousarray(np.moveaxis(diameters, -1, 0))
         if packing.spread is None:
-            return given
-        # the mean is subtracted twice, so that what remains is zero to the rounding of the
+            return diameters
+        # the mean is subtracted twice, so that what remains of it is zero to the rounding of the
         # deviations, not of the diameters
-        off = given - np.mean(given)
-        return np.asarray((off - np.mean(off)) / packing.width_units.width)
+        differences = diameters - np.mean(diameters)
+        return np.asarray((differences - np.mean(differences)) / packing.width_units.width)
 
     @property
     def is_quick(self) -> bool:
@@ -1002,70 +1049,86 @@ class DirectSimulation(Medium[SimulatedState]):
         """Contact law: mean force against overlap of the samples; Hertz's law for equal balls and
         on a line.
 
-        With a history of friction it is the law of monotonic loading.
+        With a history of friction the law is that of monotonic loading.
         """
-        return (
-            SampleLaw(replace(self, executor=None, ordered=False))
-            if self.packing.spread_matters
-            else self.packing.law
-        )
+        if not self.packing.spread_matters:
+            return self.packing.law
+        return SampleLaw(replace(self, executor=None, ordered=False))
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap`
         take its value in SI.
         """
         load = load.applied
-        wanted = read_finite_overlap(finite_overlap)
-        if self.geometry is None:  # each load has its own
-            self.require(load)
-            groups = self.by_geometry(load, finite_overlap)
-            if finite_overlap is not None:  # one geometry at all loads
-                return groups[0][0].at(load, finite_overlap=finite_overlap)
-            joined: list[list[Any]] = [[]] * load.size
-            for one, places in groups:
-                try:
-                    states = one.at(load.flat[places]).samples
-                except GranphonError as error:
-                    if error.load_index is not None:
-                        error.load_index = places[error.load_index]
-                    raise
-                for row, place in enumerate(places):
-                    joined[place] = list(states[row * self.samples : (row + 1) * self.samples])
-            return SimulatedState.of(self, [one for each in joined for one in each], load)
-        if wanted and not self.is_exact:
+        follows = read_finite_overlap(finite_overlap)
+        if self.geometry is None:
+            return self._join_geometries(load, finite_overlap)
+        if follows and not self.is_exact:
             raise no_finite_overlap(self.name)
-        if finite_overlap is not None and self.is_exact and not wanted:
+        if finite_overlap is not None and self.is_exact and not follows:
+            problem = "the exact geometry has finite overlap"
             why = "Balls that have their true geometry overlap as much as they do"
-            raise InputError(
-                "the exact geometry has finite overlap", why, "Leave finite_overlap out"
-            )
+            raise InputError(problem, why, "Leave finite_overlap out")
         prescribed = self.prescribed(load)
         self._require_memory(load)
         if self.history.is_loaded:
             return self._press(load, prescribed)
-        given = self.packing.structure, prescribed, self.workers, self.ratio
-        every = [read_only(self.deviations(index)) for index in range(self.samples)]
-        if self.executor is None:
-            found = [find_equilibria(own, *given) for own in every]
-        else:
-            with naming_lost_workers("the simulation"):
-                jobs = [self.executor.submit(find_equilibria, own, *given) for own in every]
-                found = [job.result() for job in jobs]
-            # equilibria that come from another process have copies of their own of the deviations
-            # and stencils: here they share one
-            for place, result in enumerate(found):
-                first = next(iter(result.values()))
-                shared = (
-                    first.deviations,
-                    Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice),
-                )
-                found[place] = {number: one.share(*shared) for number, one in result.items()}
+        equilibria = self._find_equilibria(prescribed)
         samples = [
-            Sample(self.packing, self.seed_of(index), equilibria[place])
-            for place in range(load.size)
-            for index, equilibria in enumerate(found)
+            Sample(self.packing, self.seed_of(index), equilibria_of_sample[load_index])
+            for load_index in range(load.size)
+            for index, equilibria_of_sample in enumerate(equilibria)
         ]
         return SimulatedState.of(self, samples, load)
+
+    def _join_geometries(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
+        """Return the state at an applied load whose values have a geometry each."""
+        self.require(load)
+        groups = self.by_geometry(load, finite_overlap)
+        if finite_overlap is not None:  # one geometry at all loads
+            return groups[0][0].at(load, finite_overlap=finite_overlap)
+        samples_at: list[Sequence[Any]] = [()] * load.size
+        for simulation, indices in groups:
+            try:
+                samples = simulation.at(load.flat[indices]).samples
+            except GranphonError as error:
+                if error.load_index is not None:
+                    error.load_index = indices[error.load_index]
+                raise
+            for row, index in enumerate(indices):
+                samples_at[index] = samples[row * self.samples : (row + 1) * self.samples]
+        return SimulatedState.of(self, list(itertools.chain(*samples_at)), load)
+
+    def _find_equilibria(self, prescribed: Sequence[ReducedLoad]) -> list[dict[int, Equilibrium]]:
+        """Return the equilibria of each sample at rest without friction, by the index of the
+        load.
+        """
+        find = partial(
+            find_equilibria,
+            lattice=self.packing.structure,
+            prescribed=prescribed,
+            workers=self.workers,
+            ratio=self.ratio,
+        )
+        deviations = [read_only(self.deviations(index)) for index in range(self.samples)]
+        if self.executor is None:
+            return [find(deviations_of_sample) for deviations_of_sample in deviations]
+        with naming_lost_workers("the simulation"):
+            jobs = [self.executor.submit(find, array) for array in deviations]
+            equilibria = [job.result() for job in jobs]
+        return [self._share(equilibria_of_sample) for equilibria_of_sample in equilibria]
+
+    def _share(self, equilibria: dict[int, Equilibrium]) -> dict[int, Equilibrium]:
+        """Return the equilibria of a sample with deviations and stencils in common.
+
+        Equilibria from another process have a copy each.
+        """
+        first = next(iter(equilibria.values()))
+        stencils = Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice)
+        return {
+            index: equilibrium.share(first.deviations, stencils)
+            for index, equilibrium in equilibria.items()
+        }
 
     def path(
         self,
@@ -1082,33 +1145,31 @@ class DirectSimulation(Medium[SimulatedState]):
         :class:`~granphon.balls.loads.Load` of many values. The path begins at :attr:`start`, from
         where the first load is reached. Raises :class:`~granphon.base.errors.InputError` without
         ``friction_history``, where the order has no meaning, and for numbers that do not say which
-        load they are; and what :meth:`at` raises. If a load is not reached, the error's ``reached``
-        is the state at those before it, None if there is none.
+        load they are; and the errors of :meth:`at`. If a load is not reached, ``reached`` of the
+        error is the state at the loads before it, None if there are none.
         """
         if not self.history.is_loaded:
             why = "Without friction the forces do not depend on the way to the load"
-            raise InputError(
-                "a path needs friction_history", why, "Give friction_history=True, or use at_force"
-            )
-        given: dict[str, ArrayLike | None] = {
+            mend = "Give friction_history=True, or use at_force"
+            raise InputError("a path needs friction_history", why, mend)
+        values_of: dict[str, ArrayLike | None] = {
             "force": force,
             "pressure": pressure,
             "overlap": overlap,
         }
         if load is None:
-            load = Load.only(**given)
+            load = Load.only(**values_of)
         elif not isinstance(load, Load):
-            what = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
+            problem = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
             mend = (
                 "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of"
                 " granphon.balls.loads"
             )
-            raise InputError(what, "It does not say what kind of load that is", mend)
-        elif kinds := [kind for kind, values in given.items() if values is not None]:
-            raise InputError(
-                f"the loads of a path are given as a Load and as {' and '.join(kinds)}",
-                mend="Give one",
-            )
+            raise InputError(problem, "It does not say what kind of load that is", mend)
+        elif any(values is not None for values in values_of.values()):
+            kinds = [kind for kind, values in values_of.items() if values is not None]
+            problem = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
+            raise InputError(problem, mend="Give one")
         load = load.applied
         self._require_memory(load)
         simulation = replace(self, ordered=True)
@@ -1117,47 +1178,47 @@ class DirectSimulation(Medium[SimulatedState]):
     def _press(
         self, load: Load, prescribed: Sequence[ReducedLoad], progress: Progress = silent
     ) -> SimulatedState:
-        """Load all samples along one path; an error at which it ends has ``reached`` the state at
-        the loads before.
+        """Load all samples along one path; an error at which the path ends has ``reached`` the
+        state at the loads before.
         """
         order = self.history.sort(prescribed)
-        path = [prescribed[place] for place in order]
-        jobs = [partial(self._loaded_sample(index).press, path) for index in range(self.samples)]
-        with progress.step("loading with friction", len(path) * len(jobs)) as step:
+        path = [prescribed[index] for index in order]
+        presses = [
+            partial(self._loaded_sample(number).press, path) for number in range(self.samples)
+        ]
+        with progress.step("loading with friction", len(path) * len(presses)) as step:
             if self.executor is None:
-                found = [job(report=step.advance) for job in jobs]
+                results = [press(report=step.advance) for press in presses]
             else:
-                found = []
+                results = []
                 with naming_lost_workers("the simulation"):
-                    for one in [self.executor.submit(job) for job in jobs]:
-                        found.append(one.result())
+                    jobs = [self.executor.submit(press) for press in presses]
+                    for job in jobs:
+                        results.append(job.result())
                         step.advance(len(path))
-        reached = min(len(samples) for samples, _ in found)
-        places = sorted(range(reached), key=lambda place: order[place])
-        every = [samples[place] for place in places for samples, _ in found]
-        error = next(
-            (error for samples, error in found if error is not None and len(samples) == reached),
-            None,
-        )
+        # the loads that all samples have reached, in the order of ``load``
+        n_reached = min(len(samples) for samples, _ in results)
+        steps = sorted(range(n_reached), key=lambda step_index: order[step_index])
+        reached = [samples[step_index] for step_index in steps for samples, _ in results]
+        errors = [error for samples, error in results if len(samples) == n_reached]
+        error = next((error for error in errors if error is not None), None)
         if error is None:
-            return SimulatedState.of(self, every, load)
+            return SimulatedState.of(self, reached, load)
         if error.load_index is not None:
             error.load_index = order[error.load_index]
         if reached:
-            error.reached = SimulatedState.of(
-                self, every, load.flat[[order[place] for place in places]]
-            )
+            loads = load.flat[[order[step_index] for step_index in steps]]
+            error.reached = SimulatedState.of(self, reached, loads)
         raise error
 
     def _require_memory(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if the samples do not fit into the memory
         of this machine.
         """
-        needed = estimate_memory(
-            self.packing, self.balls, self.samples, load, self.history.is_loaded
-        )
-        what = f"samples of {self.balls:,} balls"
-        require_memory(what, needed, "Take fewer balls (shape), samples or loads")
+        is_loaded = self.history.is_loaded
+        memory = estimate_memory(self.packing, self.balls, self.samples, load, is_loaded)
+        mend = "Take fewer balls (shape), samples or loads"
+        require_memory(f"samples of {self.balls:,} balls", memory, mend)
 
     def _loaded_sample(self, index: int) -> LoadedSample:
         """Return one of the samples, as it is loaded with friction."""
@@ -1173,34 +1234,38 @@ class DirectSimulation(Medium[SimulatedState]):
         Raises as :meth:`require` does.
         """
         self.require(load)
+        return self._prescribe(load)
+
+    def _prescribe(self, load: Load) -> list[ReducedLoad]:
+        """Convert each value of an applied load as :meth:`prescribed` does, unchecked."""
         return prescribe(self.packing, load, self.is_exact)
 
     def sample(self, load: ReducedLoad, before: tuple[float, Array] | None = None) -> Sample:
         """Return the first sample under one load, with the same numbers as in a state.
 
         ``before`` holds the overlap and displacements of its equilibrium under the previous load,
-        in the order of
-        :func:`~granphon.media.loading.sort_by_load`; it is None for the first load.
+        in the order of :func:`~granphon.media.loading.sort_by_load`; None for the first load.
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)
-        found = find_equilibrium(deviations, stencils, load, before, self.ratio)
-        return Sample(self.packing, self.seed_of(0), found)
+        equilibrium = find_equilibrium(deviations, stencils, load, before, self.ratio)
+        return Sample(self.packing, self.seed_of(0), equilibrium)
 
     def require(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for an applied load that no sample can
         bear, solving none.
 
-        It may be below the start of a loading, as far as that is known before the start is found.
+        A load below the start of a loading is refused if the start is known without a solution.
         """
         require_load(self.packing, load, self._largest)
-        if (start := self._start) is not None:
-            require_above(start, prescribe(self.packing, load, self.is_exact))
+        start = self._start
+        if start is not None:
+            require_above(start, self._prescribe(load))
 
     @property
     def _start(self) -> ReducedLoad | None:
-        """The start below which no load may be, in reduced units; None if there is none, or if it
-        is found as at the gas.
+        """The start below which no load may be, in reduced units; None if there is none, or if the
+        start at the gas must be found first.
         """
         history = self.history
         if not history.is_loaded or history.ordered or not self.packing.width:
@@ -1212,8 +1277,8 @@ class DirectSimulation(Medium[SimulatedState]):
         """Raise as :meth:`require` does where the start of a loading is of another kind than the
         load: the start is solved.
 
-        A start as a force is at another overlap in each sample, and one as an overlap at another
-        force.
+        A start that is given as a force is at another overlap in each sample, and a start that is
+        given as an overlap at another force.
         """
         if self.count_start(load):
             path = self.prescribed(load)
@@ -1222,29 +1287,25 @@ class DirectSimulation(Medium[SimulatedState]):
 
     def count_start(self, load: Load) -> float:
         """Return how many balls take as long as the start that :meth:`require_start` solves; zero
-        if it need not.
+        if no start is solved.
         """
         start = self._start
-        exact = self.is_exact
         if start is None:
             return 0.0
         by_force = start.overlap is None
-        if all((one.overlap is None) == by_force for one in self.prescribed(load)):
+        if all((reduced.overlap is None) == by_force for reduced in self.prescribed(load)):
             return 0.0
-        slow = 1.0 + _SLOW_FORCE / start.force if by_force else 1.0
-        return (
-            slow
-            * self.samples
-            * max(self.balls * (_EXACT_BALL if exact else 1), _LEAST_SAMPLE[exact])
-        )
+        slowness = 1.0 + _SLOW_FORCE / start.force if by_force else 1.0
+        balls = self.balls * (_EXACT_BALL if self.is_exact else 1)
+        return slowness * self.samples * max(balls, _LEAST_SAMPLE[self.is_exact])
 
 
 def _compute_exponent(means: Array) -> Array:
     """Return f M'/2kM, (...), from ``means`` (..., 4) over samples of M' = dM/d(delta), of M, k and
     f.
 
-    If all samples have the same force, the four are dM/d log f, M, 1 and 1. M is the modulus of
-    longitudinal waves, Pa.
+    If all samples have the same force, the means are those of dM/d log f, M, 1 and 1. M is the
+    modulus of longitudinal waves, Pa.
     """
     rise, modulus, stiffness, force = np.moveaxis(means, -1, 0)
     return np.asarray(0.5 * force * rise / (stiffness * modulus))
@@ -1254,26 +1315,25 @@ def no_finite_overlap(medium: str) -> InputError:
     """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a
     simulation.
     """
-    what = f"the medium {medium!r} has no terms of finite overlap"
-    why = (
-        "Its linear response is found in the limit of spread and overlap small against the diameter"
-    )
-    return InputError(
-        what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium"
-    )
+    problem = f"the medium {medium!r} has no terms of finite overlap"
+    limit = "the limit of spread and overlap small against the diameter"
+    why = f"Its linear response is found in {limit}"
+    mend = "Leave finite_overlap out, simulate with geometry exact, or take another medium"
+    return InputError(problem, why, mend)
 
 
 @lru_cache(maxsize=64)
 def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
-    """Return which waves of the lattice without friction cost no energy; None if all do, but
-    translations of the whole.
+    """Return which waves of the lattice without friction cost no energy; None if all waves cost
+    energy, except translations of the whole.
     """
-    still = ContactLattice.of(structure, 0.0, motions=motions)
-    if still.mechanism:
-        return still.mechanism
-    ticks = [np.arange(_PROBED) / _PROBED] * structure.periods
-    fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(
-        -1, structure.periods
-    )[1:]
-    stands = np.all(still.frequencies(still.wavevectors(fractions))[:, 0] > _SOFT)
+    frictionless = ContactLattice.of(structure, 0.0, motions=motions)
+    if frictionless.mechanism:
+        return frictionless.mechanism
+    periods = structure.periods
+    ticks = [np.arange(_PROBED) / _PROBED] * periods
+    fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, periods)
+    wavevectors = frictionless.wavevectors(fractions[1:])  # without q = 0
+    lowest_frequencies = frictionless.frequencies(wavevectors)[:, 0]
+    stands = np.all(lowest_frequencies > _SOFT)
     return None if stands else "Some of its waves cost no energy"

@@ -1,8 +1,8 @@
-"""States: what velocities, moduli, pulses and phonons are found from.
+"""States of contacts, from which velocities, moduli, pulses and phonons are found.
 
-The state that every medium returns is that of the contacts of a packing under load
-(:class:`ContactState`). A network of contacts is the state of what repeats without end: the cell of
-a crystal, a ribbon, a sample's own cell (:class:`NetworkState`).
+Every medium returns the state of the contacts of a packing under load (:class:`ContactState`). A
+network of contacts that repeats without end is the state of its cell: of a crystal, of a ribbon, of
+a sample (:class:`NetworkState`).
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
 
-#: greatest relative difference between a number of a state that was read and what follows from the
-#: others: rounding, also that of another machine
+#: greatest relative difference between a number of a state that was read and the number that
+#: follows from the law and the samples: rounding, also that of another machine
 _ALIKE = 1e-6
 #: a number for a state at a single load, an array for a state at several loads
 Values = Any
@@ -90,18 +90,15 @@ def ideal_lattice(
 ) -> ContactLattice:
     """Return the lattice of contacts in the paper's limit, in reduced units.
 
-    It is the same under every load, except for the torsion of a Hertz contact, which is left out.
-    ``torsion`` and ``bending`` replace those of the packing, over k d^2.
+    The lattice is the same under every load, except for the torsion of a Hertz contact, which is
+    left out. ``torsion`` and ``bending``, over k d^2, replace those of the packing.
     """
-    twist = (
-        (0.0 if packing.torsion == MINDLIN else float(packing.torsion))
-        if torsion is None
-        else torsion
-    )
+    if torsion is None:
+        torsion = 0.0 if packing.torsion == MINDLIN else float(packing.torsion)
     return ContactLattice.of(
         packing.structure,
         packing.mindlin_ratio,
-        torsion=twist,
+        torsion=torsion,
         bending=packing.bending if bending is None else bending,
         motions=packing.ball_motions,
     )
@@ -111,9 +108,9 @@ def ideal_lattice(
 
 
 class State(ABC):
-    """A state of contacts: what velocities, moduli, pulses and phonons ask of it.
+    """A state of contacts, with the attributes that velocities, moduli, pulses and phonons need.
 
-    It is that of a packing, :class:`ContactState`, or that of any network with periods,
+    The contacts are those of a packing, :class:`ContactState`, or of any network with periods,
     :class:`NetworkState`.
     """
 
@@ -155,9 +152,7 @@ class State(ABC):
     @property
     @abstractmethod
     def reference_lattice(self) -> ContactLattice:
-        """Lattice that has what does not depend on the load: names of waves, mechanisms,
-        isotropy.
-        """
+        """Lattice whose names of waves, mechanisms and isotropy are those at all loads."""
 
     @property
     @abstractmethod
@@ -179,8 +174,8 @@ class State(ABC):
     @property
     @abstractmethod
     def twist_velocity(self) -> Values | None:
-        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if
-        they do not.
+        """Velocity of the wave in which the balls of a straight chain turn about its line, m/s;
+        None if balls do not.
         """
 
     @abstractmethod
@@ -196,20 +191,21 @@ class State(ABC):
         """
 
     def relax_inner_motions(self, progress: Progress) -> None:
-        """Do the long work that moduli and sound share, and report how far it has come; of few
-        balls there is none.
+        """Do the long work that moduli and sound share, and report its progress; few balls need
+        none.
         """
         self.reference_lattice.relax_inner_motions(progress)
 
     def cached(self, find: Callable[..., Found], *more: Hashable) -> Found:
         """Return ``find(self, *more)``, which is called only the first time and then kept."""
         key = find, *more
-        if key not in self._found:
-            self._found[key] = find(self, *more)
-        return self._found[key]  # type: ignore[no-any-return]
+        if key not in self._cache:
+            self._cache[key] = find(self, *more)
+        return self._cache[key]  # type: ignore[no-any-return]
 
     @cached_property
-    def _found(self) -> dict[Any, Any]:
+    def _cache(self) -> dict[Any, Any]:
+        """The results of :meth:`cached`, by the function and its further arguments."""
         return {}
 
     @property
@@ -245,7 +241,7 @@ class State(ABC):
 
     def wave_errors(self, direction: ArrayLike) -> Array | None:
         """Return standard errors over samples of :meth:`long_waves` along ``direction``, m/s; None
-        of fewer than two.
+        of fewer than two samples.
         """
         return None
 
@@ -254,10 +250,9 @@ class State(ABC):
         directions (n, 2).
         """
         scale = np.asarray(self.velocity_scale)
-        many = np.shape(direction)[:-1]
-        return [
-            np.broadcast_to(scale.reshape(scale.shape + (1,) * len(many)), scale.shape + many)
-        ] * len(names)
+        directions = np.shape(direction)[:-1]
+        scale_at_each = scale.reshape(scale.shape + (1,) * len(directions))
+        return [np.broadcast_to(scale_at_each, scale.shape + directions)] * len(names)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -269,8 +264,8 @@ class ContactState(State, Result):
     packing, medium, law : the packing, the name of the medium that made the state, and its contact
         law.
     force : f, mean contact force, N.
-    overlap : delta = d - a, m. It is stored instead of the spacing a, which would lose every digit
-        of it.
+    overlap : delta = d - a, m. The overlap is stored instead of the spacing a, which would lose
+        every digit of the overlap.
     normal_stiffness : k = df/d(delta), N/m.
     finite_overlap : whether every result from the state includes the terms of relative order
         delta/d: spacing a = d - delta, lever arm a/2, prestress f/a; pressure and density of a
@@ -313,30 +308,34 @@ class ContactState(State, Result):
         overlap = np.asarray(self.overlap)
         diameter = self.packing.diameter
         least = -self.packing.width_units.width if self.samples else self.law.least_overlap
-        out = ~((overlap > max(least, -diameter)) & (overlap < diameter))
-        if np.any(out):
-            what = f"overlap of the {type(self).__name__} is {float(overlap[out].flat[0]):g} m"
-            raise InputError(what, f"The mean diameter is {diameter:g} m", "Make the state again")
-        found = self._find_again()
+        in_range = (overlap > max(least, -diameter)) & (overlap < diameter)
+        if not np.all(in_range):
+            value = float(overlap[~in_range].flat[0])
+            problem = f"overlap of the {type(self).__name__} is {value:g} m"
+            raise InputError(
+                problem, f"The mean diameter is {diameter:g} m", "Make the state again"
+            )
+        derived = self._find_again()
         for name, unit in (("force", "N"), ("overlap", "m"), ("normal_stiffness", "N/m")):
-            if name not in found:
+            if name not in derived:
                 continue
             values = np.asarray(getattr(self, name))
-            again = np.asarray(found[name])
+            expected = np.asarray(derived[name])
             size = np.maximum(np.abs(values), self.packing.width if name == "overlap" else 0.0)
-            wrong = ~(np.abs(again - values) <= _ALIKE * size)
-            if np.any(wrong):
-                value, other = (float(one[wrong].flat[0]) for one in (values, again))
-                what = f"{name} of the {type(self).__name__} is {value:.6g} {unit}"
+            is_wrong = ~(np.abs(expected - values) <= _ALIKE * size)
+            if np.any(is_wrong):
+                value = float(values[is_wrong].flat[0])
+                expected_value = float(expected[is_wrong].flat[0])
+                problem = f"{name} of the {type(self).__name__} is {value:.6g} {unit}"
                 why = (
                     f"What the overlap, the law and the samples of the state make of it is"
-                    f" {other:.6g} {unit}"
+                    f" {expected_value:.6g} {unit}"
                 )
-                raise InputError(what, why, "Make the state again")
+                raise InputError(problem, why, "Make the state again")
 
     def _find_again(self) -> dict[str, Any]:
-        """Return numbers of the state as they follow from its others, by their names: those of its
-        law at the overlap.
+        """Return numbers of the state, by name, as the law of the state gives them at the
+        overlap.
         """
         return {
             "force": self.law.force(self.overlap),
@@ -349,7 +348,7 @@ class ContactState(State, Result):
         return replace(self, **{name: np.asarray(getattr(self, name))[index] for name in names})
 
     def _field_units(self) -> dict[str, str]:
-        """The SI unit of each attribute: those of pressure and density depend on the number of
+        """The SI unit of each attribute; the units of pressure and density depend on the number of
         periods of the lattice.
         """
         return {**self.units, **self.packing.structure.units_of({"pressure", "effective_density"})}
@@ -358,8 +357,8 @@ class ContactState(State, Result):
     def torsion(self) -> Values:
         """Stiffness of a contact against twist about its normal, over k d^2.
 
-        It is the torsion of the packing, also where balls differ. With ``torsion="mindlin"`` it is
-        the torsion of a Hertz contact that does not slip, at the mean force
+        The torsion is that of the packing, also where balls differ. ``torsion="mindlin"`` means the
+        torsion of a Hertz contact that does not slip, at the mean force
         (:meth:`~granphon.balls.packing.Packing.find_torsion`). Each contact of a simulated sample
         has the torsion at its own force.
         """
@@ -385,14 +384,12 @@ class ContactState(State, Result):
         """Pressure P: in the plane force per length of boundary, N/m; in space per area, Pa; on a
         line the force, N.
 
-        It is sqrt(3) f / d on the triangular lattice (equation 20), 2 sqrt(2) f / d^2 in fcc and
+        P is sqrt(3) f / d on the triangular lattice (equation 20), 2 sqrt(2) f / d^2 in fcc and
         hcp, f on a chain. With finite overlap the spacing a stands in place of d. Raises
         :class:`~granphon.base.errors.InputError` if the stress of the lattice is not a pressure.
         """
-        return (
-            self.packing.structure.pressure_per_force(self.packing.diameter * self._shrinkage)
-            * self.force
-        )
+        spacing = self.packing.diameter * self._shrinkage
+        return self.packing.structure.pressure_per_force(spacing) * self.force
 
     @property
     def effective_density(self) -> Values:
@@ -418,7 +415,7 @@ class ContactState(State, Result):
         """
         if not self.packing.width:
             return self._fill_shape(np.inf)
-        # W may be so small that f* is above the floating range: it is then +inf
+        # W may be so small that f* is above the floating range: f* is then +inf
         with np.errstate(over="ignore"):
             return _unwrap_scalars(self.packing.width_units.reduced_force(np.asarray(self.force)))
 
@@ -432,7 +429,7 @@ class ContactState(State, Result):
         """Force fluctuation Delta f / f of Section IV: rms over balls of the force of their
         contacts, over the mean.
 
-        It is 0 for equal balls, and on a line.
+        The fluctuation is 0 for equal balls, and on a line.
         """
         return _unwrap_scalars(self.law.force_fluctuation(self.overlap))
 
@@ -441,8 +438,8 @@ class ContactState(State, Result):
         """Fraction of contacts that carry load: N_c of a ball's z contacts over z (6 on the
         triangular lattice).
 
-        It is 1 for equal balls, and on a line. In a simulation, contacts that carry
-        less than 1e-6 of the mean force do not count.
+        The fraction is 1 for equal balls, and on a line. In a simulation, contacts that carry less
+        than 1e-6 of the mean force do not count.
         """
         return _unwrap_scalars(self.law.contact_fraction(self.overlap))
 
@@ -482,9 +479,9 @@ class ContactState(State, Result):
         """Whether the load is inside the range of the medium; always True for equal balls, and on a
         line.
 
-        The range of the effective medium is f* >= 0.08 (Section IV), on all lattices, though it was
-        found on the triangular one. The averaged lattice and the averaged force leave out what
-        disorder does to the lattice, and hold at high pressure (:attr:`regime`).
+        The range of the effective medium is f* >= 0.08 (Section IV), on all lattices, though the
+        range was found on the triangular lattice. The averaged lattice and the averaged force leave
+        out the effect of disorder on the lattice, and hold at high pressure (:attr:`regime`).
         """
         return _unwrap_scalars(np.asarray(self.force) >= self.least_valid_force)
 
@@ -497,8 +494,8 @@ class ContactState(State, Result):
 
     @property
     def shear_deficit(self) -> Values | None:
-        """Part by which the shear modulus is expected to be too small; None where nothing is known
-        to be left out.
+        """Fraction by which the shear modulus is expected to be too small; None where nothing is
+        known to be left out.
         """
         return None
 
@@ -506,7 +503,7 @@ class ContactState(State, Result):
     def least_valid_force(self) -> float:
         """Least mean contact force at which the medium is valid, N.
 
-        It is 0 for equal balls, on a line, and if the medium was ``chosen_automatically``.
+        The force is 0 for equal balls, on a line, and if the medium was ``chosen_automatically``.
         """
         if self.chosen_automatically or not self.packing.spread_matters:
             return 0.0
@@ -517,15 +514,13 @@ class ContactState(State, Result):
         """Pressure regime of Section III, with the shape of the load: "low", "intermediate" or
         "high", as for equal balls.
 
-        It is "high" if the overlap is sqrt(10) times Delta_rms or more, "low" if Delta_rms is
-        sqrt(10) times the overlap or more.
+        The regime is "high" if the overlap is sqrt(10) times Delta_rms or more, "low" if Delta_rms
+        is sqrt(10) times the overlap or more.
         """
-        ratio = math.sqrt(12.0) * np.asarray(
-            self._convert_overlap(self.packing.width_units.reduced_overlap)
-        )
-        words = np.array(["low", "intermediate", "high"])[
-            (ratio > 1.0 / MUCH_LARGER).astype(int) + (ratio >= MUCH_LARGER)
-        ]
+        overlaps = self._convert_overlap(self.packing.width_units.reduced_overlap)
+        ratio = math.sqrt(12.0) * np.asarray(overlaps)
+        level = (ratio > 1.0 / MUCH_LARGER).astype(int) + (ratio >= MUCH_LARGER)
+        words = np.array(["low", "intermediate", "high"])[level]
         return words if self.shape else str(words)
 
     def _convert_overlap(self, reduce: Callable[[Values], Values]) -> Values:
@@ -547,12 +542,12 @@ class ContactState(State, Result):
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
         if not self.is_single:
-            what = f"the state holds {int(np.size(self.force))} loads"
+            problem = f"the state holds {int(np.size(self.force))} loads"
             mend = (
                 "Make a state with one load, as medium.at_force(1.0) does, or take one of these:"
                 " state[0]"
             )
-            raise InputError(what, "Atoms, force constants and phonons belong to one", mend)
+            raise InputError(problem, "Atoms, force constants and phonons belong to one", mend)
         return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
 
     @property
@@ -569,12 +564,11 @@ class ContactState(State, Result):
     def reference_lattice(self) -> ContactLattice:
         """The lattice of contacts without terms of finite overlap, in reduced units.
 
-        The torsion of a Hertz contact is that at the largest load. What does not depend on the load
-        is read from this lattice: the names of waves, mechanisms, isotropy.
+        The torsion of a Hertz contact is that at the largest load. The lattice serves for
+        properties that do not depend on the load: the names of waves, mechanisms, isotropy.
         """
-        return ideal_lattice(
-            self.packing, float(np.max(self.torsion)) if self.packing.torsion == MINDLIN else None
-        )
+        torsion = float(np.max(self.torsion)) if self.packing.torsion == MINDLIN else None
+        return ideal_lattice(self.packing, torsion)
 
     @property
     def has_one_lattice(self) -> bool:
@@ -584,8 +578,8 @@ class ContactState(State, Result):
     def contact_lattice(self) -> ContactLattice:
         """Return the lattice of contacts, in reduced units.
 
-        With finite overlap it has the spacing a, the lever arm a/2 and the prestress f/a. With
-        finite overlap or the torsion of a Hertz contact the lattice depends on the load:
+        With finite overlap the lattice has the spacing a, the lever arm a/2 and the prestress f/a.
+        With finite overlap or the torsion of a Hertz contact the lattice depends on the load:
         :class:`~granphon.base.errors.InputError` for several loads.
         """
         packing = self.packing
@@ -593,16 +587,16 @@ class ContactState(State, Result):
             _ = self.scales  # raises InputError
         if not self.finite_overlap and packing.torsion != MINDLIN:
             return ideal_lattice(packing)
-        spacing, load = (
-            (1.0 - self.relative_overlap, float(self._prestress))
-            if self.finite_overlap
-            else (1.0, 0.0)
-        )
+        spacing = 1.0
+        prestress = 0.0
+        if self.finite_overlap:
+            spacing = 1.0 - self.relative_overlap
+            prestress = float(self._prestress)
         return ContactLattice.of(
             packing.structure,
             packing.mindlin_ratio,
             spacing,
-            load,
+            prestress,
             torsion=float(self.torsion),
             bending=packing.bending,
             motions=packing.ball_motions,
@@ -611,19 +605,19 @@ class ContactState(State, Result):
     @property
     def velocity_scale(self) -> Array:
         """Unit of velocity d (k/M)^1/2 at each load, m/s."""
-        return np.asarray(
-            self.packing.diameter * (np.sqrt(self.normal_stiffness) / np.sqrt(self.packing.mass))
-        )
+        # roots of each: k/M may leave the floating range
+        frequency = np.sqrt(self.normal_stiffness) / np.sqrt(self.packing.mass)
+        return np.asarray(self.packing.diameter * frequency)
 
     @property
     def elastic_tensor(self) -> Array:
         """Elastic tensor of the lattice of contacts in Voigt order, (..., 3, 3) in the plane, (...,
         6, 6) in space.
 
-        It is in Pa, in the plane for a layer one diameter thick (xx, yy, xy); of a chain, (..., 1,
-        1), in N.
+        The tensor is in Pa, in the plane for a layer one diameter thick (xx, yy, xy); of a chain,
+        (..., 1, 1), in N.
 
-        With finite overlap its entries are the coefficients between Cauchy stress and strain under
+        With finite overlap the entries are the coefficients between Cauchy stress and strain under
         the static pressure. Raises :class:`~granphon.base.errors.MechanismError` if a motion costs
         no energy.
         """
@@ -632,10 +626,9 @@ class ContactState(State, Result):
         d = self.packing.diameter
         k = self.normal_stiffness
         spacing = d * (1.0 - np.asarray(self.relative_overlap)) if self.finite_overlap else d
-        scale = np.asarray(
-            {1: k * spacing, 2: k / d, 3: k / spacing}[self.packing.structure.periods]
-        )
-        return scale[..., None, None] * self._at_each_load(ContactLattice.elastic_tensor)
+        units = {1: k * spacing, 2: k / d, 3: k / spacing}
+        unit = np.asarray(units[self.packing.structure.periods])
+        return unit[..., None, None] * self._at_each_load(ContactLattice.elastic_tensor)
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
         """Return :meth:`long_waves` along ``direction``, and their unit displacements.
@@ -643,19 +636,18 @@ class ContactState(State, Result):
         Raises :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
         """
 
-        def find(lattice: ContactLattice, stress: Array | None) -> Array:
-            velocities, polarisations = lattice.sound_velocities(direction, stress)
+        def find_waves(lattice: ContactLattice, prestress: Array | None) -> Array:
+            velocities, polarisations = lattice.sound_velocities(direction, prestress)
             return np.concatenate([velocities[..., None, :], polarisations], axis=-2)
 
         scale = self.velocity_scale
         if self.finite_overlap:  # all lengths scale with the spacing
             scale = scale * (1.0 - np.asarray(self.relative_overlap))
-        found = self._at_each_load(find)
+        waves = self._at_each_load(find_waves)
         # axes for the directions, if there are many, and for the branches
-        velocities = scale.reshape(*scale.shape, *(1,) * np.ndim(direction)) * found[..., 0, :]
-        return velocities, np.broadcast_to(
-            found[..., 1:, :], (*velocities.shape, velocities.shape[-1])
-        )
+        velocities = scale.reshape(*scale.shape, *(1,) * np.ndim(direction)) * waves[..., 0, :]
+        shape = (*velocities.shape, velocities.shape[-1])
+        return velocities, np.broadcast_to(waves[..., 1:, :], shape)
 
     @property
     def _prestress(self) -> Array:
@@ -664,35 +656,33 @@ class ContactState(State, Result):
         return np.asarray(self.force / self.normal_stiffness / spacing)
 
     def _at_each_load(self, find: Callable[[ContactLattice, Array | None], Array]) -> Array:
-        """Return ``find(lattice, prestress)`` for many loads; of a lattice at spacing one.
+        """Return ``find(lattice, prestress)`` at all loads, for lattices at spacing one.
 
-        With finite overlap all lengths scale with the spacing; of the load, only the prestress
-        changes ratios of elastic constants, and torsion and bending do where a cell has several
-        balls. The prestress is None if it is left out.
+        With finite overlap all lengths scale with the spacing. Of the load, only the prestress
+        changes ratios of elastic constants; torsion and bending do where a cell has several balls.
+        The prestress is None if it is left out.
         """
         packing = self.packing
         finite = self.finite_overlap
         shape = self.shape
-        stress = self._prestress if finite else None
-        changes = packing.torsion == MINDLIN or (
-            finite and bool(packing.torsion or packing.bending)
-        )
-        # where no strain twists contacts, it does not matter by how much they resist; prestress
-        # might change that
-        unmoved = stress is None and changes and not ideal_lattice(packing, 1.0).is_twisted_by_sound
-        if packing.structure.n_balls == 1 or not changes or unmoved:
-            return find(self.reference_lattice, stress)
+        prestress = self._prestress if finite else None
+        has_rolling = bool(packing.torsion or packing.bending)
+        changes = packing.torsion == MINDLIN or (finite and has_rolling)
+        # where no strain twists contacts, their torsion does not matter; prestress might change
+        # that
+        is_unaffected = False
+        if changes and prestress is None:
+            is_unaffected = not ideal_lattice(packing, 1.0).is_twisted_by_sound
+        if packing.structure.n_balls == 1 or not changes or is_unaffected:
+            return find(self.reference_lattice, prestress)
         squared = np.broadcast_to((1.0 - self.relative_overlap) ** 2 if finite else 1.0, shape)
-        twist = np.broadcast_to(self.torsion, shape) / squared
-        roll = packing.bending / squared
-        found = [
-            find(
-                ideal_lattice(packing, float(twist[at]), float(roll[at])),
-                None if stress is None else stress[at],
-            )
-            for at in np.ndindex(shape)
-        ]
-        return np.asarray(found).reshape(*shape, *found[0].shape)
+        torsion = np.broadcast_to(self.torsion, shape) / squared
+        bending = packing.bending / squared
+        results = []
+        for index in np.ndindex(shape):
+            lattice = ideal_lattice(packing, float(torsion[index]), float(bending[index]))
+            results.append(find(lattice, None if prestress is None else prestress[index]))
+        return np.asarray(results).reshape(*shape, *results[0].shape)
 
     @property
     def name(self) -> str:
@@ -726,52 +716,50 @@ class ContactState(State, Result):
         """One cell of the lattice at this load, as a network of contacts, which ``repeat`` makes an
         array.
 
-        With finite overlap it has the spacing a and prestress. Raises
+        With finite overlap the network has the spacing a and prestress. Raises
         :class:`~granphon.base.errors.InputError` for several loads, and for a state of samples,
         which have networks of their own.
         """
         if self.samples:
-            what = (
-                f"the state is of {counted(self.n_samples, 'simulated sample')}, and not of a"
-                f" lattice"
-            )
-            raise InputError(what, mend="Use the network of a sample: state.samples[0].network")
+            samples = counted(self.n_samples, "simulated sample")
+            problem = f"the state is of {samples}, and not of a lattice"
+            raise InputError(problem, mend="Use the network of a sample: state.samples[0].network")
         lattice = self.contact_lattice()
         structure = self.packing.structure
         units = self.scales
-        ones = (1,) * structure.periods
         return lattice.contact_network(
             units,
             self.force / units.force,
             lattice=structure,
-            shape=ones,
+            shape=(1,) * structure.periods,
             contact_model=ContactModel.of(self.packing),
         )
 
     @property
     def twist_velocity(self) -> Values | None:
-        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if
-        they do not.
+        """Velocity of the wave in which the balls of a straight chain turn about its line, m/s;
+        None if balls do not.
 
-        It is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of inertia I
-        of a ball.
+        The velocity is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of
+        inertia I of a ball.
         """
-        # the distance of balls over their radius of gyration; with finite overlap such a chain
-        # buckles
-        twist = np.asarray(np.sqrt(self.torsion_stiffness / self.packing.mass) / GYRATION)
-        return twist if self.reference_lattice.runs_twist else None
+        if not self.reference_lattice.runs_twist:
+            return None
+        # GYRATION is the radius of gyration over d, the distance of balls: with finite overlap a
+        # straight chain buckles
+        return np.asarray(np.sqrt(self.torsion_stiffness / self.packing.mass) / GYRATION)
 
     def _fill_shape(self, value: Any) -> Values:
+        """Return the value at each load."""
         return np.full(self.shape, value) if self.shape else value
 
 
-def read_finite_overlap(given: bool | None) -> bool:
-    """Return whether terms of finite overlap are kept, which they are not if nothing (None) is
-    given.
+def read_finite_overlap(finite_overlap: bool | None) -> bool:
+    """Return whether terms of finite overlap are kept; None means that they are not.
 
-    Raises :class:`InputError` if ``given`` is not True, False or None.
+    Raises :class:`InputError` if ``finite_overlap`` is not True, False or None.
     """
-    return given is not None and bool(require("finite_overlap", truth, given))
+    return finite_overlap is not None and bool(require("finite_overlap", truth, finite_overlap))
 
 
 def _unwrap_scalars(values: Any) -> Values:
@@ -783,19 +771,18 @@ def _unwrap_scalars(values: Any) -> Values:
 
 
 class NetworkState(State):
-    """The state that a network with periods is: its contacts, with a stiffness and a force for
-    each.
+    """The state of the contacts of a network with periods, with a stiffness and a force of each.
 
-    What has a network at each of several loads, as a crystal, has such a state for all of them.
-    Lengths, stiffnesses and masses are in the reduced units of each network,
+    A source with a network at each of several loads, as a crystal under load, has one such state
+    for all loads. Lengths, stiffnesses and masses are in the reduced units of each network,
     :attr:`ContactNetwork.scales`.
 
     Parameters
     ----------
-    source : a network, which repeats along one, two or three axes; or what has one at each load:
-        ``source[i]`` is that at one of them.
-    warnings : what those who made it say of its limits, one sentence each; None for what the
-        network itself shows.
+    source : a network, which repeats along one, two or three axes; or an object with a network at
+        each load, ``source[i]`` at one of them.
+    warnings : sentences about limits, from the maker of the source; None for the warnings that the
+        network itself gives.
     """
 
     name = "network"
@@ -804,7 +791,7 @@ class NetworkState(State):
         self.source = source
         self.warnings = warnings
         if isinstance(source, ContactNetwork):
-            _ = self._each  # an error of its cell is one of the call
+            _ = self._lattices  # raises the errors of the cell
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -812,14 +799,20 @@ class NetworkState(State):
         return () if isinstance(self.source, ContactNetwork) else tuple(self.source.shape)
 
     @cached_property
-    def _each(self) -> list[tuple[ContactLattice, ContactNetwork]]:
-        """The network at each load, and its lattice in reduced units."""
-        loads = [self.source[at] for at in np.ndindex(self.shape)] if self.shape else [self.source]
-        return [(ContactLattice.from_network(one), one) for one in map(given_network, loads)]
+    def _networks(self) -> list[ContactNetwork]:
+        """The network at each load, in C order."""
+        if not self.shape:
+            return [given_network(self.source)]
+        return [given_network(self.source[index]) for index in np.ndindex(self.shape)]
+
+    @cached_property
+    def _lattices(self) -> list[ContactLattice]:
+        """The lattice of each of the networks, in reduced units."""
+        return [ContactLattice.from_network(network) for network in self._networks]
 
     def _stack(self, find: Callable[[ContactLattice, ContactNetwork], Any]) -> Array:
-        """Return what ``find`` finds at each load, with the shape of the load in front."""
-        values = np.array([find(*one) for one in self._each])
+        """Return ``find(lattice, network)`` at each load, with the shape of the load in front."""
+        values = np.array(list(map(find, self._lattices, self._networks)))
         return values.reshape((*self.shape, *values.shape[1:]))
 
     def __getitem__(self, index: Any) -> State:
@@ -828,21 +821,21 @@ class NetworkState(State):
 
     @property
     def network(self) -> ContactNetwork:
-        """The network at the only load; :class:`~granphon.base.errors.InputError` for several, each
-        with its own.
+        """The network at the only load; :class:`~granphon.base.errors.InputError` for several
+        loads.
         """
         return given_network(self.source)
 
     def contact_lattice(self) -> ContactLattice:
         """Return the lattice at the only load; :class:`~granphon.base.errors.InputError` for
-        several, each with its own.
+        several loads.
         """
         _ = self.network
         return self.reference_lattice
 
     @property
     def has_one_lattice(self) -> bool:
-        """Whether there is one load: each has a lattice of its own."""
+        """Whether there is one load: each load has a lattice of its own."""
         return self.is_single
 
     @property
@@ -850,17 +843,17 @@ class NetworkState(State):
         """Names of the kinds of the balls that move, in the order of the lattice; empty if they are
         not known.
         """
-        network = self._each[0][1]
+        network = self._networks[0]
         return tuple(itertools.compress(network.kinds or (), network.moving))
 
     @property
     def reference_lattice(self) -> ContactLattice:
         """The lattice of contacts at the first load, in reduced units."""
-        return self._each[0][0]
+        return self._lattices[0]
 
     def relax_inner_motions(self, progress: Progress) -> None:
         """Do the long work that moduli and sound share, see :meth:`State.relax_inner_motions`."""
-        for lattice, _ in self._each:
+        for lattice in self._lattices:
             lattice.relax_inner_motions(progress)
 
     @property
@@ -875,13 +868,12 @@ class NetworkState(State):
         """Unit of length, m; :class:`~granphon.base.errors.InputError` if it is not the same at all
         loads.
         """
-        found = self._stack(lambda _, network: network.scales.length)
-        if np.ptp(found) > 0.0:
-            what = "the balls are not as far apart at all loads"
-            raise InputError(
-                what, "Wave numbers are in units of their distance", "Take one load, as state[0]"
-            )
-        return float(np.ravel(found)[0])
+        lengths = self._stack(lambda _, network: network.scales.length)
+        if np.ptp(lengths) > 0.0:
+            problem = "the balls are not as far apart at all loads"
+            why = "Wave numbers are in units of their distance"
+            raise InputError(problem, why, "Take one load, as state[0]")
+        return float(np.ravel(lengths)[0])
 
     @property
     def velocity_scale(self) -> Array:
@@ -892,14 +884,17 @@ class NetworkState(State):
     def elastic_tensor(self) -> Array:
         """Elastic tensor of the periods in Voigt order, (..., n, n), with inner motions relaxed.
 
-        It is in N where the network repeats along a line, whatever its width; in Pa where it does
-        so in a plane, the force per length over one diameter, however thick the network is; in Pa
-        in space.
+        The tensor is in N where the network repeats along a line, whatever its width; in Pa where
+        the network repeats in a plane, the force per length over one diameter, however thick the
+        network is; in Pa in space.
         """
-        unit = "force" if self.reference_lattice.periods == 1 else "modulus"
-        return self._stack(
-            lambda lattice, network: getattr(network.scales, unit) * lattice.elastic_tensor()
-        )
+
+        def find_tensor(lattice: ContactLattice, network: ContactNetwork) -> Array:
+            scales = network.scales
+            unit = scales.force if lattice.periods == 1 else scales.modulus
+            return np.asarray(unit * lattice.elastic_tensor())
+
+        return self._stack(find_tensor)
 
     @property
     def has_cubic_axes(self) -> bool:
@@ -913,38 +908,38 @@ class NetworkState(State):
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions, at all loads."""
         return all(
-            "longitudinal" not in one.wave_names or one.is_isotropic for one, _ in self._each
+            "longitudinal" not in lattice.wave_names or lattice.is_isotropic
+            for lattice in self._lattices
         )
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
         """Return velocities, m/s, and unit displacements of long waves, see
         :meth:`State.polarised_waves`.
         """
-        found = [one.sound_velocities(direction) for one, _ in self._each]
-        velocities, vectors = (np.array(values) for values in zip(*found, strict=True))
-        velocities = velocities.reshape((*self.shape, *velocities.shape[1:]))
-        scale = self.velocity_scale.reshape(
-            (*self.shape, *(1,) * (velocities.ndim - len(self.shape)))
-        )
-        return velocities * scale, vectors.reshape((*self.shape, *vectors.shape[1:]))
+        shape = self.shape
+        waves = [lattice.sound_velocities(direction) for lattice in self._lattices]
+        velocities, vectors = (np.array(values) for values in zip(*waves, strict=True))
+        velocities = velocities.reshape((*shape, *velocities.shape[1:]))
+        scale = self.velocity_scale.reshape((*shape, *(1,) * (velocities.ndim - len(shape))))
+        return velocities * scale, vectors.reshape((*shape, *vectors.shape[1:]))
 
     @property
     def twist_velocity(self) -> Values | None:
-        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if
-        they do not.
+        """Velocity of the wave in which the balls of a straight chain turn about its line, m/s;
+        None if balls do not.
         """
 
-        def find(lattice: ContactLattice, network: ContactNetwork) -> float:
+        def find_velocity(lattice: ContactLattice, network: ContactNetwork) -> float:
             torsion = np.broadcast_to(lattice.torsion, lattice.stiffness.shape) * lattice.stiffness
             if not np.all(torsion):
                 return 0.0
-            # a cell of springs in a row, and of moments of inertia
+            # the springs of the cell in a row, and the sum of its moments of inertia
+            compliance = np.sum(1.0 / torsion)
             inertia = float(lattice.masses @ lattice.gyration**2)
-            return float(
-                lattice.measure / np.sqrt(np.sum(1.0 / torsion) * inertia) * network.scales.velocity
-            )
+            velocity = lattice.measure / np.sqrt(compliance * inertia)
+            return float(velocity * network.scales.velocity)
 
-        return self._stack(find)[()] if self.reference_lattice.runs_twist else None
+        return self._stack(find_velocity)[()] if self.reference_lattice.runs_twist else None
 
 
 def as_state(source: Any) -> State:
@@ -968,14 +963,12 @@ def given_state(state: Any) -> ContactState:
     a ContactState.
     """
     if isinstance(state, NetworkState) and not state.is_single:
-        _ = state.network  # an error: it has several loads
+        _ = state.network  # raises the error of several loads
     if not isinstance(state, ContactState):
         refuse_unpressed(state)
-        why = (
-            "It needs the contact law of a packing"
-            if isinstance(state, NetworkState | ContactNetwork)
-            else ""
-        )
+        why = ""
+        if isinstance(state, NetworkState | ContactNetwork):
+            why = "It needs the contact law of a packing"
         mend = "Give a ContactState, as medium.at_force gives it"
         raise InputError(f"state is {brief(getattr(state, 'network', state))}", why, mend)
     return state

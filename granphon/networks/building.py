@@ -494,8 +494,10 @@ class Source:
                 unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
                 stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
         if shear is None:
-            resists = friction and material is not None
-            shear = stiffness * (material.mindlin_ratio if resists else 0.0)
+            ratio = 0.0
+            if friction and material is not None:
+                ratio = material.mindlin_ratio
+            shear = stiffness * ratio
         return force, stiffness, shear
 
     def _is_level(self) -> bool:

@@ -324,7 +324,7 @@ def read_tables(
         cell = remark["cell"]
         pbc = remark.get("pbc")
     periods, is_period = _read_cell(cell, pbc)
-    options = {
+    options: dict[str, Any] = {
         name: remark[name]
         for name in ("dimension", "motions", "prestress", "left_out", "adhesive")
         if name in remark

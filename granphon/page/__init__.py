@@ -1,3 +1,1 @@
-"""Pages to play with: the bands of a packing in one file for a browser, and what other viewers
-read.
-"""
+"""Pages for a browser: the bands of a packing in one file, and files for other viewers."""

@@ -1,6 +1,4 @@
-"""What a page knows of a lattice: its balls, the rows of its contacts, its motions, its path and
-its zone.
-"""
+"""The data of a lattice for a page: balls, rows of contacts, motions, path and zone."""
 
 from __future__ import annotations
 
@@ -28,13 +26,13 @@ from granphon.phonons.paths import (
 
 
 def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
-    """Return what a page needs of the lattice of a packing, as plain numbers and texts.
+    """Return the data of the lattice of a packing for a page, as plain numbers and texts.
 
-    Lengths are in spacings of touching balls. ``rows`` are those of :mod:`granphon.dynamics.rows`,
-    for all six motions of each ball and stiffnesses of one: a page takes the motions that it shows,
-    and weights each kind by the root of its stiffness. ``statements`` say, for each set of motions
-    and each choice of the kinds of stiffness, what the lattice is then called: its free branches,
-    and the mechanism that it is.
+    Lengths are in spacings of touching balls. ``rows`` are the rows of
+    :mod:`granphon.dynamics.rows`, for all six motions of each ball and stiffnesses of 1: a page
+    takes the motions that the page shows, and weights each kind by the root of its stiffness.
+    ``statements`` name, for each set of motions and each choice of the kinds of stiffness, the free
+    branches of the lattice and its mechanism.
     """
     structure = packing.structure
     whole = ContactLattice.of(structure, 1.0, torsion=1.0, bending=1.0, motions=ALL)
@@ -52,27 +50,27 @@ def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:
 
 
 def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
-    """Return what a page needs of the lattice of a network, as :func:`describe_lattice` does.
+    """Return the data of the lattice of a network for a page, as :func:`describe_lattice` does.
 
-    Rows have ``weights``, the stiffness of each contact, so that the page takes a stiffness of one
-    for each kind; balls have ``masses`` and radii of gyration of their own. ``complex`` says that
-    the rows of a single ball are not real. Of a cut, ``sides`` are -1 and 1 of balls in its lower
-    and upper quarter, and 0 of others; otherwise None.
+    Rows have ``weights``, the stiffness of each contact, so that the page takes a stiffness of 1
+    for each kind; each ball has its own mass and radius of gyration. ``complex`` says whether the
+    rows of a single ball are complex. In a cut, ``sides`` are -1 for balls in the lower quarter, 1
+    for balls in the upper quarter, and 0 for all other balls; without a cut ``sides`` is None.
     """
     if lattice.has_tangential_force:
-        what = "a page draws no bands under static tangential forces"
+        problem = "a page draws no bands under static tangential forces"
         mend = "Give a network without prestress"
-        raise InputError(what, mend=mend)
+        raise InputError(problem, mend=mend)
     table = lattice.contacts
     motions = lattice.named_motions
-    p = lattice.periods
-    vectors = lattice.cell[:, :p]
-    repeats = (True,) * p
-    known = special_points(vectors, repeats)
+    periods = lattice.periods
+    vectors = lattice.cell[:, :periods]
+    repeats = (True,) * periods
+    corners = special_points(vectors, repeats)
     pieces = [list(piece) for piece in split_letters(default_letters(vectors, repeats))]
-    points: Any = [[known[letter].tolist() for letter in piece] for piece in pieces]
+    points: Any = [[corners[letter].tolist() for letter in piece] for piece in pieces]
     path = BandPath(points, tuple(itertools.chain.from_iterable(pieces)))
-    gyration = np.append(lattice.gyration, 1.0)  # the last of a body that does not move
+    gyration = np.append(lattice.gyration, 1.0)  # the last value is that of a body at rest
     ratios = {"slip": lattice.mindlin_ratio, "twist": lattice.torsion, "roll": lattice.bending}
     rows = contact_rows(
         table.normal,
@@ -95,14 +93,15 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
         "warnings": list(lattice.free_branch_warnings),
         "mechanism": mechanism,
     }
-    heights = lattice.positions[:, p] if p < lattice.dimension else np.zeros(1)
+    kinds = "".join(str(int(np.any(ratio))) for ratio in ratios.values())
+    heights = lattice.positions[:, periods] if periods < lattice.dimension else np.zeros(1)
     lower, upper = find_outer(heights).astype(int)
     return {
         **_describe_cell(lattice, name, path),
         "sides": (upper - lower).tolist() if np.any(upper != lower) else None,
         "gyration": lattice.gyration.tolist(),
         "masses": lattice.masses.tolist(),
-        "complex": np.iscomplexobj(lattice.compatibility(np.zeros((1, p)))),
+        "complex": np.iscomplexobj(lattice.compatibility(np.zeros((1, periods)))),
         "rows": [{**_describe_row(row), "weights": weight.tolist()} for row, weight in weights],
         "motions": [
             {
@@ -111,9 +110,7 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
                 "rotations": list(motions.rotations),
                 "twist": motions.twist,
                 "waves": list(lattice.wave_names),
-                "statements": {
-                    "".join(str(int(np.any(one))) for one in ratios.values()): statement
-                },
+                "statements": {kinds: statement},
             }
         ],
     }
@@ -130,20 +127,17 @@ def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[s
     labels = list(path.labels or ())
     pieces = []
     for points in path.arrays:
-        names = (
-            [labels.pop(0) for _ in points]
-            if path.labels
-            else [" ".join(f"{x:.3g}" for x in q) for q in points]
-        )
+        if path.labels:
+            names = [labels.pop(0) for _ in points]
+        else:
+            names = [" ".join(f"{x:.3g}" for x in q) for q in points]
         pieces.append({"points": points.tolist(), "labels": names})
     if p == 3:
-        faces = [face.tolist() for face in zone_faces(reciprocal)]
-    else:  # one, in the plane
-        faces = [
-            _pad(
-                zone_polygon(reciprocal) if p == 2 else np.array([[-0.5], [0.5]]) * reciprocal[0]
-            ).tolist()
-        ]
+        faces = zone_faces(reciprocal)
+    elif p == 2:
+        faces = [_pad(zone_polygon(reciprocal))]
+    else:
+        faces = [_pad(np.array([[-0.5], [0.5]]) * reciprocal[0])]
     return {
         "name": name,
         "periods": p,
@@ -159,7 +153,7 @@ def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[s
             "vector": _pad(table.vector).tolist(),
         },
         "path": pieces,
-        "zone": faces,
+        "zone": [face.tolist() for face in faces],
     }
 
 
@@ -168,7 +162,7 @@ def _pad(vectors: Array) -> Array:
 
 
 def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
-    """Return the axes of a set of motions, and what the lattice is with each choice of the kinds of
+    """Return the axes of a set of motions, and the statements for each choice of the kinds of
     stiffness.
     """
     statements = {}
@@ -177,7 +171,7 @@ def _describe_motions(structure: Lattice, motions: Motions) -> dict[str, Any]:
         lattice = ContactLattice.of(
             structure, eta, torsion=torsion, bending=bending, motions=motions
         )
-        statements["".join(str(int(one)) for one in kinds)] = {
+        statements["".join(str(int(kind)) for kind in kinds)] = {
             "rotate": select_motions(eta, torsion, bending, motions).rotate,
             "free": lattice.free_branches,
             "warnings": list(lattice.free_branch_warnings),

@@ -28,23 +28,30 @@ from granphon.laws.spread import AveragedLaw
 from granphon.media.choice import MediumChoice, find_medium
 from granphon.media.state import Law
 
-#: nodes of ln f* to begin with, and the most that there may be
+#: number of nodes of ln f* at first, and the largest number
 _NODES = 61
 _MOST_NODES = 800
-#: error of ln k* in the middle between two nodes from which another node is put there
+#: error of ln k* in the middle between two nodes, above which a node is added in the middle
 _TOLERANCE = 1e-6
-#: distance of nodes that is not halved any more
+#: distance of nodes of ln f* that is not halved any more
 _LEAST_STEP = 1e-4
-#: y from which the law of equal balls takes over: the two then differ by less than 1e-8
+#: y above which the page takes the law of equal balls: the two laws differ by less than 1e-8
 _EQUAL = 3000.0
-#: nodes of eta^1/2, with two and with three periods
+#: number of nodes of eta^1/2, with two and with three periods
 _FRICTION_NODES = {2: 8, 3: 5}
 #: least eta of a table on a lattice that does not stand without friction
 _LEAST_FRICTION = 0.05
-#: least relative change of k that is told by its size
+#: relative change of k from which a note gives the size of the change
 _NOTED = 1e-4
-#: loads of a simulation
+#: number of loads of a simulation
 _SIMULATED = 17
+#: f* at which the table of a simulation begins at the lowest, and at which the table ends
+_SIMULATED_FORCES = (1e-2, 30.0)
+#: largest width of the balls of a simulation, in diameters: a narrow spread has the law of W -> 0
+_SIMULATED_WIDTH = 1e-3
+#: step of ln f* in which the least load with a solution is sought, and the end of the search
+_SEARCH_STEP = 0.25
+_SEARCH_END = 5.0
 #: a curve: y, ln k* and d ln k* / d ln f* at values of ln f*
 _Curve = Callable[[Array], tuple[Array, Array, Array]]
 
@@ -64,23 +71,23 @@ def tabulate_medium(
     packing : the balls; the shape of their distribution, their torsion and bending are those of the
         table.
     choice : the medium, not an automatic one.
-    least_force : f* from which the table is wanted; it begins later where the medium has no
-        solution.
+    least_force : f* at which the table begins; where the medium has no solution, the table begins
+        at a larger f*.
     most_friction : the largest eta.
-    most_rolling : the largest torsion and bending, over k d^2, of which the table leaves out what
-        they do to the medium.
+    most_rolling : the largest torsion and bending, over k d^2; the table leaves out their effect on
+        the medium.
 
     Returns
     -------
     "name", "words"; "table", None where balls that differ have the stiffness of equal balls, else
     with "log_force" (n,), "roots" (m,) of eta, and "overlap", "log_stiffness" and "slope", (m, n);
     "error", the largest relative error of k from interpolation at the packing's eta, and
-    "friction_error" that at others, both found between the nodes; "valid", the f* from which the
-    medium is valid; "note", what the table leaves out, in words; "refusal", why the medium has no
-    table.
+    "friction_error", the largest one at any other eta, both found between the nodes; "valid", the
+    f* from which the medium is valid; "note", a sentence on what the table leaves out; "refusal",
+    the reason why the medium has no table.
     """
     name = choice.name
-    found: dict[str, Any] = {
+    description: dict[str, Any] = {
         "name": choice.label,
         "words": find_medium(name).words,
         "table": None,
@@ -91,49 +98,43 @@ def tabulate_medium(
         "refusal": "",
     }
     if packing.structure.periods == 1:
-        return found
+        return description
     if name == "ala":
-        return found | {
+        return description | {
             "note": "In the averaged lattice all balls have the mean diameter: the width changes"
             " nothing."
         }
     try:
         if name == "simulation":
             curve, low, high, error = _simulate(packing, choice, least_force)
-            apart = {"error": error, "friction_error": error, "note": _SIMULATION_NOTE}
-            return found | _tabulate([curve], [0.0], low, high) | apart
+            errors = {"error": error, "friction_error": error, "note": _SIMULATION_NOTE}
+            return description | _tabulate([curve], [0.0], low, high) | errors
         roots, note = _choose_friction(packing, choice, most_friction)
         laws = [_make_law(packing, choice, root**2) for root in roots]
     except MechanismError as error:
-        return found | {"refusal": str(error)}
+        return description | {"refusal": str(error)}
     if laws[0] is None:  # the load alone fixes the force of every contact
-        return found
+        return description
     curves = [_follow(law) for law in laws if law is not None]
     start = _find_start(
         lambda x: [curve(np.array([x])) for curve in curves], np.log(least_force), PrecisionError
     )
     if start is None:
         raise PrecisionError("the medium has no solution at any load of the page.")
-    between = [0.5 * (one + other) for one, other in itertools.pairwise(roots)]
+    middle_roots = [0.5 * (low + high) for low, high in itertools.pairwise(roots)]
+    middle_laws = [_make_law(packing, choice, root**2) for root in middle_roots]
     checks = [
         (root, _follow(law))
-        for root in between
-        if (law := _make_law(packing, choice, root**2)) is not None
+        for root, law in zip(middle_roots, middle_laws, strict=True)
+        if law is not None
     ]
     if name == "ema":
-        change = _find_effect_of_rolling(packing, choice, most_rolling, start)
-        told = (
-            f"up to {100.0 * change:.2g} %"
-            if change >= _NOTED
-            else f"less than {100.0 * _NOTED:g} %"
+        note += _write_note_on_rolling(
+            _find_effect_of_rolling(packing, choice, most_rolling, start)
         )
-        note += f" In the medium they would change the stiffness by {told}." if change else ""
-    valid = {
-        "afa": float(force_of(high_pressure_overlap(1.0))),
-        "ema": VALID_FORCE,
-    }[name]
+    valid = {"afa": float(force_of(high_pressure_overlap(1.0))), "ema": VALID_FORCE}[name]
     return (
-        found
+        description
         | _tabulate(curves, roots, start, EXPONENT * np.log(_EQUAL), checks)
         | {"valid": valid, "note": note}
     )
@@ -141,36 +142,35 @@ def tabulate_medium(
 
 _SIMULATION_NOTE = (
     "The page takes the mean stiffness of the contacts from the simulation; the waves are"
-    " those of the lattice of such"
-    " contacts, not those of the samples."
+    " those of the lattice of such contacts, not those of the samples."
 )
 
 
 def _choose_friction(
     packing: Packing, choice: MediumChoice, most: float
 ) -> tuple[list[float], str]:
-    """Return the nodes of eta^1/2, and what the table leaves out, in words."""
+    """Return the nodes of eta^1/2, and a note on what the table leaves out."""
     if choice.name == "afa":
         return [0.0], ""
-    least = 0.0
+    least_root = 0.0
     try:
-        _find_xi(packing, choice, least)
+        _find_xi(packing, choice, least_root)
     except MechanismError:
-        least = _LEAST_FRICTION**0.5
-        _find_xi(packing, choice, least**2)
+        least_root = _LEAST_FRICTION**0.5
+        _find_xi(packing, choice, least_root**2)
     count = _FRICTION_NODES[packing.structure.periods]
     nodes = 0.5 * (1.0 - np.cos(np.pi * np.arange(count) / (count - 1)))
-    roots = least + (most**0.5 - least) * nodes
-    own = packing.mindlin_ratio**0.5
-    if own > least:
-        # kinks of a law move with eta: at the scene's own, nothing is interpolated in eta
-        roots[1 + np.argmin(np.abs(roots[1:-1] - own))] = own
+    roots = least_root + (most**0.5 - least_root) * nodes
+    root_of_packing = packing.mindlin_ratio**0.5
+    if root_of_packing > least_root:
+        # kinks of a law move with eta: a node at the packing's eta needs no interpolation in eta
+        roots[1 + np.argmin(np.abs(roots[1:-1] - root_of_packing))] = root_of_packing
     stiffness = {"torsion": _find_own_torsion(packing), "bending": packing.bending}
-    said = " and ".join(
+    words = " and ".join(
         f"{name} {value:g}" if value else f"no {name}" for name, value in stiffness.items()
     )
     return roots.tolist(), (
-        f"The stiffness of the contacts is that of the medium with {said}; the sliders of"
+        f"The stiffness of the contacts is that of the medium with {words}; the sliders of"
         f" torsion and bending change the lattice alone."
     )
 
@@ -181,27 +181,36 @@ def _find_effect_of_rolling(
     """Return the largest relative change of k, from ln f* = ``low`` on, as torsion and bending go
     to ``most`` or zero.
 
-    What leaves the lattice a mechanism does not count: there the medium has no stiffness at all.
+    Pairs of torsion and bending with which the lattice is a mechanism do not count: with them the
+    medium has no stiffness.
     """
     if dict(choice.options).get("local_field") == "paper":
         return 0.0
-    own = (packing.torsion, packing.bending)
-    twists = (own[0], most) if packing.structure.periods == 3 else (own[0],)
+    ratios = (packing.torsion, packing.bending)
+    twists = (ratios[0], most) if packing.structure.periods == 3 else (ratios[0],)
     x = np.linspace(low, EXPONENT * np.log(_EQUAL), _NODES)
     eta = packing.mindlin_ratio
     change = 0.0
-    before = _make_law(packing, choice, eta)
-    for torsion, bending in {*itertools.product(twists, (own[1], most)), (0.0, 0.0)} - {own}:
-        other = replace(packing, torsion=torsion, bending=bending)
+    law_of_packing = _make_law(packing, choice, eta)
+    for torsion, bending in {*itertools.product(twists, (ratios[1], most)), (0.0, 0.0)} - {ratios}:
+        changed_packing = replace(packing, torsion=torsion, bending=bending)
         try:
-            law = _make_law(other, choice, eta)
+            law = _make_law(changed_packing, choice, eta)
         except (MechanismError, PrecisionError):
             continue
-        if before is not None and law is not None:
-            change = max(
-                change, float(np.max(np.abs(np.expm1(_follow(law)(x)[1] - _follow(before)(x)[1]))))
-            )
+        if law_of_packing is not None and law is not None:
+            difference = _follow(law)(x)[1] - _follow(law_of_packing)(x)[1]
+            change = max(change, float(np.max(np.abs(np.expm1(difference)))))
     return change
+
+
+def _write_note_on_rolling(change: float) -> str:
+    """Return a sentence on the relative change of the stiffness by torsion and bending."""
+    if not change:
+        return ""
+    is_noted = change >= _NOTED
+    size = f"up to {100.0 * change:.2g} %" if is_noted else f"less than {100.0 * _NOTED:g} %"
+    return f" In the medium they would change the stiffness by {size}."
 
 
 def _find_xi(packing: Packing, choice: MediumChoice, eta: float) -> float:
@@ -213,8 +222,9 @@ def _find_xi(packing: Packing, choice: MediumChoice, eta: float) -> float:
 
 
 def _find_own_torsion(packing: Packing) -> float:
-    """Return the torsion that the effective medium takes: none for that of Hertz contacts, which is
-    of the order delta/d.
+    """Return the torsion that the effective medium takes.
+
+    The torsion of Hertz contacts is of the order delta/d, and the medium takes 0 in its place.
     """
     return packing.torsion if isinstance(packing.torsion, float) else 0.0
 
@@ -247,10 +257,8 @@ def _follow(law: Law) -> _Curve:
 def _find_start(
     find: Callable[[float], Any], low: float, refusal: type[InputError]
 ) -> float | None:
-    """Return the least ln f* from ``low`` on, in steps of a quarter, at which ``find`` raises no
-    ``refusal``.
-    """
-    for x in np.arange(low, 5.0, 0.25):
+    """Return the least ln f* from ``low`` on, in steps, at which ``find`` raises no ``refusal``."""
+    for x in np.arange(low, _SEARCH_END, _SEARCH_STEP):
         with suppress(refusal):
             find(x)
             return float(x)
@@ -264,74 +272,80 @@ def _tabulate(
     high: float,
     checks: list[tuple[float, _Curve]] | None = None,
 ) -> dict[str, Any]:
-    """Return "table" and the errors; ``checks`` are further curves, with their roots of eta, by
-    which the error is found.
+    """Return "table", "error" and "friction_error" from one curve for each root of eta.
+
+    The error at other eta is that at ``checks``, roots of eta between the nodes and their curves.
     """
     from scipy.interpolate import barycentric_interpolate
 
-    # where contacts open, a law has a kink: nodes of ln f* are put closer there
+    # a law has a kink at loads where contacts open: nodes of ln f* are closer at a kink
     x = np.linspace(low, high, _NODES)
     while True:
         values = [np.array(curve(x)) for curve in curves]
         middle = 0.5 * (x[1:] + x[:-1])
         step = np.diff(x)
         errors = np.zeros(len(step))
-        for one, curve in zip(values, curves, strict=True):
-            # of a cubic of Hermite, in the middle between two nodes
-            guess = 0.5 * (one[1][1:] + one[1][:-1]) + step / 8.0 * (one[2][:-1] - one[2][1:])
-            errors = np.maximum(errors, np.abs(np.expm1(guess - curve(middle)[1])))
-        worse = (errors > _TOLERANCE) & (step > _LEAST_STEP)
-        if not np.any(worse) or len(x) + np.count_nonzero(worse) > _MOST_NODES:
+        for rows, curve in zip(values, curves, strict=True):
+            # the value of Hermite's cubic in the middle between two nodes
+            interpolated = 0.5 * (rows[1][1:] + rows[1][:-1]) + step / 8.0 * (
+                rows[2][:-1] - rows[2][1:]
+            )
+            errors = np.maximum(errors, np.abs(np.expm1(interpolated - curve(middle)[1])))
+        refined = (errors > _TOLERANCE) & (step > _LEAST_STEP)
+        if not np.any(refined) or len(x) + np.count_nonzero(refined) > _MOST_NODES:
             break
-        x = np.sort(np.concatenate([x, middle[worse]]))
+        x = np.sort(np.concatenate([x, middle[refined]]))
     table = {
         "log_force": x.tolist(),
         "roots": roots,
         **{
-            name: [one[n].tolist() for one in values]
+            name: [rows[n].tolist() for rows in values]
             for n, name in enumerate(("overlap", "log_stiffness", "slope"))
         },
     }
     error = float(np.max(errors))
-    beside = 0.0
-    found = np.array([one[1] for one in values])
+    error_between_roots = 0.0
+    log_stiffness = np.array([rows[1] for rows in values])
     for root, curve in checks or []:
-        beside = max(
-            beside,
-            float(
-                np.max(np.abs(np.expm1(barycentric_interpolate(roots, found, root) - curve(x)[1])))
-            ),
-        )
-    return {"table": table, "error": error, "friction_error": error + beside}
+        difference = barycentric_interpolate(roots, log_stiffness, root) - curve(x)[1]
+        error_between_roots = max(error_between_roots, float(np.max(np.abs(np.expm1(difference)))))
+    return {"table": table, "error": error, "friction_error": error + error_between_roots}
 
 
 def _simulate(
     packing: Packing, choice: MediumChoice, least: float
 ) -> tuple[_Curve, float, float, float]:
-    """Return the curve of a simulation, a spline through some loads, the ends of ln f*, and the
-    error of half as many.
+    """Return the curve of a simulation, the ends of ln f*, and the error of the curve.
+
+    The curve is a spline through :data:`_SIMULATED` loads. The error is that of a spline through
+    half of the loads, at the other half.
     """
     from scipy.interpolate import CubicSpline
 
-    spread = packing.spread or Uniform(1e-3 * packing.diameter)
-    # a narrow spread: the law in units of W does not depend on it
-    width = min(spread.width, 1e-3 * packing.diameter)
-    balls = replace(packing, spread=change_width(spread, width))
+    largest_width = _SIMULATED_WIDTH * packing.diameter
+    spread = packing.spread or Uniform(largest_width)
+    width = min(spread.width, largest_width)
+    narrow_packing = replace(packing, spread=change_width(spread, width))
     units = WidthUnits(packing.law.coefficient, width)
-    medium: Any = choice.of(balls)
-    low = np.log(max(least, 1e-2))
-    if medium.friction_history:  # samples can be loaded from their start on
-        low = (
-            _find_start(lambda x: medium.at_force(np.exp(x) * units.force), low, InputError) or low
-        )
-    x = np.linspace(low, EXPONENT * np.log(30.0), _SIMULATED)
+    medium: Any = choice.of(narrow_packing)
+    least_force, greatest_force = _SIMULATED_FORCES
+    low = np.log(max(least, least_force))
+    if medium.friction_history:  # the samples carry no load below that of their start
+        start = _find_start(lambda x: medium.at_force(np.exp(x) * units.force), low, InputError)
+        low = start or low
+    x = np.linspace(low, EXPONENT * np.log(greatest_force), _SIMULATED)
     state = medium.at_force(np.exp(x) * units.force)
     overlap = np.asarray(state.overlap) / width
     log_stiffness = np.log(np.asarray(state.normal_stiffness) / units.stiffness)
-    stiffness, lengths = CubicSpline(x, log_stiffness), CubicSpline(x, overlap)
+    stiffness_spline = CubicSpline(x, log_stiffness)
+    overlap_spline = CubicSpline(x, overlap)
 
-    def curve(at: Array) -> tuple[Array, Array, Array]:
-        return lengths(at), stiffness(at), stiffness(at, 1)
+    def curve(log_force: Array) -> tuple[Array, Array, Array]:
+        return (
+            overlap_spline(log_force),
+            stiffness_spline(log_force),
+            stiffness_spline(log_force, 1),
+        )
 
     coarse = CubicSpline(x[::2], log_stiffness[::2])
     error = float(np.max(np.abs(np.expm1(coarse(x[1::2]) - log_stiffness[1::2]))))

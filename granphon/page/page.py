@@ -1,6 +1,6 @@
-"""The page of a packing under load: one file for a browser, with everything inside.
+"""The page of a packing under load: one file with libraries, program and data, for a browser.
 
-Modules of JavaScript are joined, libraries wrapped, and all of it is put into the page's template.
+The modules of JavaScript are joined and the libraries wrapped; the page's template takes both.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from granphon.balls.hertz import EXPONENT
 from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
@@ -35,24 +36,32 @@ from granphon.waves.settings import BandsSettings
 
 #: an import of other modules of the page, on one line
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./(\w+)\.js";\n', re.MULTILINE)
-#: libraries: what is imported from another file, what is exported from it, and what a file exports
-#: itself
-_TAKEN = re.compile(r'import\{([^}]*)\}from"[^"]*";')
-_PASSED_ON = re.compile(r'export\{[^}]*\}from"[^"]*";')
-_GIVEN = re.compile(r"export\{([^}]*)\};")
+#: statements of libraries: imports from another file, exports of what another file has, and exports
+#: of what the file itself has
+_IMPORTED = re.compile(r'import\{([^}]*)\}from"[^"]*";')
+_EXPORTED_AGAIN = re.compile(r'export\{[^}]*\}from"[^"]*";')
+_EXPORTED = re.compile(r"export\{([^}]*)\};")
 #: number of the layout of a page's data
 PAGE_SCHEMA = 1
 #: lowest force of the slider over the least of the scene, and highest over the greatest
 _BELOW = 1e-2
 _ABOVE = 1e2
-#: overlap, over the diameter, up to which the slider goes: above it contacts are no longer small
+#: largest overlap of the slider, over the diameter: contacts of larger overlap are not small
 _MOST_OVERLAP = 0.05
-#: f* of the first load at the largest width of the slider
+#: reduced force f* of the first load at the largest width of the slider
 _LEAST_REDUCED = 0.1
-#: most branches of the page of a network
+#: largest width of the slider, over the diameter, and least of its largest widths, over the width
+#: of the packing
+_MOST_WIDTH = 0.5
+_WIDENING = 2.0
+#: largest number of branches on the page of a network
 _MOST_BRANCHES = 100
-#: sliders of torsion and bending go to this stiffness, over k d^2
+#: sliders of torsion and bending go to this stiffness, over k d^2, or to this multiple of the
+#: packing's
 _MOST_ROLLING = 0.2
+_MORE_ROLLING = 2.0
+#: relative difference of sizes or masses from which balls of a kind have only a mean
+_SAME = 1e-9
 
 
 def make_page(
@@ -81,7 +90,8 @@ def describe_network_page(
     losses: BandsSettings | None = None,
     remarks: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return all that the page of a network computes from; it has no sliders but those of the mode.
+    """Return the data from which the page of a network computes; the page has only the sliders of
+    the mode.
 
     Balls are drawn with their radii, and kinds of balls with the names and colours of figures.
 
@@ -89,14 +99,14 @@ def describe_network_page(
     ----------
     source : the state of a crystal, a sample, or a :class:`~granphon.ContactNetwork` that repeats.
     direction : of sound, (p,); x by default.
-    losses : of contacts; the page then tells the Q factor of a mode, if they lose alike in all
+    losses : of contacts; the page shows the Q factor of a mode if the losses are the same in all
         motions.
-    remarks : sentences that the page shows, after what is doubtful about the network.
+    remarks : sentences that the page shows, after the warnings of the network.
 
     Raises
     ------
-    InputError : there is no network, it repeats nowhere, or it has more branches than a browser can
-        compute.
+    InputError : the source has no network, the network repeats along no period, or the network has
+        more branches than a browser can compute.
     """
     state = NetworkState(given_network(source), getattr(source, "warnings", None))
     lattice = state.contact_lattice()
@@ -107,8 +117,8 @@ def describe_network_page(
         why = f"A browser computes up to {_MOST_BRANCHES} while it is looked at"
         raise InputError(f"the network has {lattice.n_branches} branches", why, "Use gp.Phonons")
     ratios = {"eta": lattice.mindlin_ratio, "torsion": lattice.torsion, "bending": lattice.bending}
-    fixed = {name: float(np.any(one)) for name, one in ratios.items()}
-    along = as_direction((1.0, 0.0, 0.0)[:p] if direction is None else direction, p)
+    fixed = {name: float(np.any(ratio)) for name, ratio in ratios.items()}
+    sound_direction = as_direction((1.0, 0.0, 0.0)[:p] if direction is None else direction, p)
     force = network.normal_force[network.normal_force > 0.0]
     facts = [
         ["Balls that move, of the cell", str(lattice.n_balls)],
@@ -116,33 +126,17 @@ def describe_network_page(
         ["Mean diameter", write_quantity(scales.length, "m")],
         ["Mean mass", write_quantity(1e3 * scales.mass, "g")],
         ["Mean normal stiffness", write_quantity(scales.stiffness, "N/m")],
-        *(
-            [["Mean force of a contact", write_quantity(float(force.mean()), "N")]]
-            if force.size
-            else []
-        ),
     ]
+    if force.size:
+        facts.append(["Mean force of a contact", write_quantity(float(force.mean()), "N")])
     kinds = []
     names = np.array(state.kinds)
-    radii, masses = (one[network.moving] for one in (network.radii, network.masses))
+    radii = network.radii[network.moving]
+    masses = network.masses[network.moving]
     for name, colour in colour_kinds(state.kinds).items():
-        own = np.flatnonzero(names == name)
-        kinds.append({"name": name, "colour": colour, "balls": own.tolist()})
-        sizes = (
-            write_quantity(1e3 * float(masses[own].mean()), "g"),
-            write_quantity(2.0 * float(radii[own].mean()), "m"),
-        )
-        several = (
-            "mean "
-            if max(np.ptp(radii[own]) / radii[own[0]], np.ptp(masses[own]) / masses[own[0]]) > 1e-9
-            else ""
-        )
-        facts.append(
-            [
-                name,
-                f"{counted(own.size, 'ball')}, {several}{sizes[0]}, {several}diameter {sizes[1]}",
-            ]
-        )
+        balls = np.flatnonzero(names == name)
+        kinds.append({"name": name, "colour": colour, "balls": balls.tolist()})
+        facts.append([name, _describe_kind(masses[balls], radii[balls])])
     return {
         "schema": PAGE_SCHEMA,
         "kinds": kinds,
@@ -154,7 +148,7 @@ def describe_network_page(
         "units": {"modulus": "N" if p == 1 else "Pa"},
         "media": [{"name": "network", "words": "network", "valid": 0.0}],
         "limits": {"force": [0.5, 2.0], "width": 0.0, "eta": 1.0, "rolling": 1.0},
-        "direction": along.tolist(),
+        "direction": sound_direction.tolist(),
         "start": {
             "force": 1.0,
             "width": 0.0,
@@ -168,19 +162,30 @@ def describe_network_page(
     }
 
 
-def _find_losses(losses: BandsSettings | None) -> dict[str, float] | None:
-    """Return damping, s, and loss factor of all motions of contacts; None if none are given, or
-    they differ.
+def _describe_kind(masses: Array, radii: Array) -> str:
+    """Return number, mass and diameter of the balls of a kind, in words; masses, kg, and radii, m,
+    are (n,).
     """
-    found = dict[str, float]()
-    for name, given in (
-        () if losses is None else (("damping", losses.damping), ("loss_factor", losses.loss_factor))
-    ):
-        normal, other = given if isinstance(given, tuple) else (given, given)
-        if normal != other:
+    mass = write_quantity(1e3 * float(masses.mean()), "g")
+    diameter = write_quantity(2.0 * float(radii.mean()), "m")
+    spread = max(np.ptp(radii) / radii[0], np.ptp(masses) / masses[0])
+    mean = "mean " if spread > _SAME else ""
+    return f"{counted(masses.size, 'ball')}, {mean}{mass}, {mean}diameter {diameter}"
+
+
+def _find_losses(losses: BandsSettings | None) -> dict[str, float] | None:
+    """Return damping, s, and loss factor of all motions of contacts; None without losses, or if the
+    losses of the motions differ.
+    """
+    if losses is None:
+        return None
+    common_losses = dict[str, float]()
+    for name, loss in (("damping", losses.damping), ("loss_factor", losses.loss_factor)):
+        normal, tangential = loss if isinstance(loss, tuple) else (loss, loss)
+        if normal != tangential:
             return None
-        found[name] = normal
-    return found or None
+        common_losses[name] = normal
+    return common_losses or None
 
 
 def describe_page(
@@ -194,20 +199,20 @@ def describe_page(
     losses: BandsSettings | None = None,
     remarks: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return all that a page computes from, as plain numbers and texts; SI units unless the key
-    says otherwise.
+    """Return the data from which a page computes, as plain numbers and texts; SI units unless the
+    key names another unit.
 
     Parameters
     ----------
     packing : the balls.
-    media : the media among which the page lets choose; an automatic one is the medium that it takes
-        at the first load, and a remark says which.
-    load : one load or more. The page begins at the first, and its slider reaches beyond all of
-        them.
+    media : the media among which the page lets choose; an automatic medium stands for the medium
+        that it takes at the first load, which a remark names.
+    load : one load or more. The page begins at the first load, and its slider reaches beyond all
+        loads.
     finite_overlap : whether the page begins with the terms of relative order delta/d.
     path : the path of the bands, by default that of the lattice.
     direction : of sound, (p,); x by default.
-    losses : of contacts; the page then tells the Q factor of a mode, if they lose alike in all
+    losses : of contacts; the page shows the Q factor of a mode if the losses are the same in all
         motions.
     remarks : sentences that the page shows.
 
@@ -229,27 +234,30 @@ def describe_page(
                 f" keeps it at all loads."
             )
         chosen.append(serving)
-    few: Any = slice(None) if load.size <= 2 else [0, np.argmin(load.array), np.argmax(load.array)]
-    for value in load.applied.flat.array[few]:
+    ends: Any = slice(None) if load.size <= 2 else [0, np.argmin(load.array), np.argmax(load.array)]
+    for value in load.applied.flat.array[ends]:
         state: Any = chosen[0].of(packing).at(Load(load.applied.kind, float(value)))
         forces.append(float(state.force))
-    if packing.spread is None and [one.name for one in chosen] == ["ala"] and structure.periods > 1:
-        # that of balls that differ, once the slider makes them so; equal ones are the same
+    only_ala = [medium.name for medium in chosen] == ["ala"]
+    if packing.spread is None and only_ala and structure.periods > 1:
+        # the slider of the width needs a medium of unequal balls; at W = 0 both media are equal
         chosen = [MediumChoice("ema")]
     # the ends of the slider of the load, N
     most = max(float(law.force(_MOST_OVERLAP * packing.diameter)), max(forces))
     least = _BELOW * min(forces)
     most = min(_ABOVE * max(forces), most)
     widest = float(law.overlap(forces[0] / _LEAST_REDUCED))
-    widest = min(max(widest, 2.0 * packing.width), 0.5 * packing.diameter)
+    widest = min(max(widest, _WIDENING * packing.width), _MOST_WIDTH * packing.diameter)
     most_friction = max(1.0, packing.mindlin_ratio)
     torsion = packing.find_torsion(forces[0], law.stiffness(law.overlap(forces[0])))
-    most_rolling = max(_MOST_ROLLING, 2.0 * packing.bending, 2.0 * float(torsion))
+    most_rolling = max(
+        _MOST_ROLLING, _MORE_ROLLING * packing.bending, _MORE_ROLLING * float(torsion)
+    )
     tables = []
     for choice in dict.fromkeys(chosen):
         least_reduced = least / float(law.force(widest))
         table = tabulate_medium(packing, choice, least_reduced, most_friction, most_rolling)
-        if table["refusal"] and packing.spread_matters:  # what the scene asks for must be possible
+        if table["refusal"] and packing.spread_matters:  # the page would not show the packing
             raise MechanismError(table["refusal"])
         tables.append(table)
     if all(table["refusal"] for table in tables):
@@ -257,7 +265,7 @@ def describe_page(
     pressure: float | None = None
     with suppress(InputError):  # the stress of some lattices is not a pressure
         pressure = packing.pressure_per_force
-    along = as_direction(
+    sound_direction = as_direction(
         (1.0, 0.0, 0.0)[: structure.periods] if direction is None else direction, structure.periods
     )
     return {
@@ -282,7 +290,7 @@ def describe_page(
             "eta": most_friction,
             "rolling": most_rolling,
         },
-        "direction": along.tolist(),
+        "direction": sound_direction.tolist(),
         "start": {
             "force": forces[0],
             "width": packing.width if structure.periods > 1 else 0.0,
@@ -307,8 +315,8 @@ def join_modules(*names: str) -> str:
     """Return the text of modules of the folder ``assets`` and of those that they import, each once
     and after its imports.
 
-    A module begins with its imports, one on a line, and exports by the word ``export``. Joined, all
-    modules share their names, so that no two of them may have the same one.
+    A module begins with its imports, one on a line, and exports by the word ``export``. The joined
+    modules share one scope, so that no two modules may define the same name.
     """
     parts: list[str] = []
     done: set[str] = set()
@@ -318,8 +326,8 @@ def join_modules(*names: str) -> str:
             return
         done.add(name)
         text = read_asset(f"{name}.js")
-        for other in _IMPORT.findall(text):
-            add(other)
+        for imported in _IMPORT.findall(text):
+            add(imported)
         parts.append(re.sub(r"^export ", "", _IMPORT.sub("", text), flags=re.MULTILINE))
 
     for name in names:
@@ -329,13 +337,13 @@ def join_modules(*names: str) -> str:
 
 def wrap_three() -> str:
     """Return three.js, of two modules, as a script that defines the object ``THREE``."""
-    core = _GIVEN.sub(
-        lambda found: f"return{{{_swap(found[1])}}};", read_asset("vendor/three.core.min.js")
+    core = _EXPORTED.sub(
+        lambda match: f"return{{{_swap(match[1])}}};", read_asset("vendor/three.core.min.js")
     )
     module = read_asset("vendor/three.module.min.js")
-    module = _TAKEN.sub(lambda found: f"const{{{found[1].replace(' as ', ':')}}}=core;", module)
-    module = _GIVEN.sub(
-        lambda found: f"return{{...core,{_swap(found[1])}}};", _PASSED_ON.sub("", module)
+    module = _IMPORTED.sub(lambda match: f"const{{{match[1].replace(' as ', ':')}}}=core;", module)
+    module = _EXPORTED.sub(
+        lambda match: f"return{{...core,{_swap(match[1])}}};", _EXPORTED_AGAIN.sub("", module)
     )
     return f"const THREE=((core)=>{{{module}}})((()=>{{{core}}})());"
 
@@ -347,7 +355,7 @@ def _swap(names: str) -> str:
 
 
 def fill_template(data: dict[str, Any], title: str) -> str:
-    """Return the page, with all that it needs inside: libraries, program, and ``data`` as JSON."""
+    """Return the text of the page, with libraries, program, and ``data`` as JSON inside."""
     parts = {
         "title": escape(title, quote=False),
         "style": read_asset("style.css"),
@@ -360,4 +368,4 @@ def fill_template(data: dict[str, Any], title: str) -> str:
         "data": json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         "program": join_modules("main"),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], read_asset("template.html"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], read_asset("template.html"))

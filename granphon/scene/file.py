@@ -43,6 +43,7 @@ from granphon.scene.rules import (
     table_named,
 )
 from granphon.waves.settings import (
+    FRAMES,
     NETWORK_BLOCKS,
     POLARISATIONS,
     BandsSettings,
@@ -456,7 +457,9 @@ FIELDS: tuple[Field, ...] = (
         "`0 s`",
     ),
     _wave_field(
-        "motion.frames", "number of times that are kept, the start and the end among them", "`201`"
+        "motion.frames",
+        "number of times that are kept, the start and the end among them",
+        f"`{FRAMES}`",
     ),
     _wave_field(
         "motion.step",

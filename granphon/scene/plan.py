@@ -787,16 +787,11 @@ class Plan:
             else 0
         )
         if not self.is_single:
-            path = (
-                ("phonopy", "band_points")
-                if points
-                else ("sweep",)
-                if self.axes
-                else ("load", self.load.kind)
-            )
-            mend = "Take fewer loads or values" + (
-                ", or points of the bands (phonopy.band_points)" if points else ""
-            )
+            path: tuple[str, ...] = ("sweep",) if self.axes else ("load", self.load.kind)
+            mend = "Take fewer loads or values"
+            if points:
+                path = ("phonopy", "band_points")
+                mend += ", or points of the bands (phonopy.band_points)"
             return [
                 *out,
                 waves,

@@ -75,7 +75,7 @@ from granphon.waves.directions import FixedDirections, Moment, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_vector, require_moves
-from granphon.waves.settings import GEOMETRIES, SCHEMES
+from granphon.waves.settings import FRAMES, GEOMETRIES, SCHEMES
 
 #: steps in the shortest period that the contacts could have, by default; and the least number with
 #: which steps are stable
@@ -356,7 +356,7 @@ class NonlinearWaves:
         displacements: ArrayLike | None = None,
         rotations: ArrayLike | None = None,
         spins: ArrayLike | None = None,
-        frames: int = 201,
+        frames: int = FRAMES,
         step: float | None = None,
         scheme: Literal["verlet", "midpoint"] = "verlet",
         file: str | os.PathLike[str] | None = None,
@@ -412,10 +412,8 @@ class NonlinearWaves:
             places = real_array("positions", positions)
             self._require_shape("positions", places)
             displacements = places - self.network.positions[:, : places.shape[1]]
-        system = _System(
-            self,
-            [] if drive is None else list(drive) if isinstance(drive, list | tuple) else [drive],
-        )
+        drives = list(drive) if isinstance(drive, list | tuple) else [drive]
+        system = _System(self, [] if drive is None else drives)
         start = [
             system.read(name, one)
             for name, one in (

@@ -55,6 +55,8 @@ WAVES = ("dos", "spectrum", "pulse")
 POLARISATIONS = ("longitudinal", "transverse", "rotational")
 #: Chebyshev moments of a spectrum, if none are given: a resolution of 0.6 % of the top frequency
 MOMENTS = 256
+#: times of a motion that are kept, the start and the end among them, if no number is given
+FRAMES = 201
 #: readings of the signal of a pulse in a period of its burst
 READINGS = 24
 #: the two ends of a network
@@ -397,7 +399,7 @@ class MotionSettings(NetworkSettings):
     drive: tuple[DriveSettings, ...]
     friction_coefficient: float | None = None
     damping: float | tuple[float, float] = 0.0
-    frames: int = 201
+    frames: int = FRAMES
     step: float | None = None
     geometry: Any = "lattice"
     scheme: Any = "verlet"

@@ -388,7 +388,7 @@ def packing(lattice, friction=True, **more):
 
 
 def test_diameters_are_given_for_each_ball_of_each_cell():
-    with pytest.raises(InputError, match=r"Give an array \(L1, L2, L3, 2\)"):
+    with pytest.raises(InputError, match=r"\(L1, L2, L3, 2\)"):
         gp.DirectSimulation(packing("hcp"), diameters=np.full((3, 3, 3), D))
 
 

@@ -332,8 +332,9 @@ def test_contacts_that_carry_load_stand_out(spacing):
 
 
 @pytest.mark.claim("array-balance")
-def test_loading_unloading_and_cold_are_one():
-    x = balls((20, 20), 2)
+@pytest.mark.parametrize("side", [12, pytest.param(20, marks=pytest.mark.slow)])
+def test_loading_unloading_and_cold_are_one(side):
+    x = balls((side, side), 2)
     loads = [ReducedLoad(overlap=spacing - 0.5) for spacing in (2.0, 1.0, 0.7, 0.5, 0.42, 0.38)]
     stencils = Stencils(x.shape)
     runs = []
@@ -495,7 +496,7 @@ def test_threshold_of_rigidity(n, most):
     ],
 )
 def test_below_the_threshold_there_is_no_load(x, overlap):
-    with pytest.raises(InputError, match=r"carries no load.* Press it together more") as error:
+    with pytest.raises(InputError, match="no load") as error:
         equilibrate(x, ReducedLoad(overlap=overlap))
     assert f"{overlap:.6g} widths" in str(error.value)
 
@@ -503,7 +504,7 @@ def test_below_the_threshold_there_is_no_load(x, overlap):
 @pytest.mark.claim("least-loads")
 def test_what_is_reached_is_said(monkeypatch):
     monkeypatch.setattr(module, "_NEWTON_STEPS", 3)
-    with pytest.raises(ConvergenceError, match="not come to rest after 3 steps") as error:
+    with pytest.raises(ConvergenceError, match="rest after 3 steps") as error:
         equilibrate(balls((16, 16)), ReducedLoad(overlap=0.0))
     left = float(str(error.value).split("a force of ")[1].split(" of the mean")[0])
     assert 1e-10 < left < 100.0

@@ -51,9 +51,9 @@ def test_a_ball_is_solid_unless_it_is_said_otherwise():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"diameter": 0.0}, "diameter: found 0.0; allowed: a finite number above zero, m"),
+        ({"diameter": 0.0}, "diameter: .*0.0.* above zero"),
         ({"mass": -1.0}, "mass: found -1.0"),
-        ({"inertia": 1.0}, "inertia is 1 kg m.2. That of a shell"),
+        ({"inertia": 1.0}, "inertia is 1 kg m.2"),
         ({"material": "steel"}, "Give a granphon.Material"),
         ({"name": "=A"}, "the name of a ball"),
     ],
@@ -218,17 +218,17 @@ def test_a_tabulated_power_law_is_that_law(exponent):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: gp.PowerLaw(0.5, 1.0), "exponent is 0.5. Below 1 a contact is infinitely stiff"),
+        (lambda: gp.PowerLaw(0.5, 1.0), "exponent is 0.5"),
         (lambda: gp.PowerLaw(1.5, 0.0), "coefficient: found 0.0"),
         (lambda: gp.DMT(-1.0), "adhesion: found -1.0"),
         (lambda: gp.JKR(math.nan), "adhesion: found nan"),
-        (lambda: gp.TabulatedLaw([1.0, 2.0], [1.0]), "Give two lists of one length"),
+        (lambda: gp.TabulatedLaw([1.0, 2.0], [1.0]), "one length"),
         (
             lambda: gp.TabulatedLaw([1.0, 2.0, 2.0], [1.0, 2.0, 3.0]),
-            "in its row 2. Both must be above zero",
+            "row 2.* above zero",
         ),
         (lambda: gp.TabulatedLaw([0.0, 2.0], [0.0, 3.0]), "has 1 rows with a force"),
-        (lambda: gp.PowerLaw(1.5, 1.0).overlap(-1.0), "force of a contact is negative"),
+        (lambda: gp.PowerLaw(1.5, 1.0).overlap(-1.0), "negative"),
     ],
 )
 def test_no_law(make, said):
@@ -299,7 +299,7 @@ def test_laws_refuse_what_is_beyond_double_precision(name):
 
 def test_adhesion_beyond_double_precision():
     for make in (lambda: gp.JKR(5e-324), lambda: gp.JKR(1e308), lambda: gp.DMT(1e308)):
-        with pytest.raises(InputError, match="beyond double precision for these balls"):
+        with pytest.raises(InputError, match="precision"):
             make().between(GEL, GEL)
     # so little adhesion is none
     for law in (gp.JKR(1e-304), gp.DMT(5e-324)):
@@ -333,18 +333,18 @@ def test_a_law_of_a_user_serves_if_its_methods_agree():
     law = law_between(Quadratic(), S, A)
     check_law(law, 5e-3)
     for name in ("energy", "force", "stiffness", "stiffness_slope", "overlap"):
-        with pytest.raises(InputError, match=r"contact law Quadratic is .* at an overlap of"):
+        with pytest.raises(InputError, match=r"Quadratic .*overlap"):
             check_law(Quadratic(**{name: 1.01}), 5e-3)
     with pytest.raises(InputError, match="does not rise"):
         check_law(Quadratic(energy=-1.0, force=-1.0, stiffness=-1.0, stiffness_slope=-1.0), 5e-3)
     wide = type("Wide", (Quadratic,), {"contact_radius": lambda self, overlap: -1.0 * overlap})
-    with pytest.raises(InputError, match="contact_radius of the contact law Wide"):
+    with pytest.raises(InputError, match=r"contact_radius .*Wide"):
         check_law(wide(), 5e-3)
     half = type("Half", (), dict.fromkeys(("force", "energy", "overlap"), Quadratic.force))
-    with pytest.raises(InputError, match="has no method stiffness, stiffness_slope"):
+    with pytest.raises(InputError, match="stiffness, stiffness_slope"):
         law_between(half(), S, A)
     flat = type("Flat", (Quadratic,), {"force": lambda self, overlap: 1.0})
-    with pytest.raises(InputError, match="Return an array of numbers of the same shape"):
+    with pytest.raises(InputError, match="same shape"):
         check_law(flat(), 5e-3)
 
 
@@ -407,16 +407,15 @@ class Bent:
     [
         (
             Floats(),
-            "force of the contact law Floats does not take an array: .*such as np.maximum for max",
+            "force .*Floats .*array.*np.maximum",
         ),
         (
             Unclosed(),
-            "force of the contact law Unclosed is not finite below an overlap of 0 m.*np.maximum",
+            "force .*Unclosed .*0 m.*np.maximum",
         ),
         (
             Bent(),
-            "force of the contact law Bent is -.*, and the derivative of its energy .* at an"
-            " overlap of -",
+            "force .*Bent is -.* energy .*overlap of -",
         ),
     ],
 )

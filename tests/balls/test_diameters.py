@@ -26,7 +26,6 @@ from granphon.balls.diameters import (
     uniform_numbers,
 )
 from granphon.base.errors import InputError
-from tests.conftest import only
 
 POWERS = (-0.5, 0.0, 0.5, 1.5, 3.0)
 UNIFORM = UniformShape()
@@ -148,7 +147,7 @@ def test_uniform_averages_are_the_closed_forms_at_every_load(power):
 @pytest.mark.parametrize(
     ("cutoff", "places", "powers"),
     [
-        *((cutoff, (-0.95, -0.01, 1.01), (0.5, 1.5)) for cutoff in (0.5, 3.0)),
+        *((cutoff, (-0.95, 1.01), (0.5, 1.5)) for cutoff in (0.5, 3.0)),
         *(
             pytest.param(
                 one,
@@ -416,10 +415,17 @@ def test_medium_average_by_adaptive_quadrature():
 
 
 @pytest.mark.claim("places-of-a-lot")
-@pytest.mark.parametrize("kind", only(["normal"], ["uniform", "normal"]))
-def test_a_large_lot_is_condensed_far_below_its_sampling_noise(kind):
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [
+        ("normal", 1500),
+        pytest.param("normal", 3000, marks=pytest.mark.slow),
+        pytest.param("uniform", 3000, marks=pytest.mark.exhaustive),
+    ],
+)
+def test_a_large_lot_is_condensed_far_below_its_sampling_noise(kind, count):
     rng = np.random.default_rng(2)
-    off = rng.uniform(-1.0, 1.0, 3000) if kind == "uniform" else rng.normal(size=3000)
+    off = rng.uniform(-1.0, 1.0, count) if kind == "uniform" else rng.normal(size=count)
     lot = Measured(8e-3 + 1e-6 * off)
     x, w = np.array(lot.shape.positions), np.array(lot.shape.weights)
     assert x.size <= MOST_POINTS
@@ -438,9 +444,15 @@ def test_a_large_lot_is_condensed_far_below_its_sampling_noise(kind):
 
 @pytest.mark.claim("places-of-a-lot")
 @pytest.mark.parametrize(
-    "kind", only(["normal", "skewed"], ["flat", "normal", "two kinds", "skewed"])
+    ("kind", "overlaps"),
+    [
+        ("normal", 3),
+        ("skewed", 3),
+        *(pytest.param(kind, 9, marks=pytest.mark.slow) for kind in ("normal", "skewed")),
+        *(pytest.param(kind, 9, marks=pytest.mark.exhaustive) for kind in ("flat", "two kinds")),
+    ],
 )
-def test_the_places_of_a_large_lot_hold_force_and_stiffness(kind):
+def test_the_places_of_a_large_lot_hold_force_and_stiffness(kind, overlaps):
     rng = np.random.default_rng(5)
     n = 2500
     off = {
@@ -454,7 +466,7 @@ def test_the_places_of_a_large_lot_hold_force_and_stiffness(kind):
     lot = Measured(8e-3 + 1e-6 * off)
     x = np.array(lot._table[1]) / lot.width
     sums = 0.5 * (x[:, None] + x)
-    for y in np.linspace(0.9 * lot.shape.bounds[0], 1.0, 9):
+    for y in np.linspace(0.9 * lot.shape.bounds[0], 1.0, overlaps):
         root = np.sqrt(np.maximum(y + sums, 0.0))
         force = float(np.mean(root * root * root))
         stiffness = float(np.mean(root))
@@ -565,7 +577,7 @@ def test_quantiles_invert_the_distribution():
         ([], [], "diameters"),
         ([8e-3, 9e-3], [1.0], "2 diameters and 1 fractions"),
         ([8e-3, 9e-3], [0.5, 0.4], "sum to 0.9, 0.1 below 1"),
-        ([8e-3, 9e-3], [1.5, -0.5], "fractions: found -0.5 among 2"),
+        ([8e-3, 9e-3], [1.5, -0.5], "fractions: .*-0.5"),
         ([8e-3, -1e-3], [0.5, 0.5], "above zero"),
         ([8e-3, math.nan], [0.5, 0.5], "finite"),
         ([[8e-3]], [1.0], "diameters"),
@@ -601,9 +613,7 @@ def test_the_mean_must_be_the_diameter_of_the_packing():
     TWO.check_diameter(8e-3)
     TWO.check_diameter(8e-3 * (1 + 5e-10))
     Uniform(1e-6).check_diameter(5.0)
-    with pytest.raises(
-        InputError, match=r"mean of the diameters is 0.008 m, the packing's diameter is 0.00801 m"
-    ):
+    with pytest.raises(InputError, match=r"mean .*0.008 m.* 0.00801 m"):
         TWO.check_diameter(8.01e-3)
     with pytest.raises(InputError, match="diameter"):
         TWO.check_diameter(math.nan)
@@ -649,8 +659,8 @@ def test_reading_a_table(tmp_path, text, column):
     [
         ("a,b\n1,2\n", None, "no column named 'diameter'"),
         ("a,b\n1,2\n", "c", "named 'c'"),
-        ("diameter (kg)\n1\n", None, "unit is not a unit of length"),
-        ("diameter (mm)\n-8.0\n", None, "csv:2: diameter: found '-8.0 mm', which is negative"),
+        ("diameter (kg)\n1\n", None, "unit of length"),
+        ("diameter (mm)\n-8.0\n", None, "csv:2: diameter: .*'-8.0 mm'"),
     ],
 )
 def test_tables_that_cannot_be_read(tmp_path, text, column, words):

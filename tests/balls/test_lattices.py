@@ -181,14 +181,12 @@ def test_a_lattice_with_fewer_periods_than_dimensions(cell, sites, like):
         (
             np.diag([1.0, 2.0, 4.0]),
             ((0, 0, 0), (0, 0.5, 0), (0, 0, 0.5)),
-            "rows, layers, 2 in each cell",
+            "2 in each cell",
         ),
     ],
 )
 def test_balls_that_contacts_do_not_join_are_no_lattice(cell, sites, said):
-    with pytest.raises(
-        InputError, match=f"'apart' falls into pieces that do not touch: {said}"
-    ) as caught:
+    with pytest.raises(InputError, match=f"'apart' .*pieces.*{said}") as caught:
         gp.Lattice("apart", cell, sites)
     assert "apart, where" not in str(caught.value)  # no two balls nearly touch
 
@@ -238,9 +236,9 @@ HEXAGON = ((1.0, 0.0), (-0.5, ROOT3 / 2))
             ((1, 0), (-0.5, 0.8661)),
             ((),),
             "nearly touch",
-            "every y .* by 0.9999.*, so that 0.8661 becomes 0.8660254",
+            "y .*0.9999.* 0.8660254",
         ),
-        (((1, 0), (-0.5, 0.866)), ((),), "overlap", "so that 0.866 becomes 0.866025403784"),
+        (((1, 0), (-0.5, 0.866)), ((),), "overlap", "becomes 0.866025403784"),
         (
             (*[(*v, 0) for v in HEXAGON], (0, 0, 1.633)),
             LATTICES["hcp"].sites,
@@ -269,9 +267,9 @@ HEXAGON = ((1.0, 0.0), (-0.5, ROOT3 / 2))
             0.7071 * np.array(LATTICES["fcc"].cell) * math.sqrt(2),
             ((),),
             "overlap",
-            "Multiply the cell by 1.00000959",
+            "cell by 1.00000959",
         ),
-        (((1.0001,),), ((),), "touches no other", "Multiply the cell by 0.9999000"),
+        (((1.0001,),), ((),), "touches no other", "cell by 0.9999000"),
         (
             ((1.732, 0), (-0.866, 1.5)),
             LATTICES["honeycomb"].sites,
@@ -331,17 +329,13 @@ def test_huge_cells_and_sites_are_one_clear_error(far):
         (np.eye(3), ((far, 0, 0),)),
         (((1, 0),), ((0, far),)),
     ):
-        with pytest.raises(
-            InputError, match=r"'huge' has a number of size .*Give numbers up to 1e\+06"
-        ):
+        with pytest.raises(InputError, match=r"'huge' .*1e\+06"):
             gp.Lattice("huge", cell, sites)
 
 
 def test_cells_that_are_too_oblique_are_not_searched():
     for cell, sites in ((((1, 0), (1e6, 1)), ((),)), (np.eye(3), ((0, 0, 0), (1e4, 0, 0.5)))):
-        with pytest.raises(
-            InputError, match="too oblique, or its sites are too far from each other"
-        ):
+        with pytest.raises(InputError, match="oblique"):
             gp.Lattice("odd", cell, sites)
     assert gp.Lattice("oblique", ((1, 0), (30, 1))).coordination == 4
 
@@ -467,9 +461,7 @@ def test_lattice_keeps_no_hold_of_what_it_was_given():
 
 
 def test_unknown_lattice_names_those_known():
-    with pytest.raises(
-        InputError, match="chain, triangular, square, honeycomb, kagome, sc, bcc, fcc, hcp, diamond"
-    ):
+    with pytest.raises(InputError, match=r"chain, triangular, .*diamond"):
         find_lattice("hexagonl")
     assert find_lattice("kagome") is KAGOME
     assert find_lattice(HONEYCOMB) is HONEYCOMB
@@ -505,7 +497,7 @@ def test_no_direction(bad):
 )
 def test_an_anisotropic_stress_is_no_pressure(steel, cell, unit):
     medium = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=gp.Lattice("leaning", cell)))
-    with pytest.raises(InputError, match=rf"not a pressure.*{re.escape(unit)}.*force or overlap"):
+    with pytest.raises(InputError, match=rf"pressure.*{re.escape(unit)}"):
         medium.at_pressure(400.0)
     with pytest.raises(InputError, match="is not a pressure"):
         _ = medium.at_force(1.0).pressure
@@ -583,7 +575,7 @@ def test_images_are_apart_in_a_skewed_cell_too():
 )
 def test_a_lattice_has_a_name(name, allowed):
     with pytest.raises(
-        InputError, match=rf"^the name of a lattice: found .*; allowed: {re.escape(allowed)}\."
+        InputError, match=rf"^the name of a lattice: .*{re.escape(allowed)}"
     ) as caught:
         gp.Lattice(name, ((1.0, 0.0), (0.0, 1.0)))
     assert str(caught.value).isprintable()
@@ -607,7 +599,7 @@ def test_other_names_are_taken(name):
 def test_a_known_name_belongs_to_its_cell(name, cell, sites):
     with pytest.raises(
         InputError,
-        match=f"the lattice '{name}' has a cell or sites of its own.*Give yours another name",
+        match=f"lattice '{name}' .*name",
     ):
         gp.Lattice(name, cell, sites)
     assert gp.Lattice(f"my {name}", cell, sites).name == f"my {name}"

@@ -340,7 +340,9 @@ def results(simulated):
     return cache(lambda name: PICTURES[name][0](simulated))
 
 
-@pytest.mark.parametrize("name", PICTURES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "pulse")) for name in PICTURES]
+)
 def test_a_result_has_a_default_picture(results, name):
     figure = gp.plot(results(name))
     drawn = panels(figure)

@@ -343,9 +343,7 @@ def test_soft_modes_are_found_under_prestress():
     q = lattice.wavevectors([[0.5, -0.5, 0.5], [0.1, 0.2, 0.3], [0.0, 0.0, 0.0]])
     values = lattice.frequencies(q)
     assert np.count_nonzero(values == 0.0, axis=1).tolist() == [3, 0, 3]
-    assert lattice.soft_mode_warnings(q, values)[0].startswith(
-        "3 modes vanish at 1 of 3 wave vectors"
-    )
+    assert lattice.soft_mode_warnings(q, values)[0].startswith("3 modes vanish at 1 of 3")
     along = np.array(GENERIC[3])
     at = lattice.modes(q[:1], along)
     beside = lattice.modes(q[:1] + 1e-4 * along, along)

@@ -193,7 +193,7 @@ def test_wavenumber_inverts_the_branch(along_the_row, part, name):
 def test_wavenumber_above_the_top():
     branch = follow_acoustic_branches(gp.ContactLattice.of("triangular", ETA), (0, 1))["transverse"]
     assert branch.find_pulse(branch.top)[0][0] <= branch.wavenumbers[-1] * (1 + 1e-15)
-    with pytest.raises(UnreachableFrequencyError, match="transverse branch ends at"):
+    with pytest.raises(UnreachableFrequencyError, match="branch ends"):
         branch.find_pulse([0.1, branch.top * (1 + 1e-12)])
 
 

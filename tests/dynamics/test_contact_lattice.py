@@ -303,9 +303,7 @@ def test_bands_at_forty_digits(twin):
 
 
 def test_square_without_friction_shears_at_no_cost():
-    with pytest.raises(
-        MechanismError, match=r"square is a mechanism.*2xy\) = \(0, 0, 1\).*friction"
-    ):
+    with pytest.raises(MechanismError, match=r"square .*2xy\) = \(0, 0, 1\)"):
         gp.ContactLattice.of("square", 0.0).require_rigid()
 
 

@@ -134,7 +134,12 @@ def test_the_zone_in_space_is_drawn_with_the_path(fcc, ax):
 
 @pytest.mark.parametrize(
     ("lattice", "path"),
-    [("sc", "GXMGRX,MR"), ("bcc", "GHNGPH,PN"), ("fcc", "GXWKGL"), ("hcp", "GMKGALHA")],
+    [
+        ("sc", "GXMGRX,MR"),
+        ("bcc", "GHNGPH,PN"),
+        ("fcc", "GXWKGL"),
+        pytest.param("hcp", "GMKGALHA", marks=pytest.mark.slow),
+    ],
 )
 def test_the_corners_of_a_path_lie_apart_in_the_drawing_of_the_zone(lattice, path, ax):
     bands = gp.Phonons(state_of(lattice)).bands(path, npoints=2)
@@ -448,7 +453,13 @@ def test_an_animation_comes_back_after_a_period(lattice, tmp_path):
     ("lattice", "more", "forces", "names"),
     [
         ("bcc", {}, [1.0, 100.0], ["$v_{T1}$, $v_{T2}$", "$v_L$"]),  # as fast along [100]
-        ("hcp", {"friction": False}, [10.0, 12.0], ["$v_{T1}$", "$v_{T2}$", "$v_L$"]),
+        pytest.param(
+            "hcp",
+            {"friction": False},
+            [10.0, 12.0],
+            ["$v_{T1}$", "$v_{T2}$", "$v_L$"],
+            marks=pytest.mark.slow,
+        ),
         # close on this scale
         (
             "hcp",

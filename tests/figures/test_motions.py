@@ -52,7 +52,7 @@ def grains():
         .at_force(5.0)
         .network.repeat((2, 2, 2))
     )
-    return hit(network, 0, [0.1, 0.0, 0.0], 2e-5)
+    return hit(network, 0, [0.1, 0.0, 0.0], 1e-5)
 
 
 def test_maps_have_a_column_for_each_ball_or_contact_of_a_chain(chain, ax):

@@ -78,7 +78,5 @@ def test_a_unit_with_a_prefix_divides_what_is_written_at_the_ticks(ax, values, u
 
 @pytest.mark.parametrize("values", [[1.0, 1e300], [1e-300, 1.0]])
 def test_an_axis_that_would_reach_beyond_floating_point_is_refused(ax, values):
-    with pytest.raises(
-        InputError, match=r"the x axis cannot reach from .* to .* Look at the units"
-    ):
+    with pytest.raises(InputError, match=r"x axis .*units"):
         scales.scale_axis(ax, "x", np.array(values))

@@ -120,7 +120,7 @@ def test_a_simulation_is_points_and_several_samples_have_bars_of_their_standard_
     data = sweep(
         PACKING,
         force=[2.0, 9.0, 4.0],
-        media=("ema", {"simulation": {"shape": (8, 8), "samples": samples}}),
+        media=("ema", {"simulation": {"shape": (4, 4), "samples": samples}}),
     )
     plot_sweep(data, ax, variable)
     there = data.isel(medium=1).sortby("force")
@@ -150,16 +150,17 @@ LOADED = {
     "friction_coefficient": 0.5,
     "seed": 3,
     "samples": 2,
+    "step_tolerance": 1.0,
 }
 
 
 @pytest.mark.parametrize(
     "media",
-    [("ema", {"simulation": {"shape": (8, 8), "samples": 3}}), ({"simulation": LOADED},)],
+    [("ema", {"simulation": {"shape": (3, 3), "samples": 3}}), ({"simulation": LOADED},)],
     ids=["two", "a long one"],
 )
 def test_long_labels_stand_below_each_other(media):
-    data = sweep(PACKING, force=[2.0, 9.0], media=media)
+    data = sweep(PACKING, force=[2.0, 3.0], media=media)
     figure = sweep_figure(data)
     figure.draw_without_rendering()
     (legend,) = figure.legends
@@ -216,7 +217,7 @@ def test_what_is_infinite_everywhere_or_beyond_matplotlib_is_refused(ax):
     with pytest.raises(InputError, match="has no finite value"):
         plot_sweep(equal, ax, "reduced_force")
     equal["pressure"] = equal["pressure"] * 1e302
-    with pytest.raises(FigureError, match=r"'pressure' has the value .*e\+30"):
+    with pytest.raises(FigureError, match=r"'pressure' .*e\+30"):
         plot_sweep(equal, ax, "pressure")
 
 
@@ -276,8 +277,9 @@ def test_names_of_a_path_stand_beside_the_right_ends_of_its_lines():
         "friction_history": True,
         "friction_coefficient": 0.2,
         "ordered": True,
+        "step_tolerance": 1.0,
     }
-    data = sweep(PACKING, force=[2.0, 40.0, 5.0], media=[{"simulation": history}])
+    data = sweep(PACKING, force=[2.0, 8.0, 5.0], media=[{"simulation": history}])
     upper, _ = sweep_figure(data).axes
     heights = {text.get_text(): text.xy[1] for text in upper.texts}
     greatest = data.isel(load=int(np.argmax(data["force"].values)), medium=0)

@@ -63,13 +63,13 @@ EXACT = {medium: velocities(TRUE, medium) for medium in ("afa", "ema")}
     st.floats(np.log(0.3e-6), np.log(20e-6)),
     st.sampled_from(["afa", "ema", {"ema": {"local_field": "paper"}}]),
 )
-@settings(max_examples=20)
+@settings(max_examples=10)
 def test_exact_data_give_the_width_to_rounding(log, medium):
     width = float(np.exp(log))
     fit = fit_width(BALLS, FORCE, velocities(spread_over(width), medium), medium=medium)
     assert_allclose(fit.width, width, rtol=1e-9)
     assert np.isnan(fit.stderr)  # it would rest on rounding alone
-    assert any("below the rounding of the data" in warning for warning in fit.warnings)
+    assert any("rounding" in warning for warning in fit.warnings)
     assert fit.medium == MediumChoice.parse(medium).label
 
 
@@ -103,9 +103,9 @@ def test_of_two_minima_the_deeper_is_found(width, sigma, lowest):
         velocities(spread_over(width), force=force),
     )
     widths = np.geomspace(0.1e-6, 300e-6, 200)
-    squares = np.array(
-        [np.sum(((velocities(spread_over(w), force=force) - wanted) / sigmas) ** 2) for w in widths]
-    )
+    speeds = np.array([velocities(spread_over(w), force=[2.0, 30.0]) for w in widths])
+    residuals = np.repeat(speeds, [3, 40], axis=1) - wanted
+    squares = np.sum((residuals / sigmas) ** 2, axis=1)
     minima = np.flatnonzero((squares[1:-1] < squares[:-2]) & (squares[1:-1] < squares[2:])) + 1
     assert len(minima) == 2
     assert np.argmin(squares) == minima[lowest]
@@ -244,7 +244,11 @@ def remembered(monkeypatch):
 @pytest.mark.claim("tutorial-fit")
 @pytest.mark.usefixtures("remembered")
 @pytest.mark.parametrize(
-    ("medium", "count"), [("ema", 60), pytest.param("afa", 300, marks=pytest.mark.exhaustive)]
+    ("medium", "count"),
+    [
+        ("ema", 60),
+        pytest.param("afa", 300, marks=pytest.mark.exhaustive),
+    ],
 )
 def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
     sigma = np.linspace(6.0, 2.0, 12)
@@ -263,10 +267,11 @@ def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
 
 @pytest.mark.claim("tutorial-fit")
 @pytest.mark.usefixtures("remembered")
-def test_errors_from_the_scatter_follow_student():
+@pytest.mark.parametrize("count", [30, pytest.param(60, marks=pytest.mark.slow)])
+def test_errors_from_the_scatter_follow_student(count):
     pulls = []
     fits = []
-    noise = np.random.default_rng(2).normal(size=(60, 3)) * 4.0
+    noise = np.random.default_rng(2).normal(size=(count, 3)) * 4.0
     for one in noise:
         fits.append(fit_width(BALLS, FORCE[::4], EXACT["afa"][::4] + one, medium="afa"))
         pulls.append((fits[-1].width - WIDTH) / fits[-1].stderr)
@@ -275,14 +280,14 @@ def test_errors_from_the_scatter_follow_student():
     # a normal law, which three data are too few for, has 0.3 %
     assert np.mean(np.abs(pulls) > 3.0) > 0.05
     assert_allclose(
-        np.mean([fit.sigma[0] ** 2 for fit in fits]), 16.0, rtol=3.0 * np.sqrt(2.0 / (2 * 60))
+        np.mean([fit.sigma[0] ** 2 for fit in fits]), 16.0, rtol=3.0 * np.sqrt(2.0 / (2 * count))
     )
 
 
 @pytest.mark.usefixtures("remembered")
-def test_the_covariance_of_two_parameters_is_their_scatter():
+@pytest.mark.parametrize("count", [8, pytest.param(40, marks=pytest.mark.slow)])
+def test_the_covariance_of_two_parameters_is_their_scatter(count):
     sigma = 2.0
-    count = 40
     _, fits = repeated(
         count, sigma, 3, medium="afa", sigma=sigma, parameters=("width", "young_modulus")
     )
@@ -339,6 +344,10 @@ def test_the_frequency_of_the_pulses_shifts_the_width(pulses):
     # at the 6.5 kHz of the experiment a pulse is up to 4 % slower than long waves are: taken for
     # one, it costs a quarter
     assert_allclose(1.0 - (pulses / EXACT["ema"])[[0, -1]], [0.0435, 0.0163], atol=5e-5)
+
+
+def test_a_fit_without_the_frequency_of_its_data_finds_another_width(pulses):
+    """And so does one with the frequency of pulses of data that are long waves."""
     naive = fit_width(BALLS, FORCE, pulses)
     assert_allclose(naive.width, 2.61e-6, rtol=5e-3)
     other_way = fit_width(BALLS, FORCE[::4], EXACT["ema"][::4], frequency=6500.0)
@@ -372,10 +381,7 @@ def test_a_frequency_above_the_band_is_named():
     state = gp.AveragedLattice(BALLS).at_force(4.0)
     hertz = np.full(12, 6500.0)
     hertz[[2, 4]] = 1e6, 1e5
-    words = (
-        r"do not carry the frequency of 2 of 12 data. Datum 3 has 1e\+06 Hz at 2.995 N, where the"
-        r" longitudinal"
-    )
+    words = r"2 of 12 data.* Datum 3 has 1e\+06 Hz at 2\.995 N"
     with pytest.raises(UnreachableFrequencyError, match=words):
         fit_width(BALLS, FORCE, EXACT["ema"], frequency=hertz)
     # just below the top that is named a pulse goes, and just above it none
@@ -403,22 +409,20 @@ def test_the_top_of_each_load_with_finite_overlap():
 def test_a_frequency_too_high_for_the_velocities_is_blamed_and_not_the_material():
     # long waves of the balls, taken for pulses near the top of the branch, are faster than such
     # pulses can be
-    words = (
-        r"above those of pulses of equal balls. They are not above those of long waves. Datum 1"
-        r" has 22000 Hz at 2 N"
-    )
-    with pytest.raises(InputError, match=words) as error:
+    with pytest.raises(InputError, match=r"pulses .*Datum 1 has 22000 Hz at 2 N") as error:
         fit_width(BALLS, FORCE, EXACT["ema"], 3.0, frequency=22e3)
     assert "modulus" not in str(error.value)
-    # slower ones ask for so wide a spread that it carries the frequency no longer
-    with pytest.raises(
-        InputError,
-        match=r"beyond which the balls do not carry the frequency. Datum 1 has 20000 Hz at 2 N",
-    ) as error:
+
+
+def test_a_spread_that_does_not_carry_the_frequency_is_named():
+    """Slow pulses ask for so wide a spread that it carries their frequency no longer."""
+    with pytest.raises(InputError, match=r"carry .*Datum 1 has 20000 Hz at 2 N") as error:
         fit_width(BALLS, FORCE, 0.1 * IDEAL, 5.0, frequency=20e3)
     assert "modulus" not in str(error.value)
+
+
+def test_velocities_too_fast_for_long_waves_too_are_those_of_another_material():
     with pytest.raises(InputError, match="Check the Young modulus"):
-        # too fast for long waves as well
         fit_width(BALLS, FORCE, 1.1 * IDEAL, 3.0, frequency=6.5e3)
 
 
@@ -431,7 +435,7 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"velocity": EXACT["ema"][:3]}, "found 12 of force, 3 of velocity"),
+        ({"velocity": EXACT["ema"][:3]}, "12 of force, 3 of velocity"),
         ({"sigma": [1.0, 2.0]}, "2 of sigma"),
         ({"frequency": [1.0, 2.0]}, "2 of frequency"),
         ({"velocity": np.where(FORCE > 10, np.nan, 500.0)}, "velocity: found nan"),
@@ -441,43 +445,43 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
         ({"force": [], "velocity": []}, "force: found"),
         (
             {"force": 2.0, "velocity": 500.0},
-            "found 1 measurement, to which width cannot be fitted. Without sigma one more",
+            r"1 measurement.* sigma",
         ),
         (
             {"force": 2.0, "velocity": 500.0, "sigma": 1.0, "parameters": ("width", "diameter")},
-            "width and diameter cannot",
+            "width and diameter",
         ),
-        ({"parameters": ("width", "young_modulu")}, "Did you mean young_modulus"),
+        ({"parameters": ("width", "young_modulu")}, "young_modulus"),
         ({"parameters": ()}, "Give one or more"),
         ({"parameters": ("width", "width")}, "at most once"),
-        ({"branch": "L"}, "branch: found 'L'; allowed: longitudinal"),
+        ({"branch": "L"}, r"branch: .*'L'.*longitudinal"),
         ({"direction": (0.0, 0.0)}, "direction"),
         ({"medium": "eam"}, r"found 'eam'; .*'ema'"),
-        ({"medium": "ala"}, "in the medium 'ala' sound does not depend on the width"),
-        ({"velocity": IDEAL}, "the width cannot be told from zero"),
-        ({"velocity": IDEAL, "sigma": 5.0}, "the width cannot be told from zero"),
-        ({"velocity": 1.1 * IDEAL}, "on average 10 % above those of equal balls"),
-        ({"velocity": 1.001 * IDEAL, "sigma": 5.0}, "0.1 % above those of equal balls"),
+        ({"medium": "ala"}, r"'ala' .*width"),
+        ({"velocity": IDEAL}, "width .*from zero"),
+        ({"velocity": IDEAL, "sigma": 5.0}, "width .*from zero"),
+        ({"velocity": 1.1 * IDEAL}, r" 10 % above"),
+        ({"velocity": 1.001 * IDEAL, "sigma": 5.0}, r"0\.1 % above"),
         (
             {"velocity": EXACT["ema"] / 20.0},
-            "no width fits: the sum of squares still falls at .* [mu]m, .* Check the units",
+            r"no width fits.* [mu]m.* units",
         ),
         (
             {"velocity": EXACT["ema"] / 1e3},
-            "are 0.000888 to 0.000996 times those of equal balls. Check the units",
+            r"0\.000888 to 0\.000996 .* units",
         ),
         (
             {"force": EXACT["ema"], "velocity": FORCE},
-            "times those of equal balls. .* columns are not swapped",
+            "columns .*swapped",
         ),
-        ({"velocity": EXACT["ema"][::-1]}, "the width cannot be told from zero"),
+        ({"velocity": EXACT["ema"][::-1]}, "width .*from zero"),
         (
             {"sigma": 200.0, "parameters": ("width", "young_modulus")},
-            "its standard error|told from zero",
+            "standard error|from zero",
         ),
         (
             {"parameters": ("width", "young_modulus", "diameter"), "sigma": 1.0},
-            "velocities of long waves depend on",
+            "long waves depend",
         ),
         ({"force": np.full(12, 4.0), "parameters": ("width", "diameter")}, "told from zero"),
     ],
@@ -500,13 +504,9 @@ def test_data_above_the_velocity_of_equal_balls_are_told(sigma):
     fit = fit_width(BALLS, force, fast, None if sigma is None else sigma * fast)
     (told,) = [text for text in fit.warnings if "not a width" in text]
     most = int(np.argmax(fast / ideal))
-    assert re.match(
-        r"[4-7] of 12 data are above the velocity of equal balls at that load, by up to 8\.9"
-        r" % \(datum 12, ",
-        told,
-    )
+    assert re.match(r"[4-7] of 12 data .*8\.9 % \(datum 12, ", told)
     assert f"{100.0 * (fast[most] / ideal[most] - 1.0):.2g} %" == "8.9 %"
-    assert "fit young_modulus as well" in told
+    assert "young_modulus" in told
     both = fit_width(
         BALLS,
         force,
@@ -527,7 +527,7 @@ def test_data_above_the_velocity_of_equal_balls_are_told(sigma):
 
 def test_a_narrow_range_of_force_does_not_tell_two_parameters():
     force = np.linspace(4.0, 4.2, 12)
-    with pytest.raises(InputError, match=r"told from zero|do not determine young_modulus"):
+    with pytest.raises(InputError, match=r"from zero|determine"):
         fit_width(
             BALLS, force, velocities(TRUE, force=force), 5.0, parameters=("width", "young_modulus")
         )
@@ -537,22 +537,20 @@ def test_a_narrow_range_of_force_does_not_tell_two_parameters():
 def test_at_high_pressure_only_the_ideal_lattice_is_heard():
     force = FORCE * 1e3
     exact = velocities(TRUE, force=force)
-    with pytest.raises(InputError, match="show no slowing of sound at low forces"):
+    with pytest.raises(InputError, match="no slowing of sound"):
         fit_width(BALLS, force, exact, 5.0)
     assert_allclose(fit_width(BALLS, force, exact, 1e-3).width, WIDTH, rtol=1e-4)
 
 
 def test_balls_of_one_listed_size_have_no_shape_to_widen():
-    with pytest.raises(InputError, match="does not depend on the width"):
+    with pytest.raises(InputError, match="depend on the width"):
         fit_width(replace(BALLS, spread=gp.Measured((8e-3, 8e-3))), FORCE, EXACT["ema"])
 
 
 def test_loads_outside_the_range_of_the_medium_are_counted():
     force = np.append(FORCE, [0.5, 1.0])
     fit = fit_width(BALLS, force, velocities(TRUE, force=force))
-    assert any(
-        "2 of the 14 contact forces are lower, down to 0.5 N" in warning for warning in fit.warnings
-    )
+    assert any(re.search(r"2 of the 14 .* 0\.5 N", warning) for warning in fit.warnings)
     assert (
         fit_width(BALLS, FORCE, NOISY, 4.0).warnings
         == fit_width(BALLS, FORCE, NOISY).warnings
@@ -581,10 +579,7 @@ def test_with_no_degrees_of_freedom_nothing_is_said_of_the_fit():
     fit = fit_width(BALLS, 4.0, 550.0, 5.0)
     assert fit.dof == 0
     assert np.isnan(fit.p)
-    assert any(
-        "0 degrees of freedom: nothing can be said of how well" in warning
-        for warning in fit.warnings
-    )
+    assert any("0 degrees of freedom" in warning for warning in fit.warnings)
     assert not any("times what sigma says" in warning for warning in fit.warnings)
     assert_allclose(fit.velocities, 550.0, rtol=1e-9)
     # the derivative of the velocity takes the error of the datum to that of the width
@@ -598,9 +593,7 @@ def test_residuals_too_large_or_too_small_for_sigma_are_said_with_p(factor):
     p = chi2_distribution(11).sf(fit.chi2)
     assert_allclose(fit.p, p, rtol=1e-9)
     assert not 1e-3 < p < 0.999
-    words = (
-        "the model does not fit, or sigma is too small" if factor < 1.0 else "sigma is too large"
-    )
+    words = "sigma is too small" if factor < 1.0 else "sigma is too large"
     (warning,) = fit.warnings
     assert f"p = {p:.2g}" in warning
     assert words in warning
@@ -612,11 +605,9 @@ def test_a_sigma_far_below_the_scatter_is_accepted_as_the_minimum_is_found():
     fit, plain = (fit_width(BALLS, FORCE, noisy, sigma) for sigma in (1e-9, None))
     assert_allclose(fit.width, plain.width, rtol=1e-6)
     assert any("p = 0" in warning for warning in fit.warnings)
-    with pytest.raises(InputError, match=r"sigma is as small as .* relative errors of 1e-12"):
+    with pytest.raises(InputError, match=r"small .*1e-12"):
         fit_width(BALLS, FORCE, noisy, 1e-10)
-    with pytest.raises(
-        InputError, match=r"sigma is as large as .* No measurement has such an error"
-    ):
+    with pytest.raises(InputError, match=r"sigma .*large"):
         fit_width(BALLS, FORCE, noisy, 1e16)
 
 
@@ -626,7 +617,7 @@ def test_errors_that_rest_on_rounding_are_not_known(speeds, tmp_path):
     assert np.isnan(fit.stderr)
     assert np.isnan(fit.std_stderr)
     assert not fit.errors_are_known
-    assert any("below the rounding of the data" in warning for warning in fit.warnings)
+    assert any("rounding" in warning for warning in fit.warnings)
     assert WidthFit.from_dict(fit.to_dict()) == fit
     fit.write(tmp_path)
     assert "stderr: .nan\n" in (tmp_path / "fit.yaml").read_text(encoding="utf-8")
@@ -685,7 +676,7 @@ def test_a_wild_datum_is_named(sigma, factor, rtol):
     wild[5] *= factor
     fit = fit_width(BALLS, FORCE, wild, sigma)
     assert sigma is None or fit.p < 1e-3
-    (warning,) = [w for w in fit.warnings if "off the fit of the others" in w]
+    (warning,) = [w for w in fit.warnings if "off the fit" in w]
     assert warning.startswith("datum 6")
     # its t is the distance from a fit that leaves it out, over the standard error of that distance
     left = fit_width(BALLS, FORCE[others], wild[others], sigma)
@@ -709,10 +700,7 @@ def test_an_error_as_large_as_the_width_is_said():
     large = fit_width(BALLS, FORCE, EXACT["ema"] * (1.0 + 0.15 * np.array([1.0, -1.0] * 6)))
     part = large.stderr / large.width
     assert part > 0.5
-    assert any(
-        f"the standard error of width is {part:.2g} of its value" in warning
-        for warning in large.warnings
-    )
+    assert any(f"width is {part:.2g}" in warning for warning in large.warnings)
 
 
 @pytest.mark.usefixtures("remembered")
@@ -726,9 +714,9 @@ def test_a_datum_is_seldom_called_wild_by_chance(sigma):
             sigma,
             medium="afa",
         )
-        for s in range(25)
+        for s in range(15)
     ]
-    assert sum("off the fit of the others" in w for fit in fits for w in fit.warnings) <= 1
+    assert sum("off the fit" in w for fit in fits for w in fit.warnings) <= 1
 
 
 @pytest.mark.parametrize("spread", [None, gp.Uniform(1e-6), gp.Normal(1e-6), KINDS])
@@ -782,23 +770,29 @@ def test_the_result_is_plain_data_and_frozen(tmp_path):
 
 # -- simulations -----------------------------------------------------------------------------------
 
-SAMPLES = {"simulation": {"shape": (32, 32), "seed": 1, "geometry": "lattice"}}
+#: of balls on each side of a sample
+SIDES = [16, pytest.param(32, marks=pytest.mark.slow)]
 
 
-@pytest.fixture(scope="module")
-def sampled():
-    return gp.DirectSimulation(TRUE, (32, 32), seed=1, geometry="lattice").at_force(FORCE)
+def take_samples(side):
+    """A medium of simulated samples."""
+    return {"simulation": {"shape": (side, side), "seed": 1, "geometry": "lattice"}}
+
+
+def simulate(side, force=FORCE):
+    """The state of the samples with the true width."""
+    return gp.DirectSimulation(TRUE, (side, side), seed=1, geometry="lattice").at_force(force)
 
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(("branch", "frequency"), [("longitudinal", None), ("transverse", 6500.0)])
-def test_the_width_of_simulated_samples(sampled, branch, frequency):
+def test_the_width_of_simulated_samples(branch, frequency):
     """Found again from the same samples, but for the cusps of their moduli, which the model leaves
     out.
     """
     waves = Waves(branch, np.array([0.0, 1.0]), frequency, False)
-    data = waves.velocity(sampled)[0]
-    fit = fit_width(BALLS, FORCE, data, medium=SAMPLES, branch=branch, frequency=frequency)
+    data = waves.velocity(simulate(32))[0]
+    fit = fit_width(BALLS, FORCE, data, medium=take_samples(32), branch=branch, frequency=frequency)
     assert fit.medium == "simulation(geometry=lattice, seed=1, shape=32 32)"
     assert_allclose(fit.width, WIDTH, rtol=3e-3)
     # about what samples of this size differ by
@@ -809,28 +803,38 @@ def test_the_width_of_simulated_samples(sampled, branch, frequency):
     assert fit.warnings == ()
 
 
-def test_samples_tell_two_parameters(sampled):
-    data = sound_velocities(sampled).longitudinal
+@pytest.mark.parametrize("side", SIDES)
+def test_samples_tell_two_parameters(side):
+    force = FORCE[::2]
+    data = sound_velocities(simulate(side, force)).longitudinal
     soft = replace(BALLS, material=replace(STEEL, young_modulus=150e9))
-    fit = fit_width(soft, FORCE, data, medium=SAMPLES, parameters=("width", "young_modulus"))
+    medium = take_samples(side)
+    fit = fit_width(soft, force, data, medium=medium, parameters=("width", "young_modulus"))
     assert_allclose(fit.values, (WIDTH, STEEL.young_modulus), rtol=5e-3)
 
 
+@pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("branch", ["longitudinal", "transverse"])
-def test_the_model_of_samples_is_theirs_and_has_its_own_derivatives(sampled, branch):
+def test_the_model_of_samples_is_theirs_and_has_its_own_derivatives(branch, side):
     names = ("width", "young_modulus", "diameter")
     waves = Waves(branch, np.array([0.0, 1.0]), None, False)
     model = VelocityModel(
-        replace(BALLS, spread=gp.Uniform(1e-7)), names, MediumChoice.parse(SAMPLES), FORCE, waves
+        replace(BALLS, spread=gp.Uniform(1e-7)),
+        names,
+        MediumChoice.parse(take_samples(side)),
+        FORCE[::3],
+        waves,
     )
     logs = model.find_start(WIDTH)
-    assert_allclose(model(logs)[0], getattr(sound_velocities(sampled), branch), rtol=1.5e-3)
+    assert_allclose(
+        model(logs)[0], getattr(sound_velocities(simulate(side, FORCE[::3])), branch), rtol=1.5e-3
+    )
     require_derivatives(model, logs, 1e-5, 2e-4, 1e-6)
     # at its own places the curve is the simulation itself
     unit = TRUE.law.coefficient * WIDTH**1.5
     places = unit * 10.0 ** (np.arange(0, 5) / 8.0)
     exact = replace(model, force=places)(logs)[0]
-    state = gp.DirectSimulation(TRUE, (32, 32), seed=1).at_force(places)
+    state = simulate(side, places)
     assert_allclose(exact, getattr(sound_velocities(state), branch), rtol=1e-7)
 
 
@@ -865,14 +869,17 @@ HIGH = WIDE.width_units.force * 10.0 ** (np.arange(-4, 5) / 8.0)
 EXACT_SAMPLES = {"simulation": {"shape": (6, 6), "geometry": "exact"}}
 
 
-@pytest.mark.parametrize(("branch", "frequency"), [("longitudinal", None), ("transverse", 4e4)])
-def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency):
+@pytest.mark.parametrize(
+    ("branch", "frequency", "force"),
+    [("longitudinal", None, HIGH[::3]), ("transverse", 4e4, HIGH[5:7])],
+)
+def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency, force):
     """At the places of its own curve; of pulses but for terms of the order of W/d in how they
     disperse.
     """
     waves = Waves(branch, np.array([0.0, 1.0]), frequency, True)
-    model = VelocityModel(WIDE, ("width",), MediumChoice.parse(EXACT_SAMPLES), HIGH, waves)
-    state = gp.DirectSimulation(WIDE, (6, 6), geometry="exact").at_force(HIGH)
+    model = VelocityModel(WIDE, ("width",), MediumChoice.parse(EXACT_SAMPLES), force, waves)
+    state = gp.DirectSimulation(WIDE, (6, 6), geometry="exact").at_force(force)
     found = model(model.find_start(WIDE.width))[0]
     assert_allclose(found, waves.velocity(state)[0], rtol=1e-3 if frequency else 1e-10)
 
@@ -939,21 +946,25 @@ def test_samples_that_belong_to_one_width_give_it(options):
         assert not np.allclose(fit.velocity_at(HIGH[2:], limit), fit.velocities, rtol=5e-3)
 
 
-def test_samples_of_no_width_are_not_simulated_in_the_exact_geometry():
-    given = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
-    ideal = velocities(BALLS, "ala", HIGH, finite_overlap=True)
-    with pytest.raises(
-        InputError, match=r"% above those of equal balls\. A spread of diameters slows sound"
-    ):
-        fit_width(BALLS, HIGH, 1.02 * ideal, 1.0, medium=given)
-    with pytest.raises(InputError, match="the width cannot be told from zero"):
-        fit_width(BALLS, HIGH, ideal, 1.0, medium=given, parameters=("width", "young_modulus"))
+@pytest.mark.parametrize(
+    ("factor", "parameters", "words"),
+    [
+        (1.02, ("width",), "% above"),
+        pytest.param(1.0, ("width", "young_modulus"), "told from zero", marks=pytest.mark.slow),
+    ],
+)
+def test_samples_of_no_width_are_not_simulated_in_the_exact_geometry(factor, parameters, words):
+    medium = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
+    force = HIGH[::2]
+    ideal = velocities(BALLS, "ala", force, finite_overlap=True)
+    with pytest.raises(InputError, match=words):
+        fit_width(BALLS, force, factor * ideal, 1.0, medium=medium, parameters=parameters)
 
 
 def test_parameters_that_do_not_settle_are_refused(monkeypatch):
     monkeypatch.setattr("granphon.fits.fit._MOST_SIMULATED", 1)
     given = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
-    with pytest.raises(InputError, match=r"width still changed after 1 .*Take more balls"):
+    with pytest.raises(InputError, match=r"width .*1 .*more balls"):
         fit_width(BALLS, HIGH[4:], velocities(WIDE, given, HIGH[4:]), 1.0, medium=given)
 
 
@@ -970,15 +981,15 @@ def test_pressures_in_the_exact_geometry():
 
 def test_what_a_simulation_is_not_fitted_to():
     data = EXACT["ema"]
-    with pytest.raises(InputError, match=r"simulation.* has no terms of finite overlap"):
+    with pytest.raises(InputError, match=r"simulation.*overlap"):
         fit_width(
             BALLS, FORCE, data, medium={"simulation": {"geometry": "lattice"}}, finite_overlap=True
         )
-    with pytest.raises(InputError, match="square lattice is not simulated"):
+    with pytest.raises(InputError, match="square"):
         fit_width(
             replace(BALLS, lattice="square"), FORCE, data, medium="simulation", direction=(1, 0)
         )
-    with pytest.raises(InputError, match=r"medium\.simulation\.samples: found 0"):
+    with pytest.raises(InputError, match=r"simulation\.samples: .*0"):
         fit_width(BALLS, FORCE, data, medium={"simulation": {"samples": 0}})
 
 
@@ -1019,10 +1030,10 @@ def test_the_command_never_replaces_what_it_reads(folder, capsys):
     before = (folder / "fit.csv").read_bytes()
     for words in ([], ["--force"]):
         assert command("scene.yaml", "fit.csv", "-o", ".", *words) == 1
-        assert "fit.csv is read by this run, and would be overwritten" in capsys.readouterr().err
+        assert "fit.csv is read" in capsys.readouterr().err
     (folder / "fit.yaml").write_text("mine")
     assert command("scene.yaml", "flight.csv", "-o", ".", "--force") == 1
-    assert "there is no record that granphon wrote it" in capsys.readouterr().err
+    assert "no record" in capsys.readouterr().err
     assert ((folder / "fit.csv").read_bytes(), (folder / "fit.yaml").read_text()) == (
         before,
         "mine",
@@ -1044,7 +1055,7 @@ def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     assert "chi^2" not in printed  # it is the degrees of freedom, whatever the data
     assert command("scene.yaml", "data.csv", "-o", "out") == 1
     assert "already holds" in capsys.readouterr().err
-    assert command("scene.yaml", "data.csv", "-o", "out", "--force", "--sigma", "2 m/s") == 0
+    assert command("scene.yaml", "data.csv", "--sigma", "2 m/s") == 0
     printed = capsys.readouterr().out
     assert "each +/- 2 m/s (given)" in printed
     assert "width                 2.040 +/- 0.021 um" in printed
@@ -1064,7 +1075,7 @@ def test_the_range_of_errors_is_said_and_none_of_one_datum(folder, capsys):
     printed = capsys.readouterr()
     assert "each +/- 5.49 m/s (given)" in printed.out
     assert "chi^2                 none: as many are fitted as were measured" in printed.out
-    assert "nothing can be said of how well the model fits" in printed.err
+    assert "how well" in printed.err
 
 
 def test_pressures_are_contact_forces_of_the_packing(folder, capsys):
@@ -1091,34 +1102,26 @@ def test_pressures_are_contact_forces_of_the_packing(folder, capsys):
         Measurements.read(folder / "out" / "fit.csv").force, state.force, rtol=1e-12
     )
     assert command("pressed.yaml", "pressures.csv", "--parameter", "diameter") == 2
-    assert "the diameter is fitted, and pressures are given" in capsys.readouterr().err
+    assert "diameter is fitted" in capsys.readouterr().err
 
 
 def test_the_command_fits_a_simulated_medium(folder, capsys):
     with (folder / "scene.yaml").open("a", encoding="utf-8") as scene:
-        scene.write("medium: {simulation: {shape: 16 16}}\n")
-    rows = zip(
-        FORCE.tolist(), velocities(TRUE, {"simulation": {"shape": (16, 16)}}).tolist(), strict=True
-    )
+        scene.write("medium: {simulation: {shape: 8 8}}\n")
+    force = FORCE[::2]
+    speeds = velocities(TRUE, {"simulation": {"shape": (8, 8)}}, force)
+    rows = zip(force.tolist(), speeds.tolist(), strict=True)
     (folder / "data.csv").write_text(
         "\n".join(["force (N),velocity (m/s)", *(f"{f!r},{v!r}" for f, v in rows)])
     )
-    assert command("scene.yaml", "data.csv", "-o", "out") == 0
+    assert command("scene.yaml", "data.csv") == 0
     printed = capsys.readouterr().out
-    assert "medium                simulation(geometry=lattice, shape=16 16)" in printed
+    assert "shape=8 8" in printed
     assert re.search(r"width                 2\.0[345]\d* \+/- [\d.]+ um", printed)
-    assert (folder / "out" / "fit.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_what_a_fit_does_not_take_from_the_scene_is_said(folder, capsys):
     scene = (folder / "frame.yaml").read_text(encoding="utf-8")
-    replaced = (
-        "granphon: warning: equal.yaml has the medium ala, which knows no width: the fit takes ema."
-    )
-    unused = (
-        "granphon: warning: the 3 loads of equal.yaml are not used: a fit takes the loads of"
-        " data.csv\n"
-    )
     loads = ("load: {side_force: 990 N, balls_per_side: 31}", "load: {force: [10 N, 20 N, 30 N]}")
     for medium, several in (("ala", False), ("ema", True), ("ala", True)):
         text = scene.replace(*loads) if several else scene
@@ -1126,8 +1129,8 @@ def test_what_a_fit_does_not_take_from_the_scene_is_said(folder, capsys):
         assert command("equal.yaml", "data.csv", "--sigma", "2 m/s") == 0
         captured = capsys.readouterr()
         assert "medium                ema\n" in captured.out
-        assert (replaced in captured.err) == (medium == "ala")
-        assert (unused in captured.err) == several
+        assert ("medium ala" in captured.err) == (medium == "ala")
+        assert ("3 loads" in captured.err) == several
 
 
 def test_side_forces_and_times_of_flight(folder, capsys):
@@ -1164,32 +1167,32 @@ def test_the_width_may_be_named_among_the_parameters(folder, capsys):
         (("scene.yaml", "flight.csv"), "no column named 'force'"),
         (
             ("scene.yaml", "flight.csv", "--column", "side_force=F"),
-            "Give the scene's load as side_force",
+            "side_force",
         ),
         (("scene.yaml", "data.csv", "--column", "forse=F"), "Did you mean force"),
         (
             ("scene.yaml", "data.csv", "--frequency", "6.5"),
-            "--frequency: found '6.5', without a unit",
+            "'6.5', without a unit",
         ),
-        (("scene.yaml", "data.csv", "--parameter", "density"), "'density' cannot be fitted"),
+        (("scene.yaml", "data.csv", "--parameter", "density"), "'density' cannot"),
         (
             ("scene.yaml", "data.csv", *2 * ("--parameter", "diameter")),
-            "--parameter diameter is given 2 times. Give it",
+            "diameter is given 2 times",
         ),
         (("scene.yaml", "data.csv", "--no-width", "--parameter", "width"), "Leave one out."),
-        (("scene.yaml", "bare.csv"), "no unit for 'force' and 'velocity'."),
+        (("scene.yaml", "bare.csv"), "no unit for 'force'"),
         (("scene.yaml", "data.csv", "-o", ""), "--out is empty"),
         (
             ("scene.yaml", "data.csv", "--sigma", "1 N"),
-            "--sigma: found '1 N', whose unit is not a unit of velocity",
+            "--sigma: found '1 N'",
         ),
         (
             ("swept.yaml", "data.csv"),
-            "swept.yaml sweeps width. A fit is for one packing. Leave the block 'sweep' out.",
+            "swept.yaml sweeps width",
         ),
         (
             ("scene.yaml", "data.csv", "--column", "velocity=velocity (mm/s)", "-o", "out"),
-            "times those of equal balls",
+            "equal balls",
         ),
     ],
 )

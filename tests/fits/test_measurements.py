@@ -116,80 +116,77 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         (
             "force (N),v (m/s)\n2,5\n",
             {},
-            "granphon fit takes --column 'velocity=NAME (m/s)', Python columns={'velocity':"
-            " 'NAME (m/s)'}",
+            "columns={'velocity':",
         ),
         (
             "force,velocity\n2,5\n",
             {},
-            "has no unit for 'force' and 'velocity'. Its columns are 'force', 'velocity'."
-            " Head the columns 'force (N)' and 'velocity (m/s)', each with its unit in brackets",
+            "no unit for 'force' and",
         ),
         (
             "v (m/s),F\n2,5\n",
             {},
-            "has no column named 'force' and none named 'velocity'. Its columns are 'v"
-            " (m/s)', 'F'.",
+            "columns are 'v (m/s)', 'F'",
         ),
-        ("F,time (s)\n2,5\n", {}, "no column named 'force' and none named 'distance'"),
+        ("F,time (s)\n2,5\n", {}, "none named 'distance'"),
         (
             "pressure,time\n2,5\n",
             {"distance": 1.0, "pressed": float},
-            "no unit for 'pressure' and 'time'",
+            "'pressure' and 'time'",
         ),
-        ("force,time (s)\n2,5\n", {}, "has no column named 'distance', and no unit for 'force'"),
+        ("force,time (s)\n2,5\n", {}, "no column named 'distance'"),
         ("force (N),velocity (m/s),sigma\n2,5,1\n", {}, "has no unit for 'sigma'"),
         (
             "force (N),side_force (N),velocity (m/s)\n2,3,5\n",
             {},
-            "both force and side_force. Keep one of them",
+            "force and side_force",
         ),
         (
             "pressure (N/m),side_force (N),velocity (m/s)\n2,3,5\n",
             {},
-            "both side_force and pressure. Keep one of them",
+            "side_force and pressure",
         ),
         (
             "pressure (N/m),velocity (m/s)\n2,3\n",
             {},
-            "gives pressures. The contact forces depend on the packing too",
+            "gives pressures",
         ),
         (
             "pressure (Pa),velocity (m/s)\n2,3\n",
             {"pressed": float},
-            "whose unit is not a unit of force per length",
+            "force per length",
         ),
         (
             "force (N),velocity (m/s),sigma (%)\n2,3,-1\n",
             {},
-            "data.csv:2: sigma: found '-1 %', which is negative",
+            "data.csv:2: sigma",
         ),
-        ("force (N),velocity (m/s),time (s)\n2,3,5\n", {}, "has both velocity and time"),
+        ("force (N),velocity (m/s),time (s)\n2,3,5\n", {}, "velocity and time"),
         (
             "force (N),velocity (m/s),sigma (m/s),time_sigma (s)\n2,3,5,1\n",
             {},
-            "has both sigma and time_sigma",
+            "sigma and time_sigma",
         ),
         (
             "side_force (N),velocity (m/s)\n2,3\n",
             {},
-            "gives side forces. The contact forces depend on the number of balls",
+            "gives side forces",
         ),
         (
             "force (N),velocity (m/s)\n2,3\n",
             {"columns": {"velocty": "v"}},
-            "column of measurements. Did you mean velocity",
+            "mean velocity",
         ),
         (
             "force (N),velocity (m/s)\n2,3\n",
             {"columns": {"x": "v"}},
-            "Use force, side_force, pressure, velocity, time, distance",
+            "side_force, pressure",
         ),
         ("force (N),time (s)\n2,3\n", {"distance": -1.0}, "distance: found -1.0"),
         (
             "force (N),time (s),distance (m)\n2,3,4\n",
             {"distance": 0.5},
-            "a distance column, and a distance is given too",
+            "a distance column",
         ),
         (
             "force (N),t (s),L (m)\n2,3,4\n",
@@ -199,7 +196,7 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         (
             "force (N),velocity (m/s)\n2,3\n",
             {"distance": 0.5},
-            "has a velocity column, and a distance is given too",
+            "a velocity column",
         ),
         (
             "force (N),v (m/s)\n2,3\n",
@@ -211,12 +208,12 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         (
             "force (N),velocity (N)\n2,3\n",
             {},
-            "data.csv:2: velocity: found '3 N', whose unit is not a unit of velocity",
+            "data.csv:2: velocity",
         ),
         (
             "force (N),velocity (m/s)\n2,1e300\n",
             {},
-            "data.csv: velocity is 1e+300 m/s, more than the velocity of light",
+            "1e+300 m/s",
         ),
     ],
 )
@@ -236,7 +233,7 @@ def test_arrays_are_checked_and_frozen():
         ([1.0, 2.0], [1.0, 2.0], [1.0]),
         ([1.0, 2.0], [1.0, 2.0], None, [1.0] * 3),
     ):
-        with pytest.raises(InputError, match="Give the same number of each"):
+        with pytest.raises(InputError, match="same number"):
             Measurements(*wrong)
     for wrong in (
         ([np.inf], [1.0]),

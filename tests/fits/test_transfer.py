@@ -19,7 +19,7 @@ from granphon.scene.redraw import redraw
 
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
 OMEGA = UNITS.angular_frequency
-HERTZ = np.linspace(0.1, 2.2, 40) * OMEGA / (2.0 * math.pi)
+HERTZ = np.linspace(0.1, 2.2, 20) * OMEGA / (2.0 * math.pi)
 TAU = 0.05 / OMEGA
 ETA = 0.02
 COUNT = 6
@@ -87,7 +87,7 @@ def test_fit_is_that_of_scipy_to_the_closed_form(known):
     )
 
 
-def test_stiffness_load_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter():
+def test_stiffness_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter():
     truth = {"damping": TAU, "stiffness": 1.2, "gain": 3.0}
     data = measure(closed_form(TAU, 0.0, 1.2, 3.0))
     # a viscosity over a stiffness that is larger: the same time
@@ -97,12 +97,15 @@ def test_stiffness_load_and_gain_are_found_with_the_damping_and_errors_follow_fr
     assert_allclose(found.measured.phase_sigma, 0.02, rtol=0.3)
     assert math.isnan(found.p)
     assert found.chi2 == found.dof
-    loaded = fit(
-        gp.TransferFunction(HERTZ, np.abs(data) / 3.0, np.angle(data)),
-        parameters=("damping", "load"),
-    )
-    assert loaded.values[1] == pytest.approx(found.values[1] ** 3, rel=0.01)
     assert gp.DampingFit.from_dict(found.to_dict()) == found
+
+
+@pytest.mark.slow
+def test_a_load_goes_with_the_third_power_of_the_stiffness():
+    data = measure(closed_form(TAU, 0.0, 1.2))
+    measured = gp.TransferFunction(HERTZ, np.abs(data), np.angle(data))
+    stiff, loaded = (fit(measured, parameters=("damping", name)) for name in ("stiffness", "load"))
+    assert loaded.values[1] == pytest.approx(stiff.values[1] ** 3, rel=0.01)
 
 
 def test_a_load_multiplies_all_static_forces():
@@ -112,7 +115,7 @@ def test_a_load_multiplies_all_static_forces():
     network = (
         gp.ContactLattice.of("triangular", 0.8)
         .contact_network(UNITS)
-        .repeat((3, 1))
+        .repeat((2, 1))
         .cut(1, 3, ("clamped", "free"))
     )
     force = np.full(network.n_contacts, 0.03 * UNITS.force)
@@ -148,8 +151,7 @@ def test_damping_of_normal_and_other_motion_are_told_apart_in_the_plane():
         .repeat((2, 1))
         .cut(1, 3, ("clamped", "free"))
     )
-    places = ((0, "x"), (3, "x"))
-    hertz = np.linspace(0.1, 2.0, 30) * OMEGA / (2.0 * math.pi)
+    hertz = np.linspace(0.1, 2.0, 15) * OMEGA / (2.0 * math.pi)
     places = ((2, "x"), (5, "x"))
     values = gp.Waves(network).response(hertz, *places, damping=(TAU, 3.0 * TAU)).values[:, 0]
     found = gp.fit_damping(
@@ -167,13 +169,17 @@ def test_what_does_not_matter_is_told(tmp_path):
         gp.TransferFunction(HERTZ, np.abs(data), np.angle(data)),
         parameters=("damping", "loss_factor"),
     )
-    assert any("loss_factor" in one and "hardly be told from zero" in one for one in found.warnings)
-    wrong = fit(gp.TransferFunction(HERTZ, np.abs(data), np.angle(data), 1e-3 * np.abs(data)))
-    assert any("the model does not fit, or sigma is too small" in one for one in wrong.warnings)
+    assert any("loss_factor" in text and "from zero" in text for text in found.warnings)
     found.write(tmp_path)
     table = gp.TransferFunction.read(tmp_path / "fit.csv", quantity="transmissibility")
     assert_allclose(table.magnitude, np.abs(data))
     assert_allclose(table.phase_sigma, found.measured.phase_sigma)
+
+
+def test_a_sigma_that_is_too_small_is_told():
+    data = measure(closed_form(TAU, 0.0))
+    wrong = fit(gp.TransferFunction(HERTZ, np.abs(data), np.angle(data), 1e-3 * np.abs(data)))
+    assert any("sigma is too small" in text for text in wrong.warnings)
 
 
 # -- tables ----------------------------------------------------------------------------------------
@@ -206,18 +212,18 @@ def test_table_with_units(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("frequency (Hz),magnitud (m/N)\n1,2\n", "no column named 'magnitude'"),
+        ("frequency (Hz),magnitud (m/N)\n1,2\n", "'magnitude'"),
         ("frequency,magnitude (m/N)\n1,2\n", "has no unit"),
         ("frequency (Hz),magnitude (mm)\n1,2\n", "mm"),
         ("frequency (Hz),magnitude (m/N)\n1,x\n", "found 'x'"),
-        ("frequency (Hz),magnitude (m/N)\n1,-2\n", "magnitude: found '-2 m/N'"),
-        ("frequency (Hz),magnitude (m/N)\n0,2\n", "frequency: found '0 Hz'"),
+        ("frequency (Hz),magnitude (m/N)\n1,-2\n", "'-2 m/N'"),
+        ("frequency (Hz),magnitude (m/N)\n0,2\n", "'0 Hz'"),
         ("frequency (Hz),magnitude (m/N),phase (s)\n1,2,3\n", "not in rad or deg"),
         ("frequency (Hz),magnitude (m/N),phase (rad)\n1,2,nan\n", "phase"),
-        ("frequency (Hz),magnitude (m/N),phase (rad)\n1,2,up\n", "line 2, phase: found 'up'"),
+        ("frequency (Hz),magnitude (m/N),phase (rad)\n1,2,up\n", "line 2, phase"),
         (
             "frequency (Hz),magnitude (m/N),phase (rad),phase_sigma (rad)\n1,2,1,1\n",
-            "no sigma of the magnitude",
+            "no sigma",
         ),
         ("frequency (Hz),magnitude (m/N),sigma (m/N)\n1,2,0\n", "sigma"),
         ("frequency (Hz),magnitude (m/N)\n", "no rows"),
@@ -234,10 +240,10 @@ def test_bad_table_is_one_error(tmp_path, text, said):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"parameters": ("dampin",)}, "Did you mean damping"),
+        ({"parameters": ("dampin",)}, "damping"),
         ({"parameters": ()}, "one or more"),
         ({"parameters": ("damping", "damping")}, "at most once"),
-        ({"parameters": ("stiffness", "load")}, "cannot tell stiffness and load apart"),
+        ({"parameters": ("stiffness", "load")}, "stiffness and load"),
         ({"damping": -1.0, "parameters": ("loss_factor",)}, "damping: found -1"),
         ({"measured": [1.0]}, "no transfer function"),
         ({"measured": gp.TransferFunction([100.0], [1.0])}, "one more is needed"),
@@ -248,7 +254,7 @@ def test_bad_input_is_one_error(arguments, said):
     given = {"measured": gp.TransferFunction(HERTZ, np.abs(data), np.angle(data))} | arguments
     with pytest.raises(InputError, match=said):
         fit(given.pop("measured"), **given)
-    with pytest.raises(InputError, match="2 numbers of magnitude, and 1 frequencies"):
+    with pytest.raises(InputError, match=r"2 .*magnitude.* 1 "):
         gp.TransferFunction([1.0], [1.0, 2.0])
 
 
@@ -277,7 +283,7 @@ def folder(tmp_path, monkeypatch):
     state = gp.Crystal.on("chain", [gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3)]).at_force(
         20.0
     )
-    hertz = np.linspace(400.0, 14000.0, 30)
+    hertz = np.linspace(400.0, 14000.0, 15)
     values = gp.Waves(state.network.cut(0, 6, ("floor", "free"))).response(
         hertz, "plane", (0, "x"), 2e-6, 0.01, quantity="transmissibility"
     )
@@ -299,7 +305,7 @@ def test_the_command_fits_the_response_of_a_scene(folder, capsys):
     assert command("-o", "out") == 0
     printed = capsys.readouterr().out
     assert "damping               2.000 +/- " in printed
-    assert "30 magnitudes and phases, sigma given" in printed
+    assert "15 magnitudes and phases" in printed
     fit = gp.DampingFit.from_dict(read_yaml(folder / "out" / "fit.yaml"))
     assert_allclose(fit.damping, 2e-6, rtol=1e-6)
     assert_allclose(fit.loss_factor, 0.01)
@@ -310,8 +316,8 @@ def test_the_command_fits_the_response_of_a_scene(folder, capsys):
 @pytest.mark.parametrize(
     ("words", "change", "said"),
     [
-        (["--sigma", "2 %"], {}, "--sigma is for velocities"),
-        (["--parameter", "young_modulus"], {}, "'young_modulus' cannot be fitted"),
+        (["--sigma", "2 %"], {}, "--sigma"),
+        (["--parameter", "young_modulus"], {}, "'young_modulus' cannot"),
         ([], {"20 N": "[20 N, 30 N]"}, "has 2 states"),
         ([], {SCENE[SCENE.index("observe") :]: ""}, "has no block response"),
     ],
@@ -346,7 +352,7 @@ def test_a_table_without_magnitudes_is_told_so(folder, capsys, observed):
 def test_numbers_are_read_as_a_transmissibility_if_it_is_named(tmp_path, heading):
     path = tmp_path / "data.csv"
     path.write_text(f"frequency (Hz),{heading}\n100,1.03\n200,1.1\n")
-    with pytest.raises(InputError, match="quantity='transmissibility'"):
+    with pytest.raises(InputError, match="transmissibility"):
         gp.TransferFunction.read(path)
     assert gp.TransferFunction.read(path, quantity="transmissibility").magnitude.tolist() == [
         1.03,

@@ -175,6 +175,7 @@ def test_the_table_knows_the_script_that_made_it(maker, arrays, lattice):
     assert maker.text(read_table()) == maker.DATA.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_script_makes_a_part_in_the_form_of_the_table(maker, monkeypatch):
     """A table of one distribution, few loads and small samples has the keys of the package's."""
     scope = maker.REST_SCOPES["fcc"]._replace(

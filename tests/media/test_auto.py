@@ -509,7 +509,10 @@ def test_what_can_be_had_with_a_history_says_against_what(rough, unit):
     assert np.isfinite(best)
 
 
-@pytest.mark.parametrize(("truth", "medium"), [("slide", "simulation"), ("stick", "afa")])
+@pytest.mark.parametrize(
+    ("truth", "medium"),
+    [pytest.param("slide", "simulation", marks=pytest.mark.slow), ("stick", "afa")],
+)
 def test_a_scene_names_the_friction_of_the_truth(work, capsys, truth, medium):
     """At f* = 0.1 sound meets arrays that slide as no medium has it."""
     history = (

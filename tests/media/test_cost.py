@@ -329,7 +329,10 @@ RANGE = "{from: 5 N, to: 9 N, points: 3000}"
         pytest.param(
             "triangular", "true", "5 N", "bands", "band_points: 600", marks=pytest.mark.exhaustive
         ),
-        ("triangular", "false", "5 N", "bands", "band_points: 300"),
+        ("triangular", "false", "5 N", "bands", "band_points: 100"),
+        pytest.param(
+            "triangular", "false", "5 N", "bands", "band_points: 300", marks=pytest.mark.slow
+        ),
         pytest.param(
             "kagome", "true", "5 N", "bands", "band_points: 150", marks=pytest.mark.exhaustive
         ),
@@ -348,7 +351,14 @@ RANGE = "{from: 5 N, to: 9 N, points: 3000}"
             marks=pytest.mark.exhaustive,
         ),
         pytest.param("triangular", "true", RANGE, "velocities", "", marks=pytest.mark.exhaustive),
-        ("triangular", "true", RANGE, "velocities, bands", "band_points: 40"),
+        pytest.param(
+            "triangular",
+            "true",
+            RANGE,
+            "velocities, bands",
+            "band_points: 40",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(
@@ -399,9 +409,9 @@ print(re.search(r"VmHWM:\s*(\d+) kB", open("/proc/self/status").read())[1])
     ("lattice", "asked"),
     [
         ("chain", IMPACT % ("1000", "0.1 ms")),
-        ("triangular", IMPACT % ("30 30", "0.1 ms")),
-        ("triangular", DRIVEN),
-        ("chain", DRIVEN.replace("50 50", "10000")),
+        pytest.param("triangular", IMPACT % ("30 30", "0.1 ms"), marks=pytest.mark.slow),
+        pytest.param("triangular", DRIVEN, marks=pytest.mark.slow),
+        pytest.param("chain", DRIVEN.replace("50 50", "10000"), marks=pytest.mark.slow),
         pytest.param(
             "triangular", DRIVEN.replace("50 50", "100 100"), marks=pytest.mark.exhaustive
         ),

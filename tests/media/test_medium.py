@@ -336,7 +336,7 @@ def test_a_state_without_digest_has_the_numbers_of_its_law(steel, name):
         values = data[name]
         odd = [1.00001 * values[1], *((-1.0, 1.0) if name == "overlap" else ())]
         for value in odd:
-            with pytest.raises(InputError, match=f"({name}|force) of the {type(state).__name__}"):
+            with pytest.raises(InputError, match=f"({name}|force) .*{type(state).__name__}"):
                 type(state).from_dict(data | {name: [values[0], value]})
 
 
@@ -436,7 +436,7 @@ def test_a_second_load_is_no_flag(packing, make):
 @pytest.mark.parametrize("flag", [1, 0, "yes", 18.446, [True]])
 def test_finite_overlap_is_true_or_false(packing, make, flag):
     for kind in ("force", "pressure", "overlap"):
-        with pytest.raises(InputError, match=r"finite_overlap: found .*allowed: true or false"):
+        with pytest.raises(InputError, match=r"finite_overlap: .*true"):
             getattr(make(packing), f"at_{kind}")(1e-6, finite_overlap=flag)
     assert make(packing).at_force(1.0, finite_overlap=np.True_).finite_overlap is True
 

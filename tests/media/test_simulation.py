@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
 
 import granphon as gp
 from granphon.array.equilibrium import equilibrate
@@ -42,7 +41,8 @@ EXPONENTS = {
     0.3: (0.2111, 0.0002),
     1.0: (0.17192, 0.00001),
 }
-FORCES = np.array([[2.0, 5.0], [18.0, 0.5], [5.0, 50.0]])
+SHAPE = (5, 4)
+FORCES = np.array([[2.0, 5.0, 18.0], [0.5, 5.0, 50.0]])
 
 
 @pytest.fixture(scope="module")
@@ -52,12 +52,12 @@ def spread(steel):
 
 @pytest.fixture(scope="module")
 def medium(spread):
-    return simulate(spread, (9, 8), seed=5, samples=3)
+    return simulate(spread, SHAPE, seed=5, samples=2)
 
 
 @pytest.fixture(scope="module")
 def states(medium):
-    """Six loads, unsorted, one of them twice, of three samples."""
+    """Six loads, unsorted, one of them twice, of two samples."""
     return medium.at_force(FORCES)
 
 
@@ -174,14 +174,14 @@ def test_shapes_are_those_of_the_load(medium, states):
     ):
         assert np.shape(getattr(states, name)) == FORCES.shape, name
     assert np.array_equal(states.force, FORCES)
-    assert states.over_samples(lambda sample: sample.force).shape == (3, 2, 3)
-    assert states.elastic_tensor.shape == (3, 2, 3, 3)
-    assert states.standard_error("overlap").shape == (3, 2)
-    assert states.standard_error(lambda sample: sample.elastic_tensor).shape == (3, 2, 3, 3)
-    assert gp.sound_velocities(states).longitudinal_error.shape == (3, 2)
-    assert gp.moduli(states).shears.shape == (3, 2, 2)
-    assert gp.local_exponent(states).shape == (3, 2)
-    assert gp.pulse_velocities(states, 100.0).group.shape == (2, 3, 2)
+    assert states.over_samples(lambda sample: sample.force).shape == (2, 3, 2)
+    assert states.elastic_tensor.shape == (2, 3, 3, 3)
+    assert states.standard_error("overlap").shape == (2, 3)
+    assert states.standard_error(lambda sample: sample.elastic_tensor).shape == (2, 3, 3, 3)
+    assert gp.sound_velocities(states).longitudinal_error.shape == (2, 3)
+    assert gp.moduli(states).shears.shape == (2, 3, 2)
+    assert gp.local_exponent(states).shape == (2, 3)
+    assert gp.pulse_velocities(states, 100.0).group.shape == (2, 2, 3)
     one = medium.at_force(5.0)
     for name in (
         "force",
@@ -209,24 +209,24 @@ def test_order_and_repetition_of_loads_do_not_matter(medium, states):
             rtol=0.0,
             atol=1e-8 * FORCES[index],
         )
-    assert states.overlap[0, 1] == pytest.approx(states.overlap[2, 0], rel=1e-12)
+    assert states.overlap[0, 1] == pytest.approx(states.overlap[1, 1], rel=1e-12)
 
 
 def test_indexing(states):
-    part = states[1:, 0]
+    part = states[:, 0]
     assert part.shape == (2,)
-    assert part.n_samples == states.n_samples == 3
-    assert [sample.seed for sample in states[0, 1].samples] == [5, 6, 7]
+    assert part.n_samples == states.n_samples == 2
+    assert [sample.seed for sample in states[0, 1].samples] == [5, 6]
     assert states[0, 1].sample is states.sample[0, 1]
     assert np.array_equal(states[states.force > 3.0].force, FORCES[FORCES > 3.0])
     for some in ((..., 1), (slice(None), 0), (np.newaxis, 1), (slice(None, None, -1), slice(None))):
         part = states[some]
-        assert part.n_samples == 3
+        assert part.n_samples == 2
         for name in ("force_fluctuation", "contact_fraction", "exponent", "exponent_error"):
             np.testing.assert_array_equal(
                 getattr(part, name), np.asarray(getattr(states, name))[some]
             )
-    np.testing.assert_array_equal(states.elastic_tensor[2, 1], states[2, 1].elastic_tensor)
+    np.testing.assert_array_equal(states.elastic_tensor[1, 2], states[1, 2].elastic_tensor)
     np.testing.assert_array_equal(states.elastic_tensor[:, 1], states[..., 1].elastic_tensor)
 
 
@@ -297,9 +297,7 @@ def test_a_law_is_sent_elsewhere_without_the_samples_that_it_has_found(spread):
 def test_seeds_end_where_64_bits_do(spread):
     last = 2**64 - 1
     assert simulate(spread, (2, 2), seed=last).at_force(5.0).sample.seed == last
-    with pytest.raises(
-        InputError, match=f"seed: found {last}; allowed: a whole number from 0 to {last - 1}"
-    ):
+    with pytest.raises(InputError, match=f"seed: .*{last}.* {last - 1}"):
         simulate(spread, (2, 2), seed=last, samples=2)
 
 
@@ -312,10 +310,10 @@ def test_means_and_standard_errors(states):
     every = states.over_samples(lambda sample: sample.overlap)
     np.testing.assert_allclose(states.overlap, every.mean(axis=-1), rtol=1e-15)
     np.testing.assert_allclose(
-        states.standard_error("overlap"), every.std(axis=-1, ddof=1) / math.sqrt(3.0), rtol=1e-14
+        states.standard_error("overlap"), every.std(axis=-1, ddof=1) / math.sqrt(2.0), rtol=1e-14
     )
     k = states.over_samples(lambda sample: sample.normal_stiffness)
-    np.testing.assert_allclose(states.normal_stiffness, 3.0 / np.sum(1.0 / k, axis=-1), rtol=1e-14)
+    np.testing.assert_allclose(states.normal_stiffness, 2.0 / np.sum(1.0 / k, axis=-1), rtol=1e-14)
     tensor = states.over_samples(lambda sample: sample.elastic_tensor)
     np.testing.assert_allclose(
         states.elastic_tensor, tensor.mean(axis=2), rtol=0.0, atol=1e-15 * tensor.max()
@@ -329,13 +327,13 @@ def test_means_and_standard_errors(states):
     density = np.asarray(states.effective_density)
     for name, values in (("bulk", bulk), ("shear", shear)):
         np.testing.assert_allclose(getattr(moduli, name), values.mean(axis=-1), rtol=1e-13)
-        error = values.std(axis=-1, ddof=1) / math.sqrt(3.0)
+        error = values.std(axis=-1, ddof=1) / math.sqrt(2.0)
         np.testing.assert_allclose(getattr(moduli, f"{name}_error"), error, rtol=1e-11)
     for name, values in (("longitudinal", bulk + shear), ("transverse", shear)):
         np.testing.assert_allclose(
             getattr(velocities, name), np.sqrt(values.mean(axis=-1) / density), rtol=1e-13
         )
-        error = np.sqrt(values / density[..., None]).std(axis=-1, ddof=1) / math.sqrt(3.0)
+        error = np.sqrt(values / density[..., None]).std(axis=-1, ddof=1) / math.sqrt(2.0)
         np.testing.assert_allclose(getattr(velocities, f"{name}_error"), error, rtol=1e-11)
 
 
@@ -403,7 +401,7 @@ def test_executors_and_threads_change_no_digit(spread, medium, states):
     with ThreadPoolExecutor(2) as threads, ProcessPoolExecutor(1) as processes:
         for executor, workers in ((threads, 1), (processes, 1), (None, 2)):
             mediums.append(
-                simulate(spread, (9, 8), seed=5, samples=3, executor=executor, workers=workers)
+                simulate(spread, SHAPE, seed=5, samples=2, executor=executor, workers=workers)
             )
             assert mediums[-1] == medium
             assert hash(mediums[-1]) == hash(medium)
@@ -482,7 +480,7 @@ SPREADS = {
 def test_any_spread(steel, name):
     chosen = SPREADS[name]
     packing = gp.Packing(steel, chosen.mean or D, chosen)
-    state = simulate(packing, (16, 16), samples=4).at_force([0.2, 5.0, 5000.0])
+    state = simulate(packing, (10, 10), samples=4).at_force([0.2, 5.0, 5000.0])
     assert all(sample.residual <= 1e-10 for sample in state.samples)
     for sample in state.samples:
         assert np.mean(sample.diameters) == pytest.approx(packing.diameter, rel=1e-15)
@@ -498,7 +496,7 @@ def test_any_spread(steel, name):
 
 
 @pytest.mark.claim("readme-sizes")
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(
     st.tuples(st.integers(1, 11), st.integers(1, 11)),
     st.integers(0, 2**64 - 1),
@@ -545,7 +543,7 @@ def test_very_high_loads_are_hertzs(steel):
 
 def test_friction_does_not_touch_statics(spread, medium, states):
     smooth = simulate(
-        dataclasses.replace(spread, friction=False), (9, 8), seed=5, samples=3
+        dataclasses.replace(spread, friction=False), SHAPE, seed=5, samples=2
     ).at_force(FORCES)
     np.testing.assert_array_equal(smooth.overlap, states.overlap)
     assert np.all(gp.moduli(states).shear > gp.moduli(smooth).shear)
@@ -562,7 +560,10 @@ def test_friction_does_not_touch_statics(spread, medium, states):
 
 
 @pytest.mark.claim("exponent-two-loads", "exponent-in-files", "api-exponent")
-@pytest.mark.parametrize(("reduced", "friction"), [(1.0, True), (0.03, False)])
+@pytest.mark.parametrize(
+    ("reduced", "friction"),
+    [(1.0, True), (0.1, False), pytest.param(0.03, False, marks=pytest.mark.slow)],
+)
 def test_the_exponent_of_a_sample_is_the_difference_of_log_v_over_log_p(spread, reduced, friction):
     packing = dataclasses.replace(spread, friction=friction)
     medium = simulate(packing, (9, 8), seed=3)
@@ -671,6 +672,8 @@ def test_errors_of_exponents_are_what_repeated_experiments_differ_by(small):
     """Six experiments of four samples at each of four loads: differences from the truth over errors
     are Student's t.
     """
+    from scipy.stats import t as student
+
     truth = np.array([value for value, _ in EXPONENTS.values()])
     groups = [
         [part(state, range(n, n + 4)) for n in range(0, 24, 4)]
@@ -681,14 +684,14 @@ def test_errors_of_exponents_are_what_repeated_experiments_differ_by(small):
         for name in ("exponent", "exponent_error")
     )
     t = np.abs(found - truth[:, None]) / errors
-    students = stats.t(3).ppf(0.5 + 0.5 * (np.arange(1000) + 0.5) / 1000)
+    students = student(3).ppf(0.5 + 0.5 * (np.arange(1000) + 0.5) / 1000)
     # their logarithms, which a wrong factor of the error shifts; and how many are within the
     # quantile of 90 %
     logs = np.log(students)
     assert np.mean(np.log(t)) == pytest.approx(
         np.mean(logs), abs=2.5 * np.std(logs) / math.sqrt(t.size)
     )
-    assert np.mean(t < stats.t(3).ppf(0.95)) == pytest.approx(
+    assert np.mean(t < student(3).ppf(0.95)) == pytest.approx(
         0.9, abs=2.5 * math.sqrt(0.9 * 0.1 / t.size)
     )
     # and all samples together
@@ -710,11 +713,15 @@ def test_the_error_falls_as_the_root_of_the_number_of_samples(small):
 
 
 @pytest.mark.claim("exponent-neighbours")
-def test_neighbouring_loads_have_neighbouring_exponents(spread):
+@pytest.mark.parametrize(
+    ("samples", "forces"),
+    [(3, [1.0, 1.02]), pytest.param(4, [1.0, 1.01, 1.02], marks=pytest.mark.slow)],
+)
+def test_neighbouring_loads_have_neighbouring_exponents(spread, samples, forces):
     # derivatives at these very loads are 0.394, 0.284, 0.271: at the first a contact is about to
     # open
-    force = 0.06 * np.array([1.0, 1.01, 1.02]) * unit_of_force(spread)
-    states = simulate(spread, (8, 8), seed=400, samples=4).at_force(force)
+    force = 0.06 * np.array(forces) * unit_of_force(spread)
+    states = simulate(spread, (8, 8), seed=400, samples=samples).at_force(force)
     assert np.ptp(states.exponent) < 0.01
     assert np.ptp(states.exponent_error) < 0.1 * np.min(states.exponent_error)
 
@@ -787,7 +794,7 @@ def test_what_a_simulation_cannot_be(spread, keywords, words):
 def test_other_packings(steel):
     with pytest.raises(InputError, match=r"granphon\.Packing"):
         simulate(5)
-    with pytest.raises(InputError, match="square lattice is not simulated"):
+    with pytest.raises(InputError, match="square lattice"):
         simulate(gp.Packing(steel, D, gp.Uniform(WIDTH), lattice="square"))
 
 
@@ -828,7 +835,7 @@ def test_too_little_load(spread):
 def test_given_balls_may_differ_by_more_than_their_spread(spread):
     diameters = D + WIDTH * np.where(np.arange(36).reshape(6, 6) % 2, 2.0, -2.0)
     medium = simulate(spread, diameters=diameters)
-    with pytest.raises(InputError, match=r"no balls touch. The largest are 4.08e-06 m wider"):
+    with pytest.raises(InputError, match=r"touch.* 4.08e-06 m"):
         medium.at_overlap(-2.1 * WIDTH)
     assert medium.at_overlap(-0.6 * WIDTH).force > 0.0
 
@@ -840,9 +847,9 @@ def test_terms_of_finite_overlap_are_not_known(steel):
     medium = simulate(gp.Packing(steel, D, gp.Uniform(20e-6)), (8, 8))
     state = medium.at_overlap(0.005 * D)
     for kind in ("force", "pressure", "overlap"):
-        with pytest.raises(InputError, match="'simulation' has no terms of finite overlap"):
+        with pytest.raises(InputError, match=r"'simulation' .*finite overlap"):
             getattr(medium, f"at_{kind}")(getattr(state, kind), finite_overlap=True)
-    with pytest.raises(InputError, match="no terms of finite overlap"):
+    with pytest.raises(InputError, match="finite overlap"):
         dataclasses.replace(state, finite_overlap=True)
     again = medium.at_pressure(state.pressure, finite_overlap=False)
     assert gp.sound_velocities(again).longitudinal == pytest.approx(

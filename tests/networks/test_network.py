@@ -160,9 +160,7 @@ def test_what_has_no_network_is_one_error():
     simulated = gp.DirectSimulation(
         gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6)), shape=(6, 8), seed=3, geometry="lattice"
     ).at_force(2.0)
-    with pytest.raises(
-        gp.GranphonError, match=r"of 1 simulated sample,.* state.samples\[0\].network"
-    ):
+    with pytest.raises(gp.GranphonError, match=r"state.samples\[0\].network"):
         gp.Waves(simulated)
     with pytest.raises(gp.GranphonError, match="shape: found"):
         state.network.repeat((3, 3, 3))
@@ -288,7 +286,7 @@ def test_rattlers_are_found_one_after_the_other():
     # where it takes four
     slippery = make(balls, contacts)
     np.testing.assert_array_equal(slippery.rattlers, [7, 8, 9])
-    with pytest.raises(gp.GranphonError, match="all balls of the network are rattlers"):
+    with pytest.raises(gp.GranphonError, match="rattlers"):
         slippery.without_rattlers(held_by=4)
     # contacts of almost no force carry none; the tail is held by a wall at its end
     np.testing.assert_array_equal(
@@ -356,7 +354,7 @@ def test_error_of_a_free_chain_says_what_mends_it(friction, balls):
         {"x": np.arange(balls) * 7.9e-3, "radius": [4e-3] * balls},
         {"i": range(balls - 1), "j": range(1, balls)},
     )
-    with pytest.raises(gp.GranphonError, match="If something else holds them too, give held_by=1"):
+    with pytest.raises(gp.GranphonError, match="held_by=1"):
         ContactNetwork.from_table(*tables, material=STEEL, friction=friction)
     assert (
         ContactNetwork.from_table(*tables, material=STEEL, friction=friction, held_by=1).n_balls
@@ -471,9 +469,7 @@ def test_pieces():
     np.testing.assert_allclose(both, np.sort(frequencies), atol=1e-12)
     number = number_pieces(network.i, network.j, network.moving)
     np.testing.assert_array_equal(np.unique(number[:6]), number[[0, 3]])
-    with pytest.raises(
-        gp.GranphonError, match=r"The balls fall into 4 parts\. .* network\.pieces\(\)"
-    ):
+    with pytest.raises(gp.GranphonError, match=r"4 parts\..*pieces\(\)"):
         gp.Waves(network).transmit(0.1, (1.0, 0.0), 10.0, source=0)
     with pytest.raises(gp.GranphonError, match="no waves run"):
         gp.Waves(pieces[2]).operator  # noqa: B018

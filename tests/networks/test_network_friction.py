@@ -300,6 +300,12 @@ def test_what_tangential_forces_have_along_normals_counts_as_normal():
 
 
 @pytest.mark.claim("network-friction-moduli")
+@pytest.mark.parametrize(
+    "pressed",
+    ["disks", pytest.param("balls", marks=pytest.mark.slow)],
+    indirect=True,
+    scope="module",
+)
 def test_bands_and_sound_of_packings_with_tangential_forces(pressed, monkeypatch):
     network = pressed[0].without_rattlers()
     matrix = WaveOperator(network).matrix.toarray()
@@ -361,7 +367,7 @@ def test_what_a_network_without_static_forces_leaves_out(pressed):
 def test_prestress_without_tangential_forces_is_a_warning(tmp_path):
     balls = packings.FOLDER / "yade_balls.csv"
     contacts = packings.FOLDER / "yade_contacts.csv"
-    with pytest.warns(InconsistencyWarning, match="has no tangential forces.*p1, p2, p3"):
+    with pytest.warns(InconsistencyWarning, match="tangential.*p1, p2, p3"):
         gp.ContactNetwork.from_table(
             balls, contacts, cell=[5.424017457709516e-3] * 3, prestress=True
         )

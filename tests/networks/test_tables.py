@@ -504,7 +504,7 @@ def test_cells_of_a_table_that_cannot_be_read(tmp_path):
         contacts.write_text(f"i,j\n0,{number}\n")
         with pytest.raises(
             gp.GranphonError,
-            match=rf"contacts.csv: line 2, j: found '{number}', where a number is needed",
+            match=f"contacts.csv: line 2, j: .*'{number}'",
         ):
             gp.ContactNetwork.from_table(path, contacts, material=GLASS)
     with pytest.raises(gp.GranphonError, match="contacts is 3"):
@@ -616,7 +616,7 @@ def test_a_ball_that_touches_its_own_image_does_so_once():
         ball, {"i": [0], "j": [0]}, material=steel, cell=[[0.999 * d, 0.0], [0.3 * d, 1.2 * d]]
     )
     np.testing.assert_array_equal(np.abs(found.shift), [[1, 0, 0]])
-    with pytest.raises(InputError, match="is not the only one of its balls"):
+    with pytest.raises(InputError, match="only one"):
         gp.ContactNetwork.from_table(
             ball, {"i": [0, 0], "j": [0, 0]}, material=steel, cell=[0.999 * d, 0.999 * d]
         )

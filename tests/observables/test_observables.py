@@ -202,7 +202,7 @@ def test_frequency_out_of_reach_names_the_top_of_the_branch(twin, state, directi
     hertz = top * state.scales.frequency
     with pytest.raises(
         UnreachableFrequencyError,
-        match=f"the {name} branch does not reach .* ends at {hertz:.6g} Hz",
+        match=f"{name} branch .* {hertz:.6g} Hz",
     ):
         gp.pulse_velocities(state, 1.001 * hertz, direction, branches=(name,))
     gp.pulse_velocities(state, 0.999999 * hertz, direction, branches=(name,))
@@ -223,7 +223,7 @@ def test_branches_that_reach_are_given_in_the_order_asked(state):
 
 @pytest.mark.parametrize("frequency", [1e300, 1e308, [1.0, 1.7e308]])
 def test_frequencies_near_the_largest_number_are_out_of_reach(state, frequency):
-    with pytest.raises(UnreachableFrequencyError, match=r"branch does not reach .*e\+30"):
+    with pytest.raises(UnreachableFrequencyError, match=r"branch .*e\+30"):
         gp.pulse_velocities(state, frequency)
 
 
@@ -312,9 +312,7 @@ def test_a_direction_that_is_none_is_one_error(state, direction):
         with pytest.raises(InputError, match=r"^direction(: found| is)") as told:
             find(state, direction)
         # what is no array of numbers is told so, as of any argument
-        assert ("two finite numbers, x and y, not both zero" in str(told.value)) != (
-            "a real number" in str(told.value)
-        )
+        assert ("x and y, not both zero" in str(told.value)) != ("a real number" in str(told.value))
 
 
 @pytest.mark.parametrize(

@@ -202,7 +202,7 @@ def bare(state):
 
 def test_iron_is_not_taken_for_a_ball():
     state = at_overlap()
-    with pytest.raises(InputError, match=r"no masses, granphon_scales, .*adopt\(atoms\)"):
+    with pytest.raises(InputError, match=r"adopt\(atoms\)"):
         gp.Phonons(state, bare(state))
     expected = gp.Phonons(state).frequencies([[0.1, 0.0]])
     adopted = gp.HertzMindlin(state).adopt(bare(state))
@@ -227,7 +227,7 @@ def test_adopted_balls_keep_what_they_have():
     heavy = bare(state)
     heavy.set_masses([2.0])
     assert gp.HertzMindlin(state).adopt(heavy).get_masses() == [2.0]
-    with pytest.raises(InputError, match="like has 1 balls, and the Atoms have 2"):
+    with pytest.raises(InputError, match=r"1 balls.* 2"):
         gp.HertzMindlin(state).adopt(balls, like=gp.atoms(state))
     # like of another state
     with pytest.raises(InputError, match="units of another state"):
@@ -296,7 +296,7 @@ def test_formats_that_lose_arrays_are_refused_and_mended(tmp_path, name, keeps_i
         lambda one: calc.get_property("forces", one),
         lambda one: gp.Phonons(state, one),
     ):
-        with pytest.raises(InputError, match=r"left this out.*like=other"):
+        with pytest.raises(InputError, match=r"like=other"):
             ask(back)
     again = calc.adopt(back, like=balls)
     for array in (*ARRAYS, "masses"):

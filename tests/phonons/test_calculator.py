@@ -776,7 +776,7 @@ def test_periods_that_depend_on_each_other_are_refused(name, last, extent):
     with pytest.raises(InputError, match=f"cell without {extent}"):
         calc.get_property("energy", balls)
     balls.cell[last] = 0.0
-    with pytest.raises(InputError, match="cell vector of zero length"):
+    with pytest.raises(InputError, match="zero length"):
         calc.get_property("energy", balls)
 
 
@@ -1002,7 +1002,7 @@ def test_below_precision_only_what_needs_positions_raises(relative, finite_overl
         balls.get_stress,
         lambda: balls.calc.get_torques(balls),
     ):
-        with pytest.raises(PrecisionError, match="positions hold too few digits"):
+        with pytest.raises(PrecisionError, match="too few digits"):
             ask()
     many = balls.repeat((3, 3, 1))
     plain = at_overlap("triangular", relative=1e-2)
@@ -1167,7 +1167,7 @@ def test_results_are_ase_properties():
 
 def test_unknown_keywords_and_formats_are_refused():
     state = at_overlap("triangular")
-    with pytest.raises(InputError, match=r"no keyword 'finite_overlp'"):
+    with pytest.raises(InputError, match="'finite_overlp'"):
         gp.HertzMindlin(state, finite_overlp=True)
     with pytest.raises(InputError, match=r"no keyword 'label'"):
         gp.HertzMindlin(state).set(label="x")
@@ -1337,7 +1337,7 @@ def test_force_constants_of_a_sample(friction):
 
 def test_a_sample_of_several_is_not_their_mean():
     state = simulated(True, 0.05, samples=2)
-    with pytest.raises(InputError, match="of one sample, and the state is the mean over 2"):
+    with pytest.raises(InputError, match=r"one sample.* 2"):
         gp.HertzMindlin(state).get_force_constants(state.sample.atoms())
 
 

@@ -200,7 +200,7 @@ def test_motions_that_reach_the_next_layer_alone_are_refused():
         for f in (5e3, 31e3, 1e9):
             with pytest.raises(
                 PrecisionError,
-                match=r"no further\. They decay infinitely fast, .* Choose another axis",
+                match=r"infinitely .*axis",
             ):
                 phonons.complex_bands([f], axis)
     assert phonons.complex_bands([5e3, 31e3], 0).forward.shape == (2, 3)
@@ -209,7 +209,7 @@ def test_motions_that_reach_the_next_layer_alone_are_refused():
 @pytest.mark.parametrize("axis", [1, (2, 1)])
 def test_a_frequency_that_is_too_high_is_said_to_be(axis):
     for f in (2e8, 3e8, 1e9, 4504341245.538483):
-        with pytest.raises(PrecisionError, match=r"decays .* Take lower frequencies"):
+        with pytest.raises(PrecisionError, match=r"decays .*frequencies"):
             gp.Phonons(bulk("honeycomb")).complex_bands([f], axis)
 
 

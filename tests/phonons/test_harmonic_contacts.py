@@ -191,11 +191,9 @@ def test_whole_periods_count_nothing_and_other_balls_are_refused():
     two = gp.atoms(square().network.repeat((1, 2)))
     other = two[[2, 1, 0, 3]]  # the order of two equal balls is another
     other.calc = two.calc
-    with pytest.raises(InputError, match=r"more than 0\.5 diameters.*order of the balls"):
+    with pytest.raises(InputError, match=r"0\.5 diameters.*order"):
         other.get_forces()
     for wrong in (atoms.repeat((2, 1, 1)), atoms[[0]], atoms[::-1]):
         wrong.calc = atoms.calc
-        with pytest.raises(
-            InputError, match=r"not the 2 balls of the network.*gp\.atoms\(network\.repeat"
-        ):
+        with pytest.raises(InputError, match=r"2 balls .*network\.repeat"):
             wrong.get_potential_energy()

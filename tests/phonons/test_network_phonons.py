@@ -139,13 +139,13 @@ def test_sound_in_many_directions_and_isotropy():
     )
     with pytest.raises(
         InputError,
-        match=r"sound velocities of the network depend on the direction.*direction=\(x, y, z\)",
+        match=r"sound .*direction=\(",
     ):
         gp.sound_velocities(network)
     salt = rock_salt(2.0, 1.4, (1.0, 3.0))
     assert gp.moduli(salt).cubic
     assert not gp.moduli(salt).isotropic
-    with pytest.raises(InputError, match="pulses of the network depend"):
+    with pytest.raises(InputError, match="pulses of the network"):
         gp.pulse_velocities(network, 1.0)
 
 
@@ -199,7 +199,10 @@ def test_there_is_no_gap_where_branches_touch():
     assert gp.Phonons(at_overlap(1e-3)).gaps().shape == (0, 2)
 
 
-@pytest.mark.parametrize(("lattice", "count"), [("honeycomb", 0), ("kagome", 1)])
+@pytest.mark.parametrize(
+    ("lattice", "count"),
+    [("honeycomb", 0), pytest.param("kagome", 1, marks=pytest.mark.slow)],
+)
 def test_branches_that_cross_away_from_the_mesh_leave_no_gap(lattice, count):
     ball = gp.Ball(STEEL, 8e-3)
     assert len(gp.Phonons(gp.Crystal.on(lattice, [ball]).at_force(1.0)).gaps()) == count
@@ -216,6 +219,7 @@ def test_edges_of_gaps_are_found_between_the_points_of_the_mesh():
         assert not np.any((values > low * (1 + 1e-12)) & (values < high * (1 - 1e-12)))
 
 
+@pytest.mark.slow
 def test_there_is_no_gap_beside_a_peak_that_the_mesh_misses():
     # two branches nearly touch: the lower one rises there above where the upper one is lowest
     kinds = [
@@ -313,9 +317,7 @@ def test_what_has_no_bands_is_one_error():
             gp.atoms,
             lambda x: gp.pulse_velocities(x, 1.0),
         ):
-            with pytest.raises(
-                InputError, match=r"no network of contacts in .*Give a state, a sample"
-            ):
+            with pytest.raises(InputError, match="no network of contacts"):
                 ask(wrong)
     network = state.network.repeat((3, 3))
     with pytest.raises(InputError, match="repeats along no axis"):
@@ -325,18 +327,16 @@ def test_what_has_no_bands_is_one_error():
     for ask in (gp.sound_velocities, gp.moduli, lambda x: gp.pulse_velocities(x, 1.0)):
         with pytest.raises(InputError, match="bodies that do not move"):
             ask(hold(network, [0]))
-    with pytest.raises(InputError, match="needs the contact law of a packing"):
+    with pytest.raises(InputError, match="contact law"):
         gp.HertzMindlin(network)
-    with pytest.raises(InputError, match="needs the contact law of a packing"):
+    with pytest.raises(InputError, match="contact law"):
         gp.Phonons(network, gp.atoms(state))
 
 
 def test_cells_too_large_are_refused_with_an_estimate():
     network = at_overlap(1e-3).network.repeat((75, 75))
-    with pytest.raises(InputError, match=r"16875 branches.*GiB of memory.*gp\.Waves"):
+    with pytest.raises(InputError, match=r"16875 .*GiB.*gp\.Waves"):
         gp.Phonons(network).frequencies([[0.1, 0.2]])
     some = gp.Phonons(replace(network.select(np.arange(600)), pbc=(False, True, False)))
-    with pytest.raises(
-        InputError, match=r"1800 eigenvectors at 303 wave vectors take 14.6 GiB.*eigenvectors=False"
-    ):
+    with pytest.raises(InputError, match=r"1800 .* 303 .* 14\.6 GiB"):
         some.bands([[0], [0.5]], npoints=303)

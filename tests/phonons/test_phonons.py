@@ -140,10 +140,10 @@ def test_dim():
         rtol=1e-13,
     )
     for small in ((2, 2), (1, 1), (2, 3), (3, 2, 1)):
-        with pytest.raises(InputError, match=r"too small.*told apart.*Use at least 3 x 3"):
+        with pytest.raises(InputError, match=r"too small.* 3 x 3"):
             gp.Phonons(state, dim=small)
     for wrong in ((3, 3, 2), (3.5, 3), (0, 3), (3,), "33"):
-        with pytest.raises(InputError, match="allowed: two whole numbers from 1 to"):
+        with pytest.raises(InputError, match="two whole numbers"):
             gp.Phonons(state, dim=wrong)
 
 
@@ -169,11 +169,11 @@ def test_a_buckled_state_is_an_error():
     ph = gp.Phonons(state)
     with pytest.raises(
         InstabilityError,
-        match=r"lattice triangular buckles: a squared frequency at q = \(0\.5, 0\) is",
+        match=r"buckles.* q = \(0\.5, 0\)",
     ) as told:
         ph.frequencies([[0.1, 0.0], [0.5, 0.0], [0.2, 0.0]])
     assert "push the balls sideways" in str(told.value)
-    with pytest.raises(InstabilityError, match=r"at q = \(0\.5, 0\) is negative"):
+    with pytest.raises(InstabilityError, match=r"q = \(0\.5, 0\) .*negative"):
         ph.bands([[0.4, 0.0, 0.0], [0.5, 0.0, 0.0]], npoints=2)
 
 
@@ -208,7 +208,7 @@ def test_modes_in_si_units():
         1.0,
         rtol=1e-12,
     )
-    with pytest.raises(InputError, match="modes at Gamma need a direction"):
+    with pytest.raises(InputError, match="need a direction"):
         ph.modes([[0.0, 0.0]])
 
 
@@ -273,7 +273,7 @@ def test_atoms_that_cannot_be():
     with pytest.raises(InputError, match="no cell"):
         gp.Phonons(state, lost)
     turned.rotate(30, "z", rotate_cell=True)
-    with pytest.raises(InputError, match="turned against the lattice"):
+    with pytest.raises(InputError, match="turned"):
         gp.Phonons(state, turned)
     tilted.rotate(30, "x", rotate_cell=True)
     with pytest.raises(InputError, match="tilted out of the plane"):
@@ -432,7 +432,7 @@ def test_numbers_padded_with_ones():
 
 
 def test_a_mesh_beyond_all_memory_is_refused():
-    with pytest.raises(InputError, match="1000000 x 1000000 x 1000000 wave vectors is too large"):
+    with pytest.raises(InputError, match=r"1000000 x 1000000 .*large"):
         phonons_of("fcc").dos((10**6,) * 3)
 
 

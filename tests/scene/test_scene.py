@@ -528,7 +528,7 @@ def test_what_makes_no_sweep(packing):
     load = Load("force", (1.0, 2.0))
     with pytest.raises(
         InputError,
-        match=r"found .dos\.",
+        match="found 'dos'",
     ):
         Scene(packing, load, observe=("dos",))
     with pytest.raises(InputError, match="found 'bands'"):
@@ -1139,7 +1139,7 @@ def test_what_takes_longer_than_any_run_is_refused_before_anything_is_done(
     memory(math.inf)
     with pytest.raises(
         SceneError,
-        match="<scene>:" + words % "10,000 days",
+        match="<scene>:" + words % "and .*10,000 days",
     ):
         scene.run(tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -289,6 +289,7 @@ def test_cheap_random_points_are_drawn_until_their_error_is_known(clock):
     assert (one.draws, one.stderr) == (5, 0.0)
 
 
+@pytest.mark.slow
 def test_the_error_of_a_small_simulation_is_that_over_many_seeds(rough, found, reference):
     """Five runs of 8 x 8 balls told 2.6e-2 of what is 6.6e-2, without a word of how well that is
     known.
@@ -411,20 +412,27 @@ def test_labels_stay_inside_their_axes(clock):
     )
 
 
-def test_axes_have_tick_labels_where_points_lie_close_have_no_error_or_were_not_run(clock):
-    """An error of nothing is a mark at the bottom."""
-    close = [("m", str(k), 0.3 + 0.01 * k, 2e-3 + 1e-4 * k) for k in range(3)]
-    nothing = {"nothing was run", "not run: 1 of m"}
-    for costs, budget, marks, told in (
-        (close, 100.0, [], set()),
+CLOSE = [("m", str(k), 0.3 + 0.01 * k, 2e-3 + 1e-4 * k) for k in range(3)]
+WITHOUT_RUNS = {"nothing was run", "not run: 1 of m"}
+
+
+@pytest.mark.parametrize(
+    ("costs", "budget", "marks", "words"),
+    [
+        (CLOSE, 100.0, [], set()),
         ([("m", "1", 0.1, 0.0), ("m", "2", 0.2, 1e-2)], 100.0, [1], set()),
-        ([("m", "1", 9.0, 1e-2)], 1.0, [], nothing),
-    ):
-        ax = axes_of(carry_out(FakeStudy(clock, costs, estimated=True), budget=budget))
-        assert [
-            len(line.get_xdata()) for line in ax.lines if line.get_gid() == "without-error"
-        ] == marks
-        assert {text.get_text() for text in ax.texts} & nothing == told
+        ([("m", "1", 9.0, 1e-2)], 1.0, [], WITHOUT_RUNS),
+    ],
+    ids=["close", "without error", "not run"],
+)
+def test_axes_have_tick_labels_where_points_lie_close_have_no_error_or_were_not_run(
+    clock, costs, budget, marks, words
+):
+    """An error of nothing is a mark at the bottom."""
+    ax = axes_of(carry_out(FakeStudy(clock, costs, estimated=True), budget=budget))
+    numbers = [len(line.get_xdata()) for line in ax.lines if line.get_gid() == "without-error"]
+    assert numbers == marks
+    assert {text.get_text() for text in ax.texts} & WITHOUT_RUNS == words
 
 
 def test_a_point_that_the_reference_does_not_judge_says_so(clock):
@@ -583,6 +591,7 @@ def reference(rough):
     )
 
 
+@pytest.mark.slow
 def test_with_a_history_media_are_judged_by_arrays_loaded_with_friction(rough, monkeypatch):
     """Of a few balls, just above the start of the loading: the reference is the mean of the same
     samples, loaded so.

@@ -213,9 +213,9 @@ def test_heavy_ball_is_a_mode_of_its_own():
 
 def test_what_has_no_modes_is_refused():
     waves = gp.Waves(line([1.0, 1.0, 1.0], 1.0))
-    with pytest.raises(InputError, match="3 modes are asked for, and only 2 cost energy"):
+    with pytest.raises(InputError, match=r"3 modes .* only 2 "):
         waves.modes(3)
-    with pytest.raises(InputError, match="All frequencies are below"):
+    with pytest.raises(InputError, match="frequencies are below"):
         waves.modes(1, nearest=1e9)
     for bad in (0, 1.5, -1):
         with pytest.raises(InputError, match="count"):
@@ -435,10 +435,7 @@ def test_filters_miss_no_mode(filters, disordered):
 def test_filters_say_beforehand_what_is_too_much(filters, disordered, monkeypatch, limit, value):
     filters(**{limit: value})
     monkeypatch.delattr(mode_finder._Window, "apply")
-    with pytest.raises(
-        InputError,
-        match=r"9 modes of 972 motions take .* GB, and .* products of D with a vector.*density of",
-    ):
+    with pytest.raises(InputError, match=r"9 modes of 972 .* GB.*density"):
         disordered[0].modes(9, 12.3e3)
 
 

@@ -158,39 +158,18 @@ def test_few_frames_are_refused_or_tell_the_velocity():
     network = gp.Crystal.on("chain", [ball]).at_force(10.0).network.repeat((40,)).cut(0, 1)
     velocities = np.zeros((network.n_balls, 3))
     velocities[0, 0] = 0.01
-    run = gp.NonlinearWaves(network).run(1e-3, velocities=velocities, frames=1201)
+    run = gp.NonlinearWaves(network).run(6e-4, velocities=velocities, frames=721)
     for of in ("peak", "front"):
         fine = run.pulse_velocity([5, 25], of=of)
         errors = {}
-        for every in (
-            2,
-            3,
-            4,
-            6,
-            8,
-            10,
-            12,
-            15,
-            20,
-            24,
-            40,
-            60,
-            80,
-            100,
-            120,
-            200,
-            240,
-            300,
-            400,
-            600,
-        ):
+        for every in (2, 3, 4, 6, 8, 10, 12, 15, 20, 24, 40, 60, 80, 120, 180, 240, 360):
             names = [name for name, one in run._shapes.items() if one[0] == "f"]
             few = replace(run, **{name: getattr(run, name)[::every] for name in names})
             if np.isfinite(few.passages(of)[[5, 25]]).all():
                 errors[every] = abs(few.pulse_velocity([5, 25], of=of) / fine - 1.0)
                 continue
             assert every > 10
-            with pytest.raises(InputError, match=r"contact (5|25)\b.*ore frames"):
+            with pytest.raises(InputError, match=r"contact (5|25)\b.*frames"):
                 few.pulse_velocity([5, 25], of=of)
         assert errors[2] < 1e-4
         assert max(errors.values()) < 0.01
@@ -275,7 +254,7 @@ def test_a_spectrum_and_harmonics_of_a_steady_motion():
         (lambda m: m.harmonics(1.0), "periods in the run"),
         (lambda m: m.harmonics(300.0), "frames are in a period"),
         (lambda m: late(m, 50).harmonics(20.0), "in the run"),
-        (lambda m: late(m, 3).spectrum(0), "3 frames have no spectrum"),
+        (lambda m: late(m, 3).spectrum(0), "3 frames .*spectrum"),
         (lambda m: late(m, 1).harmonics(1.0), "0 frames"),
         (lambda m: m.harmonics(20.0, axis=3), "axis"),
         (lambda m: m.harmonics(5e-324, 1, 1), "periods in the run"),
@@ -292,8 +271,5 @@ def test_bad_questions_are_one_error(ask, words):
 
 def test_a_file_of_a_motion_is_no_sweep(tmp_path):
     make().write(tmp_path / "motion.nc")
-    with pytest.raises(
-        InputError,
-        match=r"is not a sweep. It is a motion. Draw it in Python, gp.plot\(gp.Motion.read",
-    ):
+    with pytest.raises(InputError, match=r"motion.*gp.plot\(gp.Motion"):
         gp.load_sweep(tmp_path / "motion.nc")

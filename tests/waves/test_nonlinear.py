@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 from numpy.testing import assert_allclose
 
 import granphon as gp
@@ -41,17 +42,16 @@ def push(network, speed, ball=0):
 
 
 def passages(motion, contacts):
-    """Times and heights of the greatest force of contacts, from parabolas through three frames."""
-    found = []
+    """Times and heights of the greatest force of contacts, by polynomials through seven frames."""
+    around = np.arange(-3, 4)
+    peaks = []
     for contact in contacts:
-        f = motion.forces[:, contact]
-        place = int(np.argmax(f))
-        low, top, high = f[place - 1 : place + 2]
-        shift = 0.5 * (low - high) / (low - 2.0 * top + high)
-        found.append(
-            (motion.times[place] + shift * motion.times[1], top - 0.25 * (low - high) * shift)
-        )
-    return np.array(found).T
+        frame = int(np.argmax(motion.forces[:, contact]))
+        force = Polynomial.fit(around, motion.forces[frame + around, contact], 6)
+        roots = force.deriv().roots()
+        top = float(roots[np.argmin(np.abs(roots))].real)
+        peaks.append((motion.times[frame] + top * motion.times[1], force(top)))
+    return np.array(peaks).T
 
 
 # -- waves in chains -------------------------------------------------------------------------------
@@ -60,12 +60,12 @@ def passages(motion, contacts):
 @pytest.mark.claim("solitary-wave")
 def test_a_solitary_wave_of_a_chain_that_is_hardly_pressed():
     """V = 0.90553 d c^(1/3) m^(-1/2) F_m^(1/6); the continuum has 0.89438."""
-    network = line(1e-9, 110)
+    network = line(1e-9, 60)
     waves = gp.NonlinearWaves(network)
-    motion = waves.run(3.2e-3, velocities=push(network, 0.1), frames=6401)
-    times, heights = passages(motion, (50, 90))
+    motion = waves.run(1.1e-3, velocities=push(network, 0.1), frames=221, step=5e-7)
+    times, heights = passages(motion, (30, 50))
     coefficient = network.normal_force[0] / waves.overlap[0] ** 1.5
-    speed = 40 * D / (times[1] - times[0])
+    speed = 20 * D / (times[1] - times[0])
     assert_allclose(
         speed / (D * coefficient ** (1 / 3) * network.masses[0] ** -0.5 * heights[0] ** (1 / 6)),
         0.90553,
@@ -81,7 +81,7 @@ def test_pulses_of_a_pressed_chain(speed):
     network = line(10.0, 260)
     sound = D * np.sqrt(network.normal_stiffness[0] / network.masses[0])
     motion = gp.NonlinearWaves(network).run(
-        170 * D / sound, velocities=push(network, speed), frames=2001
+        170 * D / sound, velocities=push(network, speed), frames=341
     )
     times, heights = passages(motion, (120, 160))
     r = heights[0] / 10.0
@@ -93,45 +93,43 @@ def test_pulses_of_a_pressed_chain(speed):
 
 
 @pytest.mark.claim("second-harmonic")
-def test_the_second_harmonic_of_a_shaker():
-    """A^2/(4 delta) cot(qd/2) |sin((q(2w) - 2q) n d/2)| at the ball n."""
-    network = line(10.0, 400)
+@pytest.mark.parametrize(
+    ("count", "ramp", "balls", "frames"),
+    [(120, 10, (5, 10), 16), pytest.param(400, 30, (5, 10, 20), 32, marks=pytest.mark.slow)],
+)
+def test_the_second_harmonic_of_a_shaker(count, ramp, balls, frames):
+    """A^2/(4 delta) cot(qd/2) |sin((q(2w) - 2q) n d/2)| at the ball n, before the far end answers.
+
+    The amplitude rises for as many periods as ``ramp``, and is heard after as many more, with so
+    many ``frames`` in each.
+    """
+    network = line(10.0, count)
     qd = 0.6
     waves = gp.NonlinearWaves(network)
     delta = waves.overlap[0]
-    own = np.sqrt(network.normal_stiffness[0] / network.masses[0])
-    omega = 2.0 * own * math.sin(0.5 * qd)
+    rate = np.sqrt(network.normal_stiffness[0] / network.masses[0])
+    omega = 2.0 * rate * math.sin(0.5 * qd)
     period = 2.0 * math.pi / omega
     size = 3e-3 * delta
 
     def shake(time):
-        return (
-            size
-            * 0.5
-            * (1.0 - math.cos(math.pi * min(time / (30.0 * period), 1.0)))
-            * math.sin(omega * time)
-        )
+        share = 0.5 * (1.0 - math.cos(math.pi * min(time / (ramp * period), 1.0)))
+        return size * share * math.sin(omega * time)
 
-    motion = waves.run(
-        60.0 * period, drive=gp.Drive(0, (1, 0, 0), displacement=shake), frames=60 * 32 + 1
-    )
-    balls = np.array([5, 10, 20])
-    last = slice(-10 * 32 - 1, -1)
-    signal = motion.displacements[last, balls, 0]
-    twice = np.abs(
-        2.0 * np.mean(signal * np.exp(-2j * omega * motion.times[last])[:, None], axis=0)
-    )
-    wanted = 2.0 * math.asin(omega / own) - 2.0 * qd
-    assert_allclose(
-        twice,
-        size**2 / (4.0 * delta) / math.tan(0.5 * qd) * np.abs(np.sin(0.5 * wanted * balls)),
-        rtol=3e-4,
-    )
+    drive = gp.Drive(0, (1, 0, 0), displacement=shake)
+    motion = waves.run(2 * ramp * period, drive=drive, frames=2 * ramp * frames + 1)
+    balls = np.array(balls)
+    last = slice(-5 * frames - 1, -1)
+    tone = np.exp(-2j * omega * motion.times[last])[:, None]
+    twice = 2.0 * np.abs(np.mean(motion.displacements[last, balls, 0] * tone, axis=0))
+    beat = 2.0 * math.asin(omega / rate) - 2.0 * qd
+    growth = np.abs(np.sin(0.5 * beat * balls))
+    expected = size**2 / (4.0 * delta) / math.tan(0.5 * qd) * growth
+    assert_allclose(twice, expected, rtol=3e-4)
     # the work of the shaker is the energy of the chain
     assert_allclose(motion.work[-1], motion.energy[-1], rtol=2e-4)
-    assert_allclose(
-        motion.displacements[:, 0, 0], [shake(time) for time in motion.times], rtol=1e-12
-    )
+    shaken = [shake(time) for time in motion.times]
+    assert_allclose(motion.displacements[:, 0, 0], shaken, rtol=1e-12)
 
 
 @pytest.mark.parametrize("exponent", [1.5, 2.0, 3.0])
@@ -139,16 +137,15 @@ def test_frequency_of_a_travelling_wave_over_its_amplitude(exponent):
     """d omega/omega = (A/delta)^2 (a-1)/4 [(a-1) cos^2(qd/2) + (a-2) sin^2(qd/2)]; cos(qd)/16 for
     Hertz.
     """
-    network = line(10.0, 12, periodic=True)
-    count = 12
+    count = 6
+    network = line(10.0, count, periodic=True)
     waves = gp.NonlinearWaves(network, gp.PowerLaw(exponent, 1.0))
     qd = 2.0 * math.pi / count
     delta = waves.overlap[0]
     omega = 2.0 * np.sqrt(network.normal_stiffness[0] / network.masses[0]) * math.sin(0.5 * qd)
     place = np.arange(count)
     out = []
-    periods = 40
-
+    periods = 20
     for share in (1e-4, 0.04):
         start = np.zeros((count, 3))
         speed = np.zeros((count, 3))
@@ -160,7 +157,7 @@ def test_frequency_of_a_travelling_wave_over_its_amplitude(exponent):
             periods * 2.0 * math.pi / omega,
             displacements=start,
             velocities=speed,
-            frames=periods * 24 + 1,
+            frames=periods * 6 + 1,
         )
         phase = np.unwrap(np.angle(motion.displacements[:, :, 0] @ np.exp(-1j * qd * place)))
         out.append(np.polyfit(motion.times, phase, 1)[0] / -omega)
@@ -212,7 +209,7 @@ def test_amplitude_shift_of_a_plane_in_time():
         start, speed = np.zeros((2, array.n_balls, 3))
         start[:, :2], speed[:, :2] = wave.real, (-1j * omega * wave).real
         motion = waves.run(
-            40.0 * 2.0 * math.pi / omega, displacements=start, velocities=speed, frames=40 * 12 + 1
+            20.0 * 2.0 * math.pi / omega, displacements=start, velocities=speed, frames=20 * 6 + 1
         )
         phase = np.unwrap(
             np.angle(np.einsum("fna,na->f", motion.displacements[:, :, :2], wave.conj()))
@@ -261,10 +258,16 @@ def test_two_balls_that_meet():
     coefficient = network.normal_force[0] / waves.overlap[0] ** 1.5
     reduced = 0.5 * network.masses[0]
     touch = 2.94326 * (1.25 * reduced / coefficient) ** 0.4 * speed**-0.2
-    motion = waves.run(1.5 * touch, velocities=push(network, speed), frames=3001)
-    assert_allclose(motion.times[motion.forces[:, 0] > 1e-9][-1], touch, rtol=1e-3)
+    motion = waves.run(
+        1.5 * touch, velocities=push(network, speed), frames=301, step=1.5 * touch / 3000
+    )
+    # the overlap falls in a straight line to its end
+    last = np.flatnonzero(motion.forces[:, 0] > 1e-9)[-2:]
+    overlaps = motion.forces[last, 0] ** (2.0 / 3.0)
+    end = motion.times[last] @ [-overlaps[1], overlaps[0]] / (overlaps[0] - overlaps[1])
+    assert_allclose(end, touch, rtol=1e-3)
     most = coefficient * (1.25 * reduced / coefficient * speed**2) ** 0.6
-    assert_allclose(motion.forces.max(), most, rtol=1e-4)
+    assert_allclose(passages(motion, [0])[1], most, rtol=1e-4)
     assert_allclose(motion.velocities[-1, :, 0], [0.0, speed], atol=1e-6)
     assert motion.forces[-1, 0] == 0.0
 
@@ -276,7 +279,7 @@ def test_a_damped_ball_between_two_that_are_held():
     mass = network.masses[1]
     tau = 2e-6
     motion = gp.NonlinearWaves(network, damping=tau).run(
-        2e-3, velocities=push(network, 1e-6, 1), frames=401
+        2e-3, velocities=push(network, 1e-6, 1), frames=201
     )
     own = math.sqrt(2.0 * k / mass)
     rate = tau * k / mass
@@ -316,12 +319,12 @@ def test_energy_and_momentum_of_an_array_that_is_hit(mu):
     """Contacts open and slide; what is left of the energy is what was lost, and more with
     friction.
     """
-    network = bulk("triangular").repeat((6, 6)).cut(1, 1)
+    network = bulk("triangular").repeat((4, 4)).cut(1, 1)
     random = np.random.default_rng(0)
     velocities = 0.5 * random.standard_normal((network.n_balls, 2))
     velocities -= velocities.mean(axis=0)
     motion = gp.NonlinearWaves(network, friction_coefficient=mu).run(
-        1e-3, velocities=velocities, frames=21
+        5e-4, velocities=velocities, frames=11
     )
     assert np.any(motion.forces == 0.0)
     assert_allclose((motion.energy + motion.lost) / motion.energy[0], 1.0, atol=1e-4)
@@ -425,12 +428,12 @@ def test_a_small_pulse_is_the_one_that_is_transmitted():
     """The difference falls with the square of the step, and is below 1e-4 at a sixth of the default
     one.
     """
-    network = bulk("triangular", "in_plane").repeat((3, 12)).cut(1, 1)
+    network = bulk("triangular", "in_plane").repeat((2, 6)).cut(1, 1)
     hertz = 12e3
-    cycles = 2.0
+    cycles = 1.0
     size = 1e-6
     pulse = gp.Waves(network).transmit(
-        hertz, (0, 1), 3.0 * D, cycles, source="ball", duration=2.4e-4, ends="periodic"
+        hertz, (0, 1), 2.0 * D, cycles, source="ball", duration=7e-5, ends="periodic"
     )
     burst = 2.0 * math.pi * cycles  # its phase, in all
 
@@ -460,28 +463,44 @@ def test_a_small_pulse_is_the_one_that_is_transmitted():
 TABLE = np.geomspace(1e-9, 1e-5, 9)
 
 
+def make_laws():
+    """Laws in closed form, of a table and of contacts that adhere, by name."""
+    return {
+        "Hertz": gp.Hertz(),
+        "power": gp.PowerLaw(2.0, 1e13),
+        "table": gp.TabulatedLaw(TABLE, 1e10 * TABLE**1.5),
+        "DMT": gp.DMT(0.5),
+        "JKR": gp.JKR(0.5),
+    }
+
+
+@pytest.mark.parametrize("swings", [1.0, pytest.param(20.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
-    "law",
+    ("name", "share"),
     [
-        gp.Hertz(),
-        gp.PowerLaw(2.0, 1e13),
-        gp.TabulatedLaw(TABLE, 1e10 * TABLE**1.5),
-        gp.DMT(0.5),
-        gp.JKR(0.5),
+        ("Hertz", 1e-6),
+        ("Hertz", 0.1),
+        ("power", 0.1),
+        ("table", 0.1),
+        ("DMT", 0.1),
+        ("JKR", 1e-3),
+        ("JKR", 0.1),
     ],
 )
-@pytest.mark.parametrize("share", [1e-6, 1e-3, 0.1])
-def test_energies_of_motions_much_smaller_than_overlaps(law, share):
+def test_energies_of_motions_much_smaller_than_overlaps(name, share, swings):
     """They are no differences of large ones; and steps of the midpoint scheme, as long as those of
     the other, find them.
     """
+    law = make_laws()[name]
     chain = gp.Crystal.on("chain", [gp.Ball(STEEL, D)], law=law, motions="longitudinal")
     waves = gp.NonlinearWaves(chain.cut(0, 5, edges=("clamped", "free")).at_overlap(1e-7))
-    own = math.sqrt(waves.network.normal_stiffness[0] / waves.network.masses[-1])
-    velocities = push(waves.network, share * 1e-7 * own, 2)
-    found = waves.run(20.0 / own, velocities=velocities, frames=11, scheme="midpoint")
-    assert_allclose(found.energy, found.energy[0], rtol=1e-9 / share**0.5)
-    assert 0.5 * found.step < waves.run(20.0 / own, velocities=velocities, frames=11).step
+    rate = math.sqrt(waves.network.normal_stiffness[0] / waves.network.masses[-1])
+    velocities = push(waves.network, share * 1e-7 * rate, 2)
+    duration = swings / rate
+    motion = waves.run(duration, velocities=velocities, frames=11, scheme="midpoint")
+    assert_allclose(motion.energy, motion.energy[0], rtol=1e-9 / share**0.5)
+    explicit = waves.run(duration, velocities=velocities, frames=11)
+    assert 0.5 * motion.step < explicit.step
 
 
 def test_a_step_that_divides_a_frame_is_taken_as_it_is():
@@ -493,28 +512,29 @@ def test_a_step_that_divides_a_frame_is_taken_as_it_is():
         assert_allclose(motion.step, step, rtol=1e-11)
 
 
-def test_implicit_steps_go_on_where_a_contact_that_adheres_just_parts():
+@pytest.mark.parametrize(
+    ("share", "duration"),
+    [(1.0005, 1e-7), *(pytest.param(x, 4e-7, marks=pytest.mark.slow) for x in (0.55, 1.0001))],
+)
+def test_implicit_steps_go_on_where_a_contact_that_adheres_just_parts(share, duration):
     """Steps end where its force falls to zero, and the sum of energies and losses stays to
-    rounding.
+    rounding. The share is that of the speed at which the balls part.
     """
     glass = gp.Ball(gp.Material(70e9, 0.22, 2500.0), 1e-5)
     law = gp.JKR(0.05)
-    waves, own = (
-        gp.NonlinearWaves(gp.Crystal.on("chain", [glass], law=law).cut(0, 2)),
-        law.between(glass, glass),
-    )
-    speed = math.sqrt((own.energy(own.least_overlap) - own.energy(waves.overlap[0])) / glass.mass)
-
-    def part(share, **options):
-        apart = push(waves.network, share * speed, 1) - push(waves.network, share * speed, 0)
-        return waves.run(4e-7, velocities=apart, frames=41, step=2e-9, **options)
-
-    for share in (0.55, 1.0001, 1.0005):
-        found = part(share, scheme="midpoint")
-        assert_allclose(found.energy + found.lost, found.energy[0], rtol=1e-11)
-        assert np.all(np.abs(found.lost) < 1e-6 * found.energy[0])
-        assert (found.forces[-1, 0] == 0.0) == (share > 1.0)
-        assert_allclose(found.displacements[1], part(share).displacements[1], rtol=0.02)
+    waves = gp.NonlinearWaves(gp.Crystal.on("chain", [glass], law=law).cut(0, 2))
+    contact = law.between(glass, glass)
+    depth = contact.energy(contact.least_overlap) - contact.energy(waves.overlap[0])
+    speed = share * math.sqrt(depth / glass.mass)
+    velocities = push(waves.network, speed, 1) - push(waves.network, speed, 0)
+    frames = round(duration / 1e-8) + 1
+    start = {"velocities": velocities, "frames": frames, "step": 2e-9}
+    motion = waves.run(duration, **start, scheme="midpoint")
+    assert_allclose(motion.energy + motion.lost, motion.energy[0], rtol=1e-11)
+    assert np.all(np.abs(motion.lost) < 1e-6 * motion.energy[0])
+    assert (motion.forces[-1, 0] == 0.0) == (share > 1.0)
+    explicit = waves.run(duration, **start)
+    assert_allclose(motion.displacements[1], explicit.displacements[1], rtol=0.02)
 
 
 def test_an_implicit_step_without_a_solution_ends_the_motion():
@@ -522,7 +542,7 @@ def test_an_implicit_step_without_a_solution_ends_the_motion():
     waves = gp.NonlinearWaves(line(10.0, 6, periodic=True))
     velocities = 1e-3 * np.outer((-1.0) ** np.arange(6), [1.0])
     step = 0.999 * 15.0 * waves.find_step()
-    with pytest.warns(StoppedEarlyWarning, match="implicit step has no solution"):
+    with pytest.warns(StoppedEarlyWarning, match="no solution"):
         waves.run(100.0 * step, velocities=velocities, frames=101, step=step, scheme="midpoint")
 
 
@@ -536,7 +556,7 @@ def test_a_ball_that_flies_off_and_a_step_too_long():
         motion = waves.run(2e-3, velocities=push(waves.network, -5.0), frames=201)
     assert len(told) == 1
     assert 50 < len(motion.times) < 100
-    with pytest.raises(InputError, match="step of 1e-05 s is too long for"):
+    with pytest.raises(InputError, match=r"1e-05 s .*too long"):
         waves.run(1e-3, velocities=push(waves.network, 1.0), step=1e-5, frames=11)
 
 
@@ -559,12 +579,12 @@ def test_a_drive_that_is_no_number_ends_the_run():
     waves = gp.NonlinearWaves(line(10.0, 4))
     for kind in ("force", "displacement"):
         drive = gp.Drive(0, (1, 0, 0), **{kind: lambda time: math.nan if time > 5e-5 else 0.0})
-        with pytest.warns(StoppedEarlyWarning, match="not a finite number at"):
+        with pytest.warns(StoppedEarlyWarning, match="finite"):
             motion = waves.run(1e-4, drive=drive, frames=101)
         assert 45 < len(motion.times) < 55
         assert np.all(np.isfinite(motion.velocities))
     for nothing in (math.nan, None):
-        with pytest.raises(InputError, match="not a finite number at 0 s"):
+        with pytest.raises(InputError, match=r"finite .*\b0 s"):
             waves.run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=lambda _, it=nothing: it))
     still = gp.Drive((0, 1), (1, 0, 0), displacement=lambda _: 0.0)
     for other in (still, gp.Drive(1, (1, 0, 0), force=lambda _: 0.0)):
@@ -572,10 +592,15 @@ def test_a_drive_that_is_no_number_ends_the_run():
             waves.run(1e-4, drive=[still, other])
 
 
+def run_into(path, force):
+    """The motion of a chain whose first ball is pushed, 101 frames of 1 us, in a file."""
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    return waves.run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=force), frames=101, file=path)
+
+
 def test_ctrl_c_keeps_what_there_is(tmp_path):
-    waves, drive = gp.NonlinearWaves(line(10.0, 4)), gp.Drive(0, (1, 0, 0), force=interrupt)
     with pytest.warns(StoppedEarlyWarning, match="Ctrl-C"):
-        motion = waves.run(1e-4, drive=drive, frames=101, file=tmp_path / "motion.nc")
+        motion = run_into(tmp_path / "motion.nc", interrupt)
     assert 45 < len(motion.times) < 55
     assert gp.Motion.read(tmp_path / "motion.nc") == motion
 
@@ -623,13 +648,13 @@ def test_only_a_motion_is_written_over(tmp_path):
     assert other.read_text() == "mine"
     for write in (motion.write, lambda file: waves.run(1e-5, file=file)):
         for nothing in ("", 5, "a\0b"):
-            with pytest.raises(InputError, match="the file of a motion is"):
+            with pytest.raises(InputError, match="file of a motion"):
                 write(nothing)
         with pytest.raises(OutputError, match="cannot be written"):
             write(other / "motion.nc")
         with open(path, "rb") as file:
             hold(file)
-            with pytest.raises(OutputError, match=r"another run is writing .*motion.nc"):
+            with pytest.raises(OutputError, match=r"writing .*motion.nc"):
                 write(path)
         write(tmp_path / "made" / "motion.nc")
         (tmp_path / "made" / "motion.nc").unlink()
@@ -651,9 +676,7 @@ def test_a_disk_that_is_full_is_one_error(tmp_path, monkeypatch):
         append(self, values)
 
     monkeypatch.setattr(RecordFile, "append", fill)
-    with pytest.raises(
-        OutputError, match=r"motion.nc cannot be written: .* It holds the frames that came before"
-    ):
+    with pytest.raises(OutputError, match=r"motion.nc cannot .*before"):
         waves.run(1e-5, frames=9, file=path)
     assert len(gp.Motion.read(path).times) == 3
 
@@ -665,15 +688,13 @@ def test_whole_frames_of_a_file_that_was_cut(tmp_path):
     whole.write(path)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) * 3 // 4])
-    with pytest.warns(
-        StoppedEarlyWarning, match=r"motion.nc was cut: \d+ of its 41 records are whole"
-    ):
+    with pytest.warns(StoppedEarlyWarning, match=r"motion.nc .*cut.* of .*41"):
         part = gp.Motion.read(path)
     assert 20 < len(part.times) < 35
     for name in ("times", "displacements", "forces"):
         assert np.array_equal(getattr(part, name), getattr(whole, name)[: len(part.times)])
     path.write_bytes(data[:500])
-    with pytest.raises(InputError, match="is not a file of records"):
+    with pytest.raises(InputError, match="records"):
         gp.Motion.read(path)
     with pytest.raises(InputError, match="frames is 3"):
         gp.Motion.read(path, frames=3)
@@ -690,7 +711,7 @@ def test_contacts_that_become_wider_than_their_law_allows():
         depth = (0.625 * network.masses[0] * speed**2 / c) ** 0.4
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
-            waves.run(8.0 * depth / speed, velocities=push(network, speed), frames=2001)
+            waves.run(8.0 * depth / speed, velocities=push(network, speed), frames=301)
         assert len(told) == wide
         if wide:
             assert told[0].category is LimitWarning
@@ -745,27 +766,23 @@ def test_a_start_that_cannot_be():
     """What is held, displaced by a drive, or has no such motion is not moved in silence."""
     waves = gp.NonlinearWaves(line(10.0, 4))
     still = gp.Drive(0, (1, 0, 0), displacement=lambda _: 0.0)
-    with pytest.raises(
-        InputError, match=r"velocities of ball 0 are not zero\. It is held, or is displaced"
-    ):
+    with pytest.raises(InputError, match=r"velocities of ball 0 .*displaced"):
         waves.run(1e-5, velocities=push(waves.network, 1.0), drive=still)
     waves.run(1e-5, velocities=push(waves.network, 1.0, 1), drive=still, frames=2)
     for kind in ("force", "displacement"):
-        with pytest.raises(InputError, match=r"the drive is along .*Balls move along x only"):
+        with pytest.raises(InputError, match=r"drive .* x only"):
             waves.run(1e-5, drive=gp.Drive(0, (0, 1, 0), **{kind: lambda _: 0.0}))
-    with pytest.raises(
-        InputError, match=r"velocities of ball 1 are \(1, 2, 0\)\. Balls move along x only"
-    ):
+    with pytest.raises(InputError, match=r"ball 1 .*\(1, 2, 0\).* x only"):
         waves.run(
             1e-5,
             velocities=push(waves.network, 1.0, 1)
             + np.array([[0.0], [1.0], [0.0], [0.0]]) * [0.0, 2.0, 0.0],
         )
-    with pytest.raises(InputError, match=r"spins of ball 0 .* Balls do not turn"):
+    with pytest.raises(InputError, match=r"spins of ball 0 .*turn"):
         waves.run(1e-5, spins=push(waves.network, 1.0))
-    with pytest.raises(InputError, match=r"the gravity is along .* Balls move along x only"):
+    with pytest.raises(InputError, match=r"gravity .* x only"):
         gp.NonlinearWaves(waves.network, gravity=(0.0, 0.0, -9.81))
-    with pytest.raises(InputError, match="leaves the line or the plane"):
+    with pytest.raises(InputError, match="leaves the line"):
         gp.Waves(waves.network).transmit(1e3, (1, 1, 0), 8e-3, polarisation=(1, 0, 0))
 
 
@@ -774,23 +791,21 @@ def test_a_file_of_a_motion_whose_program_was_killed_can_be_read(tmp_path):
     script = """
 import os, signal, sys
 import granphon as gp
-from tests.waves.test_nonlinear import line
+from tests.waves.test_nonlinear import run_into
 
 def force(time):
-    if time > 5e-5 and sys.argv[2] == "kill":
+    if time > 5e-5:
         os.kill(os.getpid(), signal.SIGKILL)
     return 1.0
 
-gp.NonlinearWaves(line(10.0, 4)).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=force), frames=101, file=sys.argv[1])
+run_into(sys.argv[1], force)
 """
-    for how, code in (("kill", -signal.SIGKILL), ("end", 0)):
-        done = subprocess.run(
-            [sys.executable, "-c", script, tmp_path / how, how], cwd=ROOT, check=False
-        )
-        assert done.returncode == code
-    whole, part = (gp.Motion.read(tmp_path / how) for how in ("end", "kill"))
+    command = [sys.executable, "-c", script, tmp_path / "killed.nc"]
+    assert subprocess.run(command, cwd=ROOT, check=False).returncode == -signal.SIGKILL
+    part = gp.Motion.read(tmp_path / "killed.nc")
     count = len(part.times)
     assert 45 < count < 55
+    whole = run_into(tmp_path / "whole.nc", lambda _: 1.0)
     assert len(whole.times) == 101
     for name in ("times", "velocities", "forces", "lost"):
         assert np.array_equal(getattr(part, name), getattr(whole, name)[:count])
@@ -807,7 +822,7 @@ gp.NonlinearWaves(line(10.0, 4)).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=fo
         ({"drive": 3}, "drive"),
         (
             {"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)},
-            "indices of balls, 0 to 3, each once",
+            "balls, 0 to 3",
         ),
         ({"drive": gp.Drive(0, (1, 0, 0), displacement=lambda time: 1e-6)}, "begin at zero"),
         ({"drive": gp.Drive(0, (0, 0, 0), force=lambda time: 1.0)}, "direction"),
@@ -816,7 +831,7 @@ gp.NonlinearWaves(line(10.0, 4)).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=fo
         ({"scheme": "euler"}, "verlet, midpoint"),
         (
             {"positions": np.zeros((4, 3)), "displacements": np.zeros((4, 3))},
-            "positions and displacements",
+            "and displacements",
         ),
     ],
 )

@@ -100,7 +100,7 @@ def test_exact_directions_of_small_motions_are_those_of_the_lattice():
     found = []
     for geometry in ("lattice", "exact"):
         waves = gp.NonlinearWaves(network, friction_coefficient=0.3, geometry=geometry)
-        found.append(waves.run(20.0 * 1e-8 * D / speed, **start, frames=3))
+        found.append(waves.run(5.0 * 1e-8 * D / speed, **start, frames=3))
     for name in ("velocities", "spins"):
         a, b = (getattr(one, name) for one in found)
         assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
@@ -135,7 +135,7 @@ def test_numbers_in_the_plane_are_vectors_in_space(scheme):
             displacement=lambda t: 1e-6 * math.sin(1e5 * t) ** 2,
         )
         found.append(
-            waves.run(4e-5, velocities=velocities, drive=drive, frames=5, step=1e-7, scheme=scheme)
+            waves.run(2e-5, velocities=velocities, drive=drive, frames=5, step=1e-7, scheme=scheme)
         )
     plane, space = found
     for name in (
@@ -186,7 +186,8 @@ def meeting():
 def test_balls_that_meet():
     """They exchange their velocities, with the greatest force of Hertz, in a column of its own."""
     waves, start = meeting()
-    motion = waves.run(0.03 * D / 2.0, **start, frames=1201)
+    duration = 0.03 * D / 2.0
+    motion = waves.run(duration, **start, frames=151, step=duration / 1200)
     assert motion.forces.shape[1] == 3
     assert motion.met.tolist() == [[0, 2]]
     assert_allclose(motion.peaks()[1][2], C * (1.25 * 0.5 * MASS / C * 2.0**2) ** 0.6, rtol=1e-4)
@@ -197,18 +198,18 @@ def test_balls_that_meet():
 def test_a_motion_goes_on_from_a_frame_in_which_balls_that_have_met_touch():
     """Their force is there from the start."""
     waves, start = meeting()
-    whole = waves.run(0.03 * D / 2.0, **start, frames=401)
-    at = int(np.argmax(whole.forces[:, 2]))
-    rest = waves.run(
-        whole.times[-1] - whole.times[at],
-        whole.positions[at],
-        whole.velocities[at],
-        frames=401 - at,
+    whole = waves.run(0.03 * D / 2.0, **start, frames=101)
+    frame = int(np.argmax(whole.forces[:, 2]))
+    later = waves.run(
+        whole.times[-1] - whole.times[frame],
+        whole.positions[frame],
+        whole.velocities[frame],
+        frames=101 - frame,
         step=whole.step,
     )
-    assert_allclose(rest.forces[0], whole.forces[at], rtol=1e-9, atol=1e-9)
-    assert_allclose(rest.energy, whole.energy[at:], rtol=1e-9)
-    assert_allclose(rest.velocities[-1], whole.velocities[-1], atol=1e-9)
+    assert_allclose(later.forces[0], whole.forces[frame], rtol=1e-9, atol=1e-9)
+    assert_allclose(later.energy, whole.energy[frame:], rtol=1e-9)
+    assert_allclose(later.velocities[-1], whole.velocities[-1], atol=1e-9)
 
 
 def test_a_network_that_names_no_kinds_has_the_law_of_a_crystal_of_one():
@@ -222,12 +223,17 @@ def test_a_network_that_names_no_kinds_has_the_law_of_a_crystal_of_one():
         gp.NonlinearWaves(replace(network, kinds=None), unlike([("A", "B"), ("B", "C")]))
 
 
-TABLE = gp.TabulatedLaw([1e-8, 1e-5], [1e-3, 1e3])
+TABLE = gp.TabulatedLaw([1e-8, 1e-4], [1e-5, 1e3])
 
 
 @pytest.mark.parametrize(
     ("law", "given"),
-    [(gp.PowerLaw(2.0, 1e13), False), (gp.DMT(1e-6), False), (TABLE, False), (TABLE, True)],
+    [
+        (gp.PowerLaw(2.0, 1e11), False),
+        (gp.DMT(1e-6), False),
+        pytest.param(TABLE, False, marks=pytest.mark.slow),
+        pytest.param(TABLE, True, marks=pytest.mark.slow),
+    ],
 )
 def test_balls_that_meet_have_their_own_law(law, given):
     """Not that of the contacts of the crystal, nor that of the crystal where another is given: its
@@ -244,7 +250,7 @@ def test_balls_that_meet_have_their_own_law(law, given):
     waves = gp.NonlinearWaves(
         chain.touch() if given else chain, law if given else None, geometry="exact"
     )
-    highest = waves.run(0.03 * D / 2.0, **meeting()[1], frames=1201).peaks()[1][2]
+    highest = waves.run(0.03 * D / 2.0, **meeting()[1], frames=151).peaks()[1][2]
     pair = law.between(kinds[0], kinds[2])
     assert_allclose(pair.energy(pair.overlap(highest)), 0.25 * MASS * 2.0**2, rtol=1e-3)
 
@@ -267,12 +273,13 @@ def test_kinds_without_a_law_end_a_run_where_they_meet():
     """
     waves = gp.NonlinearWaves(unlike([("A", "B"), ("B", "C")]), geometry="exact")
     (_, start) = meeting()
-    with pytest.warns(StoppedEarlyWarning, match=r"law has none for contacts of \('A', 'C'\)"):
-        motion = waves.run(0.03 * D / 2.0, **start, frames=1201)
+    with pytest.warns(StoppedEarlyWarning, match=r"law .*\('A', 'C'\)"):
+        motion = waves.run(0.012 * D / 2.0, **start, frames=121)
     assert_allclose(motion.times[-1], 0.01 * D / 2.0, rtol=0.01)
     assert_allclose(motion.velocities[-1, 2, 0], 2.0)
-    past = D * np.array([[0.0, 0.0], [0.0, 3.0], [-1.01, -0.5]])
-    assert len(waves.run(0.5 * D, past, [[0, 0], [0, 0], [0, 2.0]], frames=9).times) == 9
+    past = D * np.array([[0.0, 0.0], [0.0, 3.0], [-1.01, -0.1]])
+    duration = 0.15 * D / 2.0
+    assert len(waves.run(duration, past, [[0, 0], [0, 0], [0, 2.0]], frames=9).times) == 9
 
 
 def test_balls_that_meet_resist_shear_as_their_own_pair():
@@ -294,7 +301,7 @@ def test_balls_that_meet_resist_shear_as_their_own_pair():
     )
 
 
-@pytest.mark.parametrize("law", [None, gp.PowerLaw(2.0, 1e13)])
+@pytest.mark.parametrize("law", [None, gp.PowerLaw(2.0, 1e11)])
 def test_balls_over_a_floor_meet_others(law):
     """Their law is that of contacts of balls, also where those with the floor have another, or the
     same.
@@ -311,7 +318,7 @@ def test_balls_over_a_floor_meet_others(law):
         [[0.0, 9.0, 0.0], [0.0, 20.0, 0.0], [1.001, 9.0, 0.0], [0.0, 30.0, 0.0]]
     )
     speeds[upper[2], 0] = -2.0
-    motion = waves.run(0.012 * D / 2.0, places, speeds, frames=601)
+    motion = waves.run(0.012 * D / 2.0, places, speeds, frames=151)
     assert motion.met.tolist() == [[upper[0], upper[2]]]
     highest = motion.peaks()[1][-1]
     one = (law or gp.Hertz()).between(BALL, BALL)
@@ -337,7 +344,7 @@ def test_a_ball_settles_into_a_floor_by_its_weight(geometry):
     c = 4.0 / 3.0 * STEEL.young_modulus / (1.0 - STEEL.poisson_ratio**2) * math.sqrt(0.5 * D)
     deep = (2.5 * MASS * 9.81 / c) ** (2.0 / 3.0)
     waves = gp.NonlinearWaves(column, geometry=geometry, gravity=(-9.81,))
-    motion = waves.run(8e-4, frames=801)
+    motion = waves.run(8e-4, frames=401)
     assert_allclose(-motion.displacements[:, 0, 0].min(), deep, rtol=1e-4)
     assert_allclose(motion.energy, 0.0, atol=1e-3 * MASS * 9.81 * deep)
 
@@ -353,10 +360,10 @@ def test_a_ball_that_falls_on_a_floor_bounces():
     v = 0.02
     c = 4.0 / 3.0 * STEEL.young_modulus / (1.0 - STEEL.poisson_ratio**2) * math.sqrt(0.5 * D)
     lasting = 2.94326 * (1.25 * MASS * v**2 / c) ** 0.4 / v
-    motion = waves.run(2.2 * v / 9.81, velocities=[[v], [0.0]], frames=801, step=5e-7)
+    motion = waves.run(2.2 * v / 9.81, velocities=[[v], [0.0]], frames=401, step=1e-6)
     highest = int(np.argmax(motion.displacements[:, 0, 0]))
     assert_allclose(motion.displacements[highest, 0, 0], v**2 / (2.0 * 9.81), rtol=1e-5)
-    assert_allclose(motion.arrivals(0.01)[0], 2.0 * v / 9.81, rtol=1e-3)  # of the frames
+    assert_allclose(motion.arrivals(0.01)[0], 2.0 * v / 9.81, rtol=3e-3)  # a frame
     assert_allclose(motion.velocities[-1, 0, 0], 0.8 * v + 9.81 * lasting, atol=1e-4 * v)
 
 
@@ -407,33 +414,37 @@ def test_a_floor_may_be_listed_before_the_balls():
     assert_allclose(met.middles[-1], [network.positions[upper, 0], height, 0.0], atol=1e-12 * D)
 
 
-@pytest.mark.parametrize("law", [gp.JKR(0.1), gp.DMT(0.1)])
-def test_balls_stick_or_part(law):
+@pytest.mark.parametrize(
+    ("law", "share", "scheme", "step", "error"),
+    [
+        (gp.JKR(0.1), 0.9, "verlet", 4e-7, 0.0),
+        pytest.param(gp.JKR(0.1), 1.5, "verlet", 4e-8, 5e-4, marks=pytest.mark.slow),
+        (gp.JKR(0.1), 1.5, "midpoint", 2e-6, 1e-10),
+        (gp.DMT(0.1), 0.9, "verlet", 4e-7, 0.0),
+        (gp.DMT(0.1), 1.5, "verlet", 4e-8, 5e-4),
+        (gp.DMT(0.1), 1.5, "midpoint", 2e-6, 1e-10),
+    ],
+)
+def test_balls_stick_or_part(law, share, scheme, step, error):
     """A slow ball does not come off; a fast one has lost what it takes to break the contact.
 
     The force ends with a jump, where the explicit scheme has an error of the step, and the other
-    has none.
+    has none. The share is that of the energy that the balls have of what breaks the contact.
     """
     pair = gp.Crystal([BALL] * 2, [], [[0.0], [D]], law=law, friction=False)
-    one = law.between(BALL, BALL)
-    rest = float(one.overlap(0.0))
-    well = float(one.energy(one.least_overlap)) - float(one.energy(rest))
-    for share, scheme, error in (
-        (0.9, "verlet", 0.0),
-        (1.5, "verlet", 5e-4),
-        (1.5, "midpoint", 1e-10),
-    ):
-        speed = math.sqrt(2.0 * share * well / (0.5 * MASS))
-        waves = gp.NonlinearWaves(pair)
-        assert_allclose(waves.overlap, rest)
-        motion = waves.run(
-            1.2e-4, velocities=[[-0.5 * speed], [0.5 * speed]], frames=13, step=4e-8, scheme=scheme
-        )
-        apart = motion.displacements[-1, 1, 0] - motion.displacements[-1, 0, 0]
-        assert (apart - rest > -one.least_overlap) == bool(error)
-        if error:
-            closing = motion.velocities[-1, 1, 0] - motion.velocities[-1, 0, 0]
-            assert_allclose(closing, speed * math.sqrt(1.0 - 1.0 / share), rtol=error)
+    contact = law.between(BALL, BALL)
+    overlap = float(contact.overlap(0.0))
+    depth = float(contact.energy(contact.least_overlap)) - float(contact.energy(overlap))
+    speed = math.sqrt(2.0 * share * depth / (0.5 * MASS))
+    waves = gp.NonlinearWaves(pair)
+    assert_allclose(waves.overlap, overlap)
+    velocities = [[-0.5 * speed], [0.5 * speed]]
+    motion = waves.run(1.2e-4, velocities=velocities, frames=13, step=step, scheme=scheme)
+    apart = motion.displacements[-1, 1, 0] - motion.displacements[-1, 0, 0]
+    assert (apart - overlap > -contact.least_overlap) == (share > 1.0)
+    if share > 1.0:
+        parting = motion.velocities[-1, 1, 0] - motion.velocities[-1, 0, 0]
+        assert_allclose(parting, speed * math.sqrt(1.0 - 1.0 / share), rtol=error)
 
 
 RUBBER = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3)
@@ -454,42 +465,50 @@ def restitution(motion):
     return -moves[-1] / moves[0]
 
 
+#: of the midpoint scheme the default selection has the shortest collision alone
+COLLISIONS = [
+    ("verlet", 0.1, 1e-3),
+    ("verlet", 0.02, 2e-3),
+    ("verlet", 0.01, 3e-3),
+    ("midpoint", 0.1, 4e-4),
+    pytest.param("midpoint", 0.02, 2e-3, marks=pytest.mark.slow),
+    pytest.param("midpoint", 0.01, 3e-3, marks=pytest.mark.slow),
+]
+
+
 @pytest.mark.claim("nonlinear-adhesion")
-@pytest.mark.parametrize("scheme", ["verlet", "midpoint"])
-def test_balls_of_jkr_lose_energy_as_contacts_are_made_and_broken(scheme):
+@pytest.mark.parametrize(("scheme", "speed", "duration"), COLLISIONS)
+def test_balls_of_jkr_lose_energy_as_contacts_are_made_and_broken(scheme, speed, duration):
     """They touch at the overlap zero and part where the law ends; what is lost is in the balance of
-    energies.
+    energies. At 0.01 m/s they stick.
     """
     law = gp.JKR(0.1).between(RUBBER, RUBBER)
-    lost = law.energy(law.least_overlap) - law.energy(0.0)
+    loss = law.energy(law.least_overlap) - law.energy(0.0)
     # 2 pi w a^2 times 3/10 less the fifth part of (3/4)^(4/3)
-    assert_allclose(
-        lost, 2.0 * math.pi * 0.1 * law.spot**2 * (0.3 - 0.2 * 0.75 ** (4.0 / 3.0)), rtol=1e-12
-    )
-    for speed, duration in ((0.02, 2e-3), (0.1, 1e-3)):
-        motion = collide(gp.JKR(0.1), speed, duration, scheme=scheme)
-        share = lost / (0.25 * RUBBER.mass * speed**2)
-        assert_allclose(
-            restitution(motion), math.sqrt(1.0 - share), rtol=1e-3 if scheme == "verlet" else 1e-6
-        )
-        assert_allclose(motion.lost[-1], lost, rtol=1e-6)
-        assert_allclose(
-            motion.energy + motion.lost,
-            motion.energy[0],
-            rtol=5e-4 if scheme == "verlet" else 1e-11,
-        )
-    stuck = collide(gp.JKR(0.1), 0.01, 3e-3, scheme=scheme)
-    assert stuck.forces[-1, 0] != 0.0
-    assert_allclose(stuck.lost[-1], lost, rtol=1e-6)
+    expected = 2.0 * math.pi * 0.1 * law.spot**2 * (0.3 - 0.2 * 0.75 ** (4.0 / 3.0))
+    assert_allclose(loss, expected, rtol=1e-12)
+    step = {"verlet": None, "midpoint": 1e-5}[scheme]
+    motion = collide(gp.JKR(0.1), speed, duration, scheme=scheme, step=step)
+    assert_allclose(motion.lost[-1], loss, rtol=1e-6)
+    if speed == 0.01:
+        assert motion.forces[-1, 0] != 0.0
+        return
+    is_explicit = scheme == "verlet"
+    share = loss / (0.25 * RUBBER.mass * speed**2)
+    expected = math.sqrt(1.0 - share)
+    assert_allclose(restitution(motion), expected, rtol=1e-3 if is_explicit else 1e-6)
+    total = motion.energy + motion.lost
+    assert_allclose(total, motion.energy[0], rtol=5e-4 if is_explicit else 1e-11)
 
 
 @pytest.mark.claim("nonlinear-adhesion")
 @pytest.mark.parametrize("law", [gp.DMT(0.1), gp.JKR(0.1)])
 def test_steps_where_forces_jump_are_of_second_order(law):
-    one = law.between(RUBBER, RUBBER)
-    share = (one.energy(one.least_overlap) - one.energy(0.0)) / (0.25 * RUBBER.mass * 0.02**2)
+    contact = law.between(RUBBER, RUBBER)
+    loss = contact.energy(contact.least_overlap) - contact.energy(0.0)
+    share = loss / (0.25 * RUBBER.mass * 0.02**2)
     off = [
-        restitution(collide(law, 0.02, step=step)) - math.sqrt(1.0 - share)
+        restitution(collide(law, 0.02, 1e-3, step=step)) - math.sqrt(1.0 - share)
         for step in (1e-5, 5e-6, 2.5e-6)
     ]
     assert abs(off[0]) < 5e-4
@@ -579,12 +598,12 @@ def test_contacts_that_adhere_slip_against_the_stiffness_of_their_radius():
 
 def test_a_table_of_hertz_law_moves_as_hertz_law():
     packing = gp.Packing(STEEL, D, lattice="chain", motions="longitudinal")
-    network = gp.AveragedLattice(packing).at_force(10.0).network.repeat((20,)).cut(0, 1)
+    network = gp.AveragedLattice(packing).at_force(10.0).network.repeat((8,)).cut(0, 1)
     overlap = np.geomspace(1e-12, 1e-3, 60)
-    velocities = np.zeros((20, 1))
+    velocities = np.zeros((8, 1))
     velocities[0] = 0.3
     found = [
-        gp.NonlinearWaves(network, law=law).run(1e-4, velocities=velocities, frames=5, step=2e-8)
+        gp.NonlinearWaves(network, law=law).run(5e-5, velocities=velocities, frames=5, step=5e-8)
         for law in (None, gp.TabulatedLaw(overlap, C * overlap**1.5))
     ]
     assert_allclose(found[1].forces, found[0].forces, rtol=1e-6, atol=1e-6)

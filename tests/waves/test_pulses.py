@@ -429,29 +429,32 @@ def test_pulses_of_several_samples_have_one_coherent_part():
     )
     assert both.samples.tolist() == [0] * 6 + [1] * 6
     assert both.velocity == pytest.approx(0.5 * (found[0].velocity + found[1].velocity), rel=0.02)
-    with pytest.raises(InputError, match="pulses differ in frequency"):
+    with pytest.raises(InputError, match="differ in frequency"):
         average_pulses([found[0], gp.Waves(network).transmit(11e3, (0, 1), 0.15, 3)])
 
 
+@pytest.fixture(scope="module")
+def pressed_networks():
+    """Samples of unlike balls in the exact geometry, without their static forces."""
+    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(8e-5))
+    arrays = (
+        gp.DirectSimulation(packing, (3, 8), seed=seed, geometry="exact") for seed in (1, 2, 3)
+    )
+    return [replace(array.at_force(20.0).sample.network, prestress=False) for array in arrays]
+
+
 @pytest.mark.parametrize("ends", ["free", "walls", "periodic"])
-def test_the_default_distance_leads_to_the_same_plane_in_all_samples(ends):
+def test_the_default_distance_leads_to_the_same_plane_in_all_samples(ends, pressed_networks):
     """Half of a length lies as far from one plane as from the next, and samples of the exact
     geometry differ a little.
     """
-    packing = gp.Packing(STEEL, 8e-3, gp.Uniform(8e-5))
-    found = []
-    for seed in (1, 2, 3):
-        sample = (
-            gp.DirectSimulation(packing, (4, 12), seed=seed, geometry="exact").at_force(20.0).sample
-        )
-        network = replace(sample.network, prestress=False)
-        found.append(
-            transmit(
-                network, PulseSource.of(PulseSettings(4e4, cycles=1.0, ends=ends), network, (0, 1))
-            )
-        )
-    assert len({tuple(one.receivers) for one in found}) == 1
-    assert average_pulses(found).distance == pytest.approx(np.mean([one.distance for one in found]))
+    settings = PulseSettings(4e4, cycles=1.0, ends=ends)
+    pulses = [
+        transmit(network, PulseSource.of(settings, network, (0, 1))) for network in pressed_networks
+    ]
+    assert len({tuple(pulse.receivers) for pulse in pulses}) == 1
+    mean = np.mean([pulse.distance for pulse in pulses])
+    assert average_pulses(pulses).distance == pytest.approx(mean)
 
 
 def test_open_network_has_the_ends_that_it_has():
@@ -476,7 +479,7 @@ def test_open_network_has_the_ends_that_it_has():
     np.testing.assert_allclose(other.signals, one.signals, atol=1e-12 * np.max(np.abs(one.signals)))
     with pytest.raises(InputError, match="no place for walls"):
         opened.transmit(0.4 * HERTZ, (1,), 20.0 * D, ends="walls")
-    with pytest.raises(InputError, match="no ball moves between the walls"):
+    with pytest.raises(InputError, match="between the walls"):
         gp.Waves(chain(1)).transmit(0.4 * HERTZ, (1,), 0.9 * D, ends="walls")
 
 
@@ -496,7 +499,7 @@ def test_lattices_that_buckle_under_their_load_send_no_pulse(
         state = gp.AveragedLattice(packing).at_overlap(1e-6, finite_overlap=True)
         waves = gp.Waves(state.network.repeat(shape))
         if unstable:
-            with pytest.raises(InstabilityError, match="squared frequency is below zero"):
+            with pytest.raises(InstabilityError, match="frequency is below"):
                 waves.transmit(12e3, along, 0.03, 1, ends=ends)
         else:
             assert np.isfinite(
@@ -569,10 +572,10 @@ def test_groups_of_balls_that_hang_as_a_whole_are_left_out(friction, shape, alon
     assert np.count_nonzero(~held.moving) == count
 
 
-@pytest.mark.parametrize(("seed", "along"), [(0, (1, 0)), (3, (0, 1))])
+@pytest.mark.parametrize(("seed", "along"), [(1, (1, 0)), (3, (0, 1))])
 def test_an_array_without_friction_may_not_hold_with_free_ends(seed, along):
     # it has about as many contacts as it needs, so that each ball that falls leaves others without
-    waves = gp.Waves(press(0.1, (10, 20), seed, friction=False).samples[0])
+    waves = gp.Waves(press(0.1, (8, 16), seed, friction=False).samples[0])
     with pytest.raises(InstabilityError, match="walls"):
         waves.transmit(3000.0, along, 4.0 * D, 2)
     assert np.isfinite(waves.transmit(3000.0, along, 4.0 * D, 2, ends="walls").energies).all()
@@ -703,12 +706,12 @@ def test_bad_pulses_are_refused(disordered):
     waves = gp.Waves(disordered)
     with pytest.raises(
         UnreachableFrequencyError,
-        match=rf"above the top of the network's modes, {2 * np.cos(np.pi / 80) * HERTZ:.6g} Hz",
+        match=rf"above .*, {2 * np.cos(np.pi / 80) * HERTZ:.6g} Hz",
     ):
         gp.Waves(chain(40)).transmit(2.1 * HERTZ, (1,), 8 * D)
-    with pytest.raises(InputError, match=r"come back to themselves .* or a longer array"):
+    with pytest.raises(InputError, match="come back"):
         waves.transmit(0.5 * HERTZ, (0, 1), 7.0 * D, ends="periodic")
-    with pytest.raises(InputError, match=r"or the direction .* or \(0.866025, 0.5\), with"):
+    with pytest.raises(InputError, match=r"direction .*\(0.866025, 0.5\)"):
         gp.Waves(ideal("triangular", (8, 3))).transmit(
             0.5 * HERTZ, (1, 0), 1.0 * D, ends="periodic"
         )
@@ -753,9 +756,9 @@ def test_signal_that_comes_at_once_has_no_time_of_flight():
 
     found, reasons = find(0.01 / 24.0, 2.0 / 24.0, 12.0)
     assert np.isnan(found).tolist() == [True, False, True]
-    assert "far shorter than the pulse" in reasons[0]
+    assert "shorter" in reasons[0]
     assert reasons[1] == ""
-    assert "the record ends before" in reasons[2]
+    assert "record ends" in reasons[2]
     np.testing.assert_allclose(found[1], 2.0 / 24.0, rtol=1e-3)
 
 
@@ -784,9 +787,7 @@ def test_a_periodic_network_without_room_for_burst_and_flight_is_refused(cycles,
         needed = 2.0 * away + cycles / hertz * sound
         if needed > period:
             refused += 1
-            with pytest.raises(
-                InputError, match=rf"are over\. .* an array of {needed:.4g} m along"
-            ):
+            with pytest.raises(InputError, match=rf"are over.* {needed:.4g} m "):
                 waves.transmit(hertz, (0, 1), distance, cycles, ends="periodic")
         else:
             group = gp.pulse_velocities(
@@ -1021,15 +1022,14 @@ def test_numbers_that_no_pulse_has_are_refused(given, wrong):
         (
             (),
             {},
-            r"transmit\(\) missing 3 required positional arguments: 'frequency', 'direction',"
-            r" and 'distance'",
+            r"transmit.* 3 .*'frequency'.*'distance'",
         ),
         ((1.0, (0, 1)), {}, "'distance'"),
-        ((1.0, (0, 1), D), {"length": D}, "unexpected keyword argument 'length'"),
+        ((1.0, (0, 1), D), {"length": D}, "'length'"),
         (
             (1.0, (0, 1), D, 5.0, "longitudinal", "ball"),
             {},
-            "takes from 4 to 6 positional arguments but 7 were given",
+            "from 4 to 6 .* 7 ",
         ),
     ],
 )
@@ -1064,7 +1064,7 @@ def test_network_that_is_not_joined_is_refused():
     parted = replace(
         whole, **{name: getattr(whole, name)[~cut] for name in names}, lattice=None, shape=None
     )
-    with pytest.raises(InputError, match=r"no contacts join the source .* 3 parts"):
+    with pytest.raises(InputError, match=r"source .* 3 parts"):
         gp.Waves(parted).transmit(0.5 * HERTZ, (1,), 8 * D)
 
 

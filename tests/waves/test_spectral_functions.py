@@ -144,11 +144,11 @@ def test_resolution_and_moments_belong_together(moments):
 
 
 def test_kernel_refuses():
-    with pytest.raises(InputError, match="Each follows from the other"):
+    with pytest.raises(InputError, match="follows"):
         Kernel.of(1.0, resolution=0.1, moments=10)
-    with pytest.raises(InputError, match=r"takes 1.57e\+10 moments.*Give 1.5e-06 Hz or more"):
+    with pytest.raises(InputError, match=r"1.57e\+10 moments.*1.5e-06 Hz"):
         Kernel.of(1.0, resolution=1e-10)
-    with pytest.raises(InputError, match=r"tells no frequencies apart.*Give 0\.393 Hz or less"):
+    with pytest.raises(InputError, match=r"apart.* 0\.393 Hz"):
         Kernel.of(1.0, resolution=0.5)
     for bad in (0.0, -1.0, math.nan, "3 Hz"):
         with pytest.raises(InputError, match="resolution"):
@@ -290,7 +290,7 @@ def test_one_vector_has_no_error(waves):
         back.with_vectors(2)
 
 
-@pytest.mark.parametrize("moments", [24, 20_000])
+@pytest.mark.parametrize("moments", [24, 4000])
 def test_dos_of_a_small_network_is_that_of_its_modes(waves, dense, moments):
     found = waves.dos(moments=moments, vectors=1)
     kernel = Kernel(found.top, moments)
@@ -480,9 +480,7 @@ def test_uniform_motion_is_a_line_at_zero(waves):
 
 def test_wave_vectors_are_those_of_the_cell(waves):
     network = waves.network
-    with pytest.raises(
-        InputError, match=r"no wave vector of the periodic cell.*nearest is \("
-    ) as caught:
+    with pytest.raises(InputError, match=r"periodic cell.*nearest is \(") as caught:
         waves.spectral_function([100.0, 3.0])
     named = [
         float(one) for one in str(caught.value).split("nearest is (")[1].split(")")[0].split(",")
@@ -560,12 +558,12 @@ def test_network_with_ends_has_any_wave_vector(disordered):
         ({"q": [1.0]}, "shape"),
         ({"q": [[[0.0, 0.0]]]}, "shape"),
         ({"q": [math.nan, 0.0]}, "q"),
-        ({"polarisation": "shear"}, "longitudinal, transverse, rotational"),
-        ({"polarisation": [1.0]}, "2 displacements, or all 3 motions x, y, w"),
+        ({"polarisation": "shear"}, "transverse, rotational"),
+        ({"polarisation": [1.0]}, "2 .*3 motions x, y, w"),
         ({"polarisation": [0.0, 0.0]}, "not all zero"),
         ({"polarisation": [1.0, 0.0], "direction": (1, 0)}, "They say the same"),
         ({"polarisation": "transverse", "direction": "q"}, "is along q"),
-        ({"polarisation": "transverse", "direction": (0, 0, 1)}, "Balls move in x, y, w alone"),
+        ({"polarisation": "transverse", "direction": (0, 0, 1)}, "x, y, w alone"),
         ({"polarisation": "rotational", "direction": (1, 0, 0)}, "across all motions"),
         ({"direction": (0, 0), "polarisation": "transverse"}, "direction"),
         ({"direction": (0, 1)}, "moves along q"),
@@ -715,7 +713,7 @@ def test_wave_beyond_the_first_zone_is_the_wave_in_it(name, shape, across):
     assert np.linalg.norm(found.q[1]) > 1.5 * shortest[1]
     assert SpectralFunction.from_dict(found.to_dict()) == found
     still = waves.spectral_function(q_of(lattice, across)[:, :periods], motion, moments=64)
-    with pytest.raises(InputError, match="all balls move together, as at q = 0"):
+    with pytest.raises(InputError, match="together, as at q = 0"):
         _ = still.phase_velocity
 
 
@@ -871,7 +869,7 @@ def test_kwant_finds_the_same_density(waves):
 @pytest.mark.parametrize("far", [1e19, 1e160, -1.7e308])
 def test_wave_vectors_without_digits_are_refused(waves, far):
     for find in (waves.nearest_wavevectors, waves.spectral_function):
-        with pytest.raises(PrecisionError, match="digits within a turn are lost"):
+        with pytest.raises(PrecisionError, match=r"digits .* lost"):
             find([far, 0.0])
 
 
