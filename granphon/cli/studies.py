@@ -154,15 +154,7 @@ def fit_measurements(
     if not has_sound and (plan.packing.kind_names or plan.response is not None):
         TransferFunction.read(data, columns)  # names the column that a transfer function lacks
     packing = _require_one_packing("A fit", scene, plan)
-    # the direction of the option, else that of the scene
-    along: Sequence[float] | None = plan.directions[0] if len(plan.directions) == 1 else None
-    if direction is not None:
-        along = require("--direction", _read_direction, direction)
-    elif len(plan.directions) > 1:
-        why = "A fit takes sound along one direction"
-        raise InputError(
-            f"{scene} has {len(plan.directions)} directions", why, "Name one by --direction"
-        )
+    sound_direction = _choose_direction(scene, plan, direction)
     if len(plan.media) > 1:
         raise InputError(f"{scene} has several media", mend="Keep only the one to fit with")
     if "width" in parameters and not width:
@@ -189,7 +181,7 @@ def fit_measurements(
         frame,
         partial(convert_pressure, packing, plan.finite_overlap, medium, parameters),
         packing.structure.periods,
-        partial(convert_cutoff, packing, branch, along, plan.finite_overlap, parameters),
+        partial(convert_cutoff, packing, branch, sound_direction, plan.finite_overlap, parameters),
     )
     velocity_sigma = measured.sigma
     if sigma is not None:
@@ -206,7 +198,7 @@ def fit_measurements(
         medium=medium,
         parameters=tuple(dict.fromkeys(("width",) * width + parameters)),
         branch=branch,
-        direction=along,
+        direction=sound_direction,
         finite_overlap=plan.finite_overlap,
     )
 
@@ -226,6 +218,21 @@ def fit_measurements(
             f" or direction in {scene}"
         )
     _finish_fit(out, files, fit, (*notes, *fit.warnings), describe_fit(fit))
+
+
+def _choose_direction(scene: str, plan: Scene, option: str | None) -> Sequence[float] | None:
+    """Return the direction of the ``option``, else that of the scene; None if neither names one."""
+    from granphon.base.validation import require
+
+    if option is not None:
+        numbers: list[float] = require("--direction", _read_direction, option)
+        return numbers
+    if len(plan.directions) > 1:
+        why = "A fit takes sound along one direction"
+        raise InputError(
+            f"{scene} has {len(plan.directions)} directions", why, "Name one by --direction"
+        )
+    return plan.directions[0] if plan.directions else None
 
 
 def _fit_response(

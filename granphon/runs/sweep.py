@@ -176,29 +176,7 @@ def sweep(
         no_simulation(choices)
     directions = None if direction is None else _read_directions(direction, lattice)
 
-    # the waves in samples
-    waves = None
-    density = require("dos", truth, dos)
-    path_of_spectra = BandPath.default(lattice) if spectrum is not None else None
-    if spectrum is not None and not isinstance(spectrum, SpectrumSettings):
-        rules = wave_rules("spectrum", read=False) | {
-            "path": partial(BandPath.read, structure=lattice)
-        }
-        settings = require("spectrum", partial(block, rules=rules), spectrum)
-        path_of_spectra = settings.pop("path", path_of_spectra)
-        spectrum = SpectrumSettings(**settings)
-    if pulse is not None and not isinstance(pulse, PulseSettings):
-        read_pulse = partial(block, rules=wave_rules("pulse", read=False), needed=("frequency",))
-        pulse = PulseSettings(**require("pulse", read_pulse, pulse))
-    if pulse is not None and directions and isinstance(directions[0], tuple):
-        raise InputError("a pulse is asked for in several directions", mend="Give one direction")
-    if density or spectrum is not None or pulse is not None:
-        corners: tuple[Any, Any] = ((), ())
-        if path_of_spectra is not None:
-            corners = (path_of_spectra.paths, path_of_spectra.names)
-        pulse_direction = None if pulse is None else directions
-        waves = WaveSettings(density, spectrum, *corners, pulse, pulse_direction)
-
+    waves = _read_waves(dos, spectrum, pulse, directions, lattice)
     path_of_bands = None if bands is None else (bands, npoints, labels)
     observe = ["velocities"]
     if bands is not None:
@@ -268,6 +246,37 @@ def _read_directions(direction: ArrayLike, lattice: Lattice) -> tuple[Any, ...]:
         problem = f"the sweep has the direction {directions[index]} twice"
         raise InputError(problem, mend="Give each direction once")
     return directions
+
+
+def _read_waves(
+    dos: bool,
+    spectrum: SpectrumSettings | Mapping[str, Any] | None,
+    pulse: PulseSettings | Mapping[str, Any] | None,
+    directions: tuple[Any, ...] | None,
+    lattice: Lattice,
+) -> WaveSettings | None:
+    """Read the settings of waves in samples; None without waves."""
+    density = require("dos", truth, dos)
+    path: BandPath | None = None
+    if spectrum is not None:
+        path = BandPath.default(lattice)
+    if spectrum is not None and not isinstance(spectrum, SpectrumSettings):
+        rules = wave_rules("spectrum", read=False) | {
+            "path": partial(BandPath.read, structure=lattice)
+        }
+        settings = require("spectrum", partial(block, rules=rules), spectrum)
+        path = settings.pop("path", path)
+        spectrum = SpectrumSettings(**settings)
+    if pulse is not None and not isinstance(pulse, PulseSettings):
+        read_pulse = partial(block, rules=wave_rules("pulse", read=False), needed=("frequency",))
+        pulse = PulseSettings(**require("pulse", read_pulse, pulse))
+    if pulse is not None and directions and isinstance(directions[0], tuple):
+        raise InputError("a pulse is asked for in several directions", mend="Give one direction")
+    if not density and spectrum is None and pulse is None:
+        return None
+    corners = ((), ()) if path is None else (path.paths, path.names)
+    pulse_direction = None if pulse is None else directions
+    return WaveSettings(density, spectrum, *corners, pulse, pulse_direction)
 
 
 def sweep_grid(
