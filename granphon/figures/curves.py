@@ -79,7 +79,7 @@ MOST_LOOKS = len(COLOURS) * len(_DASHES)
 _SERVING = {"ala": "s", "afa": "v", "ema": "^"}
 #: looks of a line, and of marks, where the medium is not valid
 _OUTSIDE: dict[str, Any] = {"linewidth": 0.7, "dashes": (3.0, 1.5)}
-_HOLLOW = {"markerfacecolor": "white"}
+_HOLLOW: dict[str, Any] = {"markerfacecolor": "white"}
 #: sizes of marks: of points, and of marks for the medium that served
 _SIZE = 3.0
 _SERVING_SIZE = 3.6
