@@ -60,16 +60,13 @@ for friction, limits in ((True, {0.01: 0.38, 0.05: 0.15}), (False, {0.01: 0.525,
     assert np.all(np.diff(np.mean(ratio[friction], axis=1)) > 0.0)
     assert np.all(ratio[friction] < 1.0)
     for share, limit in limits.items():
-        loads_of_samples = [
+        forces = [
             np.exp(np.interp(-np.log(share), -np.log(1.0 - excess), np.log(FORCE)))
             for excess in ratio[friction].T
         ]
-        print(
-            f"{NAMES[friction]}, to {100.0 * share:.0f} % above f* ="
-            f" {np.mean(loads_of_samples):.3f}"
-        )
-        assert abs(np.mean(loads_of_samples) - limit) < 0.01
-        assert np.std(loads_of_samples, ddof=1) / np.sqrt(len(loads_of_samples)) < 0.01
+        print(f"{NAMES[friction]}, to {100.0 * share:.0f} % above f* = {np.mean(forces):.3f}")
+        assert abs(np.mean(forces) - limit) < 0.01
+        assert np.std(forces, ddof=1) / np.sqrt(len(forces)) < 0.01
 
 # %%
 # At :math:`f^*=0.08`, the limit of validity of the effective medium, :math:`\tilde\kappa` is 23 %

@@ -13,7 +13,14 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from granphon.figures.scales import POLARISATION, ROTATION, add_part_bar, hide_axes, styled_figure
+from granphon.figures.scales import (
+    POLARISATION,
+    ROTATION,
+    add_part_bar,
+    find_axis,
+    hide_axes,
+    styled_figure,
+)
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -462,16 +469,13 @@ def plot_dos(
     most = float(np.quantile(dos.total, _QUANTILE)) * unit.hertz
     top = 2.0 * most if 0.0 < most < peak / _PEAK else peak
     beyond = f"{gap}peaks to {peak:.2g}" if peak > top else ""
-    if horizontal:
-        frequency_axis, density_axis = ax.yaxis, ax.xaxis
-        has_numbers = frequency_axis.get_tick_params().get("labelleft", True)
-    else:
-        frequency_axis, density_axis = ax.xaxis, ax.yaxis
-        has_numbers = frequency_axis.get_tick_params().get("labelbottom", True)
+    tick_options = find_axis(ax, along).get_tick_params()
+    has_numbers = tick_options.get("labelleft" if horizontal else "labelbottom", True)
     frequency_label = f"Frequency ({name})" if has_numbers else ""
     density_label = f"DOS per ball{gap}(1/{name}){beyond}"
     ax.set(**{f"{along}label": frequency_label, f"{across}label": density_label})
     ax.set(**{f"{along}lim": (0.0, frequency[-1]), f"{across}lim": (0.0, 1.05 * top)})
+    density_axis = find_axis(ax, across)
     density_axis.set_major_locator(MaxNLocator("auto" if horizontal else 5, steps=[1, 2, 5, 10]))
     density_axis.set_major_formatter(lambda value, _: f"{value:g}")  # narrow: 0, not 0.00
     return ax

@@ -79,7 +79,7 @@ MOST_LOOKS = len(COLOURS) * len(_DASHES)
 _SERVING = {"ala": "s", "afa": "v", "ema": "^"}
 #: looks of a line, and of marks, where the medium is not valid
 _OUTSIDE: dict[str, Any] = {"linewidth": 0.7, "dashes": (3.0, 1.5)}
-_HOLLOW = {"markerfacecolor": "white"}
+_HOLLOW: dict[str, Any] = {"markerfacecolor": "white"}
 #: sizes of marks: of points, and of marks for the medium that served
 _SIZE = 3.0
 _SERVING_SIZE = 3.6
@@ -479,9 +479,8 @@ def read_curve(
     simulated = [label.partition("(")[0] == DirectSimulation.name for label in media]
     simulated = dataset.attrs.get("points", simulated)  # a fit is a line, whatever its medium
     units = tuple(str(dataset[name].attrs.get("units", "")) for name in (x, variable))
-    options: dict[str, Any] = next(
-        iter(json.loads(dataset.attrs.get("media", "[{}]"))[index["medium"]].values()), {}
-    )
+    media_of_sweep = json.loads(dataset.attrs.get("media", "[{}]"))  # {name: options} of each
+    options: dict[str, Any] = next(iter(media_of_sweep[index["medium"]].values()), {})
     return Curve(
         run,
         facts or {},
@@ -708,12 +707,17 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
 
 
 def _write_beside(ax: Axes, text: str, value: float, **options: Any) -> None:
-    place: dict[str, Any] = {
-        "xycoords": ax.get_yaxis_transform(),
-        "xytext": (3, 0),
-        "textcoords": "offset points",
-    }
-    ax.annotate(text, (1.0, value), va="center", annotation_clip=False, **place, **options)
+    """Write a text to the right of the Axes, at the ``value`` of y."""
+    ax.annotate(
+        text,
+        (1.0, value),
+        xycoords=ax.get_yaxis_transform(),
+        xytext=(3, 0),
+        textcoords="offset points",
+        va="center",
+        annotation_clip=False,
+        **options,
+    )
 
 
 def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None = None) -> Figure:
@@ -1245,7 +1249,7 @@ def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[
     label_kinds = list[list[str]]()
     heading_kinds = list[list[str]]()
     for curve in curves:
-        facts_of_run = [other.facts for other in curves if other.run == curve.run]
+        facts_of_run = [model.facts for model in curves if model.run == curve.run]
         kinds = [kind for kind in differing if kind in curve.facts]
         same = [kind for kind in kinds if len({facts.get(kind) for facts in facts_of_run}) == 1]
         if "name" in same:  # the name stands for all that is the same in the run
@@ -1272,10 +1276,10 @@ def _find_heading(
     """Return the kinds of the heading of another run whose facts the ``curve`` with facts of these
     ``kinds`` shares; empty without such a run.
     """
-    for other, headed in zip(curves, heading_kinds, strict=True):
-        is_part = headed and set(headed) < set(kinds)
-        if is_part and all(other.facts[kind] == curve.facts[kind] for kind in headed):
-            return headed
+    for headed, heading in zip(curves, heading_kinds, strict=True):
+        is_part = heading and set(heading) < set(kinds)
+        if is_part and all(headed.facts[kind] == curve.facts[kind] for kind in heading):
+            return heading
     return []
 
 

@@ -226,7 +226,7 @@ def plot_surface(
             ax.plot(y, values * unit.hertz, color=colour, linewidth=0.9, label=f"${letter}$")
         for low, high in edges[0]:
             ax.axvspan(low, high, color="0.9", linewidth=0.0, zorder=0.0)
-        waves = [] if drawn_branches is None else drawn_branches.frequencies / unit.hertz
+        waves = np.zeros(0) if drawn_branches is None else drawn_branches.frequencies / unit.hertz
         for number, frequency in enumerate(waves):
             ax.axvline(
                 frequency,
@@ -668,7 +668,7 @@ def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, A
     Of more than six receivers, such as those of a plane, each is a thin grey line, and their mean
     is a strong line.
     """
-    lines: list[tuple[Array, Any, float, str]]
+    lines: list[tuple[NDArray[Any], Any, float, str]]
     if len(response.receivers) <= _FEW:
         balls = zip(response.values.T, COLOURS, response.receivers, strict=False)
         lines = [(values, colour, 1.2, f"ball {ball}") for values, colour, ball in balls]

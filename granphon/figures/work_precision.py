@@ -150,9 +150,9 @@ def _label_points(ax: Axes, points: Sequence[MeasuredPoint], slowest: float, col
     labelled: list[MeasuredPoint] = []
     for point in points if len(points) > 1 else ():
         is_close = any(
-            abs(math.log10(point.seconds / other.seconds)) <= _CLOSE_TIMES
-            and abs(math.log10(point.error / other.error)) <= _CLOSE_ERRORS
-            for other in labelled
+            abs(math.log10(point.seconds / neighbour.seconds)) <= _CLOSE_TIMES
+            and abs(math.log10(point.error / neighbour.error)) <= _CLOSE_ERRORS
+            for neighbour in labelled
         )
         if is_close:
             continue
