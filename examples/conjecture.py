@@ -70,10 +70,8 @@ for friction, limits in ((True, {0.01: 0.38, 0.05: 0.15}), (False, {0.01: 0.525,
 
 # %%
 # At :math:`f^*=0.08`, the limit of validity of the effective medium, :math:`\tilde\kappa` is 23 %
-# less than
-# :math:`\eta\tilde k`; at 0.008 it is zero. But where contacts are open, friction also stiffens the
-# array against
-# compression: at 0.08 by 4 to 5 %.
+# less than :math:`\eta\tilde k`; at 0.008 it is zero. But where contacts are open, friction also
+# stiffens the array against compression: at 0.08 by 4 to 5 %.
 
 eta = packings[True].mindlin_ratio
 kappa = {f: ratio[f] * (1.0 + packings[f].mindlin_ratio) - 1.0 for f in NAMES}
@@ -84,10 +82,9 @@ assert stiffer[-1] < 1e-5
 
 # %%
 # Two effects compensate for the missing :math:`\tilde\kappa`: this stiffening, and at low load a k
-# above that of the
-# medium. So the transverse velocity of the medium is right at all loads. Its longitudinal velocity
-# is right down to
-# :math:`f^*=0.15`, and too low at lower loads. Without friction there is no such compensation.
+# above that of the medium. So the transverse velocity of the medium is right at all loads. Its
+# longitudinal velocity is right down to :math:`f^*=0.15`, and too low at lower loads. Without
+# friction there is no such compensation.
 
 velocity = {}
 error = {}

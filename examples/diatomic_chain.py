@@ -24,8 +24,7 @@ gaps = np.array([gp.Phonons(state).gaps()[0] for state in chain.at_force(forces)
 
 # %%
 # Closed forms, with the stiffness k of all contacts: the edges of the gap are :math:`\omega^2=2k/M`
-# of the heavy ball and
-# :math:`2k/m` of the light one, and the top is :math:`2k(1/M+1/m)`.
+# of the heavy ball and :math:`2k/m` of the light one, and the top is :math:`2k(1/M+1/m)`.
 
 state = chain.at_force(20.0)
 k = state.normal_stiffness[0]

@@ -34,8 +34,7 @@ smooth, rough = (
 
 # %%
 # Equations 13 to 15 of the paper: :math:`v_L^2=\frac98(1+\eta/3)`, :math:`v_T^2=\frac38(1+\eta)`
-# and
-# :math:`\omega_R^2=30\eta`, in units of :math:`d`, :math:`k` and :math:`M`.
+# and :math:`\omega_R^2=30\eta`, in units of :math:`d`, :math:`k` and :math:`M`.
 
 eta = steel.mindlin_ratio
 (slow_l, slow_t), (fast_l, fast_t) = (

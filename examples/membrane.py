@@ -35,9 +35,8 @@ eta = steel.mindlin_ratio
 
 # %%
 # Long flexural waves of the triangular membrane, with :math:`\tau` and :math:`\beta` the stiffness
-# of torsion and bending
-# over :math:`kd^2`: :math:`\omega^2=\frac38(3\beta+\tau)\,(qd)^4\,k/M` in every direction. With
-# neither of the two,
+# of torsion and bending over :math:`kd^2`: :math:`\omega^2=\frac38(3\beta+\tau)\,(qd)^4\,k/M` in
+# every direction. With neither of the two,
 # :math:`\omega=\sqrt{\eta/768}\,(qd)^3\,|\cos3\theta|\,(k/M)^{1/2}`, where :math:`\theta` is the
 # angle from Γ-K.
 

@@ -56,8 +56,7 @@ assert np.allclose([force[4], rough_force[4]], [-0.32, -0.40], atol=0.03)
 
 # %%
 # At a given force that few contacts carry, the array is stiffer than either medium predicts: by
-# half at
-# :math:`f^*=0.011`.
+# half at :math:`f^*=0.011`.
 
 stiffness = [
     simulated.normal_stiffness / medium.at_force(simulated.force).normal_stiffness
@@ -78,10 +77,8 @@ assert abs(np.mean(zero)) < 3.0 * error
 
 # %%
 # The effective medium is between the averaged lattice and the averaged force. At high pressure all
-# agree, with
-# :math:`x=a^*-\frac12` as :math:`f^*=x^{3/2}(1+r/64x^2)`, where r is 0, 1, and :math:`\Xi/(1+\Xi)`
-# for the effective
-# medium.
+# agree, with :math:`x=a^*-\frac12` as :math:`f^*=x^{3/2}(1+r/64x^2)`, where r is 0, 1, and
+# :math:`\Xi/(1+\Xi)` for the effective medium.
 
 spacing = {
     medium: sweep.reduced_spacing.sel(friction=False, medium=medium).values

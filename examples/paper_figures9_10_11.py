@@ -62,10 +62,9 @@ assert abs(at_limit.contact_fraction - 0.873) < 0.003
 
 # %%
 # In the medium with friction the fluctuation is near 0.6 at the limit of validity, and no contact
-# is open above
-# :math:`f^*=0.3`. There is no change of regime there: the stiffness is still 4 % below that of the
-# ideal lattice. The
-# averaged force gives too large fluctuations, and balls without friction give way most.
+# is open above :math:`f^*=0.3`. There is no change of regime there: the stiffness is still 4 %
+# below that of the ideal lattice. The averaged force gives too large fluctuations, and balls
+# without friction give way most.
 
 LINES = (
     ("afa", True, "averaged force", "#009E73"),

@@ -65,11 +65,9 @@ assert np.all(count(fcc, rng.uniform(0.05, 0.45, (99, 3))) == 0)
 
 # %%
 # A little stiffness against bending and torsion is enough: with a hundredth of :math:`kd^2` of
-# each, the gears of the
-# body-centred crystal have a frequency of 17 kHz. If neighbours spin in opposite directions, a
-# third of the squared
-# difference of their rotations is twist, and the rest is roll; with the moment of inertia
-# :math:`Md^2/10`,
+# each, the gears of the body-centred crystal have a frequency of 17 kHz. If neighbours spin in
+# opposite directions, a third of the squared difference of their rotations is twist, and the rest
+# is roll; with the moment of inertia :math:`Md^2/10`,
 # :math:`\omega^2=\frac{160}3(\tau+2\beta)\,k/M`.
 
 glued = crystal("bcc", torsion=0.01, bending=0.01)

@@ -25,10 +25,9 @@ smooth, rough = (
 
 # %%
 # The squared velocities follow from three elastic constants,
-# :math:`C_{11}=2C_{44}=\sqrt2\,k(1+\eta)/d` and
-# :math:`C_{12}=k(1-\eta)/(\sqrt2\,d)`. The ratio
-# :math:`2C_{44}/(C_{11}-C_{12})=2(1+\eta)/(1+3\eta)` is 1 where sound is
-# isotropic: it is 2 without friction, and 1.05 for rough steel.
+# :math:`C_{11}=2C_{44}=\sqrt2\,k(1+\eta)/d` and :math:`C_{12}=k(1-\eta)/(\sqrt2\,d)`. The ratio
+# :math:`2C_{44}/(C_{11}-C_{12})=2(1+\eta)/(1+3\eta)` is 1 where sound is isotropic: it is 2 without
+# friction, and 1.05 for rough steel.
 
 directions = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
 for name, state in (("smooth", smooth), ("rough", rough)):
