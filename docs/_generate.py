@@ -12,12 +12,13 @@ meaning yet is an error.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import re
 import sys
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from functools import partial
 from importlib import import_module
@@ -57,7 +58,7 @@ from granphon.base.tables import Table
 from granphon.base.text import plain_yaml
 from granphon.cli.commands import app
 from granphon.cli.commands import main as granphon
-from granphon.fits.fit import FIT_FILES
+from granphon.fits.fit import FIT_FILES, WidthFit
 from granphon.media.choice import MEDIA
 from granphon.media.simulation import DEFAULT_SHAPES
 from granphon.media.state import ContactState
@@ -119,6 +120,9 @@ SCENES = {
     "chains": "packing: {diameter: 8 mm, lattice: chain, motions: all, torsion: 0.01, bending:"
     " 0.01}\n"
     "load: {force: [5 N, 9 N]}",
+    "chain": "packing: {diameter: 8 mm, lattice: chain, motions: all, torsion: 0.01, bending:"
+    " 0.01}\nload: {force: 5 N}",
+    "membrane": "packing: {diameter: 8 mm, motions: all, bending: 0.01}\nload: {force: 5 N}",
     "membranes": "packing: {diameter: 8 mm, motions: all, bending: 0.01}\nload: {force: [5 N,"
     " 9 N]}",
     "waves": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [20 N, 40 N]}\n"
@@ -449,11 +453,16 @@ def _as_code(text: str) -> str:
 
 
 def files() -> str:
-    """Which file is written when."""
-    rows = [
-        [f"`{name}`", *meaning(FILES, name)]
-        for name in (*RESULT_FILES, *FIT_FILES, *TRADEOFF_FILES)
-    ]
+    """Which file is written when: files of one stem share a row, if none of them has its own."""
+    endings: dict[str, list[str]] = {}
+    for name in (*RESULT_FILES, *FIT_FILES, *TRADEOFF_FILES):
+        stem, _, ending = name.rpartition(".")
+        endings.setdefault(name if name in FILES else stem, []).append(ending)
+    rows = []
+    for name, (first, *others) in endings.items():
+        whole = name if name in FILES and "." in name else f"{name}.{first}"
+        shown = ", ".join([f"`{whole}`", *(f"`.{ending}`" for ending in others)])
+        rows.append([shown, *meaning(FILES, name)])
     return table(("file", "written for", "what is in it"), rows)
 
 
@@ -490,10 +499,10 @@ class Results:
         units: Mapping[str, str] | None = None,
         words: Mapping[str, str] | None = None,
     ) -> list[str]:
-        """Field, unit, kind, meaning: by ``units`` and ``words``, or by those of all files."""
+        """A field with its unit or kind, and its meaning."""
         unit = (units or {}).get(name, UNITS.get(name, ""))
         said = meaning(MEANINGS | dict(words or {}), name)
-        return [f"`{name}`", "" if isinstance(value, str | bool) else unit, kind(value), said]
+        return [name_with(name, describe(value, unit)), said]
 
 
 def _do(*words: str) -> None:
@@ -504,23 +513,38 @@ def _do(*words: str) -> None:
         raise SystemExit(f"docs/_generate.py: granphon {' '.join(words)}: {said.getvalue()}")
 
 
+def name_with(name: str, unit: str) -> str:
+    """A name with its unit, as tables head their columns; plain numbers have none."""
+    return f"`{name}`" if unit in ("", "1", "number") else f"`{name}` ({unit})"
+
+
+def describe(value: Any, unit: str) -> str:
+    """The unit of a number, or what else stands in a file; several are a list."""
+    name = kind(value)
+    if name == "number":
+        return unit
+    return f"{name}, {unit}" if name in ("numbers", "matrix") and unit not in ("", "1") else name
+
+
 def kind(value: Any) -> str:
     """What sort of value stands in a file."""
     if isinstance(value, bool):
-        return "true or false"
+        return "boolean"
     if isinstance(value, list):
         # those that are empty here hold sentences
         inner = kind(value[0]) if value else "text"
-        return "matrix" if inner.startswith("list") else f"list of {inner}s"
+        return "matrix" if inner.endswith("s") else f"{inner}s"
     return {dict: "block", str: "text", float: "number", int: "number", type(None): "text"}[
         type(value)
     ]
 
 
 #: the scenes of one state, and of many
-ONE = ("all", "ema", "square", "array", "squeezed", "choice", "cube", "loaded")
+ONE = ("all", "ema", "square", "array", "squeezed", "choice", "chain", "membrane", "cube", "loaded")
 MANY = ("sweep", "arrays", "choices", "squares", "chains", "membranes", "waves", "crystals", "path")
-HEADS = ("field", "unit", "kind", "what it is")
+HEADS = ("field (unit or kind)", "what it is")
+#: dimensions that together are those of the states of a sweep
+STATES = {"load", "medium", *PARAMETERS}
 
 
 def merged(*parts: Mapping[str, Any]) -> dict[str, Any]:
@@ -542,78 +566,157 @@ def in_order(*parts: Mapping[str, Any]) -> list[str]:
     return names
 
 
-def columns(of: Table, words: Mapping[str, str]) -> str:
-    """The columns of a table, with the units of their headings or those of all files."""
+def columns(of: Table, words: Mapping[str, str], said: Container[str] = ()) -> str:
+    """The columns of a table that were not ``said``, with the units of their headings or those of
+    all files.
+    """
     rows = (
-        [f"`{one.name}`", one.unit or UNITS.get(one.name, ""), meaning(words, one.name)]
+        [name_with(one.name, one.unit or UNITS.get(one.name, "")), meaning(words, one.name)]
         for one in of.headings
+        if one.name not in said
     )
-    return table(("column", "unit", "what it is"), rows)
+    return table(("column (unit)", "what it is"), rows)
 
 
-def summary(results: Results) -> str:
-    """Fields of summary.yaml, of all scenes of one state and of many."""
+def is_error(name: str, names: Iterable[str]) -> bool:
+    """Whether ``name`` is the standard error of another quantity."""
+    return name.endswith("_error") and name.removesuffix("_error") in names
+
+
+def variables(results: Results) -> dict[str, tuple[tuple[str, ...], str, str]]:
+    """The dimensions, the unit and the meaning of each variable of ``sweep.nc``; the dimensions of
+    the states are left out.
+    """
+    found = {}
+    for name in in_order(*(dataset.variables for dataset in results.sweeps)):
+        array = next(dataset[name] for dataset in results.sweeps if name in dataset.variables)
+        dimensions = tuple(str(dim) for dim in array.dims if dim not in STATES)
+        said = array.attrs.get("long_name", "") or meaning(SWEPT, name)
+        found[name] = dimensions, array.attrs.get("units", ""), said
+    return found
+
+
+def summaries(results: Results) -> tuple[list[str], dict[str, Any], dict[str, str]]:
+    """The fields of ``summary.yaml`` in their order, a value of each, and their units."""
     ones = [results.yaml(name, "summary.yaml") for name in ONE]
     many = [results.yaml(name, "summary.yaml") for name in MANY]
     units = merged(*(one["units"] for one in (*ones, *many)))
-    values = merged(*ones, *many)
-    rows = [results.row(name, values[name], units) for name in in_order(*ones)]
     extra = [name for name in in_order(*many) if not any(name in one for one in ones)]
-    return table(HEADS, rows + [results.row(name, values[name], units) for name in extra])
+    return in_order(*ones) + extra, merged(*ones, *many), units
+
+
+def list_quantities(results: Results) -> list[str]:
+    """Names of what each state has one of, in the summary, the data set and the table; an error if
+    the table has other columns than one for each of them and for the coordinates.
+    """
+    found = variables(results)
+    # a load is a coordinate of some data sets, and a quantity of the others
+    quantities = {str(name) for dataset in results.sweeps for name in dataset.data_vars}
+    names = [name for name, (dimensions, *_) in found.items() if not dimensions]
+    heads = {
+        heading.name
+        for scene in MANY
+        for heading in Table.read(results.folder / scene / "sweep.csv").headings
+    }
+    fields, *_ = summaries(results)
+    if heads != set(names):
+        raise SystemExit(f"docs/_generate.py: sweep.csv is not as said: {heads ^ set(names)}")
+    listed = [name for name in names if name in quantities]
+    if lost := {name for name in listed if not is_error(name, found)} - set(fields):
+        raise SystemExit(f"docs/_generate.py: summary.yaml has no {lost}")
+    return listed
+
+
+def quantities(results: Results) -> str:
+    """Numbers of a state; standard errors are one row."""
+    found = variables(results)
+    fields, _, units = summaries(results)
+    names = list_quantities(results)
+    rows = [
+        [name_with(name, unit), said]
+        for name, (_, unit, said) in found.items()
+        if name in names and not is_error(name, found)
+    ]
+    every = [name for name in in_order(found, fields) if is_error(name, {*found, *fields})]
+    for name in every:
+        unit = found[name][1] if name in found else units[name]
+        of = name.removesuffix("_error")
+        if unit != (found[of][1] if of in found else units[of]):
+            raise SystemExit(f"docs/_generate.py: {name} has another unit than {of}")
+    errors = ", ".join(f"`{name}`" for name in every)
+    rows.append([errors, "standard error over samples, in the unit of the quantity"])
+    return table(("quantity (unit)", "what it is"), rows)
+
+
+def summary(results: Results) -> str:
+    """Fields that summary.yaml has besides the quantities."""
+    fields, values, units = summaries(results)
+    shared = {*list_quantities(results), "tensor"}
+    rows = [
+        results.row(name, values[name], units)
+        for name in fields
+        if name not in shared and not is_error(name, shared)
+    ]
+    return table(HEADS, rows)
 
 
 def sweep_fields(results: Results) -> str:
-    """Variables of sweep.nc, and which of them are columns of sweep.csv."""
-    heads = set()
-    for name in MANY:
-        heads |= {
-            heading.name for heading in Table.read(results.folder / name / "sweep.csv").headings
-        }
+    """Variables that sweep.nc has besides the quantities, by their dimensions."""
+    found = variables(results)
+    fields, *_ = summaries(results)
+    said_above = {*list_quantities(results), *fields} - {"tensor", *PARAMETERS}
+    groups: dict[str, list[list[str]]] = {}
+    for name, (dimensions, unit, said) in found.items():
+        if is_error(name, found) or name in said_above:
+            continue
+        if dimensions == (name,):
+            dimensions = ()
+        head = ", ".join(f"`{dim}`" for dim in dimensions) or "coordinates"
+        shown = name_with(name, unit) + (", or another parameter" if name in PARAMETERS else "")
+        groups.setdefault(head, []).append([shown, said])
     rows = []
-    for name in in_order(*(dataset.variables for dataset in results.sweeps)):
-        (variable, *_) = (dataset[name] for dataset in results.sweeps if name in dataset.variables)
-        long_name = variable.attrs.get("long_name", "")
-        unit = variable.attrs.get("units", "")
-        axes = ", ".join("parameters" if dim in PARAMETERS else str(dim) for dim in variable.dims)
-        shown = f"`{name}`" + (", or another parameter" if name in PARAMETERS else "")
-        rows.append(
-            [shown, unit, axes, "yes" if name in heads else "", long_name or meaning(SWEPT, name)]
-        )
-    return table(("variable", "unit", "dimensions", "in sweep.csv", "what it is"), rows)
+    for head, members in groups.items():
+        rows.append([f"*{head}*", ""])
+        for said, same in itertools.groupby(members, key=lambda row: row[1]):
+            rows.append([", ".join(row[0] for row in same), said])
+    return table(("variable (unit), by its *dimensions*", "what it is"), rows)
 
 
 def sweep_attributes(results: Results) -> str:
-    """Global attributes of sweep.nc."""
+    """Global attributes of sweep.nc that are no fields of summary.yaml, or mean something else."""
+    fields, *_ = summaries(results)
     names = in_order(*(dataset.attrs for dataset in results.sweeps))
-    return table(
-        ("attribute", "what it is"), ([f"`{name}`", meaning(ATTRIBUTES, name)] for name in names)
-    )
+    rows = [
+        [f"`{name}`", meaning(ATTRIBUTES, name)]
+        for name in names
+        if name in ATTRIBUTES or name not in fields
+    ]
+    return table(("attribute", "what it is"), rows)
+
+
+def shared_block(results: Results) -> dict[str, Any]:
+    """The block ``granphon`` of band.yaml, without what is as in summary.yaml."""
+    found = [results.yaml(name, "band.yaml")["granphon"] for name in ("all", "crystal")]
+    fields, *_ = summaries(results)
+    values = merged(*found)
+    return {name: values[name] for name in in_order(*found) if name not in fields}
 
 
 def band_fields(results: Results) -> str:
-    """The block ``granphon`` of band.yaml."""
-    blocks = [results.yaml(name, "band.yaml")["granphon"] for name in ("all", "crystal")]
-    values = merged(*blocks)
-    return table(
-        HEADS, (results.row(name, values[name], words=BANDED) for name in in_order(*blocks))
-    )
+    """The block ``granphon`` of band.yaml, without what is as in summary.yaml."""
+    block = shared_block(results)
+    return table(HEADS, (results.row(name, value, words=BANDED) for name, value in block.items()))
 
 
 def phonopy_fields(results: Results) -> str:
     """What the block ``granphon`` of phonopy_params.yaml has besides."""
     text = (results.folder / "all" / "phonopy_params.yaml").read_text(encoding="utf-8")
-    block = plain_yaml(
-        "".join(itertools.takewhile(str.strip, text.splitlines(keepends=True))), "head"
-    )["granphon"]
+    head = "".join(itertools.takewhile(str.strip, text.splitlines(keepends=True)))
+    block = plain_yaml(head, "head")["granphon"]
     shared = results.yaml("all", "band.yaml")["granphon"]
     return table(
         HEADS, (results.row(name, value) for name, value in block.items() if name not in shared)
     )
-
-
-def dos_fields(results: Results) -> str:
-    """Columns of dos.csv."""
-    return columns(Table.read(results.folder / "all" / "dos.csv"), MEANINGS)
 
 
 def sample_fields(results: Results) -> str:
@@ -627,33 +730,36 @@ def sample_fields(results: Results) -> str:
     rows = []
     for name, count in names:
         said, unit = SAMPLE.get(name, (MEANINGS.get(name), UNITS.get(name, "")))
-        rows.append(
-            [
-                f"`{name}`",
-                unit,
-                f"{count} for each ball" if count > 1 else "one for each ball",
-                said or meaning(MEANINGS, name),
-            ]
-        )
+        several = str(count) if count > 1 else ""
+        cell = ", ".join(filter(None, (several, unit)))
+        rows.append([name_with(name, cell), said or meaning(MEANINGS, name)])
+    rows.append(["*of the sample*", ""])
+    shared = shared_block(results)
     for name in re.findall(r" (\w+)=(?!\")", head):
-        if name not in ("Lattice", "Properties", "pbc"):
-            rows.append(
-                [f"`{name}`", UNITS.get(name, ""), "of the sample", meaning(MEANINGS, name)]
-            )
-    return table(("array or number", "unit", "how many", "what it is"), rows)
+        if name not in ("Lattice", "Properties", "pbc", *shared):
+            rows.append([name_with(name, UNITS.get(name, "")), meaning(MEANINGS, name)])
+    return table(("of each ball (unit)", "what it is"), rows)
 
 
 def fit_fields(results: Results) -> str:
-    """Fields of fit.yaml, then the columns of fit.csv that are not among them."""
+    """What fit.yaml has besides the attributes of its class, and besides what is as in
+    summary.yaml.
+    """
     data = results.yaml("fit", "fit.yaml")
-    return table(
-        HEADS, (results.row(name, value, data["units"], FITTED) for name, value in data.items())
-    )
+    fields, *_ = summaries(results)
+    fields = {*fields, *dir(WidthFit), *(field.name for field in dataclasses.fields(WidthFit))}
+    rows = [
+        results.row(name, value, data["units"], FITTED)
+        for name, value in data.items()
+        if name not in fields
+    ]
+    return table(HEADS, rows)
 
 
 def fit_columns(results: Results) -> str:
-    """Columns of fit.csv."""
-    return columns(Table.read(results.folder / "fit" / "fit.csv"), MEANINGS)
+    """Columns that fit.csv has besides the fields of fit.yaml."""
+    fields = results.yaml("fit", "fit.yaml")
+    return columns(Table.read(results.folder / "fit" / "fit.csv"), MEANINGS, fields)
 
 
 def tradeoff_columns(results: Results) -> str:
@@ -726,12 +832,12 @@ PLAIN = (
     files,
 )
 READ = (
+    quantities,
     summary,
     sweep_fields,
     sweep_attributes,
     band_fields,
     phonopy_fields,
-    dos_fields,
     sample_fields,
     fit_fields,
     fit_columns,

@@ -89,161 +89,96 @@ RANGE = {
     "points": "how many, both ends counted",
     "scale": "how they are spaced",
 }
+#: what is in a file, by its name, or in all files of one stem
 FILES = {
-    "scene.yaml": (
-        "always",
-        "the scene with every default written out, in SI units, and the versions of the software",
+    "scene.yaml": ("every run", "the scene in SI units with every default, and versions"),
+    "summary.yaml": ("every run", "[the numbers](#quantities-of-a-state)"),
+    "sweep": (
+        "every run",
+        "[every state](#sweepnc-and-sweepcsv), also a single one: netCDF for xarray, and a table",
     ),
-    "summary.yaml": ("always", "the numbers, see [below](#summaryyaml)"),
-    "band.yaml": ("`bands`", "bands in phonopy's format, see [below](#bandyaml)"),
+    "sweep.png": (
+        "a sweep of at most one parameter",
+        "velocities and exponents over the load",
+    ),
+    "sweep_dos": ("`dos`, a sweep", "densities of states of the arrays"),
+    "sweep_spectra": ("`spectrum`, a sweep", "[lines of plane waves](#waves-in-arrays)"),
+    "band.yaml": ("`bands`, one state", "[bands](#bandyaml) in phonopy's format"),
     "phonopy_params.yaml": (
-        "`bands`",
-        "force constants for phonopy and Euphonic, see [below](#phonopy_paramsyaml)",
+        "`bands`, one state",
+        "[force constants](#phonopy_paramsyaml) for phonopy and Euphonic",
     ),
     "damped_bands.csv": (
-        "`bands` with a block `bands`",
-        "bands, and frequency, decay and Q of these with losses",
-    ),
-    "dos.csv": ("`dos`", "density of states, see [below](#doscsv)"),
-    "sample.extxyz": (
-        "a simulation at one load",
-        "the balls of the first sample, see [below](#sampleextxyz)",
-    ),
-    "sample_balls.csv": (
-        "a simulation with `friction_history` at one load",
-        "the balls of the first sample, see [below](#sample_ballscsv-and-sample_contactscsv)",
-    ),
-    "sample_contacts.csv": (
-        "the same",
-        "its contacts that carry load, with normal and tangential forces",
+        "the same with a block `bands`",
+        "bands, and frequency, decay and Q with losses",
     ),
     "bands.png": (
-        "`bands`",
-        "the bands, with the density of states beside them if it was asked for; branches that"
-        " coincide are one thick line",
+        "`bands`, one state",
+        "the bands, with the density of states if asked for",
     ),
-    "dos.png": ("`dos` without `bands`", "the density of states"),
-    "surface.json": (
-        "`surface`",
-        "spectrum of the outer layer, and waves of the edge, for `gp.SurfaceSpectrum.from_dict`",
-    ),
-    "surface.csv": (
-        "`surface`",
-        "the waves of the edge, a row for each: frequency, width, energy in the outer layers",
-    ),
-    "surface.png": (
-        "`surface`",
-        "the map of the spectrum, with the edges of the bands and the waves on it",
-    ),
-    "sample_dos.json": (
-        "`dos`, a simulation",
-        "density of states of the first sample, for `gp.SpectralDensity.from_dict`",
-    ),
-    "sample_dos.csv": ("`dos`, a simulation", "the same as a table, with the standard error"),
-    "sample_dos.png": ("`dos`, a simulation", "the same as a figure"),
-    "spectrum.json": (
-        "`spectrum`",
-        "spectral functions of the first sample along the path, and bands of the mean lattice",
-    ),
-    "spectrum.csv": (
-        "`spectrum`",
-        "their peaks, widths, mean free paths and attenuation, for each wave vector",
-    ),
-    "spectrum.png": (
-        "`spectrum`",
-        "the map of the spectral function, with the bands, peaks and widths on it",
-    ),
-    "pulse.json": (
-        "`pulse`",
-        "what was sent and heard, ball by ball, as `gp.Pulse.from_dict` reads",
-    ),
-    "pulse.csv": (
-        "`pulse`",
-        "over time: the force that was sent, the coherent signal, the rms of the speckle",
-    ),
-    "pulse.png": ("`pulse`", "seismogram, and the coherent part beside the speckle"),
-    "motion.csv": ("`motion`", "energies and the greatest force, a row for each state and time"),
-    "motion_contacts.csv": (
-        "`motion` of one state",
-        "the contacts: when a wave comes, and their greatest force",
-    ),
-    "motion.nc": (
-        "`motion` of one state",
-        "the balls at all times, their network, and forces of contacts",
-    ),
-    "motion.png": (
-        "`motion`",
-        "the motion and its energies; of several states the greatest force and the kinetic energy",
-    ),
-    "response.csv": (
-        "`response`",
-        "magnitude and phase, a row for each state, frequency and place of the receiver",
-    ),
-    "response.png": (
-        "`response`",
-        "magnitude and phase over frequency; of six loads and more a map of load and frequency",
-    ),
+    "dos.csv": ("`dos`, one state", "[density of states](#doscsv)"),
+    "dos.png": ("the same without `bands`", "the same"),
+    "sample.extxyz": ("a simulation, one state", "[balls of the first sample](#sampleextxyz)"),
     "forces.png": (
-        "a simulation at one load",
-        "force chains in the first sample, and how forces are distributed in all",
+        "a simulation, one state",
+        "force chains, distribution of forces",
     ),
-    "sweep.nc": (
-        "every run",
-        "every state, as a data set for xarray (netCDF), see [below](#sweepnc-and-sweepcsv)",
+    "sample_balls.csv": (
+        "the same with `friction_history`",
+        "[balls of the first sample](#sample_ballscsv-and-sample_contactscsv)",
     ),
-    "sweep.csv": ("every run", "the same as a table, without tensors and bands"),
-    "sweep.png": (
-        "a sweep of no more than one parameter",
-        "velocities and exponents over the load, and those of pulses",
+    "sample_contacts.csv": ("the same", "its contacts that carry load"),
+    "sample_dos": (
+        "`dos`, a simulation, one state",
+        "density of states of the first sample: `gp.SpectralDensity.from_dict`",
     ),
-    "sweep_incomplete.nc": (
-        "a sweep with a path that ends early",
-        "the loads that all media have reached, as `sweep.nc`",
+    "spectrum": (
+        "`spectrum`, one state",
+        "spectral functions of the first sample; their peaks, widths, mean free paths; map",
     ),
-    "sweep_incomplete.csv": ("the same", "the same as a table"),
-    "sweep_dos.csv": (
-        "`dos`, a sweep",
-        "densities of states of the arrays, a row for each state and frequency",
+    "pulse": (
+        "`pulse`, one state",
+        "what was sent and heard: `gp.Pulse.from_dict`; force, coherent signal, speckle; figure",
     ),
-    "sweep_dos.png": ("`dos`, a sweep", "the same as a figure, with bands of standard errors"),
-    "sweep_spectra.csv": (
-        "`spectrum`, a sweep",
-        "lines of plane waves, a row for each, see [below](#waves-in-arrays)",
+    "surface": (
+        "`surface`, one state",
+        "spectrum of the outer layer: `gp.SurfaceSpectrum.from_dict`; waves of the edge; map",
     ),
-    "sweep_spectra.png": (
-        "`spectrum`, a sweep",
-        "dispersion, with the widths as bars, and attenuation over frequency",
+    "response": ("`response`", "magnitude and phase for each state, frequency and receiver"),
+    "motion": ("`motion`", "energies and the greatest force for each state and time"),
+    "motion.nc": (
+        "`motion`, one state",
+        "balls at all times, network, forces of contacts",
     ),
-    "diameters.csv": ("a measured spread of more than 1000 balls", "`diameter (m)`: the diameters"),
-    "fit.yaml": ("`granphon fit`", "the fit, see [below](#fityaml-and-fitcsv)"),
-    "fit.csv": ("`granphon fit`", "data and fit"),
-    "fit.png": ("`granphon fit`", "data, fit, equal balls, and residuals"),
-    "tradeoff.csv": ("`granphon tradeoff`", "errors and costs, see [below](#tradeoffcsv)"),
-    "tradeoff.png": ("`granphon tradeoff`", "error over time"),
+    "motion_contacts.csv": (
+        "`motion`, one state",
+        "of each contact arrival and greatest force",
+    ),
+    "sweep_incomplete": (
+        "a path that ends early",
+        "the loads that all media reached, as `sweep`",
+    ),
+    "diameters.csv": ("a measured spread of more than 1000 balls", "`diameter (m)`"),
+    "fit": ("`granphon fit`", "[the fit](#fityaml-and-fitcsv)"),
+    "tradeoff": ("`granphon tradeoff`", "[errors and costs](#tradeoffcsv); error over time"),
 }
 #: fields of output files that are not observables
 FIELDS = {
     "schema": "version of the file's format",
-    "versions": "versions of granphon and of the packages that the computation used",
-    "source": "name of the scene file",
-    "observe": "what was computed, as the scene asked for",
+    "versions": "versions of granphon and of the packages used",
+    "source": "the scene file",
+    "observe": "what the scene asked for",
     "finite_overlap": "whether terms of relative order overlap/diameter were kept; a list if media"
-    " of a sweep differ",
+    " differ",
     "medium": "the medium, with its options",
     "local_field": "α, β and Ξ of the effective medium",
-    "ok": "whether all checks under `validity` are passed",
-    "validity": "the limits of the model: name, meaning, value, limit, and whether it is kept",
+    "ok": "whether all checks of `validity` are passed; `valid` is of the medium alone",
+    "validity": "the limits of the model, each with its value and whether it is kept",
     "warnings": "a sentence for each limit that is passed",
-    "files": "the files of this run; `--force` replaces these",
+    "files": "the files of this run",
     "units": "the unit of each number above",
     "sizes": "number of values of each dimension of a sweep",
     "states": "number of states of a sweep",
-    "peaks": "peaks of the response at each place of the receiver: frequency, height and Q,"
-    " which are nan if not resolved",
-    "frequency_Hz": "frequency",
-    "total_per_Hz": "density of states of a ball",
-    "translational_per_Hz": "the part of it that is translation",
-    "rotational_per_Hz": "the part of it that is rotation",
     "frequency_unit": "the decimal unit of hertz of all frequencies in the file",
     "hertz": "the unit `frequency_unit` in hertz",
     "coordinates": "what phonopy's x, y and z stand for",
@@ -251,39 +186,22 @@ FIELDS = {
     "granphon_stiffness_N_per_m": "unit of stiffness, the normal stiffness k",
     "granphon_mass_kg": "unit of mass, the mass M of a ball",
     "version": "version of granphon",
-    "force_constants_scale": "factor by which the stored force constants are multiplied, a power"
-    " of two",
+    "force_constants_scale": "factor of the stored force constants, a power of two",
     "auxiliary_atom": "symbol of the [heavy atom](../explanation/rotations.md#the-auxiliary-atom)",
-    "zero_bands": "number of flat bands at zero frequency in the export",
-    "masses": "masses of the balls over M",
+    "zero_bands": "number of flat bands at zero frequency",
+    "masses": "mass over M",
     "species": "`Fe`, which means nothing",
     "pos": "position of the centre",
-    "radius": "radius of the ball; OVITO draws it",
-    "mass": "the masses once more, under the name that OVITO reads",
+    "radius": "radius; OVITO draws it",
     "diameter_deviations": "diameter minus the mean diameter",
     "displacements": "displacement from the site of the lattice",
     "slip_origin": "displacements at which contacts do not slip",
-    "granphon_scales": "logarithms of the three units below, which some programs lose",
+    "granphon_scales": "logarithms of the three units, which some programs lose",
     "granphon_kind": "2, the kind of balls in a sample",
-    "rotations": "angle of rotation since the start of a loading with friction; otherwise zero",
+    "rotations": "angle of rotation since the start of a loading with friction; else zero",
     "contacts": "number of contacts that carry load",
     "friction_coefficient": "μ of the contacts; with `friction_history`",
-    "stderr": "standard error of the width; nan where it would rest on a scatter below the"
-    " rounding of the data",
-    "std": "standard deviation of the diameters, W/√12",
-    "std_stderr": "standard error of the standard deviation",
-    "p": "probability of a larger `chi2`; nan with sigma from the scatter, or no degrees of"
-    " freedom",
-    "sigma_given": "whether `sigma` was given",
     "class": "class of the Python object; `WidthFit.from_dict` makes it again",
-    "parameters": "names of the fitted parameters",
-    "values": "values of these parameters; `units` has the unit of each, separated by commas",
-    "covariance": "covariance of their errors; `units` has its rows, separated by semicolons",
-    "velocity": "measured velocities",
-    "sigma": "their standard errors, as given, or from the scatter",
-    "velocities": "velocities of the fit at the data",
-    "chi2": "sum of (residual/sigma)²",
-    "dof": "degrees of freedom: number of measurements minus number of parameters",
     "fit": "velocity of the fit",
     "residual": "measured minus fitted velocity",
     "frequency": "frequency of the pulse, if one was given",
@@ -295,7 +213,6 @@ FIELD_UNITS = {
     "granphon_mass_kg": "kg",
     "hertz": "Hz",
     "force_constants_scale": "1",
-    "mass": "M",
     "masses": "M",
     "pos": "d",
     "radius": "d",
@@ -303,8 +220,6 @@ FIELD_UNITS = {
     "displacements": "d",
     "slip_origin": "d",
     "rotations": "rad",
-    "chi2": "1",
-    "p": "1",
 }
 #: of band.yaml and phonopy_params.yaml
 BANDED = {
@@ -315,38 +230,36 @@ BANDED = {
 #: of fit.yaml
 FITTED = {
     "digest": "sha256 of the fields from `class` on; `from_dict` compares it",
-    "choice": "the medium, and its options",
-    "packing": "the packing with the fitted parameters",
-    "waves": "which waves were measured: branch, direction, frequency of the pulses",
 }
 #: of tradeoff.csv
 MEASURED = {
     "method": "what was measured",
     "knob": "setting of the method",
-    "force": "the load, in a column with the name of its kind",
+    "force": "the load, under the name of its kind",
     "observed": "the quantity whose error is given",
     "error": "relative error against the reference",
-    "error_stderr": "standard error of `error` where it is an rms over random samples, else 0",
-    "draws": "number of runs that the error is of",
-    "reference_error": "relative error of the reference, as far as it is known",
-    "resolved": "whether the reference is at least a hundred times better",
+    "error_stderr": "standard error of `error`, of random samples",
+    "draws": "runs that the error is of",
+    "reference_error": "relative error of the reference, if known",
+    "resolved": "whether the reference is a hundred times better",
     "seconds": "median time of the warm runs",
     "spread": "half the interquartile range of these times",
-    "setup": "median time of the preparation, which is done once",
+    "setup": "median time of what is done once",
     "memory": "peak of the allocated memory",
-    "floor": "least possible error: that of rounding, or the scatter of random samples",
-    "failure": "reason why it was not run; empty if it was run",
+    "floor": "least error: rounding times condition, or the scatter of samples",
+    "failure": "why it was not run",
 }
 #: of a sample, the mean force of a ball's contacts
 SAMPLE = {
-    "contact_force": ("mean force of the contacts of the ball, over that of all contacts", "1"),
+    "mass": ("`masses`, as OVITO reads them", "M"),
+    "contact_force": ("mean force of its contacts, over that of all", "1"),
     "tangential_force": (
-        "mean tangential force of the contacts of the ball, over the mean normal force; with"
+        "mean tangential force of its contacts, over the mean normal force; with"
         " `friction_history`",
         "1",
     ),
     "sliding_contacts": (
-        "number of contacts that carry load and slide; with `friction_history`",
+        "number of these that slide; with `friction_history`",
         "",
     ),
 }
@@ -356,23 +269,15 @@ SWEPT = {
     "voigt_row": "xx, yy, xy; in space xx, yy, zz, yz, xz, xy",
     "voigt_column": "xx, yy, xy; in space xx, yy, zz, yz, xz, xy",
     "polarisation": "polarisations of the spectra",
-    "response_frequency": "frequencies of the response",
-    "motion_time": "times of the motion",
-    "receiver": "places of the receiver",
 }
 ATTRIBUTES = {
     "format": "`granphon sweep`",
-    "schema": "version of the file's format",
-    "versions": "versions of the packages, as JSON",
     "media": "media with all their options, as JSON",
     "finite_overlap": "whether all media kept terms of relative order overlap/diameter; `geometry:"
     " exact` always does",
     "direction": "direction of propagation, if it was given or velocities depend on it",
-    "observe": "the words for what was computed, as in a scene, as JSON",
-    "warnings": "a list of sentences, as JSON",
     "packing": "parameters of the packing that do not vary, as JSON",
     "bands": "corners of the path of the bands, as JSON",
     "labels": "labels of the corners of the path, as JSON",
-    "waves": "what is asked of the waves in arrays and networks, and whether exponents are, as"
-    " JSON",
+    "waves": "what is asked of waves and exponents, as JSON",
 }
