@@ -393,7 +393,7 @@ def follow_boundary(paths, turns, steps):
 @pytest.mark.parametrize(
     ("mu", "ratio", "shape", "seed", "finest"),
     [
-        (0.2, 0.02, (4, 4), 1, 16),
+        pytest.param(0.2, 0.02, (4, 4), 1, 16, marks=pytest.mark.slow),
         (math.inf, 0.0, (4, 4), 5, 16),
         pytest.param(0.2, 0.02, (6, 6), 5, 32, marks=pytest.mark.slow),
         pytest.param(math.inf, 0.0, (6, 6), 5, 32, marks=pytest.mark.slow),
@@ -431,7 +431,7 @@ def test_work_is_the_integral_of_the_boundarys_force_on_ways_up_down_and_around(
 @pytest.mark.parametrize(
     ("mu", "ratio", "shape", "stops"),
     [
-        (0.2, 0.02, (4, 4), 12),
+        pytest.param(0.2, 0.02, (4, 4), 12, marks=pytest.mark.slow),
         pytest.param(0.2, 0.02, (8, 8), 24, marks=pytest.mark.slow),
         *(
             pytest.param(mu, 0.0, (8, 8), 24, marks=pytest.mark.exhaustive)

@@ -271,6 +271,7 @@ def test_the_axis_of_a_sweep_is_the_load_that_was_given(load, label):
     assert_array_equal(plot_exponent(data, Figure().subplots()).lines[0].get_xdata(), values)
 
 
+@pytest.mark.slow
 def test_names_of_a_path_stand_beside_the_right_ends_of_its_lines():
     history = {
         "shape": (4, 4),

@@ -329,7 +329,6 @@ RANGE = "{from: 5 N, to: 9 N, points: 3000}"
         pytest.param(
             "triangular", "true", "5 N", "bands", "band_points: 600", marks=pytest.mark.exhaustive
         ),
-        ("triangular", "false", "5 N", "bands", "band_points: 100"),
         pytest.param(
             "triangular", "false", "5 N", "bands", "band_points: 300", marks=pytest.mark.slow
         ),

@@ -162,6 +162,7 @@ def test_figures_are_drawn_and_drawn_again(done, tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_sweep_finds_what_it_observes_alone(done, tmp_path):
     assert "exponent" not in done[1].dataset  # two more equilibria at each load
     data = (

@@ -261,7 +261,7 @@ def test_small_samples_with_control_variates_agree_with_one_large_one(rough, uni
     ("lattice", "shape"),
     [
         ("triangular", (12, 12)),
-        ("fcc", (6, 6, 6)),
+        pytest.param("fcc", (6, 6, 6), marks=pytest.mark.slow),
         pytest.param("hcp", (6, 6, 4), marks=pytest.mark.exhaustive),
     ],
 )

@@ -556,6 +556,7 @@ def test_many_loads_are_thinned_to_the_least_the_greatest_and_some_between(
 # -- the numbers -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_point_is_there_once_and_has_its_costs(found):
     assert len({(p.method, p.knob) for p in found.points}) == len(found.points)
     assert found.observed == ("longitudinal", "transverse", "frequency")
@@ -578,6 +579,7 @@ def test_every_point_is_there_once_and_has_its_costs(found):
     assert {p.method for p in run} >= {"averaged lattice", "averaged force", "effective medium"}
 
 
+@pytest.mark.slow
 @pytest.mark.claim("tradeoff-budget")
 def test_a_budget_is_kept(found):
     assert found.seconds <= found.budget == BUDGET
@@ -641,6 +643,7 @@ medium: [ema, {simulation: {%s}}, {auto: {tolerance: 0.1, friction_history: true
         tradeoff(rough, force=1.0, friction_history=True)
 
 
+@pytest.mark.slow
 def test_errors_of_the_media_are_those_from_the_same_reference_by_hand(rough, found, reference):
     for method, knob, medium in (
         ("averaged lattice", "ala", gp.AveragedLattice),
@@ -656,6 +659,7 @@ def test_errors_of_the_media_are_those_from_the_same_reference_by_hand(rough, fo
         )
 
 
+@pytest.mark.slow
 @pytest.mark.claim("tradeoff-references")
 def test_the_reference_of_the_media_is_two_algorithms_that_agree(rough, reference):
     few = reference
@@ -730,6 +734,7 @@ def test_extreme_and_other_loads_list_what_fails(rough, measured, load, least):
 # -- what is written -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_table_has_every_number(found):
     rows = list(csv.DictReader(io.StringIO(found.csv())))
     run = [point for point in found.points if not point.failure]
@@ -750,6 +755,7 @@ def test_the_table_has_every_number(found):
         ).ravel().tolist()
 
 
+@pytest.mark.slow
 def test_a_table_for_the_terminal_lists_every_point_and_its_reference(found):
     lines = describe_tradeoff(found, 2)
     assert lines[0] == "errors at 2 loads, 10 N to 60 N; 5 warm runs each"
@@ -765,6 +771,7 @@ def test_a_table_for_the_terminal_lists_every_point_and_its_reference(found):
     assert lines[-1].startswith("took ")
 
 
+@pytest.mark.slow
 def test_the_diagrams_are_log_log_with_a_curve_for_each_method_and_can_be_read(found):
     result = found
     figure = tradeoff_figure(result)
