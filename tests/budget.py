@@ -2,7 +2,7 @@
 
 The exceptions are the guards, each of which alone guards a subject that costs more. With
 ``GRANPHON_TEST_BUDGET=1``, as in ``.ci/run``, a default case that is no guard fails if its call, or
-one of its fixtures, takes more than one second of processor, that of child processes included. The
+one of the fixtures made for it, takes more than one second of processor, that of child processes included. The
 limit is twice the budget, as processors differ. What a process pays once (imports, compiled loops,
 the first figure) is paid before the first test there, and is told with its time.
 """
@@ -190,10 +190,9 @@ def pytest_fixture_setup(
     """Fail a default case whose fixture takes more than the limit."""
     start = measure_processor_time()
     outcome = yield
-    item = getattr(request, "_pyfuncitem", None)  # the first test that needs the fixture
-    if item is not None:
+    if isinstance(request.node, pytest.Item):
         spent = measure_processor_time() - start
-        require_budget(item, f"its fixture {fixturedef.argname}", spent)
+        require_budget(request.node, f"its fixture {fixturedef.argname}", spent)
     return outcome
 
 

@@ -135,6 +135,7 @@ def test_long_waves_are_those_of_debye(eta):
     assert (found[1] - 1.0) / (found[0] - 1.0) == pytest.approx(4.0, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.claim("tradeoff-references")
 @pytest.mark.parametrize(
     ("friction", "finite_overlap", "sizes"),

@@ -60,6 +60,7 @@ def test_force_and_overlap_given_are_one(force):
     close_forces(by_newton(x, ReducedLoad(force=force)).forces, by_force.forces)
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(
     st.tuples(st.integers(2, 9), st.integers(2, 9)),

@@ -536,6 +536,7 @@ def test_balls_near_the_threshold_come_to_rest(side, seed):
     assert state.stiffness > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.claim("rest-places")
 @pytest.mark.parametrize(
     ("force", "off", "part", "seeds"),
@@ -877,6 +878,7 @@ def test_the_exponent_has_the_terms_of_finite_overlap(steel, kind):
     assert gp.local_exponent(state) == pytest.approx(expected, abs=2e-5)
 
 
+@pytest.mark.slow
 def test_scenes_have_the_exponent_of_the_exact_geometry(tmp_path):
     text = """
         material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -1080,6 +1082,7 @@ def test_balls_that_turn_like_gears_do_not_hide_the_response(monkeypatch, mu, sh
     assert found[2, 2] > 0.2 * found[0, 0]
 
 
+@pytest.mark.slow
 def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
     """Contacts that slide let them: forces alone hold these motions, of which the lattice's
     preconditioner knows nothing.

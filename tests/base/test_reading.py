@@ -795,6 +795,7 @@ def test_damaged_texts_never_give_other_numbers_and_without_a_digest_no_foreign_
         assert outcome(read, tmp_path / name)[0] in ("error", "unverified")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("has_trailer", "count"),
     # a file whose trailer is gone is tried in another process

@@ -161,6 +161,7 @@ def test_the_zone_of_a_chain_is_a_line(chain, ax):
 # -- bands -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_bands_in_space_have_the_zone_in_a_panel_and_draw(fcc, tmp_path):
     figure = bands_figure(
         fcc.bands("GXWKGL", npoints=5), fcc.dos((3, 3, 3)), asymptotes=fcc.lattice

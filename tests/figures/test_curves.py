@@ -488,6 +488,7 @@ def folders(tmp_path_factory, fit):
     return place
 
 
+@pytest.mark.slow
 def test_the_command_draws_folders_and_measurements_in_one_figure(folders, monkeypatch):
     monkeypatch.chdir(folders)
     words = "plot sweep one fit --data side.csv --x pressure -o all.pdf"

@@ -156,7 +156,10 @@ LOADED = {
 
 @pytest.mark.parametrize(
     "media",
-    [("ema", {"simulation": {"shape": (3, 3), "samples": 3}}), ({"simulation": LOADED},)],
+    [
+        ("ema", {"simulation": {"shape": (3, 3), "samples": 3}}),
+        pytest.param(({"simulation": LOADED},), marks=pytest.mark.slow),
+    ],
     ids=["two", "a long one"],
 )
 def test_long_labels_stand_below_each_other(media):
@@ -189,6 +192,7 @@ def test_what_cannot_be_drawn_is_named(media, ax, variable, words):
         plot_sweep(media, ax, variable)
 
 
+@pytest.mark.slow
 def test_the_exponent_is_that_of_the_longitudinal_velocity(ax):
     force = 4.0 * np.exp(STEP * np.array([-1.0, 0.0, 1.0]))
     data = sweep(
@@ -290,6 +294,7 @@ def test_names_of_a_path_stand_beside_the_right_ends_of_its_lines():
     }
 
 
+@pytest.mark.slow
 def test_slow_and_fast_transverse_waves_are_told_apart():
     packing = gp.Packing(STEEL, 8e-3, lattice="hcp")
     both = sweep(

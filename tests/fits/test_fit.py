@@ -1105,6 +1105,7 @@ def test_pressures_are_contact_forces_of_the_packing(folder, capsys):
     assert "diameter is fitted" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_command_fits_a_simulated_medium(folder, capsys):
     with (folder / "scene.yaml").open("a", encoding="utf-8") as scene:
         scene.write("medium: {simulation: {shape: 8 8}}\n")

@@ -218,6 +218,7 @@ def test_a_simulation_is_chosen_and_carried_out(rough, unit):
     assert_array_equal(state.force, chosen.of(rough).at_force([[0.3 * unit, 5.0 * unit]]).force)
 
 
+@pytest.mark.slow
 def test_what_was_promised_is_kept_against_a_large_sample(rough, unit):
     forces = np.array([0.5, 2.0, 20.0]) * unit
     array = gp.sound_velocities(
@@ -601,6 +602,7 @@ def test_a_run_says_what_was_chosen_and_what_is_expected(work, rough):
     }
 
 
+@pytest.mark.slow
 def test_a_run_that_chose_a_simulation_writes_its_sample(work):
     (work / "scene.yaml").write_text(
         SCENE.replace("18.446 N", "6 N").replace("2e-3", "0.01"), encoding="utf-8"

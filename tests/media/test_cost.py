@@ -68,6 +68,7 @@ def test_memory_is_what_the_arrays_take(lattice, shape, samples, loads, friction
     assert 0.5 < peak / (guess.working + guess.kept) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.claim("array-exponents", "exponent-cost")
 def test_exponents_take_two_states_more_beside_each():
     for friction in (False, True):

@@ -312,6 +312,7 @@ def test_directions_lattices_and_media_together(shape, forces):
     assert not {"bulk", "bulk_error", "shear", "anisotropy", "anisotropy_error"} & set(ds)
 
 
+@pytest.mark.slow
 def test_errors_of_directions_come_back_from_their_file(tmp_path):
     ds = gp.sweep(
         packing("fcc", friction=False),
@@ -412,6 +413,7 @@ def test_rows_that_close_around_the_period_carry_load_where_no_large_sample_does
     assert np.count_nonzero(np.any(carrying, axis=(0, 1, 2))) < 3  # of the six directions
 
 
+@pytest.mark.slow
 def test_a_lattice_given_as_data_runs_from_a_scene(tmp_path):
     block = (
         "{name: cube, cell: [[1.4142135623730951, 0, 0], [0, 1.4142135623730951, 0], [0, 0,"

@@ -977,6 +977,7 @@ def test_errors_of_arrays_from_the_gas_advise_no_other_start(monkeypatch, geomet
         pressed.at_overlap(0.4 * W)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_path_that_ends_early_keeps_the_loads_before(tmp_path, monkeypatch, samples):
     out = tmp_path / "out"

@@ -56,6 +56,7 @@ def test_each_load_has_its_own_geometry_whatever_the_others_are():
         assert_allclose(velocities.longitudinal[place], of_one.longitudinal, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_states_are_those_of_the_geometries_by_word():
     force = FORCES * unit(REAL)
     found = gp.DirectSimulation(REAL, (8, 8), samples=2).at_force(force)
@@ -202,6 +203,7 @@ def test_from_the_gas_in_the_directions_of_the_lattice_velocities_depend_on_the_
         )
 
 
+@pytest.mark.slow
 @pytest.mark.claim("friction-numbering")
 def test_reduced_balls_of_another_material_and_size_have_the_same_history():
     """Rounding differs; that of the way is left."""

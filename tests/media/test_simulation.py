@@ -153,6 +153,7 @@ def test_a_sample_is_its_equilibrium_in_si(spread):
 # -- the contract of a state -----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_shapes_are_those_of_the_load(medium, states):
     assert isinstance(states, gp.ContactState)
     for name in (
@@ -712,6 +713,7 @@ def test_the_error_falls_as_the_root_of_the_number_of_samples(small):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.claim("exponent-neighbours")
 @pytest.mark.parametrize(
     ("samples", "forces"),

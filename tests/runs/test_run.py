@@ -228,6 +228,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
     assert np.mean(atoms.get_array("contact_force")) == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drawn", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_spectra_of_a_simulation_say_what_they_are(work, capsys, drawn):
     text = SAMPLES + "observe: [bands, dos]\nphonopy: {band_points: 3, mesh: 4 4 1}\n"
@@ -510,6 +511,7 @@ def test_a_folder_has_one_run_at_a_time(work, capsys):
     assert f"{work.resolve()} already holds summary.yaml" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_figure_that_fails_is_a_warning_and_the_numbers_are_there(work, capsys):
     labels = (
         "observe: [bands]\nphonopy: {band: 0 0 0 1/3 1/3 0, band_labels: [$\\Gama$, K],"
@@ -603,7 +605,7 @@ KINDS_OF_RESULTS = {
 @pytest.mark.parametrize(
     ("kinds", "figures"),
     [
-        (["samples"], False),
+        pytest.param(["samples"], False, marks=pytest.mark.slow),
         (["one state"], False),
         pytest.param([*KINDS_OF_RESULTS], True, marks=pytest.mark.slow),
     ],
@@ -847,6 +849,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
     assert listed(work / "out") == NUMBERS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "error", "code"),
     [

@@ -141,6 +141,7 @@ def test_quantities_have_units_and_stand_in_tables(done):
     assert again.identical(data)
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_and_drawn_again(done, tmp_path):
     scene, result, folder = done
     assert {path.name for path in result.files} == set(expected_files(scene, figures=False))

@@ -275,6 +275,7 @@ def test_media_that_sample_nothing_have_no_error(rough):
     }
 
 
+@pytest.mark.slow
 def test_an_interrupted_sample_is_not_simulated_again(rough, tmp_path):
     arguments = {"force": [18.446, 5.0], "media": [SAMPLES]}
     with pytest.raises(KeyboardInterrupt):

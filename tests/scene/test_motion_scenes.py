@@ -179,6 +179,7 @@ def test_a_single_state_has_a_figure(tmp_path):
     assert len(gp.plot(result).axes) == 5
 
 
+@pytest.mark.slow
 def test_the_figure_of_a_single_state_is_drawn_from_its_files(tmp_path):
     chain("10 N", 4, "0.1 m/s", "20 us", 5).run(tmp_path, figures=False)
     assert redraw(tmp_path, tmp_path / "other.svg").stat().st_size > 5000
@@ -217,6 +218,7 @@ def test_balls_that_have_met_are_in_the_table_of_contacts(tmp_path):
     assert_allclose(table["greatest_force_N"], motion.peaks()[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("layers", "time", "figures"),
     [(12, "0.2 ms", False), pytest.param(30, "0.5 ms", True, marks=pytest.mark.slow)],
@@ -293,7 +295,11 @@ def test_a_shaken_floor_moves_the_balls(tmp_path):
     ("law", "same"),
     [
         ("hertz", gp.Hertz()),
-        ("{power: {exponent: 2, coefficient: 1e12}}", gp.PowerLaw(2.0, 1e12)),
+        pytest.param(
+            "{power: {exponent: 2, coefficient: 1e12}}",
+            gp.PowerLaw(2.0, 1e12),
+            marks=pytest.mark.slow,
+        ),
         pytest.param("{dmt: {adhesion: 0.5 J/m^2}}", None, marks=pytest.mark.slow),
         ("{A A: hertz, A B: {jkr: {adhesion: 9 J/m^2}}, B B: hertz}", None),
     ],

@@ -252,6 +252,7 @@ def test_a_lattice_that_is_cut_has_the_response_of_its_medium(tmp_path):
     assert not np.allclose(found[1, 0], found[1, 1], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_sweep_that_was_cut_off_goes_on(tmp_path):
     one = scene(
         CHAIN.replace("load:", "sweep: {S.young_modulus: [150 GPa, 210 GPa]}\nload:"),

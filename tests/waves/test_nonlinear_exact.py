@@ -267,6 +267,7 @@ def unlike(laws):
     )
 
 
+@pytest.mark.slow
 def test_kinds_without_a_law_end_a_run_where_they_meet():
     """What was before is kept, and the kinds are told; balls that come near and do not meet go
     on.

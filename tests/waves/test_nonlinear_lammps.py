@@ -126,6 +126,7 @@ def test_balls_in_true_directions_move_as_in_lammps():
     assert differences(False, 1, "lattice", 1e-3)[0] > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.claim("nonlinear-exact")
 def test_balls_in_true_directions_with_friction_move_as_in_lammps():
     """Lever arms of LAMMPS are of first order in the overlap, and so is what is left beside its

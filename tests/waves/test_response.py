@@ -543,7 +543,14 @@ def test_krylov_space_gives_what_factors_give(damping):
 
 
 @pytest.mark.claim("response-krylov")
-@pytest.mark.parametrize("kind", ["dashpots", "losses", "both", "pressed", "pressed losses"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "losses",
+        "pressed losses",
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("dashpots", "both", "pressed")),
+    ],
+)
 def test_krylov_space_of_unevenly_damped_contacts_gives_what_factors_give(kind):
     network = ideal("triangular", 0.5).repeat((2, 1)).cut(1, 3, ("clamped", "free"))
     rng = np.random.default_rng(0)
