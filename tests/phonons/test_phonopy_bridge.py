@@ -78,6 +78,9 @@ MANY = (
     "smooth fcc",
     "held balls",
     "hardly pressed",
+    "finite overlap",
+    "kagome",
+    "membrane",
 )
 
 
