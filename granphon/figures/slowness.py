@@ -271,10 +271,10 @@ def plot_slowness_surface(
     ax.plot(
         [corner[0], corner[0] + unit], [corner[1]] * 2, color="black", linewidth=1.5, gid="unit"
     )
-    middle = (corner[0] + 0.5 * unit, corner[1])
+    bar_middle = (corner[0] + 0.5 * unit, corner[1])
     below = (0.0, -3.0)
     ax.annotate(
-        f"{unit:g} {_LABEL}", middle, below, textcoords="offset points", ha="center", va="top"
+        f"{unit:g} {_LABEL}", bar_middle, below, textcoords="offset points", ha="center", va="top"
     )
     hide_axes(ax, np.minimum(low, corner) - [0.1 * longest, 0.3 * longest], high + 0.12 * longest)
     if colorbar:

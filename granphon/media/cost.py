@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
 from time import process_time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -254,7 +254,7 @@ def _measure_matrix(eigenvectors: bool) -> float:
     """Return the time of the eigenvalues of a complex matrix over the cube of its size, s."""
     parts = np.random.default_rng(0).normal(size=(2, _SMALL_MATRIX, _SMALL_MATRIX))
     matrix = parts[0] + parts[0].T + 1j * (parts[1] - parts[1].T)
-    solve = np.linalg.eigh if eigenvectors else np.linalg.eigvalsh
+    solve: Callable[[Array], Any] = np.linalg.eigh if eigenvectors else np.linalg.eigvalsh
     return time_once(lambda: solve(matrix)) / _SMALL_MATRIX**3
 
 

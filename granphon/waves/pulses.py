@@ -1125,7 +1125,7 @@ def _find_fastest(
         [np.bincount(pieces, differences * n[a] * n[b] + (a == b) * shear * squares) for b in axes]
         for a in axes
     ]
-    tensors = np.moveaxis(np.array(entries), -1, 0)[shared_pieces]
+    tensors: Array = np.moveaxis(np.array(entries), -1, 0)[shared_pieces]
     tensors = tensors / mass[shared_pieces, None, None]
     along_push = (push[axes] @ tensors @ push[axes]).max()
     stiffest = np.linalg.eigvalsh(tensors).max()
