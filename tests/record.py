@@ -1,4 +1,4 @@
-"""Some two hundred results over all features at full precision, to be compared before and after a
+"""Hundreds of results over all features at full precision, to be compared before and after a
 change of structure.
 
     python -m tests.record FILE.npz              writes them

@@ -254,8 +254,11 @@ def _measure_matrix(eigenvectors: bool) -> float:
     """Return the time of the eigenvalues of a complex matrix over the cube of its size, s."""
     parts = np.random.default_rng(0).normal(size=(2, _SMALL_MATRIX, _SMALL_MATRIX))
     matrix = parts[0] + parts[0].T + 1j * (parts[1] - parts[1].T)
-    solve: Callable[[Array], Any] = np.linalg.eigh if eigenvectors else np.linalg.eigvalsh
-    return time_once(lambda: solve(matrix)) / _SMALL_MATRIX**3
+
+    def solve() -> Any:
+        return np.linalg.eigh(matrix) if eigenvectors else np.linalg.eigvalsh(matrix)
+
+    return time_once(solve) / _SMALL_MATRIX**3
 
 
 # -- simulations -----------------------------------------------------------------------------------
