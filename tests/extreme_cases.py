@@ -947,6 +947,7 @@ CASES = [
         "η from 0 and 1e-16 to 4/3, overlap from 0 to 0.3 d",
         4e-15,
         special_points,
+        slow=True,
     ),
     Case(
         "frequencies beyond the zone, error over |q|d",
@@ -973,6 +974,7 @@ CASES = [
         " without",
         1e-11,
         pulses,
+        slow=True,
     ),
     Case(
         "phonopy's frequencies in Hz",

@@ -198,6 +198,7 @@ REFUSALS = [
         "a* below the rigidity threshold, f* < 1e-8, W < 1e-20 d, no balls",
         errors.InputError,
         loose_samples,
+        slow=True,
     ),
     Refusal(
         "lattices that buckle",

@@ -411,7 +411,10 @@ def test_every_result_comes_back_from_plain_data(made, group):
         same(cls.from_dict(json.loads(json.dumps(result.to_dict()))), result)
 
 
-@pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.parametrize(
+    "group",
+    [pytest.param(group, marks=[pytest.mark.slow] * (group == "states")) for group in GROUPS],
+)
 @pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
 def test_damaged_plain_data_are_refused(made, group):
     rng = random.Random(0)

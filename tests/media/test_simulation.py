@@ -12,6 +12,7 @@ import os
 import pickle
 import signal
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, wait
+from contextlib import nullcontext
 from functools import partial
 
 import ase.io
@@ -397,18 +398,23 @@ def test_distribution_of_forces_integrates_to_one(spread):
 # -- the same numbers, however they are found ------------------------------------------------------
 
 
-def test_executors_and_threads_change_no_digit(spread, medium, states):
-    mediums = []
-    with ThreadPoolExecutor(2) as threads, ProcessPoolExecutor(1) as processes:
-        for executor, workers in ((threads, 1), (processes, 1), (None, 2)):
-            mediums.append(
-                simulate(spread, SHAPE, seed=5, samples=2, executor=executor, workers=workers)
-            )
-            assert mediums[-1] == medium
-            assert hash(mediums[-1]) == hash(medium)
-            again = mediums[-1].at_force(FORCES)
-            assert again == states
-            np.testing.assert_array_equal(again.elastic_tensor, states.elastic_tensor)
+@pytest.mark.parametrize(
+    ("make_executor", "workers"),
+    [
+        (lambda: ThreadPoolExecutor(2), 1),
+        (nullcontext, 2),
+        pytest.param(lambda: ProcessPoolExecutor(1), 1, marks=pytest.mark.slow),
+    ],
+    ids=["threads", "workers", "processes"],
+)
+def test_executors_and_threads_change_no_digit(spread, medium, states, make_executor, workers):
+    with make_executor() as executor:
+        simulation = simulate(spread, SHAPE, seed=5, samples=2, executor=executor, workers=workers)
+        assert simulation == medium
+        assert hash(simulation) == hash(medium)
+        again = simulation.at_force(FORCES)
+        assert again == states
+        np.testing.assert_array_equal(again.elastic_tensor, states.elastic_tensor)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")

@@ -492,7 +492,13 @@ for _one in ("reader", "writer", "plot"):
 
 
 @pytest.mark.claim("phonopy-thresholds", "phonopy-judged")
-@pytest.mark.parametrize("name", [*of_status("works"), *of_status("until 5")])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name == "run_projected_dos"))
+        for name in (*of_status("works"), *of_status("until 5"))
+    ],
+)
 def test_works(ph, name, tmp_path, monkeypatch, drawing):
     assert name in CHECKS, (
         f"docs/reference/phonopy.md says that {name} works, and nothing here shows it"
