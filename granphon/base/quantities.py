@@ -145,14 +145,14 @@ class Quantity:
         if not isinstance(value, str):
             raise Refused(show(value), self.allowed)
         text = value.strip()
-        if re.match(r"[-+]?\.?(nan|inf|infinity)\b", text, re.IGNORECASE):
-            raise Refused(f"{show(value)}, which is not a finite number", self.allowed)
-        match = _QUANTITY.fullmatch(text)
         if len(text) > _MOST_SIGNS:
             raise Refused(
                 f"{show(value)}, a text of {len(text)} letters",
                 f"{self.allowed}, in {_MOST_SIGNS} letters at most",
             )
+        if re.match(r"[-+]?\.?(nan|inf|infinity)\b", text, re.IGNORECASE):
+            raise Refused(f"{show(value)}, which is not a finite number", self.allowed)
+        match = _QUANTITY.fullmatch(text)
         if match is None:
             raise Refused(f"{show(value)}, which does not start with a number", self.allowed)
         number, _, unit = match.groups()

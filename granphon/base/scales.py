@@ -52,8 +52,10 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     """
     size = abs(value) * (1.0 + 1e-8)
     first = re.split(r"[ */]", unit)[0]
-    takes = first.isalpha() and first != "kg" and not (first == "s" and size >= 1.0)
-    return _multiple(size, unit) if takes and _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
+    takes_prefix = first.isalpha() and first != "kg" and not (first == "s" and size >= 1.0)
+    if takes_prefix and _SIZES[0] <= size < 1e3 * _SIZES[-1]:
+        return _multiple(size, unit)
+    return 1.0, unit
 
 
 def write_quantity(value: float, unit: str, digits: int = 5) -> str:

@@ -607,18 +607,17 @@ def warn_unverified(path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
-    """Turn any exception of the block into an ``InputError``: the file at ``path`` is not a
-    ``kind`` written by granphon.
+    """Turn an exception of the block into an ``InputError``: the file at ``path`` is not a ``kind``
+    written by granphon.
 
-    Only a :class:`~granphon.base.errors.SchemaError` passes as it is.
+    A :class:`~granphon.base.errors.SchemaError` passes as it is, and so does a lack of memory.
     """
     try:
         yield
-    except SchemaError:
+    except (SchemaError, MemoryError):
         raise
-    except (
-        Exception
-    ) as error:  # numbers of the wrong kind, size or shape, and whatever they trip over
+    except Exception as error:
+        # numbers of the wrong kind, size or shape, and whatever they trip over
         why = "A number, a list or a block of keys stands where another of them is needed"
         if isinstance(error, GranphonError):
             why = str(error)

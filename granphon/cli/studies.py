@@ -220,19 +220,21 @@ def fit_measurements(
     _finish_fit(out, files, fit, (*notes, *fit.warnings), describe_fit(fit))
 
 
-def _choose_direction(scene: str, plan: Scene, option: str | None) -> Sequence[float] | None:
-    """Return the direction of the ``option``, else that of the scene; None if neither names one."""
+def _choose_direction(path: str, scene: Scene, option: str | None) -> Sequence[float] | None:
+    """Return the direction (p,) of the ``option``, else that of the scene in ``path``; None if
+    neither names one.
+    """
     from granphon.base.validation import require
 
     if option is not None:
         numbers: list[float] = require("--direction", _read_direction, option)
         return numbers
-    if len(plan.directions) > 1:
+    if len(scene.directions) > 1:
         why = "A fit takes sound along one direction"
         raise InputError(
-            f"{scene} has {len(plan.directions)} directions", why, "Name one by --direction"
+            f"{path} has {len(scene.directions)} directions", why, "Name one by --direction"
         )
-    return plan.directions[0] if plan.directions else None
+    return scene.directions[0] if scene.directions else None
 
 
 def _fit_response(

@@ -269,13 +269,15 @@ def _require_senses(factors: Complex, vectors: Complex) -> None:
     """Raise :class:`~granphon.base.errors.PrecisionError` at the edge of a band, where waves of
     both senses are one.
 
-    At a distance Delta w from the edge the lambda of both senses differ by the root of Delta w.
+    ``factors`` (b,) are the lambda of the waves, and ``vectors`` (n, b) their motions. At a
+    distance Delta w from the edge the lambda of both senses differ by the root of Delta w.
     Where rounding decides on which side of the edge w is, rounding decides whether waves run, and
     how fast.
     """
-    outer = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE)
-    for first, wave in enumerate(outer):
-        near = outer[first:][np.abs(factors[outer[first:]] - factors[wave]) < _EDGE]
+    running = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE)
+    for first, wave in enumerate(running):
+        following = running[first:]
+        near = following[np.abs(factors[following] - factors[wave]) < _EDGE]
         motions = vectors[:, near] / np.linalg.norm(vectors[:, near], axis=0)
         if near.size > len(motions) or np.linalg.svd(motions, compute_uv=False)[-1] < _PARALLEL:
             raise PrecisionError(_ALIKE_WAVES, *_AT_EDGE)

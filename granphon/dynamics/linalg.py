@@ -127,20 +127,22 @@ def _straighten(
 
     Returns
     -------
-    values, right : singular values of A and right singular vectors.
-    good : (n_matrices,), whether the remaining error, of second order, is only rounding.
+    values : (n_matrices, n), singular values of A, ascending.
+    right : (n_matrices, n, n), right singular vectors.
+    is_exact : (n_matrices,), whether the remaining error, of second order, is only rounding.
     """
     products = turned.conj().swapaxes(1, 2) @ turned
     squares = np.einsum("qii->qi", products).real.copy()
     values = np.sqrt(squares)
     np.einsum("qii->qi", products)[...] = 0.0
-    size = np.abs(products)
-    lengths = values[:, :, None] * values[:, None]
+    overlaps = np.abs(products)
+    length_products = values[:, :, None] * values[:, None]
     gap = squares[:, None] - squares[:, :, None]
-    small = size <= _FIRST_ORDER * np.abs(gap)
-    straight = size <= _STRAIGHT * lengths
-    good = np.all(straight | (small & (size <= _FIRST_ORDER * lengths)), axis=(1, 2))
-    apart = small & (gap != 0.0)
+    is_small = overlaps <= _FIRST_ORDER * np.abs(gap)
+    is_straight = overlaps <= _STRAIGHT * length_products
+    is_nearly_straight = is_small & (overlaps <= _FIRST_ORDER * length_products)
+    is_exact = np.all(is_straight | is_nearly_straight, axis=(1, 2))
+    apart = is_small & (gap != 0.0)
     turn = np.where(apart, products, 0.0)
     # real and imaginary parts are divided apart: a quotient of complex numbers leaves the floating
     # range near subnormal ones
@@ -150,7 +152,7 @@ def _straighten(
     # skew to rounding, as a rotation of first order must be
     turn = 0.5 * (turn - turn.conj().swapaxes(1, 2))
     right = np.take_along_axis(right + right @ turn, order[:, None], 2)
-    return np.take_along_axis(values, order, 1), right, good
+    return np.take_along_axis(values, order, 1), right, is_exact
 
 
 def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:

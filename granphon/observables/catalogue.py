@@ -739,7 +739,7 @@ def register_observable(
     that another ``find`` has or that is no such word, for what is no unit of SI, and for a ``find``
     that cannot be called.
     """
-    good: dict[str, tuple[Any, Callable[[str], bool], str]] = {
+    requirements: dict[str, tuple[Any, Callable[[str], bool], str]] = {
         "name": (
             name,
             _is_free,
@@ -748,7 +748,7 @@ def register_observable(
         "unit": (unit, is_si, 'a unit of SI without a factor, such as "N/m", or "1"'),
         "words": (words, bool, "a text"),
     }
-    for argument, (value, holds, allowed) in good.items():
+    for argument, (value, holds, allowed) in requirements.items():
         if not (isinstance(value, str) and holds(value)):
             raise InputError(
                 f"an observable cannot have the {argument} {brief(value)}", mend=f"Give {allowed}"

@@ -575,6 +575,9 @@ def write_grid(numbers: Sequence[int]) -> str:
 def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
     """Read the direction of sound on a lattice, Cartesian: the numbers of one direction, or a tuple
     of such numbers for many directions.
+
+    ``value`` is a text such as "1 1", a list, an array, or a list of these. Raises
+    :class:`~granphon.base.errors.Refused` for anything else, and for a direction of zeros.
     """
     p = lattice.periods
     example = ("[1]", "[1, 1]", "[1, 1, 0]")[p - 1]

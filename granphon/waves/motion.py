@@ -181,20 +181,22 @@ class Motion(Result):
 
     @property
     def middles(self) -> Array:
-        """(n_c, 3) places of the contacts at rest, m."""
+        """(n_c + n_met, 3) where the contacts are at rest, m: those of the network, then those that
+        were met. Body j of a contact may be a wall.
+        """
         network = self.network
         i, j = self.met.T
         start = network.positions[i]
         periods = network.cell[list(network.pbc)]
         apart = network.positions[j] - start
         # of the nearest image
-        middles = start + 0.5 * (apart - np.rint(apart @ np.linalg.pinv(periods)) @ periods)
+        met_places = start + 0.5 * (apart - np.rint(apart @ np.linalg.pinv(periods)) @ periods)
         for wall, (point, inward) in network.walls.items():
             # a ball touches a flat wall at the foot of the perpendicular from its centre
             touches = j == wall
             heights = (point - start[touches]) @ inward
-            middles[touches] = start[touches] + np.outer(heights, inward)
-        return np.concatenate([network.contact_places, middles])
+            met_places[touches] = start[touches] + np.outer(heights, inward)
+        return np.concatenate([network.contact_places, met_places])
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact,
