@@ -69,8 +69,16 @@ def test_fit_is_that_of_scipy_to_the_closed_form(known):
         return np.concatenate([np.abs(values) / size, np.angle(values / data)][: 1 + phase])
 
     wanted = np.concatenate([np.ones(size.size), np.zeros(size.size)][: 1 + phase])
+    # scipy stops at 1e-8 of the cost by default, 1e-4 of the parameters
     best, covariance = curve_fit(
-        model, None, wanted, (1.0, 1.0), 0.02 * np.ones(wanted.size), absolute_sigma=True
+        model,
+        None,
+        wanted,
+        (1.0, 1.0),
+        0.02 * np.ones(wanted.size),
+        absolute_sigma=True,
+        ftol=1e-14,
+        xtol=1e-12,
     )
     unit = np.array([TAU, ETA])
     assert_allclose(found.values, best * unit, rtol=1e-6)
