@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,22 @@ GLASS = {"glass": (2, 400, 0.88, 2)}
 #: of the balls in these packings
 MATERIAL = gp.Material(young_modulus=70e9, poisson_ratio=0.2, density=2500.0)
 ARGUMENTS = ["-log", "none", "-screen", "none", "-nocite"]
+
+
+def balance(network: gp.ContactNetwork, pull: Any = 0.0) -> gp.ContactNetwork:
+    """Return the network under the normal forces nearest to its own that are in balance with
+    ``pull`` (n, 3), N.
+    """
+    count = np.arange(network.n_contacts)
+    pushes = np.zeros((network.n_balls, 3, network.n_contacts))
+    np.add.at(pushes, (network.j, slice(None), count), network.normal)
+    np.add.at(pushes, (network.i, slice(None), count), -network.normal)
+    free = pushes[network.moving].reshape(-1, network.n_contacts)
+    wanted = np.broadcast_to(pull, (network.n_balls, 3))[network.moving].ravel()
+    change = np.linalg.lstsq(free, -wanted - free @ network.normal_force, rcond=None)[0]
+    force = network.normal_force + change
+    assert np.all(force > 0.0)
+    return replace(network, normal_force=force)
 
 
 def start() -> Any:

@@ -174,12 +174,14 @@ class ContactLattice(LongWaves):
         has no potential: D is that of :class:`granphon.Waves`.
 
         Raises :class:`~granphon.base.errors.InputError` for a network without a period, without
-        contacts or balls that move.
+        contacts or balls that move, and for one whose balls are not at rest
+        (:meth:`ContactNetwork.require_rest`).
         """
         return network.cached(cls._make_of_network)
 
     @classmethod
     def _make_of_network(cls, network: ContactNetwork) -> Self:
+        network.require_rest()
         axes = np.flatnonzero(network.pbc)
         dimension = network.dimension
         if not axes.size:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Self
@@ -50,6 +50,9 @@ PARAMETERS = {
 _LOSSES = np.geomspace(1e-3, 1.0, 10)
 #: loss factor with which stiffnesses are searched
 _BROAD = 0.1
+#: least and largest loss factor up to which a loss that is nearly zero may err
+_LEAST_LOSS = 1e-9
+_LARGEST_LOSS = 10.0
 #: ratios of the stiffness that are tried
 _STIFFER = np.geomspace(0.5, 2.0, 57)
 #: number of these ratios that are followed to a minimum
@@ -324,6 +327,39 @@ def read_fit(data: Any) -> WidthFit | DampingFit:
     return DampingFit.from_dict(data) if is_damping else WidthFit.from_dict(data)
 
 
+def find_secant(
+    compare: Callable[[Array], Array], values: Array, index: int, scatter: float, name: str
+) -> Array:
+    """Return the change of the residuals over that of one loss, between its best value and the
+    value at which the residuals have changed by their scatter.
+
+    Magnitudes depend on a loss that is nearly zero by its square only, so that the derivative there
+    says nothing of the error: the loss up to which the misfit rises by that of one standard
+    deviation does. ``values`` are in units of a typical value, ``index`` says which is the loss.
+
+    Raises :class:`~granphon.base.errors.InputError` if no loss changes the residuals so much.
+    """
+    from scipy.optimize import brentq
+
+    start = compare(values)
+
+    def change(step: float) -> Array:
+        return compare(values + step * (np.arange(values.size) == index)) - start
+
+    def rise(logarithm: float) -> float:
+        return float(np.linalg.norm(change(math.exp(logarithm)))) - scatter
+
+    logarithm = math.log(_LEAST_LOSS)
+    while rise(logarithm) < 0.0:
+        logarithm += math.log(2.0)
+        if logarithm > math.log(_LARGEST_LOSS):
+            raise InputError(f"the data say nothing of {name}", mend="Measure nearer to resonances")
+    if logarithm > math.log(_LEAST_LOSS):
+        logarithm = brentq(rise, logarithm - math.log(2.0), logarithm, xtol=1e-3)
+    step = math.exp(logarithm)
+    return change(step) / step
+
+
 def fit_damping(
     x: Any,
     measured: TransferFunction,
@@ -360,10 +396,12 @@ def fit_damping(
     Returns
     -------
     :class:`DampingFit`. Standard errors are those of linear theory, from the given sigma or from
-    the scatter.
+    the scatter. A loss whose error exceeds its value has the error up to which the misfit rises by
+    that of one standard deviation.
 
     Raises :class:`~granphon.base.errors.InputError` for parameters that cannot be fitted or told
-    apart, too few data, and what :meth:`granphon.Waves.response` refuses.
+    apart, too few data, losses of which the data say nothing, and what
+    :meth:`granphon.Waves.response` refuses.
     """
     from scipy.optimize import least_squares
 
@@ -479,13 +517,16 @@ def fit_damping(
     best = min(fits, key=lambda fit: float(fit.cost))
     h = respond(tuple((best.x * scale).tolist()))
     chi2 = 2.0 * float(best.cost)
-    jacobian = np.asarray(best.jac)
+    scatter = 1.0 if sigma_given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
+    jacobian = np.array(best.jac)
+    least = np.linalg.norm(jacobian, axis=0) * best.x
+    for index in np.flatnonzero(is_loss & (least < scatter)).tolist():
+        jacobian[:, index] = find_secant(compare, best.x, index, scatter, names[index])
     norms = np.linalg.norm(jacobian, axis=0)
     _, singular, right = np.linalg.svd(jacobian / np.maximum(norms, 1e-300), full_matrices=False)
     if np.any(norms == 0.0) or singular[-1] < SAME_EFFECT * singular[0]:
         fault = f"the data cannot tell {' and '.join(names)} apart"
         raise InputError(fault, mend="Measure a wider range, or fit fewer parameters")
-    scatter = 1.0 if sigma_given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
     root = (right / singular[:, None]).T / norms[:, None] * scale[:, None] * scatter
     covariance = root @ root.T
     values = best.x * scale

@@ -71,6 +71,9 @@ _ALONG = 1e-2
 #: to which they are in balance: programs of discrete elements leave 1e-4 or less, and weights,
 #: walls or digits that a file lacks leave more
 _BALANCED = 1e-3
+#: the same sum over the mean force, from which a packing that nothing else can hold still moves: in
+#: files with three digits, too few for forces, it stays below
+_MOVING = 5e-3
 #: difference of the radii of balls that name no kind, over their mean, below which the balls are of
 #: one kind
 _ALIKE = 0.25
@@ -430,6 +433,30 @@ class ContactNetwork(Result):
         where static forces do not act.
         """
         return not (self.prestress and self.n_contacts) or self.imbalance[2] <= _BALANCED
+
+    def require_rest(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if static forces act, and some ball is so
+        far from balance that the balls still move.
+
+        That is so from 5e-3 of the mean force of a contact on, where nothing that the network lacks
+        can hold the ball. Walls that are not in a file may stand at the ends of axes without a
+        period, and weights give all balls one acceleration where bodies hold some of them.
+        """
+        if self.is_balanced or not all(self.pbc[: self.dimension]):
+            return
+        pull = self.unbalanced[0]
+        if not np.all(self.moving):
+            mass = np.where(self.moving, self.masses, 0.0)
+            pull = pull - mass[:, None] * (mass @ pull / (mass @ mass))
+        ratio = self.imbalance[2] / self.imbalance[1] * np.max(np.linalg.norm(pull, axis=1))
+        if ratio < _MOVING:
+            return
+        raise InputError(
+            "the balls of the network still move, and static forces act on them (prestress)",
+            self.describe_imbalance(),
+            "Bring it to rest, to 1e-4 of the mean force, give its tangential_force if it has"
+            " friction, or leave the static forces out (prestress=False)",
+        )
 
     @property
     def contact_places(self) -> Array:

@@ -43,11 +43,14 @@ class Waves:
         whose network is one cell, so that these are waves at Gamma; or ``ase.Atoms`` with a
         :class:`~granphon.phonons.calculator.HertzMindlin`.
 
-    Raises :class:`~granphon.base.errors.InputError` for something else.
+    Raises :class:`~granphon.base.errors.InputError` for something else, and for balls that are not
+    at rest under the static forces that act
+    (:meth:`~granphon.networks.network.ContactNetwork.require_rest`).
     """
 
     def __init__(self, source: Any) -> None:
         self.network: ContactNetwork = given_network(source)
+        self.network.require_rest()
 
     def __repr__(self) -> str:
         network = self.network

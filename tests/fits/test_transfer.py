@@ -184,6 +184,32 @@ def test_what_does_not_matter_is_told(tmp_path):
     assert_allclose(table.phase_sigma, found.measured.phase_sigma)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_error_of_a_damping_that_is_nearly_zero(seed):
+    """Magnitudes depend on its square, so that their derivative is nothing at zero, and says
+    nothing of the error: the misfit rises by one up to it.
+    """
+    size = np.abs(measure(closed_form(0.0, 0.0), seed=seed))
+    found = fit(gp.TransferFunction(HERTZ, size, None, 0.02 * size))
+    best = found.values[0]
+    error = found.stderrs[0]
+    assert best < error < TAU
+
+    def misfit(tau):
+        return (size - np.abs(closed_form(tau, 0.0))) / (0.02 * size)
+
+    assert_allclose(np.linalg.norm(misfit(best + error) - misfit(best)), 1.0, rtol=2e-3)
+    assert misfit(best + 2.0 * error) @ misfit(best + 2.0 * error) > found.chi2 + 1.0
+    assert any("damping" in text and "from zero" in text for text in found.warnings)
+
+
+def test_data_that_say_nothing_of_a_damping_are_refused():
+    """Far below the first resonance the balls follow the first one, whatever the losses."""
+    data = gp.TransferFunction(1e-4 * HERTZ, np.ones(HERTZ.size), None, np.full(HERTZ.size, 0.5))
+    with pytest.raises(InputError, match="damping"):
+        fit(data)
+
+
 def test_a_sigma_that_is_too_small_is_told():
     data = measure(closed_form(TAU, 0.0))
     wrong = fit(gp.TransferFunction(HERTZ, np.abs(data), np.angle(data), 1e-3 * np.abs(data)))

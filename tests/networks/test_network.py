@@ -264,6 +264,28 @@ def make(positions, contacts, force=1.0, *, slip=0.0, dimension=2, **more):
 HEXAGON = 2.0 * np.array([[np.cos(a), np.sin(a)] for a in np.arange(6) * np.pi / 3.0])
 
 
+def test_balls_that_weak_contacts_hold_are_kept():
+    """Two balls between walls, one of them under 1e-7 of the force of the other: by Hertz's law its
+    contacts are 1e-7^(1/3) as stiff, and it has the lowest mode.
+    """
+    contacts = [(0, 1), (1, 2), (2, 3), (3, 4)]
+    walls = np.where(np.arange(5) % 2, 1.0, np.inf)
+    for weak, modes in ((1e-7, 2), (1e-12, 1)):
+        force = np.array([1.0, 1.0, weak, weak])
+        row = make(
+            2.0 * np.arange(5)[:, None],
+            contacts,
+            force,
+            dimension=1,
+            motions="longitudinal",
+            normal_stiffness=np.cbrt(force),
+            masses=walls,
+        ).without_rattlers()
+        assert row.left_out == 2 - modes
+        wanted = np.sqrt(2.0 * np.cbrt([weak, 1.0][2 - modes :])) / (2.0 * np.pi)
+        np.testing.assert_allclose(gp.Waves(row).modes(modes).frequencies, wanted, rtol=1e-12)
+
+
 def test_rattlers_are_found_one_after_the_other():
     """A tail of two balls on a hexagon of seven; the ball at its end is loose first, and so the
     next.

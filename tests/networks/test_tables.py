@@ -236,7 +236,7 @@ def test_forces_of_arrays_are_compared_with_the_overlaps(factor):
     assert all(one.filename == __file__ for one in caught)
 
 
-@pytest.mark.parametrize(("push", "told"), [(1e-2, True), (1e-5, False)])
+@pytest.mark.parametrize(("push", "told"), [(3e-3, True), (1e-5, False)])
 def test_a_network_that_is_read_out_of_balance_is_told(push, told, tmp_path):
     """The sentence is that of its waves; forces that do not act need no balance."""
     network = (

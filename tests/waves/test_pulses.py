@@ -27,6 +27,7 @@ from granphon.waves.pulses import (
     transmit,
 )
 from granphon.waves.settings import PulseSettings
+from tests.packings import balance
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -296,8 +297,8 @@ def test_static_forces_have_no_dashpots(disordered):
     """Where they act, damping alike in all motions of a contact is that of its springs, not of the
     whole of D.
     """
-    pressed = replace(
-        disordered, normal_force=1e-3 * D * disordered.normal_stiffness, prestress=True
+    pressed = balance(
+        replace(disordered, normal_force=1e-3 * D * disordered.normal_stiffness, prestress=True)
     )
     waves = gp.Waves(pressed)
     burst = ToneBurst(0.5 * HERTZ, 2.0)
