@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.geometry import ADDED_STIFFNESS, ExactGeometry
-from granphon.array.sparse_matrices import factorise
 from granphon.array.stencils import number_cells
 from granphon.balls import hertz
 from granphon.base.arrays import Array, Index
+from granphon.dynamics.factors import factorise
 
 #: Newton steps, at most
 _STEPS = 100

@@ -32,11 +32,12 @@ import numpy as np
 from granphon.array.geometry import ActingForces, ExactPlace, Inverse
 from granphon.array.krylov import KEPT, Map, Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
-from granphon.array.sparse_matrices import compose_hessian, factorise
+from granphon.array.sparse_matrices import compose_hessian
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.elasticity import find_stress_part, voigt_pairs
+from granphon.dynamics.factors import factorise
 
 #: largest number of iterations for a linear response
 _MOST_ITERATIONS = 60_000
@@ -306,13 +307,10 @@ def _factorise(frame: Stencils, matrix: Any, symmetric: bool = False) -> Inverse
     """Return what finds the motions of balls (fields, L1, ..., Lp) from forces on them, by factors
     of the ``matrix``.
 
-    If that is ``symmetric``, it has to be positive definite too; None is returned if its pivots are
-    not all above zero.
+    If that is ``symmetric``, it has to be positive definite too; None is returned if it is not.
     """
-    factors = factorise(matrix, pivot=0.0 if symmetric else 0.1)
-    if symmetric and not (
-        np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0)
-    ):
+    factors = factorise(matrix, symmetric)
+    if symmetric and factors.n_below:
         return None
 
     return lambda force: frame.centre(

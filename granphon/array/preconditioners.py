@@ -26,9 +26,10 @@ import numpy as np
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
-from granphon.array.sparse_matrices import STIFF, compose, factorise, factorise_contacts
+from granphon.array.sparse_matrices import STIFF, compose, factorise_contacts
 from granphon.array.stencils import Stencils, number_cells
 from granphon.base.arrays import Array, Index
+from granphon.dynamics.factors import factorise
 
 Inverse = Callable[[Array], Array]
 #: largest number of balls whose matrix is factorised, for lattices with 1, 2, 3 periods: the memory
@@ -239,7 +240,7 @@ class Patches:
         d = compose(entries, (c.shape[0], c.shape[0]))
         matrix = c.T.tocsr() @ (d @ c) + _HOLDING * eye_array(c.shape[1], format="csr")
         try:
-            factors = factorise(matrix, approximate=True)  # the matrix is nearly symmetric
+            factors = factorise(matrix, symmetric=False, approximate=True)
         except RuntimeError:  # singular to the last digit
             return None
         at = balls // self._cells, slice(None), balls % self._cells

@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE, find_length
 from granphon.array.geometry import ADDED_STIFFNESS
-from granphon.array.sparse_matrices import compose, factorise
+from granphon.array.sparse_matrices import compose
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.elasticity import voigt_pairs
+from granphon.dynamics.factors import factorise
 from granphon.dynamics.rows import Row, contact_rows, strain_rows
 
 #: largest number of steps of Newton's method, each with an LU factorisation

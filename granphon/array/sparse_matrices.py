@@ -1,4 +1,4 @@
-"""Sparse matrices of networks of contacts: C from the coefficients of its rows, and LU factors of
+"""Sparse matrices of networks of contacts: C from the coefficients of its rows, and factors of
 C^T K C.
 """
 
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.stencils import Stencils, number_cells
 from granphon.base.arrays import Array, Index
+from granphon.dynamics.factors import factorise
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -123,29 +124,6 @@ def share_places(matrices: Iterable[Any]) -> list[Any]:
         every,
         *(np.bincount(place, one.data, places.size) for place, one in zip(at, given, strict=True)),
     ]
-
-
-def factorise(
-    matrix: Any, approximate: bool = False, pivot: float = 0.0, order: Any = "MMD_AT_PLUS_A"
-) -> Any:
-    """Return the LU factors of a symmetric matrix, positive definite if ``pivot`` is zero;
-    ``order`` is that of columns.
-
-    ``approximate`` ones are in single precision, half as large, for preconditioners. ``pivot`` is
-    the part of the largest entry of a column from which that on the diagonal is taken. Raises
-    RuntimeError if the matrix is singular.
-    """
-    from scipy.sparse.linalg import splu
-
-    options: dict[str, Any] = {"SymmetricMode": True}
-    if not approximate:
-        return splu(matrix.tocsc(), permc_spec=order, diag_pivot_thresh=pivot, options=options)
-    # larger supernodes would fill a matrix of so few entries with zeros
-    options["Equil"] = False
-    single = matrix.tocsc().astype(np.float32)
-    return splu(
-        single, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, relax=1, options=options
-    )
 
 
 def estimate_factors(motions: int, dimension: int) -> tuple[float, float]:

@@ -40,11 +40,12 @@ from granphon.array.interior import CLOSE, approach
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.linear_response import find_elastic_tensor, find_motions
 from granphon.array.preconditioners import MOST_BALLS, Preconditioners
-from granphon.array.sparse_matrices import compose_hessian, factorise
+from granphon.array.sparse_matrices import compose_hessian
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls import hertz
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
+from granphon.dynamics.factors import factorise
 
 #: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about
 #: that
@@ -225,17 +226,13 @@ class TrueEquilibrium(Equilibrium):
             if (
                 down
                 or more < limit
-                or (limit < _PROBE_STEPS and self._has_pivots_above_zero(stiffness, forces))
+                or (limit < _PROBE_STEPS and self._has_no_curvature_below_zero(stiffness, forces))
             ):
                 break
         return (down[0] if down else None), taken
 
-    def _has_pivots_above_zero(self, stiffness: Array, forces: Array) -> bool:
-        """Return whether factors show that no curvature is below zero.
-
-        Elimination without exchange of rows has pivots above zero if the matrix is positive
-        definite, and only then.
-        """
+    def _has_no_curvature_below_zero(self, stiffness: Array, forces: Array) -> bool:
+        """Return whether factors show that no curvature is below zero."""
         from scipy.sparse import diags_array  # imported here: most simulations do not need it
 
         p = len(self.stencils.shape)
@@ -249,9 +246,7 @@ class TrueEquilibrium(Equilibrium):
         held = np.where(diagonal > 0.0, 0.0, 1.0)
         held[:, np.argmax(diagonal[0])] = 1.0
         factors = factorise(matrix + diags_array(float(np.mean(stiffness)) * held.ravel()))
-        return bool(
-            np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0)
-        )
+        return factors.n_below == 0
 
     def find_elasticity(
         self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from granphon.base.arrays import Array
 from granphon.dynamics.blocks import GENERIC
 from granphon.dynamics.compatibility import Compatibility
+from granphon.dynamics.factors import factorise
 from granphon.dynamics.linalg import WELL_ABOVE, find_nearest
 from granphon.dynamics.rows import Row
 from granphon.dynamics.sparse_relaxation import compose_ends
@@ -235,11 +236,9 @@ def _sharpen(matrix: Any, rows: Any, count: int, top: float) -> Array:
     ``top`` bounds it.
     """
     from scipy.sparse import eye_array
-    from scipy.sparse.linalg import splu
 
     shift = _SHIFT * top
-    factors = splu(
-        (matrix + shift * eye_array(matrix.shape[0])).tocsc(), permc_spec="MMD_AT_PLUS_A"
-    )
+    shifted = matrix + shift * eye_array(matrix.shape[0])
+    factors = factorise(shifted, symmetric=np.isrealobj(matrix.data))
     _, vectors = find_nearest(matrix, count, -shift, factors.solve)
     return np.asarray(np.linalg.svd(rows @ np.linalg.qr(vectors)[0], compute_uv=False)[::-1])

@@ -33,11 +33,11 @@ import numpy as np
 
 from granphon.array.equilibrium import CARRIED_FORCE
 from granphon.array.krylov import conjugate_gradients
-from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_laws import PairLaw, opening_overlap, punch_stiffness, touching_overlap
 from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS, EnergyLaw
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, MechanismError
+from granphon.dynamics.factors import factorise
 from granphon.dynamics.linalg import find_nearest
 
 #: residual, over the mean force, at which a state is at rest, and that which must be reached
@@ -871,7 +871,7 @@ class _Configuration:
             * float(np.max((np.abs(frame.press.T) @ (self.force / self.r))[: frame.n_free]))
             / mean
         )
-        solve = factorise(own + most * eye_array(len(balls)), pivot=0.01).solve
+        solve = factorise(own + most * eye_array(len(balls))).solve
         value, vector = find_nearest(own, 1, -most, solve, np.cos(np.arange(len(balls)) ** 2.0))
         if value[0] > -_DOWN * most:
             return None
@@ -998,7 +998,7 @@ def _solve_indefinite(
         own = (
             matrix.tocsr()[free][:, free] / scale + diags_array(np.full(len(free), _HOLD) + held)
         ).tocsc()
-        out[free] = factorise(own, pivot=0.01).solve(right[free]) / scale
+        out[free] = factorise(own).solve(right[free]) / scale
     return out
 
 

@@ -29,7 +29,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.sparse_matrices import LARGEST_FACTORS, factorise
+from granphon.array.sparse_matrices import LARGEST_FACTORS
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
@@ -37,6 +37,7 @@ from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import not_negative, whole_number
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.dynamics.factors import Analysis, Factors, factorise
 from granphon.dynamics.linalg import find_nearest, lanczos_converges
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import network_warnings
@@ -109,10 +110,6 @@ _KRYLOV = 400
 _RITZ_ERROR = 1e-5
 #: greatest rate of growth, over the top frequency, that is put down to forces left on balls at rest
 _BALANCED = 1e-4
-#: pivot of a damped matrix on the diagonal, at least, over the largest entry of its column. With a
-#: tenth, factors at frequencies within bands have up to a hundred times more entries, and solutions
-#: that are refined have no digit more
-PIVOT = 1e-5
 #: vectors of a Krylov space beyond those that are requested
 _SPARE = 8
 
@@ -152,25 +149,23 @@ class Problem:
         held = self.operator.matrix[self.live][:, self.live] if self.loose else self.operator.matrix
         return (held - value * eye_array(self.live.size)).tocsc()
 
-    def factors(self, value: float) -> Any:
-        """Return the LU factors of D - ``value``, pivots on the diagonal."""
+    @cached_property
+    def _analysis(self) -> Analysis:
+        """The order of elimination of D less any value."""
+        return Analysis(self.shifted(-(self.top**2)))
+
+    def factors(self, value: float) -> Factors:
+        """Return the factors of D - ``value``."""
         for nudge in (0.0, 1e-9, -1e-7):
             try:
-                return factorise(self.shifted(value + nudge * self.top**2))
+                return self._analysis.factorise(self.shifted(value + nudge * self.top**2))
             except RuntimeError:  # exactly singular: the value is an eigenvalue
                 continue
         raise ConvergenceError("the matrix of the network cannot be factorised")
 
     def count_below(self, value: float) -> int:
-        """Return the number of eigenvalues below ``value``: that of the pivots below zero
-        (Sylvester's law of inertia).
-        """
-        factors = self.factors(value)
-        if not np.array_equal(factors.perm_r, factors.perm_c):
-            raise ConvergenceError(
-                "the factors of the matrix have pivots off the diagonal", "No modes are counted"
-            )
-        return int(np.sum(factors.U.diagonal() < 0.0))
+        """Return the number of eigenvalues below ``value``."""
+        return self.factors(value).n_below
 
     def refine(self, vectors: Array) -> tuple[Array, Array, Array]:
         """Return the frequencies, modes and residuals over top^2 within the space of ``vectors``
@@ -812,9 +807,7 @@ def _follow_damped(
     n = stiffness.shape[0]
     shift = math.sqrt(_SHIFT) + 1j * target
     unit: Any = eye_array(n)
-    factors = factorise(
-        (stiffness + shift * viscous + shift**2 * unit).astype(complex), pivot=PIVOT
-    )
+    factors = factorise((stiffness + shift * viscous + shift**2 * unit).astype(complex))
 
     def free(z: Any) -> Any:
         parts = np.stack([z[:n].real, z[:n].imag, z[n:].real, z[n:].imag], axis=1)

@@ -52,7 +52,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.sparse_matrices import estimate_factors, factorise, share_places
+from granphon.array.sparse_matrices import estimate_factors, share_places
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.memory import require_memory
@@ -62,8 +62,8 @@ from granphon.base.text import counted
 from granphon.base.threads import single_products
 from granphon.base.validation import frequency_array, index_array, one_of, positive
 from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.factors import Analysis
 from granphon.networks.network import ContactNetwork
-from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
 
@@ -905,23 +905,23 @@ class _Problem:
         return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
 
     def _factorise(self, omega: Array) -> tuple[Complex, Array]:
-        """Return values (n_f, n_r) and errors (n_f,) by factors of Z at each frequency."""
+        """Return values (n_f, n_r) and errors (n_f,) by factors of Z, reduced by top^2, at each
+        frequency.
+        """
         from scipy.sparse import eye_array
 
         operator = self.operator
         squared = self.operator.top**2
         unit = eye_array(operator.size)
-        # reduced by top^2; the order of the motions is that of least fill
-        place = factorise(operator.matrix / squared + unit).perm_c
-        order = np.argsort(place)
         # powers of omega, and weights of the rows, of loss factors and of dashpots
         losses = (self.damping.losses, self.damping.times)
         powers = [power for power, weights in enumerate(losses) if np.any(weights)]
         matrices: list[Any] = [operator.matrix, *(operator.weigh(losses[n]) for n in powers)]
         matrix, ones, elastic, *lossy = share_places(
-            [unit, *((matrix / squared)[order][:, order] for matrix in matrices)]
+            [unit, *(matrix / squared for matrix in matrices)]
         )
-        drives = [drive[order] / squared for drive in self.drives]
+        analysis = Analysis(matrix)
+        drives = [drive / squared for drive in self.drives]
         values = np.zeros((omega.size, len(self.heard)), complex)
         error = np.zeros(omega.size)
         for row, w in enumerate(omega.tolist()):
@@ -937,12 +937,12 @@ class _Problem:
             x = np.zeros(operator.size, matrix.dtype)
             heard = values[row]
             try:
-                factors = factorise(matrix, pivot=PIVOT, order="NATURAL")
+                factors = analysis.factorise(matrix)
                 for solution in range(_SOLUTIONS):
                     change = factors.solve(drive - matrix @ x)
                     x += change
                     previous = heard
-                    heard = self._listen(x[place])
+                    heard = self._listen(x)
                     loudest = np.max(np.abs(heard)) or 1.0
                     error[row] = np.max(np.abs(heard - previous)) / loudest
                     if solution and error[row] <= TOLERANCE:
@@ -950,7 +950,7 @@ class _Problem:
                 # the entries of Z, and omega, have the rounding of a float
                 sizes = np.abs(matrix.diagonal()) + 2.0 * w**2 / squared
                 rounded = factors.solve(np.finfo(float).eps * sizes * x)
-                error[row] += np.max(np.abs(self._listen(rounded[place]))) / loudest
+                error[row] += np.max(np.abs(self._listen(rounded))) / loudest
             except RuntimeError:  # exactly singular
                 raise _explain_resonance(w) from None
             if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x):

@@ -16,7 +16,6 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.array.sparse_matrices import factorise
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.results import Result
@@ -29,9 +28,9 @@ from granphon.dynamics.bloch_waves import (
     require_bloch_memory,
 )
 from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.factors import factorise
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import ContactNetwork, given_network
-from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
 
 #: distance, over the diameter, up to which a ball of the strip stands in the place of one of a lead
@@ -501,7 +500,7 @@ def _scatter(
     factor = come.factors[: come.running] ** reach
     pushed = first_blocks.up @ shape * factor
     drive = lower.conj().T @ (first_blocks.down @ (shape - back @ pushed))
-    factors = factorise(w * eye_array(matrix.shape[0]) - matrix, pivot=PIVOT)
+    factors = factorise(w * eye_array(matrix.shape[0]) - matrix, symmetric=False)
     moved = factors.solve(np.asarray(drive, complex))
     sent = leave.find_parts(back @ (first_blocks.up @ (lower @ moved) - pushed))
     return sent, go.find_parts(ahead @ (last_blocks.down @ (upper @ moved)))

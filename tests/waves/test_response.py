@@ -12,10 +12,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.array import sparse_matrices
 from granphon.balls.contact_model import ContactModel
 from granphon.base.errors import ConvergenceError, InputError, PrecisionError
-from granphon.waves import response
 from tests import packings
 
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -632,24 +630,6 @@ def test_a_krylov_space_that_grows_without_bound_is_one_error():
     hertz = np.linspace(0.1, 1.0, 4) * HERTZ
     with pytest.raises(ConvergenceError, match="Krylov"):
         waves.response(hertz, (4, "x"), (7, "y"), **loss, method="krylov")
-
-
-@pytest.mark.parametrize(
-    ("name", "size"), [("square", (30, 30)), ("triangular", (30, 30)), ("chain", (3000,))]
-)
-def test_factors_within_bands_have_no_more_entries_than_below_them(name, size, monkeypatch):
-    entries = []
-
-    def factorise(*arguments, **options):
-        factors = sparse_matrices.factorise(*arguments, **options)
-        entries.append(factors.L.nnz + factors.U.nnz)
-        return factors
-
-    monkeypatch.setattr(response, "factorise", factorise)
-    waves = gp.Waves(ideal(name).repeat(size))
-    omega = np.linspace(0.05, 0.97, 12) * waves.operator.top
-    waves.response(omega / (2.0 * np.pi), (5, "x"), (0, "x"), method="direct")
-    assert max(entries) < 1.1 * entries[0]
 
 
 def test_a_loss_factor_given_as_damping_is_told():
