@@ -14,6 +14,7 @@ import granphon as gp
 from granphon.base.errors import InputError
 from granphon.dynamics.contact_lattice import ContactLattice
 from tests.networks.twin import dynamical_matrix
+from tests.packings import balance
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 #: axes of the motions, among (u_x, u_y, u_z, phi_x, phi_y, phi_z)
@@ -91,15 +92,29 @@ def turned(network, seed=1):
 
 
 def pulled(network, seed=3):
-    """The network with prestress, and tangential forces in the directions that its balls can
-    move.
+    """The network with prestress, and tangential forces in the directions that its balls can move;
+    at rest where it repeats along all of its axes.
     """
     rng = np.random.default_rng(seed)
     d = network.dimension
-    force = np.zeros((network.n_contacts, 3))
-    force[:, :d] = rng.normal(size=(network.n_contacts, d)) * network.normal_force[:, None]
+    count = network.n_contacts
+    force = np.zeros((count, 3))
+    force[:, :d] = 0.2 * rng.normal(size=(count, d)) * network.normal_force[:, None]
     force -= np.einsum("ca,ca->c", force, network.normal)[:, None] * network.normal
-    return replace(network, prestress=True, tangential_force=force)
+    force += network.normal_force[:, None] * network.normal
+    if all(network.pbc[:d]):  # the forces nearest to these that are in balance
+        ends = np.zeros((network.n_balls, count))
+        np.add.at(ends, (network.j, np.arange(count)), 1.0)
+        np.add.at(ends, (network.i, np.arange(count)), -1.0)
+        free = ends[network.moving]
+        force -= np.linalg.pinv(free) @ (free @ force)
+    normal_force = np.einsum("ca,ca->c", force, network.normal)
+    return replace(
+        network,
+        prestress=True,
+        normal_force=normal_force,
+        tangential_force=force - normal_force[:, None] * network.normal,
+    )
 
 
 CASES = {
@@ -111,7 +126,7 @@ CASES = {
     "plane, all motions": lambda: random_network("kagome", (1, 2), "all"),
     "fcc": lambda: random_network("fcc", (2, 2, 1)),
     "diamond": lambda: random_network("diamond", (1, 1, 1)),
-    "prestress": lambda: random_network("fcc", (2, 1, 1), prestress=True),
+    "prestress": lambda: balance(random_network("fcc", (2, 1, 1), prestress=True)),
     "tangential forces": lambda: pulled(random_network("fcc", (2, 1, 1))),
     "tangential forces in a plane": lambda: pulled(random_network("triangular", (3, 2), "all")),
     "tangential forces, one ball": lambda: pulled(random_network("triangular", (1, 1))),
@@ -129,7 +144,7 @@ CASES = {
     "turned wire": lambda: turned(ribbon(random_network("sc", (2, 2, 2)), 0)),
     "one ball of two that is held": lambda: hold(random_network("honeycomb", (1, 1)), [1]),
     "held": lambda: hold(random_network("triangular", (3, 3)), [0, 4]),
-    "held in space": lambda: hold(random_network("hcp", (2, 2, 1), prestress=True), [3]),
+    "held in space": lambda: balance(hold(random_network("hcp", (2, 2, 1), prestress=True), [3])),
     "ribbon on a wall": lambda: hold(ribbon(random_network("square", (1, 4), "all"), 0), [0]),
 }
 
