@@ -53,7 +53,13 @@ STATES = {
 
 
 @pytest.mark.claim("network-bands")
-@pytest.mark.parametrize("case", STATES)
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=[pytest.mark.slow] * (case in ("finite overlap", "kagome", "fcc")))
+        for case in STATES
+    ],
+)
 def test_a_network_of_a_state_has_the_numbers_of_the_state(case):
     """Bands, velocities, moduli and pulses; a state of its own with a network is one too."""
     state = at_overlap(1e-3, **STATES[case])
