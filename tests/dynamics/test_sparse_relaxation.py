@@ -69,6 +69,10 @@ CASES = {
 }
 
 
+#: these take the same ways as others
+LIKE = ("plane, all motions", "honeycomb", "chain, all motions", "a ball with one contact", "plane")
+
+
 def find_all(network):
     """All that long waves find, or its error."""
     lattice = ContactLattice._make_of_network(network)
@@ -89,7 +93,9 @@ def find_all(network):
 
 
 @pytest.mark.claim("sparse-moduli")
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.slow] * (case in LIKE)) for case in CASES]
+)
 def test_sparse_factors_have_the_digits_of_dense_singular_values(case, monkeypatch):
     network = CASES[case]()
     monkeypatch.setattr(long_waves, "MANY_COLUMNS", 10**9)

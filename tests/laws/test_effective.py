@@ -33,7 +33,6 @@ from tests.references import balance, integrate_curve
 XI = {eta: local_field(mindlin_ratio=eta).xi for eta in (0.0, 0.84)}
 UNIFORM, NORMAL = UniformShape(), NormalShape(3.0)
 DENSITIES = {"uniform": UNIFORM, "normal": NORMAL}
-every_density = pytest.mark.parametrize("shape", DENSITIES.values(), ids=DENSITIES)
 every_xi = pytest.mark.parametrize("xi", XI.values(), ids=["smooth", "rough"])
 
 

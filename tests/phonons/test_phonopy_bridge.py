@@ -82,7 +82,7 @@ MANY = (
     "hardly pressed",
     "finite overlap",
     "kagome",
-    "membrane",
+    "row",
 )
 
 
