@@ -207,7 +207,11 @@ def test_there_is_no_gap_where_branches_touch():
 
 @pytest.mark.parametrize(
     ("lattice", "count"),
-    [("honeycomb", 0), pytest.param("kagome", 1, marks=pytest.mark.slow)],
+    [
+        ("square", 0),
+        pytest.param("honeycomb", 0, marks=pytest.mark.slow),
+        pytest.param("kagome", 1, marks=pytest.mark.slow),
+    ],
 )
 def test_branches_that_cross_away_from_the_mesh_leave_no_gap(lattice, count):
     ball = gp.Ball(STEEL, 8e-3)
