@@ -392,7 +392,15 @@ print(json.dumps([terahertz(modes), modes.qpts.tolist(), modes.eigenvectors.real
 
 
 @pytest.mark.claim("euphonic-bands")
-@pytest.mark.parametrize("case", ["rough", "finite overlap", "vacancy", "kagome", "held balls"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        "rough",
+        "vacancy",
+        "held balls",
+        *(pytest.param(case, marks=pytest.mark.slow) for case in ("finite overlap", "kagome")),
+    ],
+)
 def test_euphonic_reads_bands_with_eigenvectors(case, tmp_path):
     bands = CASES[case]().bands([[0, 0], [1 / 3, 1 / 3], [0.5, 0]], npoints=5)
     bands.write(tmp_path / "band.yaml")
