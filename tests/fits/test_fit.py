@@ -102,6 +102,7 @@ def test_of_two_minima_the_deeper_is_found(width, sigma, lowest):
         velocities(spread_over(0.5e-6), force=force),
         velocities(spread_over(width), force=force),
     )
+
     def misfit(log):
         speeds = velocities(spread_over(np.exp(log)), force=[2.0, 30.0])
         return np.sum(((np.repeat(speeds, [3, 40]) - wanted) / sigmas) ** 2)
@@ -914,7 +915,12 @@ def test_two_parameters_are_fitted_with_finite_overlap():
     clean = velocities(WIDE, "ema", force, finite_overlap=True)
     noisy = clean * (1.0 + 0.004 * np.random.default_rng(0).standard_normal(len(force)))
     fit = fit_width(
-        WIDE, force, noisy, 0.004 * clean, parameters=("width", "young_modulus"), finite_overlap=True
+        WIDE,
+        force,
+        noisy,
+        0.004 * clean,
+        parameters=("width", "young_modulus"),
+        finite_overlap=True,
     )
     assert np.all(np.abs(fit.values - (WIDE.width, STEEL.young_modulus)) < 3.0 * fit.stderrs)
 
