@@ -532,7 +532,7 @@ def test_the_smallest_friction_coefficients_are_numbers_like_others():
         assert_allclose(state.contacts.forces, smooth.forces, atol=1e-9 * np.mean(smooth.forces))
 
 
-@pytest.mark.parametrize("shape", [(8, 8), pytest.param((16, 16), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("shape", [(6, 6), pytest.param((16, 16), marks=pytest.mark.slow)])
 def test_balls_that_touch_are_not_turned_at_once(shape):
     # in the first step of the larger array loose neighbours undid each other's turns without end
     state = run(history(shape, 1e-4, seed=3), [ReducedLoad(overlap=0.025)])[-1]
@@ -698,7 +698,7 @@ def test_product_is_that_of_the_law_with_deformations(monkeypatch, lattice, shap
 @pytest.mark.parametrize("lattice", [TRIANGULAR, SQUARE])
 def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
     """The square lattice is a mechanism without friction, and its balls may turn like gears."""
-    paths = history((4, 4), lattice=lattice, start="gas")
+    paths = history((3, 3), lattice=lattice, start="gas")
     begun = paths.begin()
     assert begun.overlap < 0.1
     assert begun.force >= 0.5 * stepper.STANDING_FORCE

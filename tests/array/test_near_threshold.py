@@ -49,7 +49,7 @@ def test_equilibrium_is_that_of_newtons_method(spacing):
 
 @pytest.mark.parametrize("force", [1e-2, pytest.param(1e-3, marks=pytest.mark.slow), 1e-4])
 def test_force_and_overlap_given_are_one(force):
-    x = balls((12, 11), 1)
+    x = balls((9, 8), 1)
     by_force = equilibrate(x, ReducedLoad(force=force))
     assert by_force.force == pytest.approx(force, rel=2e-13)
     assert residual(by_force) <= 1.1e-10

@@ -271,7 +271,7 @@ def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
 
 @pytest.mark.claim("tutorial-fit")
 @pytest.mark.usefixtures("remembered")
-@pytest.mark.parametrize("count", [20, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [16, pytest.param(60, marks=pytest.mark.slow)])
 def test_errors_from_the_scatter_follow_student(count):
     pulls = []
     fits = []
@@ -870,7 +870,7 @@ WIDE = spread_over(0.02 * 8e-3)
 HIGH = WIDE.width_units.force * 10.0 ** (np.arange(-4, 5) / 8.0)
 
 
-EXACT_SAMPLES = {"simulation": {"shape": (6, 6), "geometry": "exact"}}
+EXACT_SAMPLES = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
 
 
 @pytest.mark.parametrize(
@@ -883,7 +883,7 @@ def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency,
     """
     waves = Waves(branch, np.array([0.0, 1.0]), frequency, True)
     model = VelocityModel(WIDE, ("width",), MediumChoice.parse(EXACT_SAMPLES), force, waves)
-    state = gp.DirectSimulation(WIDE, (6, 6), geometry="exact").at_force(force)
+    state = gp.DirectSimulation(WIDE, (4, 4), geometry="exact").at_force(force)
     found = model(model.find_start(WIDE.width))[0]
     assert_allclose(found, waves.velocity(state)[0], rtol=1e-3 if frequency else 1e-10)
 
@@ -1067,6 +1067,9 @@ def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     assert "chi^2" not in printed  # it is the degrees of freedom, whatever the data
     assert command("scene.yaml", "data.csv", "-o", "out") == 1
     assert "already holds" in capsys.readouterr().err
+
+
+def test_errors_that_are_given_are_printed_with_how_well_they_fit(folder, capsys):
     assert command("scene.yaml", "data.csv", "--sigma", "2 m/s") == 0
     printed = capsys.readouterr().out
     assert "each +/- 2 m/s (given)" in printed

@@ -453,7 +453,7 @@ def test_balls_and_cell_are_in_balance_under_any_stress(kinds, shear, side, size
     assert_allclose(overlap, state.overlap, atol=1e-11 * float(np.max(state.overlap)))
 
 
-@pytest.mark.parametrize("depth", [1e-4, 1e-2])
+@pytest.mark.parametrize("depth", [pytest.param(1e-4, marks=pytest.mark.slow), 1e-2])
 def test_exact_rest_is_the_minimum_of_the_exact_energy(depth):
     """In a strained cell, whose balls scipy moves; contacts are found anew from the places of the
     balls.

@@ -61,9 +61,9 @@ def test_a_chain_carries_one_force():
 @pytest.mark.parametrize(
     ("lattice", "shape", "force"),
     [
-        ("triangular", (8, 8), 1e3),
+        ("triangular", (6, 6), 1e3),
         pytest.param("triangular", (8, 8), 10.0, marks=pytest.mark.slow),
-        ("triangular", (8, 8), 1.0),
+        ("triangular", (6, 6), 1.0),
         ("fcc", (3, 3, 3), 2.0),
         ("hcp", (2, 2, 2), 50.0),
     ],

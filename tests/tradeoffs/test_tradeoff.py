@@ -802,7 +802,7 @@ def test_the_diagrams_are_log_log_with_a_curve_for_each_method_and_can_be_read(f
 
 
 def test_a_command_writes_table_and_picture(work, capsys):
-    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "200 ms", "--loads", "1"]) == 0
+    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "100 ms", "--loads", "1"]) == 0
     assert sorted(path.name for path in (work / "out").iterdir()) == [
         ".granphon-files",
         "tradeoff.csv",
