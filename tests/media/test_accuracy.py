@@ -405,7 +405,7 @@ def test_chance_above_the_table_falls_so_too():
     packing = balls()
     forces = load(packing, "force", [30.0, 300.0])
     array = Ensemble(packing, forces, (8, 8))
-    array.add(24)
+    array.add(16)
     # of a velocity half of that of a modulus, of one ball eight times that of a sample
     noise = np.max(
         4.0 * np.std(array.moduli, axis=0, ddof=1) / np.mean(array.moduli, axis=0), axis=1
@@ -470,7 +470,7 @@ def test_errors_of_two_kinds_are_bounded_where_they_peak(maker, larger, place):
     """
     packing = maker.packing(maker.listed([0.0, 1.0], [1.0 - larger, larger]), 0.28)
     force = place * maker.unit(packing)
-    truth = gp.DirectSimulation(packing, (40, 40), seed=7, samples=2).at_force(force)
+    truth = gp.DirectSimulation(packing, (32, 32), seed=7, samples=2).at_force(force)
     right = observe(truth)
     for kind, load in (("force", force), ("overlap", truth.overlap)):
         for name, medium in maker.MEDIA.items():

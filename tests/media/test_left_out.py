@@ -196,7 +196,7 @@ def test_from_the_gas_in_the_directions_of_the_lattice_velocities_depend_on_the_
     geometry, told
 ):
     given = {**HISTORY, "start": "gas", "step_tolerance": 1.0, "geometry": geometry}
-    state = gp.DirectSimulation(REAL, (3, 3), **given).at_force(0.15 * unit(REAL))
+    state = gp.DirectSimulation(REAL, (2, 3), **given).at_force(0.15 * unit(REAL))
     warnings = [text for text in gp.validity(state).warnings if "numbering" in text]
     assert len(warnings) == told
     assert state.valid == (not told)
