@@ -12,7 +12,17 @@ import numpy as np
 from mpmath import mpf
 
 import granphon as gp
-from tests.extreme_cases import STEEL, THIN, Case, D, against_sparse, balance, coefficient, grid, off
+from tests.extreme_cases import (
+    STEEL,
+    THIN,
+    Case,
+    D,
+    against_sparse,
+    balance,
+    coefficient,
+    grid,
+    off,
+)
 
 #: P d^(p - 1)/f
 FACTORS = {

@@ -86,9 +86,7 @@ def processes(tmp_path_factory):
 @cache
 def bringing(part: str) -> set[str]:
     """The watched modules that a module loads, in the versions that there are."""
-    return set(costs.HEAVY) & set(
-        costs.python(f"import sys, {part}\nprint(*sys.modules)").split()
-    )
+    return set(costs.HEAVY) & set(costs.python(f"import sys, {part}\nprint(*sys.modules)").split())
 
 
 def expected(modules: set[str]) -> set[str]:

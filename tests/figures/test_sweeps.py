@@ -94,7 +94,7 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
         "without friction",
     ]
     many = sweep(
-        PACKING, force=[3.0, 4.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist()
+        PACKING, force=[3.0, 4.0], media=("afa",), width=np.linspace(1e-6, 2e-6, 12).tolist()
     )
     *named, last = texts(plot_sweep(many, Figure().subplots()).get_legend())
     assert len(named) == 8
@@ -112,7 +112,14 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
 
 @pytest.mark.parametrize(
     ("variable", "samples"),
-    [("transverse", 3), ("transverse", 1), ("exponent", 1), ("contact_fraction", 1)],
+    [
+        ("transverse", 2),
+        ("exponent", 1),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("transverse", 3), ("transverse", 1), ("contact_fraction", 1))
+        ),
+    ],
 )
 def test_a_simulation_is_points_and_several_samples_have_bars_of_their_standard_error(
     ax, variable, samples
@@ -349,10 +356,10 @@ def test_what_is_the_same_in_all_directions_has_the_colours_of_the_media(directi
         assert any(name.startswith("along") for name in named) == (len(figure.axes) == 2)
 
 
-def test_a_long_legend_leaves_the_panels_their_room(directions):
-    for variable in ("bulk", "longitudinal"):
-        figure = sweep_figure(directions, variable=variable)
-        figure.draw_without_rendering()
-        (ax,) = figure.axes
-        assert ax.yaxis.label.get_window_extent().y1 < figure.bbox.y1
-        assert ax.get_window_extent().height > 1.2 * figure.dpi
+@pytest.mark.parametrize("variable", ["longitudinal", pytest.param("bulk", marks=pytest.mark.slow)])
+def test_a_long_legend_leaves_the_panels_their_room(directions, variable):
+    figure = sweep_figure(directions, variable=variable)
+    figure.draw_without_rendering()
+    (ax,) = figure.axes
+    assert ax.yaxis.label.get_window_extent().y1 < figure.bbox.y1
+    assert ax.get_window_extent().height > 1.2 * figure.dpi

@@ -1207,10 +1207,10 @@ def test_what_cannot_be_plotted_is_one_line(work, whole, capsys):
 
 
 def test_only_a_data_set_has_variables(work, capsys):
-    (work / "scene.yaml").write_text(ONE + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
-    assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
+    scene = Scene.from_text(ONE)
+    scene.run("out", figures=False)
     assert main(["plot", "out", "--variable", "bulk", "-o", "bulk.svg"]) == 0
     (work / "alone").mkdir()
-    (work / "out" / "dos.csv").rename(work / "alone" / "dos.csv")
+    gp.Phonons(scene.state()).dos((4, 4), points=12).write_csv(work / "alone" / "dos.csv")
     assert main(["plot", "alone", "--variable", "bulk", "--force"]) == 2
     assert "holds no sweep" in capsys.readouterr().err
