@@ -94,7 +94,7 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
         "without friction",
     ]
     many = sweep(
-        PACKING, force=[3.0, 4.0], media=("afa",), width=np.linspace(1e-6, 2e-6, 12).tolist()
+        PACKING, force=[3.0, 4.0], media=("afa",), width=np.linspace(1e-6, 2e-6, 30).tolist()
     )
     *named, last = texts(plot_sweep(many, Figure().subplots()).get_legend())
     assert len(named) == 8
@@ -164,13 +164,13 @@ LOADED = {
 @pytest.mark.parametrize(
     "media",
     [
-        ("ema", {"simulation": {"shape": (3, 3), "samples": 3}}),
+        ("ema", {"simulation": {"shape": (3, 3), "samples": 2}}),
         pytest.param(({"simulation": LOADED},), marks=pytest.mark.slow),
     ],
     ids=["two", "a long one"],
 )
 def test_long_labels_stand_below_each_other(media):
-    data = sweep(PACKING, force=[2.0, 3.0], media=media)
+    data = sweep(PACKING, force=[20.0, 30.0], media=media)
     figure = sweep_figure(data)
     figure.draw_without_rendering()
     (legend,) = figure.legends
@@ -338,22 +338,25 @@ def directions():
     )
 
 
-def test_what_is_the_same_in_all_directions_has_the_colours_of_the_media(directions):
-    for figure in (sweep_figure(directions, variable="bulk"), sweep_figure(directions)):
-        ax = figure.axes[-1]
-        legend = figure.legends[0]
-        named = {
-            text.get_text(): line.get_color()
-            for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
-        }
-        media = ("averaged lattice", "averaged force", "simulation, 2 samples of 1 x 1 x 1 balls")
-        wanted = [to_rgb(named[name]) for name in media]
-        drawn = [
-            to_rgb(line.get_color()) for line in ax.lines if (line.get_gid() or "").endswith("-all")
-        ]
-        assert drawn == wanted
-        # directions are named where they are drawn
-        assert any(name.startswith("along") for name in named) == (len(figure.axes) == 2)
+@pytest.mark.parametrize(
+    "options", [{}, pytest.param({"variable": "bulk"}, marks=pytest.mark.slow)], ids=str
+)
+def test_what_is_the_same_in_all_directions_has_the_colours_of_the_media(directions, options):
+    figure = sweep_figure(directions, **options)
+    ax = figure.axes[-1]
+    legend = figure.legends[0]
+    named = {
+        text.get_text(): line.get_color()
+        for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+    }
+    media = ("averaged lattice", "averaged force", "simulation, 2 samples of 1 x 1 x 1 balls")
+    wanted = [to_rgb(named[name]) for name in media]
+    drawn = [
+        to_rgb(line.get_color()) for line in ax.lines if (line.get_gid() or "").endswith("-all")
+    ]
+    assert drawn == wanted
+    # directions are named where they are drawn
+    assert any(name.startswith("along") for name in named) == (len(figure.axes) == 2)
 
 
 @pytest.mark.parametrize("variable", ["longitudinal", pytest.param("bulk", marks=pytest.mark.slow)])

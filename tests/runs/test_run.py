@@ -314,13 +314,13 @@ def test_samples_of_a_sweep_are_shared_by_workers(work):
 
 
 def test_a_sweep_goes_on_in_the_midst_of_a_sample(work, monkeypatch, capsys):
-    text = SAMPLED.replace("16 16", "4 4").replace("samples: 3", "samples: 2")
+    text = SAMPLED.replace("16 16", "2 4").replace("samples: 3", "samples: 2")
     (work / "scene.yaml").write_text(text)
     run = ["run", "scene.yaml", "-q", "--no-figures", "-o", "out"]
     with monkeypatch.context() as patch:
         begun = interrupted_after(1, patch, KeyboardInterrupt())
         assert main(run) == 130
-    sample = "simulation(samples=2, seed=4, shape=4 4), seed "
+    sample = "simulation(samples=2, seed=4, shape=2 4), seed "
     assert begun == [f"{sample}{seed}" for seed in (4, 4)]
     assert "kept" in one_error(capsys)
     with monkeypatch.context() as patch:

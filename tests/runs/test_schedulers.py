@@ -4,6 +4,7 @@ worker is killed.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import signal
@@ -34,7 +35,8 @@ from granphon.runs.store import Store, read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers, open_executor, packages
 
-distributed = pytest.importorskip("distributed")
+if importlib.util.find_spec("distributed") is None:
+    pytest.skip("needs distributed", allow_module_level=True)
 
 SCENE = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -83,6 +85,8 @@ class Nap:
 @pytest.fixture(scope="module")
 def client():
     """A client of two worker processes; one that is killed is started again."""
+    import distributed
+
     silent = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
     with (
         distributed.LocalCluster(
@@ -355,6 +359,8 @@ def read_address(file):
 @pytest.fixture
 def remote(tmp_path):
     """A scheduler in a process of its own with one worker: its address, and the process."""
+    import distributed
+
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, sys.path)])
     }
