@@ -93,10 +93,13 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
         "with friction",
         "without friction",
     ]
+
+
+def test_of_many_parameters_some_are_named(ax):
     many = sweep(
-        PACKING, force=[3.0, 4.0], media=("afa",), width=np.linspace(1e-6, 2e-6, 30).tolist()
+        PACKING, force=[3.0, 4.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist()
     )
-    *named, last = texts(plot_sweep(many, Figure().subplots()).get_legend())
+    *named, last = texts(plot_sweep(many, ax).get_legend())
     assert len(named) == 8
     assert re.fullmatch(r"8 of [0-9]+ are named", last)
     # at one load alone they lie over the parameter
