@@ -713,7 +713,10 @@ def test_an_interruption_while_workers_come_and_go(work, monkeypatch, capsys, mo
 
 @pytest.mark.parametrize(
     ("error", "options"),
-    [(KeyboardInterrupt(), ["--resume", "--force"]), (MemoryError(), ["--resume"])],
+    [
+        (KeyboardInterrupt(), ["--resume", "--force"]),
+        pytest.param(MemoryError(), ["--resume"], marks=pytest.mark.slow),
+    ],
 )
 def test_an_interrupted_sweep_goes_on(work, whole, monkeypatch, capsys, error, options):
     with monkeypatch.context() as patch:
@@ -756,7 +759,7 @@ def test_a_file_that_is_missing_is_named(work, whole, capsys):
             SWEEP.replace("20 N", "21 N").replace("7840", "7841"),
             "force[1] is 6.32455",
         ),
-        (ONE, "other work"),
+        pytest.param(ONE, "other work", marks=pytest.mark.slow),
     ],
 )
 def test_another_scene_does_not_discard_what_a_sweep_has_finished(
@@ -997,8 +1000,8 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
     "moment",
     [
         "granphon.base.staging._finish",
-        "granphon.runs.store.Store.clear",
-        "granphon.cli.scenes.say_table",
+        pytest.param("granphon.runs.store.Store.clear", marks=pytest.mark.slow),
+        pytest.param("granphon.cli.scenes.say_table", marks=pytest.mark.slow),
     ],
 )
 def test_an_interruption_after_the_exchange_says_that_the_result_is_there(
