@@ -102,15 +102,13 @@ def test_a_sweep_has_the_waves_of_every_state(text, words, tmp_path):
 
 
 @pytest.mark.parametrize("medium", [pytest.param("[ala, ema]", marks=pytest.mark.slow), "ema"])
-def test_balls_that_differ_have_the_waves_of_their_mean_lattice(medium, tmp_path):
+def test_balls_that_differ_have_the_waves_of_their_mean_lattice(medium):
     text = (
         PACKING.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 2 um}")
         + f"medium: {medium}\n"
     )
-    result = scene(text, LATTICE="triangular", AXIS="1", FORCE="[20 N, 40 N]").run(
-        tmp_path, figures=False
-    )
-    assert np.all(result.dataset["surface_velocity"] > 0.0)
+    data = scene(text, LATTICE="triangular", AXIS="1", FORCE="[20 N, 40 N]").sweep()
+    assert np.all(data["surface_velocity"] > 0.0)
 
 
 CUTS = {

@@ -529,9 +529,7 @@ def test_balls_of_jkr_lose_energy_as_contacts_are_made_and_broken(scheme, speed,
 
 
 @pytest.mark.claim("nonlinear-adhesion")
-@pytest.mark.parametrize(
-    "law", [gp.DMT(0.1), pytest.param(gp.JKR(0.1), marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("law", [gp.DMT(0.1), pytest.param(gp.JKR(0.1), marks=pytest.mark.slow)])
 def test_steps_where_forces_jump_are_of_second_order(law):
     contact = law.between(RUBBER, RUBBER)
     loss = contact.energy(contact.least_overlap) - contact.energy(0.0)

@@ -61,9 +61,9 @@ def move_in_lammps(network, motions, step, steps, slip, overlap=OVERLAP, mu=MU, 
     return found
 
 
-def differences(slip, finer, geometry="lattice", overlap=OVERLAP):
-    """Rms differences of velocities, spins and forces over their rms, after the time of a thousand
-    coarse steps.
+def differences(slip, finer, geometry="lattice", overlap=OVERLAP, count=500):
+    """Rms differences of velocities, spins and forces over their rms, after the time of
+    ``count`` coarse steps.
 
     The forces on our balls are their masses times the change of their velocities from one coarse
     step before to one after.
@@ -82,12 +82,12 @@ def differences(slip, finer, geometry="lattice", overlap=OVERLAP):
     motions[:, :2] = speed * random.standard_normal((network.n_balls, 2))
     step = 2e-3 / speed * overlap * D
     motion = waves.run(
-        1001 * step, velocities=motions[:, :3], spins=motions[:, 3:], frames=1002, step=step / finer
+        (count + 1) * step, velocities=motions[:, :3], spins=motions[:, 3:], frames=count + 2, step=step / finer
     )
     assert np.any(motion.forces[-1] == 0.0)
     # the network of a finite overlap has the true cell
     theirs = move_in_lammps(
-        network, motions, step / finer, 1000 * finer, slip, 0.0 if exact else overlap
+        network, motions, step / finer, count * finer, slip, 0.0 if exact else overlap
     )
     forces = (
         network.masses[:, None] * (motion.velocities[-1] - motion.velocities[-3]) / (2.0 * step)
@@ -112,7 +112,7 @@ def test_balls_with_friction_move_as_in_lammps():
     """Slip up to Coulomb's limit, in 1e-4; LAMMPS takes the stiffness at the end of a step, which
     is of first order.
     """
-    coarse, fine = (np.array(differences(True, finer)) for finer in (1, 2))
+    coarse, fine = (np.array(differences(True, finer, count=1000)) for finer in (1, 2))
     assert np.all(fine < 1e-4)
     assert np.all(np.abs(np.log2(coarse / fine) - 1.0) < 0.1)
 

@@ -450,9 +450,7 @@ def test_pulses_of_several_samples_have_one_coherent_part():
 def pressed_networks():
     """Samples of unlike balls in the exact geometry, without their static forces."""
     packing = gp.Packing(STEEL, 8e-3, gp.Uniform(8e-5))
-    arrays = (
-        gp.DirectSimulation(packing, (3, 8), seed=seed, geometry="exact") for seed in (1, 2)
-    )
+    arrays = (gp.DirectSimulation(packing, (3, 8), seed=seed, geometry="exact") for seed in (1, 2))
     return [replace(array.at_force(20.0).sample.network, prestress=False) for array in arrays]
 
 
@@ -507,9 +505,7 @@ BUCKLING = [
 FEW_BUCKLING = BUCKLING[0], BUCKLING[4], BUCKLING[8], BUCKLING[9], BUCKLING[13], BUCKLING[17]
 
 
-@pytest.mark.parametrize(
-    ("lattice", "shape", "large", "ends"), slower(FEW_BUCKLING, BUCKLING)
-)
+@pytest.mark.parametrize(("lattice", "shape", "large", "ends"), slower(FEW_BUCKLING, BUCKLING))
 def test_lattices_that_buckle_under_their_load_send_no_pulse(
     lattice, shape, large, ends, monkeypatch
 ):
