@@ -51,7 +51,7 @@ balls:
 crystal: {lattice: chain, kinds: [B, A], law: LAW, motions: longitudinal}
 load: {force: 10 N}
 observe: [motion]
-motion: {cut: {axis: 0, layers: 10}, drive: {balls: lower, impact: 0.1 m/s}, duration: 0.5 ms}
+motion: {cut: {axis: 0, layers: 10}, drive: {balls: lower, impact: 0.1 m/s}, duration: 0.5 ms, frames: 41}
 """
 
 
@@ -81,7 +81,7 @@ def chain(force, layers, speed, time, frames, **words):
 )
 def test_a_solitary_wave_through_a_scene(layers, tmp_path):
     """V = 0.90553 d A^(1/3) m^(-1/2) F_m^(1/6), from the summary and the table of contacts."""
-    tested = chain("1 nN", layers, "0.1 m/s", f"{25 * layers} us", 25 * layers + 1)
+    tested = chain("1 nN", layers, "0.1 m/s", f"{25 * layers} us", 15 * layers + 1)
     result = tested.run(tmp_path, figures=False)
     table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)
     force = table["greatest_force_N"][layers // 2]
@@ -325,9 +325,10 @@ def test_crystals_move_by_their_own_law(law, same, layers, tmp_path):
     velocities = np.zeros((2 * layers, 3))
     velocities[0, 0] = 0.1
     duration = 1e-3 * milliseconds
-    assert motion == gp.NonlinearWaves(network, crystal).run(duration, velocities=velocities)
+    start = {"velocities": velocities, "frames": 41}
+    assert motion == gp.NonlinearWaves(network, crystal).run(duration, **start)
     if same is not None:
-        found = gp.NonlinearWaves(network, same).run(duration, velocities=velocities)
+        found = gp.NonlinearWaves(network, same).run(duration, **start)
         assert_allclose(motion.forces, found.forces, rtol=1e-9, atol=1e-9)
     own = crystal.law_of(0, 1)[0]
     moved = motion.displacements[:, :, 0]
@@ -355,7 +356,7 @@ def test_what_repeats_nowhere_moves_and_responds(edges):
     velocities = np.zeros((10, 3))
     velocities[-1, 0] = 0.1
     motion = gp.NonlinearWaves(state.network, gp.PowerLaw(2.0, 1e12)).run(
-        2e-4, velocities=velocities
+        2e-4, velocities=velocities, frames=41
     )
     assert_allclose(data["greatest_force"].values[1, 0], motion.forces.max(), rtol=1e-12)
     response = gp.Waves(state.network).response([1e3, 2e3], [(9, "x")], [(4, "x")])

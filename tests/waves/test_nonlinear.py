@@ -317,7 +317,7 @@ def test_slip_follows_mindlin_and_ends_at_coulombs_limit():
     )
 
 
-@pytest.mark.parametrize("mu", [math.inf, 0.2])
+@pytest.mark.parametrize("mu", [pytest.param(math.inf, marks=pytest.mark.slow), 0.2])
 def test_energy_and_momentum_of_an_array_that_is_hit(mu):
     """Contacts open and slide; what is left of the energy is what was lost, and more with
     friction.

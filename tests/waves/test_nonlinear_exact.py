@@ -326,7 +326,9 @@ def test_balls_that_meet_resist_shear_as_their_own_pair():
     )
 
 
-@pytest.mark.parametrize("law", [None, gp.PowerLaw(2.0, 1e11)])
+@pytest.mark.parametrize(
+    "law", [None, pytest.param(gp.PowerLaw(2.0, 1e11), marks=pytest.mark.slow)]
+)
 def test_balls_over_a_floor_meet_others(law):
     """Their law is that of contacts of balls, also where those with the floor have another, or the
     same.
@@ -362,7 +364,7 @@ def test_contacts_that_carry_nothing_at_rest_do_not_push_there():
     )
 
 
-@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+@pytest.mark.parametrize("geometry", [pytest.param("lattice", marks=pytest.mark.slow), "exact"])
 def test_a_ball_settles_into_a_floor_by_its_weight(geometry):
     """From touch it sinks to (5 m g/2c)^(2/3), and comes back."""
     column = gp.Crystal.on("chain", [BALL]).cut(0, 1, edges=("floor", "free"))

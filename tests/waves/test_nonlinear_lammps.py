@@ -82,7 +82,11 @@ def differences(slip, finer, geometry="lattice", overlap=OVERLAP, count=500):
     motions[:, :2] = speed * random.standard_normal((network.n_balls, 2))
     step = 2e-3 / speed * overlap * D
     motion = waves.run(
-        (count + 1) * step, velocities=motions[:, :3], spins=motions[:, 3:], frames=count + 2, step=step / finer
+        (count + 1) * step,
+        velocities=motions[:, :3],
+        spins=motions[:, 3:],
+        frames=count + 2,
+        step=step / finer,
     )
     assert np.any(motion.forces[-1] == 0.0)
     # the network of a finite overlap has the true cell
@@ -139,7 +143,7 @@ def differences_of_steps(slip, mu=MU, share=0.0, finer=1):
     """Rms differences, over the rms, of velocities and spins after a thousand default steps.
 
     They are those from LAMMPS in the same steps, or in ``finer`` ones; and of default steps those
-    from steps of an eighth. The viscosity of contacts is ``share``, as tau times their frequency.
+    from steps of a quarter. The viscosity of contacts is ``share``, as tau times their frequency.
     """
     network = (
         gp.AveragedLattice(gp.Packing(STEEL, D, friction=slip))
@@ -156,7 +160,7 @@ def differences_of_steps(slip, mu=MU, share=0.0, finer=1):
     step = waves.find_step(float(np.max(np.linalg.norm(motions[:, :3], axis=1))))
     start = {"velocities": motions[:, :3], "spins": motions[:, 3:], "frames": 2}
     ours = waves.run(1000 * step, step=step / finer, **start)
-    fine = waves.run(1000 * step, step=step / 8, **start) if finer == 1 and not share else ours
+    fine = waves.run(1000 * step, step=step / 4, **start) if finer == 1 and not share else ours
     theirs = move_in_lammps(network, motions, ours.step, 1000 * finer, slip, mu=mu, tau=tau)
 
     def compare(others):

@@ -579,7 +579,7 @@ def test_balls_that_a_free_end_leaves_hanging_are_left_out(force, seed):
     ("friction", "shape", "along", "seed", "count"),
     [
         (True, (8, 24), (0.0, 1.0, 0.0), 40, 2),
-        (False, (12, 24), (1.0, 0.0, 0.0), 5, 10),
+        pytest.param(False, (12, 24), (1.0, 0.0, 0.0), 5, 10, marks=pytest.mark.slow),
     ],
 )
 def test_groups_of_balls_that_hang_as_a_whole_are_left_out(friction, shape, along, seed, count):
