@@ -247,7 +247,7 @@ def test_a_network_that_names_no_kinds_has_the_law_of_a_crystal_of_one():
         gp.NonlinearWaves(replace(network, kinds=None), unlike([("A", "B"), ("B", "C")]))
 
 
-TABLE = gp.TabulatedLaw([1e-8, 1e-4], [1e-5, 1e3])
+TABLE = gp.TabulatedLaw([1e-8, 1e-4], [1e-4, 1e4])
 
 
 @pytest.mark.parametrize(
