@@ -174,10 +174,14 @@ def test_a_peak_that_is_narrower_than_the_step_is_told_in_full(tmp_path):
 
 
 def test_a_peak_that_is_not_resolved_has_no_height(tmp_path):
-    """Without losses, and of a mean over samples, whose networks have peaks of their own."""
+    """Without losses."""
     lossless = scene(CHAIN, FORCE="20 N").run(tmp_path / "chain", figures=False)
     assert "peak_transmissibility" not in lossless.summary()
     assert any("narrower" in text for text in lossless.warnings)
+
+
+def test_a_peak_of_a_mean_over_samples_has_no_height(tmp_path):
+    """Their networks have peaks of their own."""
     text = ARRAY.replace(
         "[2 kHz, 5 kHz, 9 kHz]", "{from: 1 kHz, to: 12 kHz, points: 24, scale: linear}"
     )
