@@ -26,6 +26,9 @@ SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
 #: what takes more than half a second of processor; the documentation runs these too
 LONG = {
+    "modes_K_M",
+    "paper_figure5",
+    "rolling_modes",
     "cluster",
     "coherent_speckle",
     "column",

@@ -24,12 +24,21 @@ EVERY = [*CASES, *CRYSTALS]
 
 @pytest.mark.claim("readme-range", "extremes-errors", "api-waves", "membranes-bend")
 @pytest.mark.parametrize(
-    "case",
-    only([case for case in EVERY if not case.slow], EVERY),
-    ids=[case.name for case in EVERY],
+    ("case", "thin"),
+    only(
+        [(case, True) for case in EVERY if not case.slow],
+        [
+            *((case, True) for case in EVERY if not case.slow),
+            *((case, False) for case in EVERY),
+        ],
+    ),
+    ids=[
+        *(f"{case.name}, in part" for case in EVERY if not case.slow),
+        *(case.name for case in EVERY),
+    ],
 )
-def test_claims(case: Case) -> None:
-    assert worst(case) <= case.claim
+def test_claims(case: Case, thin: bool) -> None:
+    assert worst(case, thin) <= case.claim
 
 
 @pytest.mark.claim("extremes-refusals", "api-diameters", "api-simulation")

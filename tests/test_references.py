@@ -106,6 +106,10 @@ def test_integration_says_where_a_curve_ends():
     curve = effective_curve(FLAT, XI[0.0])
     y, _ = integrate_curve(FLAT, XI[0.0], [1.1 * curve.least_force], 1e-9)
     assert float(curve.value(y, FORCE)[0]) == pytest.approx(1.1 * curve.least_force, rel=1e-7)
+
+
+def test_integration_beyond_the_end_of_a_curve_is_refused():
+    curve = effective_curve(FLAT, XI[0.0])
     with pytest.raises(PrecisionError, match="down"):
         integrate_curve(FLAT, XI[0.0], [0.5 * curve.least_force], 1e-9)
 

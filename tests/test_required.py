@@ -84,17 +84,15 @@ def processes(tmp_path_factory):
 
 
 @cache
-def bringing(parts: frozenset[str]) -> set[str]:
-    """The watched modules that these load, in the versions that there are."""
-    return set(costs.HEAVY) & set(
-        costs.python(f"import sys, {', '.join(parts)}\nprint(*sys.modules)").split()
-    )
+def bringing(part: str) -> set[str]:
+    """The watched modules that a module loads, in the versions that there are."""
+    return set(costs.HEAVY) & set(costs.python(f"import sys, {part}\nprint(*sys.modules)").split())
 
 
 def expected(modules: set[str]) -> set[str]:
     """These modules, with what those of scipy and dask bring with them."""
-    parts = frozenset(one for one in modules if one.startswith(("scipy.", "dask.")))
-    return (modules - parts) | (bringing(parts) if parts else set())
+    parts = {one for one in modules if one.startswith(("scipy.", "dask."))}
+    return (modules - parts).union(*map(bringing, parts))
 
 
 #: what the effective medium takes of scipy: nodes of Gauss and Jacobi
@@ -159,8 +157,10 @@ FIGURES = {
 }
 
 
-#: kinds that the default selection runs: one state without figures, spectra, and a sweep
-DEFAULT = ("velocities, equal balls", "bands and density of states", "sweep, effective medium")
+#: kinds without figures: a sweep, which loads neither phonopy nor matplotlib then, and others
+BARE = ("sweep, effective medium", "bands", "sweep of simulations", "simulation")
+#: kinds, and options, that the default selection runs: spectra with figures, and the sweep without
+DEFAULT = (("bands and density of states", ()), (BARE[0], ("--no-figures",)))
 
 
 def asked(seen: Any) -> dict[str, int]:
@@ -184,28 +184,19 @@ def test_every_kind_of_scene_is_held_to_what_it_asks():
 
 
 @pytest.mark.claim("benchmark-scenes")
-@pytest.mark.parametrize("kind", only(DEFAULT, ASKED))
-def test_a_scene_calls_loads_and_writes_what_it_asks_and_nothing_else(kind):
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    only(DEFAULT, [*((kind, ()) for kind in ASKED), *((kind, ("--no-figures",)) for kind in BARE)]),
+)
+def test_a_scene_calls_loads_and_writes_what_it_asks_and_nothing_else(kind, options):
     calls, modules, files = ASKED[kind]
-    drawn = FIGURES.get(kind, set())
-    seen = costs.seen(kind)
+    drawn = set() if options else FIGURES.get(kind, set())
+    seen = costs.seen(kind, *options)
     assert asked(seen) == calls | ({"figures": len(drawn)} if drawn else {})
     assert judged(set(seen.modules)) == judged(
         expected(XARRAY | modules | ({"matplotlib"} if drawn else set()))
     )
     assert set(seen.files) == ALWAYS | files | drawn
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    "kind", ["bands", "sweep, effective medium", "sweep of simulations", "simulation"]
-)
-def test_without_figures_nothing_is_drawn_and_matplotlib_stays_out(kind):
-    calls, modules, files = ASKED[kind]
-    seen = costs.seen(kind, "--no-figures")
-    assert asked(seen) == calls
-    assert judged(set(seen.modules)) == judged(expected(XARRAY | modules))
-    assert set(seen.files) == ALWAYS | files
 
 
 @pytest.mark.exhaustive

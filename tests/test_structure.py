@@ -7,7 +7,6 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -132,15 +131,16 @@ def find_exponents(path: Path) -> set[str]:
     lone = {id(node.value) for node in tree.body if isinstance(node, ast.Assign | ast.AnnAssign)}
     place = path.relative_to(PACKAGE).as_posix()
 
-    def find_within(node: ast.AST, function: str) -> Iterator[str]:
+    places = set()
+    nodes: list[tuple[ast.AST, str]] = [(tree, "")]
+    while nodes:
+        node, function = nodes.pop()
         if isinstance(node, ast.FunctionDef):
             function = node.name
         if holds_exponent(node) and not (isinstance(node, ast.Constant) and id(node) in lone):
-            yield f"{place}:{function}"
-        for inner in ast.iter_child_nodes(node):
-            yield from find_within(inner, function)
-
-    return set(find_within(tree, ""))
+            places.add(f"{place}:{function}")
+        nodes += [(inner, function) for inner in ast.iter_child_nodes(node)]
+    return places
 
 
 ROOMS = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
@@ -175,11 +175,12 @@ def test_every_guard_of_the_budget_is_a_test_and_there_are_few():
 # -- text that reads -------------------------------------------------------------------------------
 
 #: names that say nothing: what a value is has a noun of the field, or a verb
-PRONOUNS = """
+_PRONOUNS = """
 one other others found own here there at part told given taken more less rest those these it this
 that such both way ways thing things what which its left right_ wanted needed asked seen known
 before after next_ last_ nothing lost
 """
+PRONOUNS = frozenset(_PRONOUNS.split())
 #: places that are to be written anew, and keep their names until then
 KEEP_NAMES = ("array/", "media/crystal_statics.py", "waves/nonlinear.py", "waves/directions.py")
 
@@ -229,7 +230,7 @@ class TextFacts:
             is_swap = names == sorted(ast.unparse(value) for value in node.value.elts)
             self.packed += not is_swap
         self.pronouns += sum(
-            isinstance(name, ast.Name) and name.id in PRONOUNS.split() for name in ast.walk(target)
+            isinstance(name, ast.Name) and name.id in PRONOUNS for name in ast.walk(target)
         )
 
     def forbid(self, node: ast.expr | ast.stmt, what: str) -> None:

@@ -457,8 +457,16 @@ def fit_damping(
     is_loss = np.array([name not in ("stiffness", "load", "gain") for name in names])
 
     @lru_cache(maxsize=16)
-    def respond(values: tuple[float, ...]) -> NDArray[np.complex128]:
+    def respond_without_gain(values: tuple[float, ...]) -> NDArray[np.complex128]:
         return model(np.array(values))
+
+    def respond(values: tuple[float, ...]) -> NDArray[np.complex128]:
+        """Return the transfer function; the network is not solved anew for another gain."""
+        if "gain" not in names:
+            return respond_without_gain(values)
+        place = names.index("gain")
+        others = (*values[:place], 1.0, *values[place + 1 :])
+        return np.asarray(values[place] * respond_without_gain(others))
 
     def compare(scaled: Array) -> Array:
         """Return the residuals of magnitudes, and of phases if they are known, over sigma."""

@@ -81,6 +81,8 @@ _LOADED_SIDES = {2: 32, 3: 8}
 _CHECKED_SIDES = {2: 24, 3: 6}
 #: number of samples between two checks whether the reference is good enough
 _SAMPLES_BETWEEN_LOOKS = 8
+#: largest number of runs that the error of a random point is found from
+_MOST_DRAWS = 100
 #: a reference can judge a point if the error of the point is at least this many times that of the
 #: reference
 BETTER = 100.0
@@ -950,7 +952,7 @@ class _StudyTask(Task):
                 )
                 end = now() + (until - now()) / (len(random) - number)
                 outcomes = done[point].outcomes
-                while len(outcomes) < 100 and now() + 1.5 * time_of_run < end:
+                while len(outcomes) < _MOST_DRAWS and now() + 1.5 * time_of_run < end:
                     # a run may take longer than the median
                     outcomes.append(point.solve(point.prepare(len(outcomes) + 1)))
 

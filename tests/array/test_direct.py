@@ -18,7 +18,12 @@ from tests.array.test_equilibrium import at_rest, balls, close_forces
 from tests.array.test_response import dense_tensor
 from tests.array.test_stencils import every_eta
 
-every_shape = pytest.mark.parametrize("shape", [(16, 16), (24, 17), (1, 9), (2, 3)], ids=str)
+SLOW = [(16, 16), (24, 17)]
+every_shape = pytest.mark.parametrize(
+    "shape",
+    [(12, 9), (1, 9), (2, 3), *(pytest.param(s, marks=pytest.mark.slow) for s in SLOW)],
+    ids=str,
+)
 
 
 @every_shape

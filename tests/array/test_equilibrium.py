@@ -131,8 +131,12 @@ def newton(x, load, solve, strain=((0.0, 0.0), (0.0, 0.0))):
 @pytest.mark.claim("array-balance")
 @pytest.mark.parametrize(
     ("solve", "shape"),
-    [(by_lstsq, (5, 7)), (by_sparse_lu, (1, 9)), (by_sparse_lu, (24, 17))],
-    ids=["dense 5x7", "sparse 1x9", "sparse 24x17"],
+    [
+        pytest.param(by_lstsq, (5, 7), id="dense 5x7"),
+        pytest.param(by_sparse_lu, (1, 9), id="sparse 1x9"),
+        pytest.param(by_sparse_lu, (12, 9), id="sparse 12x9"),
+        pytest.param(by_sparse_lu, (24, 17), id="sparse 24x17", marks=pytest.mark.slow),
+    ],
 )
 @every_spacing
 def test_against_newtons_method_with_a_matrix(solve, shape, spacing):
@@ -267,7 +271,7 @@ def differences(of, at, step):
     return (8.0 * one - two) / (12.0 * step)
 
 
-@pytest.mark.parametrize("shape", [(6, 5), (16, 16)], ids=str)
+@pytest.mark.parametrize("shape", [(6, 5), pytest.param((16, 16), marks=pytest.mark.slow)], ids=str)
 @every_spacing
 def test_derivatives_are_those_of_the_force(shape, spacing):
     state = at_rest(shape, 1, spacing)
@@ -310,7 +314,7 @@ def residual(state):
 
 @pytest.mark.claim("array-balance")
 @pytest.mark.parametrize("spacing", [1e3, 1.0, 0.7, 0.5, 0.42, 0.39, 0.363])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_nothing_is_left_on_any_ball(spacing, seed):
     state = equilibrate(balls((32, 32), seed), ReducedLoad(overlap=spacing - 0.5))
     assert state.residual <= 1e-10
@@ -321,7 +325,7 @@ def test_nothing_is_left_on_any_ball(spacing, seed):
 def test_contacts_that_carry_load_stand_out(spacing):
     # those of balls that nothing holds have less than what is left on a ball, those of the others
     # far more
-    for seed in range(4):
+    for seed in range(2):
         state = equilibrate(balls((32, 32), seed), ReducedLoad(overlap=spacing - 0.5))
         parts = state.forces[state.forces > 0.0] / (state.force * state.residual)
         assert not np.any((parts > 1.0) & (parts < 100.0))
@@ -407,12 +411,12 @@ def moved(x, matrix, shift):
 
 @pytest.mark.parametrize("spacing", [1.0, 0.5])
 def test_symmetries_of_the_lattice(spacing):
-    x = balls((10, 10), 3)
+    x = balls((8, 8), 3)
     load = ReducedLoad(overlap=spacing - 0.5)
     first = equilibrate(x, load)
     forces = np.sort(first.forces.ravel())
     for matrix, shift in itertools.zip_longest(
-        symmetries(), [(0, 0), (3, 8), (1, 1)], fillvalue=(0, 5)
+        symmetries(), [(0, 0), (3, 6), (1, 1)], fillvalue=(0, 5)
     ):
         other = equilibrate(moved(x, matrix, np.array(shift)), load)
         assert other.force == pytest.approx(first.force, rel=1e-11)

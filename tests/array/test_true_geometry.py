@@ -491,13 +491,11 @@ def test_a_ball_that_leans_on_less_than_rounding_is_held(steel):
         0.02504763752701731 * packing.width_units.force
     )
     (sample,) = state.samples
-    tensor = sample.elastic_tensor
+    tensor = sample.equilibrium.find_elasticity(0.0)
     others = sample.equilibrium.find_elasticity(1e-9)
     assert np.all(np.linalg.eigvalsh(tensor) > 0.0)
     # springs against shear hold the ball too: with hardly any the tensor is the same
-    assert sample.equilibrium.find_elasticity(0.0) == pytest.approx(
-        others, rel=1e-5, abs=1e-5 * np.max(others)
-    )
+    assert tensor == pytest.approx(others, rel=1e-5, abs=1e-5 * np.max(others))
 
 
 #: size, seed and f* at which balls came to rest at a saddle
@@ -662,9 +660,12 @@ def test_moduli_are_changes_of_stress_in_strained_cells(eta):
     ("lattice", "shape", "mu", "response"),
     [
         (TRIANGULAR, (3, 4), math.inf, "stick"),
-        (FCC, (3, 3, 3), 0.05, "slide"),
-        (FCC, (3, 3, 3), 0.05, "partial_slip"),
-        pytest.param(FCC, (3, 3, 3), 0.05, "stick", marks=pytest.mark.slow),
+        (FCC, (3, 2, 3), 0.05, "slide"),
+        (FCC, (3, 2, 3), 0.05, "partial_slip"),
+        *(
+            pytest.param(FCC, (3, 3, 3), 0.05, response, marks=pytest.mark.slow)
+            for response in ("slide", "partial_slip", "stick")
+        ),
     ],
 )
 def test_moduli_under_tangential_forces_are_changes_of_stress(lattice, shape, mu, response):
@@ -691,7 +692,7 @@ def test_moduli_under_tangential_forces_are_changes_of_stress(lattice, shape, mu
 
 @pytest.mark.claim("network-friction-moduli")
 @pytest.mark.parametrize("shape", [(3, 4), pytest.param((6, 6), marks=pytest.mark.slow)])
-def test_a_network_with_tangential_forces_has_the_moduli_of_its_sample(shape):
+def test_a_network_with_tangential_forces_has_the_moduli_of_its_sample(monkeypatch, shape):
     steel = gp.Material(211.65e9, 0.276, 7840.0)
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-4), friction=True)
     simulation = gp.DirectSimulation(
@@ -701,10 +702,14 @@ def test_a_network_with_tangential_forces_has_the_moduli_of_its_sample(shape):
         friction_history=True,
         friction_coefficient=0.3,
         geometry="exact",
+        step_tolerance=1e-2,
     )
     state = simulation.at_overlap(4e-4)
     network = state.samples[0].network
     wanted = gp.moduli(state).tensor
+    with pytest.raises(InputError, match="still move"):
+        gp.moduli(replace(network, tangential_force=np.zeros_like(network.normal)))
+    monkeypatch.setattr(gp.ContactNetwork, "require_rest", lambda network: None)
     off = []
     for force in (network.tangential_force, np.zeros_like(network.normal)):
         tensor = gp.moduli(replace(network, tangential_force=force)).tensor
@@ -964,11 +969,11 @@ def test_paths_tend_to_those_of_the_lattice(mu):
 def test_an_array_in_space_keeps_its_energy():
     """What the boundary gives, the integral of its force over the overlap, is stored or lost."""
     left = []
-    x = balls((3, 3, 2), 1, FCC)
-    stencils = Stencils((3, 3, 2), lattice=FCC)
+    x = balls((3, 2, 2), 1, FCC)
+    stencils = Stencils((3, 2, 2), lattice=FCC)
     start = equilibrate_exactly(x, ReducedLoad(overlap=0.1), 0.02, stencils)
     for steps in (4, 32):
-        paths = history((3, 3, 2), 0.2, seed=1, lattice=FCC, ratio=0.02, start=start)
+        paths = history((3, 2, 2), 0.2, seed=1, lattice=FCC, ratio=0.02, start=start)
         states = [paths.begin(), *paths.path(ramp(0.6, 1.0, steps=steps))]
         last = states[-1]
         assert last.residual <= 1e-9
@@ -1102,7 +1107,7 @@ def test_where_rows_of_balls_roll_the_response_is_found_by_factors(monkeypatch):
     assert 0.0 < at_once[3, 3] < 0.9 * sample.elastic_tensor[3, 3]
 
 
-@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (12, 12)), ("fcc", (4, 4, 4))])
+@pytest.mark.parametrize(("lattice", "shape"), [("triangular", (12, 12)), ("fcc", (3, 3, 3))])
 def test_iterations_find_the_response_that_factors_find(monkeypatch, lattice, shape):
     packing = gp.Packing(
         gp.Material(70e9, 0.3, 2500.0), 8e-3, spread=gp.Uniform(4e-5), lattice=lattice

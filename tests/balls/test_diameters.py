@@ -147,7 +147,9 @@ def test_uniform_averages_are_the_closed_forms_at_every_load(power):
 @pytest.mark.parametrize(
     ("cutoff", "places", "powers"),
     [
-        *((cutoff, (-0.95, 1.01), (0.5, 1.5)) for cutoff in (0.5, 3.0)),
+        (0.5, (-0.95, 1.01), (1.5,)),
+        (3.0, (-0.95, 1.01), (0.5,)),
+        pytest.param(3.0, (-0.95, 1.01), (0.5, 1.5), marks=pytest.mark.slow),
         *(
             pytest.param(
                 one,
@@ -446,8 +448,8 @@ def test_a_large_lot_is_condensed_far_below_its_sampling_noise(kind, count):
 @pytest.mark.parametrize(
     ("kind", "overlaps"),
     [
-        ("normal", 3),
-        ("skewed", 3),
+        ("normal", 2),
+        ("skewed", 2),
         *(pytest.param(kind, 9, marks=pytest.mark.slow) for kind in ("normal", "skewed")),
         *(pytest.param(kind, 9, marks=pytest.mark.exhaustive) for kind in ("flat", "two kinds")),
     ],

@@ -217,7 +217,15 @@ def test_tables_of_lamb_and_love():
     assert_allclose(first_root(spheroidal, 2, 0.4999999), 0.848 * math.pi, atol=5e-4 * math.pi)
 
 
-@pytest.mark.parametrize("sigma", [0.0, 0.1, 0.25, 0.276, 0.45, 0.4999999])
+@pytest.mark.parametrize(
+    "sigma",
+    [
+        0.0,
+        0.276,
+        0.4999999,
+        *(pytest.param(sigma, marks=pytest.mark.slow) for sigma in (0.1, 0.25, 0.45)),
+    ],
+)
 def test_torsion_is_lowest_in_ordinary_materials(sigma):
     lowest = resonance_number(sigma)
     assert_allclose(lowest, first_root(torsional, 2), rtol=1e-13)
@@ -227,7 +235,17 @@ def test_torsion_is_lowest_in_ordinary_materials(sigma):
     assert lowest < min(others)
 
 
-@pytest.mark.parametrize("sigma", [-0.05, -0.1, -0.13, -0.15, -0.2, -0.3, -0.5, -0.7, -0.9, -0.99])
+@pytest.mark.parametrize(
+    "sigma",
+    [
+        -0.05,
+        -0.13,
+        -0.2,
+        -0.5,
+        -0.99,
+        *(pytest.param(sigma, marks=pytest.mark.slow) for sigma in (-0.1, -0.15, -0.3, -0.7, -0.9)),
+    ],
+)
 def test_lowest_of_all_modes_in_auxetic_materials(sigma):
     modes = [first_root(torsional, 2), first_root(torsional, 3), first_root(breathing, sigma)]
     modes += [first_root(spheroidal, n, sigma) for n in (1, 2, 3)]

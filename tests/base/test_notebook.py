@@ -20,6 +20,7 @@ from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError
 from granphon.base.results import Result, describe_value, write_html
 from granphon.waves.path_spectra import find_path_spectra
+from tests.conftest import only
 from tests.test_structure import loaded_after
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -229,6 +230,9 @@ def test_the_table_of_a_run_is_its_summary(tmp_path):
     assert found["longitudinal"] == (f"{summary['longitudinal']:.6g}", "m/s")
     assert found["top_frequency"][1] == "Hz"
     assert len(panels(gp.plot(result))) == 2  # bands, and the density of states beside them
+
+
+def test_the_table_of_a_sweep_is_its_summary(tmp_path):
     swept = gp.Scene.from_text(SCENE.replace("18.446 N", "[1 N, 2 N]").replace(", bands, dos", ""))
     result = swept.run(tmp_path / "many", figures=False)
     assert read(result._repr_html_())["states"] == ("2", "")
@@ -348,6 +352,11 @@ def test_a_result_has_a_default_picture(results, name):
     drawn = panels(figure)
     assert len(drawn) == PICTURES[name][1]
     assert all(ax.lines or ax.collections or ax.patches or ax.images for ax in drawn)
+
+
+@pytest.mark.parametrize("name", only(["density of states"], PICTURES))
+def test_a_picture_is_shown_as_a_png(results, name):
+    figure = gp.plot(results(name))
     png, size = figure._repr_png_()
     assert png.startswith(b"\x89PNG")
     assert size["width"] == round(120 * figure.get_size_inches()[0])

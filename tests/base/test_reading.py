@@ -519,33 +519,28 @@ def test_a_sweep_without_a_digest_is_read_with_a_warning(written, tmp_path, open
         assert gp.load_sweep(path).identical(expected)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "told"),
-    [
-        ("longitudinal", math.nan, "longitudinal"),
-        ("force", -1.0, "force"),
-        *(
-            pytest.param(name, value, name, marks=pytest.mark.slow)
-            for name, value in (
-                ("longitudinal", 0.0),
-                ("longitudinal", 1e305),
-                ("force", math.inf),
-            )
-        ),
-        ("contact_fraction", -0.1, "contact_fraction, .* -0.1"),
-        ("overlap", math.nan, "overlap, .* nan"),
-        ("transverse", "fast", "transverse, .*numbers"),
-        ("media", "[[[", r"media .*'\[\[\['.* list"),
-        ("packing", "[]", r"packing .*'\[\]'.* mapping"),
-        ("exponent_error", math.nan, None),
-        ("reduced_force", math.inf, None),
-        ("overlap", -1e-7, None),
-    ],
-)
-def test_a_sweep_without_a_digest_makes_sense(written, tmp_path, opened_here, name, value, told):
-    path = tmp_path / "sweep.nc"
-    sweep = xarray.load_dataset(written / "sweep.nc", engine="h5netcdf")
-    del sweep.attrs[dataset.DIGEST]
+#: a value in the place of the last of a variable, or of an attribute, and what is told of it
+SENSELESS = [
+    ("longitudinal", math.nan, "longitudinal"),
+    ("longitudinal", 0.0, "longitudinal"),
+    ("longitudinal", 1e305, "longitudinal"),
+    ("force", -1.0, "force"),
+    ("force", math.inf, "force"),
+    ("contact_fraction", -0.1, "contact_fraction, .* -0.1"),
+    ("overlap", math.nan, "overlap, .* nan"),
+    ("transverse", "fast", "transverse, .*numbers"),
+    ("media", "[[[", r"media .*'\[\[\['.* list"),
+    ("packing", "[]", r"packing .*'\[\]'.* mapping"),
+    ("exponent_error", math.nan, None),
+    ("reduced_force", math.inf, None),
+    ("overlap", -1e-7, None),
+]
+
+
+def spoil_sweep(sweep, name, value):
+    """A sweep without its digest, with another value in one place."""
+    sweep = sweep.copy(deep=True)
+    sweep.attrs.pop(dataset.DIGEST, None)
     if name in sweep.attrs:
         sweep.attrs[name] = value
     elif isinstance(value, str):
@@ -554,12 +549,37 @@ def test_a_sweep_without_a_digest_makes_sense(written, tmp_path, opened_here, na
         values = sweep[name].values.copy()
         values[-1] = value
         sweep[name] = sweep[name].dims, values
-    path.write_bytes(dataset.netcdf_bytes(sweep))
+    return sweep
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        pytest.param(*case, marks=[pytest.mark.slow] * (case not in (SENSELESS[0], SENSELESS[-1])))
+        for case in SENSELESS
+    ],
+)
+def test_a_sweep_without_a_digest_makes_sense(written, tmp_path, opened_here, name, value, told):
+    path = tmp_path / "sweep.nc"
+    sweep = xarray.load_dataset(written / "sweep.nc", engine="h5netcdf")
+    path.write_bytes(dataset.netcdf_bytes(spoil_sweep(sweep, name, value)))
     if told is None:
         assert outcome(gp.load_sweep, path)[0] == "unverified"
     else:
         with pytest.raises(InputError, match=f"{path} .*damaged: .*{told}"):
             gp.load_sweep(path)
+
+
+def test_numbers_and_attributes_of_a_sweep_make_sense(written):
+    """As those of a file, which takes longer to write."""
+    sweep = xarray.load_dataset(written / "sweep.nc", engine="h5netcdf")
+    for name, value, told in SENSELESS:
+        spoiled = spoil_sweep(sweep, name, value)
+        if told is None:
+            dataset._require_sense("x.nc", spoiled)
+        else:
+            with pytest.raises(InputError, match=rf"x\.nc .*damaged: .*{told}"):
+                dataset._require_sense("x.nc", spoiled)
 
 
 def test_a_sweep_without_a_digest_runs_nothing_that_stands_where_we_are(

@@ -289,15 +289,19 @@ def make_fits(packing, results):
     point = MeasuredPoint(
         "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True
     )
-    transfer = gp.TransferFunction([2e3, 5e3, 7e3], [1e-8, 2e-8, 1e-8], None, [1e-9, 1e-9, 1e-9])
     strip = surface_of(packing).network.cut(1, 3)
+    hertz = [2e3, 5e3, 7e3]
+    places = {"direction": (0, 1), "polarisation": (0, 1)}
+    response = gp.Waves(strip).response(hertz, (0, "y"), "plane", damping=1e-6, **places)
+    measured = np.abs(response.coherent)
+    transfer = gp.TransferFunction(hertz, measured, None, 0.01 * measured)
     return [
         Measurements(force, 500.0 * force ** (1 / 6), 1.0),
         gp.fit_width(spread, force, velocities, 2.0),
         point,
         TradeOff((point,), "force", (1.0,), ("velocities",), "x", 5, 1.0, 2.0),
         transfer,
-        gp.fit_damping(strip, transfer, (0, "y"), "plane", direction=(0, 1), polarisation=(0, 1)),
+        gp.fit_damping(strip, transfer, (0, "y"), "plane", **places),
     ]
 
 

@@ -9,14 +9,14 @@ import os
 import shutil
 import signal
 import stat
-import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from granphon.base.errors import FileExistsInRunError, OutputError
@@ -29,7 +29,8 @@ from granphon.base.staging import (
     read_written_files,
     write_text,
 )
-from tests.conftest import without_rights
+from tests.conftest import EXAMPLES, without_rights
+from tests.warm import Warm
 
 
 def tree(folder: Path) -> dict[str, str]:
@@ -337,7 +338,7 @@ def _contend(
 
 def test_runs_that_contend_leave_the_files_of_one(tmp_path: Path) -> None:
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
-    for turn in range(4):
+    for turn in range(2):
         barrier = context.Barrier(3)
         done = context.Queue()
         runs = [
@@ -365,6 +366,8 @@ def test_a_file_system_without_locks_is_written_all_the_same(tmp_path: Path) -> 
 # -- killed runs -----------------------------------------------------------------------------------
 
 #: a run that gets a signal before, or after, its n-th change of the folder
+#: of a folder, a number of a change, a signal, and "before" or "after": the code of the end
+Stop = Callable[[Path, int, int, str], int]
 STOPPED = """
 import os, signal, sys
 from granphon.base.staging import ResultFiles
@@ -391,22 +394,38 @@ FIRST = {"a": "first", "b": "first", "stale": "first"}
 SECOND = {"a": "second", "b": "second", "new": "second"}
 
 
-def stopped(folder: Path, last: int, number: int, when: str) -> tuple[int, dict[str, str]]:
-    """How the run ended, and the files that can be seen then."""
-    put(folder, **FIRST)
-    run = subprocess.run(
-        [sys.executable, "-c", STOPPED, str(folder), str(last), str(int(number)), when],
-        capture_output=True,
-    )
-    return run.returncode, {
-        name: text for name, text in tree(folder).items() if not name.startswith(".")
-    }
+@pytest.fixture(scope="module")
+def stop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stop]:
+    """Runs that program in a fork of a process that has loaded what it needs: how it ended."""
+    if not hasattr(os, "fork"):
+        pytest.skip("needs forks of a process")
+    warm = Warm("granphon.base.staging")
+    scratch = tmp_path_factory.mktemp("scratch")
+
+    def stop_run(folder: Path, last: int, number: int, when: str) -> int:
+        words = ["-c", str(folder), str(last), str(int(number)), when]
+        return warm.run(scratch, scratch, words, STOPPED)[0]
+
+    yield stop_run
+    warm.close()
+
+
+@pytest.fixture
+def stopped(stop: Stop) -> Callable[..., tuple[int, dict[str, str]]]:
+    """How a run that replaces the first result ended, and the files that can be seen then."""
+
+    def replace(folder: Path, *words: Any) -> tuple[int, dict[str, str]]:
+        put(folder, **FIRST)
+        code = stop(folder, *words)
+        return code, {name: text for name, text in tree(folder).items() if not name.startswith(".")}
+
+    return replace
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
 @pytest.mark.parametrize("when", ["before", pytest.param("after", marks=pytest.mark.slow)])
 def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(
-    tmp_path: Path, when: str
+    tmp_path: Path, stopped: Callable[..., tuple[int, dict[str, str]]], when: str
 ) -> None:
     outcomes = []
     for last in range(1, 40):
@@ -439,7 +458,7 @@ def test_a_kill_at_any_moment_never_mixes_two_results_and_the_next_run_ends_it(
     ],
 )
 def test_an_interruption_at_any_moment_leaves_one_result_whole(
-    tmp_path: Path, when: str, step: int
+    tmp_path: Path, stopped: Callable[..., tuple[int, dict[str, str]]], when: str, step: int
 ) -> None:
     for last in range(1, 40, step):
         code, left = stopped(tmp_path / str(last), last, signal.SIGINT, when)
@@ -450,25 +469,15 @@ def test_an_interruption_at_any_moment_leaves_one_result_whole(
     assert last > 6
 
 
-def test_a_run_that_is_killed_in_a_new_folder_can_be_run_again(tmp_path: Path) -> None:
+def test_a_run_that_is_killed_in_a_new_folder_can_be_run_again(tmp_path: Path, stop: Stop) -> None:
     for last in range(1, 12):
         folder = tmp_path / str(last)
-        run = subprocess.run(
-            [
-                sys.executable,
-                "-c",
-                STOPPED,
-                str(folder),
-                str(last),
-                str(int(signal.SIGKILL)),
-                "after",
-            ]
-        )
+        code = stop(folder, last, signal.SIGKILL, "after")
         put(folder, force=True, **SECOND)
         assert tree(folder) == SECOND
-        if run.returncode == 0:
+        if code == 0:
             break
-    assert run.returncode == 0
+    assert code == 0
 
 
 def test_what_a_dead_run_left_is_removed(tmp_path: Path) -> None:
@@ -485,6 +494,7 @@ PLAIN = st.recursive(
 )
 
 
+@settings(max_examples=EXAMPLES // 2)
 @given(
     PLAIN
     | st.fixed_dictionaries({"schema": st.sampled_from([1, 2, None]), "files": PLAIN, "old": PLAIN})

@@ -8,7 +8,6 @@ import math
 from decimal import Decimal
 
 import numpy as np
-import pint
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -190,6 +189,8 @@ def test_a_width_whose_units_are_above_the_floating_range():
 
 @pytest.fixture(scope="module")
 def registry():
+    import pint
+
     return pint.UnitRegistry(non_int_type=Decimal)
 
 

@@ -10,6 +10,7 @@ asks for.
 from __future__ import annotations
 
 import argparse
+import builtins
 import json
 import os
 import subprocess
@@ -137,8 +138,21 @@ def follow(scene: str, out: str, *options: str, command: str = "run") -> None:
             frame = frame.f_back
         return frame is not None
 
+    load = builtins.__import__
+
+    def load_unwatched(name: str, *more: Any, **named: Any) -> Any:
+        """Import a module; a library calls nothing that is counted while it is loaded."""
+        if name.startswith("granphon") or sys.getprofile() is None:
+            return load(name, *more, **named)
+        sys.setprofile(None)
+        try:
+            return load(name, *more, **named)
+        finally:
+            sys.setprofile(watch)
+
     from granphon.cli.commands import main
 
+    builtins.__import__ = load_unwatched
     sys.setprofile(watch)
     code = main(
         ["check", scene] if command == "check" else ["run", scene, "-o", out, "-q", *options]

@@ -388,7 +388,10 @@ FLEXURAL = [
         ("kagome", IN_PLANE, {"eta": 0.0}),
     ],
 )
-@pytest.mark.parametrize(("size", "digits"), [(1e-6, 60), (1e-25, 180), (0.8, 40)])
+@pytest.mark.parametrize(
+    ("size", "digits"),
+    [pytest.param(1e-6, 60, marks=pytest.mark.slow), (1e-25, 180), (0.8, 40)],
+)
 def test_every_branch_keeps_its_digits(name, motions, terms, size, digits):
     lattice = make(name, motions, **terms)
     q = size * np.array(GENERIC[lattice.periods])

@@ -30,7 +30,6 @@ import granphon as gp
 from granphon.balls.contact_table import find_contacts
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE
 from granphon.dynamics.contact_lattice import ContactLattice
-from tests.conftest import only
 
 #: ratios of slip, twist and roll: shear alone, and all of them
 SHEAR = (0.84, 0.0, 0.0)
@@ -517,7 +516,20 @@ OPEN = ["zigzag", "bilayer"]
 
 @pytest.mark.claim("crystal-bands")
 @pytest.mark.parametrize(
-    "name", only([name for name in (*NAMED, *OPEN) if name != "hcp"], [*NAMED, *OPEN])
+    "name",
+    [
+        "chain",
+        "honeycomb",
+        "kagome",
+        "fcc",
+        "diamond",
+        "zigzag",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("square", "triangular", "sc", "bcc", "bilayer")
+        ),
+        pytest.param("hcp", marks=pytest.mark.exhaustive),
+    ],
 )
 def test_bands_at_forty_digits_of_every_crystal(name):
     with mpmath.workdps(40):

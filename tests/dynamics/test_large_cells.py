@@ -40,7 +40,7 @@ def test_sound_of_a_sample_keeps_its_digits_down_to_gamma(sample):
     ph = gp.Phonons(sample.network)
     v = gp.sound_velocities(sample.network, [1.0, 0.0]).velocities
     lattice = ph.lattice
-    for size in (1e-3, 1e-4, 1e-8):
+    for size in (1e-3, 1e-8):
         q = size * np.array([[1.0, 0.0]])
         slopes = lattice.frequencies(q)[0, :2] / size * ph.scales.velocity
         assert_allclose(slopes, v, rtol=1e-11 + 10.0 * size**2)

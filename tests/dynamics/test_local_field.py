@@ -129,11 +129,11 @@ def by_green_function(
 @pytest.mark.parametrize("eta", [0.0, 4.0 / 3.0])
 def test_green_function_on_a_mesh_has_its_order_and_extrapolates(eta):
     exact = triple(local_field("triangular", eta))
-    sizes = [24, 32, 48, 64, 96, 128]
+    sizes = [20, 24, 32, 48, 64, 96]
     values = [by_green_function(eta, size) for size in sizes]
     # on the half-shifted mesh the term in N^-2 vanishes: orders 4, 6, 8, ...; at eta = 1 that in
     # N^-4 vanishes too
-    orders = np.log2((values[2] - exact) / (values[4] - exact))
+    orders = np.log2((values[3] - exact) / (values[5] - exact))
     np.testing.assert_allclose(orders, 6.0 if eta == 1.0 else 4.0, atol=0.15)
     np.testing.assert_allclose(extrapolated(sizes, values, order=4), exact, rtol=1e-10)
 
@@ -208,7 +208,7 @@ RHOMBIC = Lattice("rhombic", ((1.0, 0.0), tuple(unit(75.0))))
 
 @pytest.mark.parametrize(
     "structure",
-    [SQUARE, pytest.param(KAGOME, marks=pytest.mark.slow), RHOMBIC],
+    [SQUARE, *(pytest.param(one, marks=pytest.mark.slow) for one in (KAGOME, RHOMBIC))],
     ids=lambda structure: structure.name,
 )
 def test_other_lattices_agree_with_a_cluster(structure):
@@ -223,7 +223,7 @@ def test_other_lattices_agree_with_a_cluster(structure):
 # -- identities ------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=12)
+@settings(deadline=None, max_examples=8)
 @given(st.one_of(st.just(0.0), st.floats(1e-9, 1e4)))
 def test_equilibrium_of_the_corona(eta):
     # (45) is the balance of forces on a corona ball; Xi itself comes from the energy of the star

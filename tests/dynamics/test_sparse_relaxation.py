@@ -17,6 +17,7 @@ from granphon.dynamics import long_waves, sparse_relaxation
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.fronts import Fronts, dissect
 from tests.dynamics.test_network_lattice import STEEL, random_network, ribbon
+from tests.packings import balance
 
 
 def keep(network, kept):
@@ -47,7 +48,7 @@ def hang(contacts):
 
 CASES = {
     "fcc": lambda: random_network("fcc", (2, 2, 3)),
-    "prestress": lambda: random_network("fcc", (2, 2, 3), prestress=True),
+    "prestress": lambda: balance(random_network("fcc", (2, 2, 3), prestress=True)),
     "plane": lambda: random_network("triangular", (4, 3)),
     "plane, all motions": lambda: random_network("triangular", (4, 3), "all"),
     "honeycomb": lambda: random_network("honeycomb", (3, 3)),
@@ -66,6 +67,10 @@ CASES = {
     "shears that turn balls against each other": lambda: bare("square", (4, 4)),
     "rows that turn as gears do": lambda: bare("kagome", (2, 2), slip=False),
 }
+
+
+#: these take the same ways as others
+LIKE = ("plane, all motions", "honeycomb", "chain, all motions", "a ball with one contact", "plane")
 
 
 def find_all(network):
@@ -88,7 +93,9 @@ def find_all(network):
 
 
 @pytest.mark.claim("sparse-moduli")
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.slow] * (case in LIKE)) for case in CASES]
+)
 def test_sparse_factors_have_the_digits_of_dense_singular_values(case, monkeypatch):
     network = CASES[case]()
     monkeypatch.setattr(long_waves, "MANY_COLUMNS", 10**9)
@@ -151,17 +158,24 @@ def test_the_network_keeps_the_factors_and_progress_is_told(monkeypatch):
 
 def test_an_inner_motion_that_a_static_force_pushes_over_is_an_error(monkeypatch):
     # one ball of many: its contacts push it aside more than they hold it, and sound of the others
-    # is not what fails
+    # is not what fails. Walls of which the network knows nothing may hold the balls of a slab
     monkeypatch.setattr(long_waves, "MANY_COLUMNS", 0)
     state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc", friction=False)).at_force(
         10.0
     )
-    network = replace(state.network.repeat((3, 3, 3)), lattice=None, shape=None, prestress=True)
+    network = state.network.repeat((3, 3, 3))
+    network = replace(
+        keep(network, network.shift[:, 2] == 0),
+        pbc=(True, True, False),
+        lattice=None,
+        shape=None,
+        prestress=True,
+    )
     pressed = (network.i == 5) | (network.j == 5)
     force = np.where(
         pressed, network.normal_stiffness * network.distance, 1e-3 * network.normal_force
     )
-    with pytest.raises(InstabilityError, match=r"q = \(0, 0, 0\)"):
+    with pytest.raises(InstabilityError, match=r"q = \(0, 0\)"):
         gp.sound_velocities(replace(network, normal_force=force), [1.0, 0.0, 0.0])
 
 

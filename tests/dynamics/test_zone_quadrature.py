@@ -30,7 +30,7 @@ def test_maxwell(name):
     # wherever q is
     medium = ContactLattice.of(name, 0.84)
     trace = 0.0
-    for q, weights in divide_zone(medium.reciprocal, 4):
+    for q, weights in divide_zone(medium.reciprocal, 2):
         factor = np.linalg.qr(medium.compatibility(q))[0]
         trace += weights @ np.sum(np.abs(factor) ** 2, axis=(1, 2))
     assert trace == pytest.approx(medium.n_branches, rel=1e-12)

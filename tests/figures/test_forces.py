@@ -315,16 +315,15 @@ def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated
     ("packing", "shape"),
     [
         (PACKING, (2, 3)),
-        (PACKING, (7, 40)),
+        (PACKING, (3, 17)),
         (gp.Packing(STEEL, 8e-3), (1, 1)),
-        (gp.Packing(STEEL, 8e-3), (40, 7)),
         *(
             pytest.param(PACKING, shape, marks=pytest.mark.exhaustive)
-            for shape in [(1, 1), (8, 5), (40, 7)]
+            for shape in [(1, 1), (8, 5), (7, 40), (40, 7)]
         ),
         *(
             pytest.param(gp.Packing(STEEL, 8e-3), s, marks=pytest.mark.exhaustive)
-            for s in [(2, 3), (8, 5), (7, 40)]
+            for s in [(2, 3), (8, 5), (7, 40), (40, 7)]
         ),
     ],
 )

@@ -363,8 +363,8 @@ def test_bands_and_dos_share_the_frequency_axis(phonons, bands, tmp_path):
     ("balls", "path"),
     [
         ({"friction": False}, "GKMG"),
-        ({"lattice": "square"}, "GXMG"),
-        ({"lattice": "kagome"}, "GKMG"),
+        pytest.param({"lattice": "square"}, "GXMG", marks=pytest.mark.slow),
+        pytest.param({"lattice": "kagome"}, "GKMG", marks=pytest.mark.slow),
         ({"lattice": DIMER}, "GXSYG"),
         ({"cells": 3, "mass": 3.0}, "GKMG"),
     ],

@@ -93,10 +93,13 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
         "with friction",
         "without friction",
     ]
+
+
+def test_of_many_parameters_some_are_named(ax):
     many = sweep(
         PACKING, force=[3.0, 4.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist()
     )
-    *named, last = texts(plot_sweep(many, Figure().subplots()).get_legend())
+    *named, last = texts(plot_sweep(many, ax).get_legend())
     assert len(named) == 8
     assert re.fullmatch(r"8 of [0-9]+ are named", last)
     # at one load alone they lie over the parameter
@@ -112,7 +115,14 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
 
 @pytest.mark.parametrize(
     ("variable", "samples"),
-    [("transverse", 3), ("transverse", 1), ("exponent", 1), ("contact_fraction", 1)],
+    [
+        ("transverse", 2),
+        ("exponent", 1),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("transverse", 3), ("transverse", 1), ("contact_fraction", 1))
+        ),
+    ],
 )
 def test_a_simulation_is_points_and_several_samples_have_bars_of_their_standard_error(
     ax, variable, samples
@@ -157,13 +167,13 @@ LOADED = {
 @pytest.mark.parametrize(
     "media",
     [
-        ("ema", {"simulation": {"shape": (3, 3), "samples": 3}}),
+        ("ema", {"simulation": {"shape": (3, 3), "samples": 2}}),
         pytest.param(({"simulation": LOADED},), marks=pytest.mark.slow),
     ],
     ids=["two", "a long one"],
 )
 def test_long_labels_stand_below_each_other(media):
-    data = sweep(PACKING, force=[2.0, 3.0], media=media)
+    data = sweep(PACKING, force=[20.0, 30.0], media=media)
     figure = sweep_figure(data)
     figure.draw_without_rendering()
     (legend,) = figure.legends
@@ -331,28 +341,31 @@ def directions():
     )
 
 
-def test_what_is_the_same_in_all_directions_has_the_colours_of_the_media(directions):
-    for figure in (sweep_figure(directions, variable="bulk"), sweep_figure(directions)):
-        ax = figure.axes[-1]
-        legend = figure.legends[0]
-        named = {
-            text.get_text(): line.get_color()
-            for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
-        }
-        media = ("averaged lattice", "averaged force", "simulation, 2 samples of 1 x 1 x 1 balls")
-        wanted = [to_rgb(named[name]) for name in media]
-        drawn = [
-            to_rgb(line.get_color()) for line in ax.lines if (line.get_gid() or "").endswith("-all")
-        ]
-        assert drawn == wanted
-        # directions are named where they are drawn
-        assert any(name.startswith("along") for name in named) == (len(figure.axes) == 2)
+@pytest.mark.parametrize(
+    "options", [{}, pytest.param({"variable": "bulk"}, marks=pytest.mark.slow)], ids=str
+)
+def test_what_is_the_same_in_all_directions_has_the_colours_of_the_media(directions, options):
+    figure = sweep_figure(directions, **options)
+    ax = figure.axes[-1]
+    legend = figure.legends[0]
+    named = {
+        text.get_text(): line.get_color()
+        for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+    }
+    media = ("averaged lattice", "averaged force", "simulation, 2 samples of 1 x 1 x 1 balls")
+    wanted = [to_rgb(named[name]) for name in media]
+    drawn = [
+        to_rgb(line.get_color()) for line in ax.lines if (line.get_gid() or "").endswith("-all")
+    ]
+    assert drawn == wanted
+    # directions are named where they are drawn
+    assert any(name.startswith("along") for name in named) == (len(figure.axes) == 2)
 
 
-def test_a_long_legend_leaves_the_panels_their_room(directions):
-    for variable in ("bulk", "longitudinal"):
-        figure = sweep_figure(directions, variable=variable)
-        figure.draw_without_rendering()
-        (ax,) = figure.axes
-        assert ax.yaxis.label.get_window_extent().y1 < figure.bbox.y1
-        assert ax.get_window_extent().height > 1.2 * figure.dpi
+@pytest.mark.parametrize("variable", ["longitudinal", pytest.param("bulk", marks=pytest.mark.slow)])
+def test_a_long_legend_leaves_the_panels_their_room(directions, variable):
+    figure = sweep_figure(directions, variable=variable)
+    figure.draw_without_rendering()
+    (ax,) = figure.axes
+    assert ax.yaxis.label.get_window_extent().y1 < figure.bbox.y1
+    assert ax.get_window_extent().height > 1.2 * figure.dpi

@@ -14,7 +14,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scipy.optimize import curve_fit
+from scipy.optimize import curve_fit, minimize_scalar
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import kstest
 
@@ -63,7 +63,7 @@ EXACT = {medium: velocities(TRUE, medium) for medium in ("afa", "ema")}
     st.floats(np.log(0.3e-6), np.log(20e-6)),
     st.sampled_from(["afa", "ema", {"ema": {"local_field": "paper"}}]),
 )
-@settings(max_examples=10)
+@settings(max_examples=5)
 def test_exact_data_give_the_width_to_rounding(log, medium):
     width = float(np.exp(log))
     fit = fit_width(BALLS, FORCE, velocities(spread_over(width), medium), medium=medium)
@@ -102,17 +102,21 @@ def test_of_two_minima_the_deeper_is_found(width, sigma, lowest):
         velocities(spread_over(0.5e-6), force=force),
         velocities(spread_over(width), force=force),
     )
-    widths = np.geomspace(0.1e-6, 300e-6, 200)
-    speeds = np.array([velocities(spread_over(w), force=[2.0, 30.0]) for w in widths])
-    residuals = np.repeat(speeds, [3, 40], axis=1) - wanted
-    squares = np.sum((residuals / sigmas) ** 2, axis=1)
-    minima = np.flatnonzero((squares[1:-1] < squares[:-2]) & (squares[1:-1] < squares[2:])) + 1
+
+    def misfit(log):
+        speeds = velocities(spread_over(np.exp(log)), force=[2.0, 30.0])
+        return np.sum(((np.repeat(speeds, [3, 40]) - wanted) / sigmas) ** 2)
+
+    logs = np.linspace(np.log(0.1e-6), np.log(300e-6), 30)
+    squares = np.array([misfit(log) for log in logs])
+    places = np.flatnonzero((squares[1:-1] < squares[:-2]) & (squares[1:-1] < squares[2:])) + 1
+    minima = [minimize_scalar(misfit, logs[[at - 1, at, at + 1]], tol=1e-4) for at in places]
     assert len(minima) == 2
-    assert np.argmin(squares) == minima[lowest]
+    assert np.argmin([minimum.fun for minimum in minima]) == lowest
     for start in (1e-6, 35e-6):
         fit = fit_width(spread_over(start), force, wanted, sigmas)
-        assert_allclose(fit.width, widths[minima[lowest]], rtol=0.04)
-        assert fit.chi2 <= squares.min()
+        assert_allclose(fit.width, np.exp(minima[lowest].x), rtol=4e-3)
+        assert fit.chi2 <= minima[lowest].fun * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("name", ["young_modulus", "diameter"])
@@ -180,7 +184,7 @@ def require_derivatives(model, logs, step, rtol, atol):
 def test_derivatives_are_those_of_the_velocities(medium, frequency, finite, rtol):
     waves = Waves("longitudinal", np.array([0.0, 1.0]), frequency, finite)
     model = VelocityModel(
-        TRUE, ("width", "young_modulus", "diameter"), MediumChoice(medium), FORCE[::3], waves
+        TRUE, ("width", "young_modulus", "diameter"), MediumChoice(medium), FORCE[::5], waves
     )
     require_derivatives(model, model.find_start(WIDTH), 1e-4, rtol, 1e-8)
 
@@ -267,7 +271,7 @@ def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
 
 @pytest.mark.claim("tutorial-fit")
 @pytest.mark.usefixtures("remembered")
-@pytest.mark.parametrize("count", [30, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [16, pytest.param(60, marks=pytest.mark.slow)])
 def test_errors_from_the_scatter_follow_student(count):
     pulls = []
     fits = []
@@ -285,7 +289,7 @@ def test_errors_from_the_scatter_follow_student(count):
 
 
 @pytest.mark.usefixtures("remembered")
-@pytest.mark.parametrize("count", [8, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [6, pytest.param(40, marks=pytest.mark.slow)])
 def test_the_covariance_of_two_parameters_is_their_scatter(count):
     sigma = 2.0
     _, fits = repeated(
@@ -417,13 +421,13 @@ def test_a_frequency_too_high_for_the_velocities_is_blamed_and_not_the_material(
 def test_a_spread_that_does_not_carry_the_frequency_is_named():
     """Slow pulses ask for so wide a spread that it carries their frequency no longer."""
     with pytest.raises(InputError, match=r"carry .*Datum 1 has 20000 Hz at 2 N") as error:
-        fit_width(BALLS, FORCE, 0.1 * IDEAL, 5.0, frequency=20e3)
+        fit_width(BALLS, FORCE[::2], 0.1 * IDEAL[::2], 5.0, frequency=20e3)
     assert "modulus" not in str(error.value)
 
 
 def test_velocities_too_fast_for_long_waves_too_are_those_of_another_material():
     with pytest.raises(InputError, match="Check the Young modulus"):
-        fit_width(BALLS, FORCE, 1.1 * IDEAL, 3.0, frequency=6.5e3)
+        fit_width(BALLS, FORCE[::3], 1.1 * IDEAL[::3], 3.0, frequency=6.5e3)
 
 
 # -- data that do not say --------------------------------------------------------------------------
@@ -516,7 +520,7 @@ def test_data_above_the_velocity_of_equal_balls_are_told(sigma):
     )
     assert not any("not a width" in text for text in both.warnings)
     # noise that puts data above equal balls is not told of
-    noise = 1.0 + 0.01 * np.random.default_rng(7).normal(size=(20, 12))
+    noise = 1.0 + 0.01 * np.random.default_rng(7).normal(size=(10, 12))
     noisy = [
         fit_width(BALLS, FORCE, EXACT["ema"] * one, None if sigma is None else sigma * EXACT["ema"])
         for one in noise
@@ -714,7 +718,7 @@ def test_a_datum_is_seldom_called_wild_by_chance(sigma):
             sigma,
             medium="afa",
         )
-        for s in range(15)
+        for s in range(8)
     ]
     assert sum("off the fit" in w for fit in fits for w in fit.warnings) <= 1
 
@@ -771,7 +775,7 @@ def test_the_result_is_plain_data_and_frozen(tmp_path):
 # -- simulations -----------------------------------------------------------------------------------
 
 #: of balls on each side of a sample
-SIDES = [16, pytest.param(32, marks=pytest.mark.slow)]
+SIDES = [12, pytest.param(32, marks=pytest.mark.slow)]
 
 
 def take_samples(side):
@@ -805,7 +809,7 @@ def test_the_width_of_simulated_samples(branch, frequency):
 
 @pytest.mark.parametrize("side", SIDES)
 def test_samples_tell_two_parameters(side):
-    force = FORCE[::2]
+    force = FORCE[::4]
     data = sound_velocities(simulate(side, force)).longitudinal
     soft = replace(BALLS, material=replace(STEEL, young_modulus=150e9))
     medium = take_samples(side)
@@ -822,17 +826,17 @@ def test_the_model_of_samples_is_theirs_and_has_its_own_derivatives(branch, side
         replace(BALLS, spread=gp.Uniform(1e-7)),
         names,
         MediumChoice.parse(take_samples(side)),
-        FORCE[::3],
+        FORCE[::5],
         waves,
     )
     logs = model.find_start(WIDTH)
     assert_allclose(
-        model(logs)[0], getattr(sound_velocities(simulate(side, FORCE[::3])), branch), rtol=1.5e-3
+        model(logs)[0], getattr(sound_velocities(simulate(side, FORCE[::5])), branch), rtol=1.5e-3
     )
     require_derivatives(model, logs, 1e-5, 2e-4, 1e-6)
     # at its own places the curve is the simulation itself
     unit = TRUE.law.coefficient * WIDTH**1.5
-    places = unit * 10.0 ** (np.arange(0, 5) / 8.0)
+    places = unit * 10.0 ** (np.arange(0, 5, 2) / 8.0)
     exact = replace(model, force=places)(logs)[0]
     state = simulate(side, places)
     assert_allclose(exact, getattr(sound_velocities(state), branch), rtol=1e-7)
@@ -866,12 +870,12 @@ WIDE = spread_over(0.02 * 8e-3)
 HIGH = WIDE.width_units.force * 10.0 ** (np.arange(-4, 5) / 8.0)
 
 
-EXACT_SAMPLES = {"simulation": {"shape": (6, 6), "geometry": "exact"}}
+EXACT_SAMPLES = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
 
 
 @pytest.mark.parametrize(
     ("branch", "frequency", "force"),
-    [("longitudinal", None, HIGH[::3]), ("transverse", 4e4, HIGH[5:7])],
+    [("longitudinal", None, HIGH[::4]), ("transverse", 4e4, HIGH[5:6])],
 )
 def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency, force):
     """At the places of its own curve; of pulses but for terms of the order of W/d in how they
@@ -879,7 +883,7 @@ def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency,
     """
     waves = Waves(branch, np.array([0.0, 1.0]), frequency, True)
     model = VelocityModel(WIDE, ("width",), MediumChoice.parse(EXACT_SAMPLES), force, waves)
-    state = gp.DirectSimulation(WIDE, (6, 6), geometry="exact").at_force(force)
+    state = gp.DirectSimulation(WIDE, (4, 4), geometry="exact").at_force(force)
     found = model(model.find_start(WIDE.width))[0]
     assert_allclose(found, waves.velocity(state)[0], rtol=1e-3 if frequency else 1e-10)
 
@@ -907,10 +911,16 @@ def test_derivatives_with_finite_overlap(medium, frequency):
 
 def test_two_parameters_are_fitted_with_finite_overlap():
     """At overlaps of 4 % of the diameter, to data that scatter."""
-    clean = velocities(WIDE, "ema", HIGH, finite_overlap=True)
-    noisy = clean * (1.0 + 0.004 * np.random.default_rng(0).standard_normal(len(HIGH)))
+    force = HIGH[::2]
+    clean = velocities(WIDE, "ema", force, finite_overlap=True)
+    noisy = clean * (1.0 + 0.004 * np.random.default_rng(0).standard_normal(len(force)))
     fit = fit_width(
-        WIDE, HIGH, noisy, 0.004 * clean, parameters=("width", "young_modulus"), finite_overlap=True
+        WIDE,
+        force,
+        noisy,
+        0.004 * clean,
+        parameters=("width", "young_modulus"),
+        finite_overlap=True,
     )
     assert np.all(np.abs(fit.values - (WIDE.width, STEEL.young_modulus)) < 3.0 * fit.stderrs)
 
@@ -932,18 +942,19 @@ def test_samples_that_belong_to_one_width_give_it(options):
     """In the exact geometry of balls this different another width than theirs is found in the limit
     of small ones.
     """
-    given = {"simulation": {"shape": (6, 6), **options}}
-    data = velocities(WIDE, given, HIGH[2:])
-    fit = fit_width(BALLS, HIGH[2:], data, 1.0, medium=given)
+    given = {"simulation": {"shape": (4, 4), **options}}
+    force = HIGH[2::3]
+    data = velocities(WIDE, given, force)
+    fit = fit_width(BALLS, force, data, 1.0, medium=given)
     assert_allclose(fit.width, WIDE.width, rtol=1e-2)  # but for the cusps of so few balls
     exact = options["geometry"] == "exact"
     assert fit.waves.finite_overlap == exact
-    assert_allclose(fit.velocity_at(HIGH[2:]), fit.velocities, rtol=1e-4)
+    assert_allclose(fit.velocity_at(force), fit.velocities, rtol=1e-4)
     assert WidthFit.from_dict(fit.to_dict()) == fit
     if exact:
-        limit = {"simulation": {"shape": (6, 6), **options, "geometry": "lattice"}}
-        assert fit_width(BALLS, HIGH[2:], data, 1.0, medium=limit).width > 1.15 * WIDE.width
-        assert not np.allclose(fit.velocity_at(HIGH[2:], limit), fit.velocities, rtol=5e-3)
+        limit = {"simulation": {"shape": (4, 4), **options, "geometry": "lattice"}}
+        assert fit_width(BALLS, force, data, 1.0, medium=limit).width > 1.15 * WIDE.width
+        assert not np.allclose(fit.velocity_at(force, limit), fit.velocities, rtol=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -963,9 +974,10 @@ def test_samples_of_no_width_are_not_simulated_in_the_exact_geometry(factor, par
 
 def test_parameters_that_do_not_settle_are_refused(monkeypatch):
     monkeypatch.setattr("granphon.fits.fit._MOST_SIMULATED", 1)
-    given = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
+    given = {"simulation": {"shape": (3, 3), "geometry": "exact"}}
+    force = HIGH[4::2]
     with pytest.raises(InputError, match=r"width .*1 .*more balls"):
-        fit_width(BALLS, HIGH[4:], velocities(WIDE, given, HIGH[4:]), 1.0, medium=given)
+        fit_width(BALLS, force, velocities(WIDE, given, force), 1.0, medium=given)
 
 
 def test_pressures_in_the_exact_geometry():
@@ -1055,6 +1067,9 @@ def test_the_command_writes_table_numbers_and_figure(folder, capsys):
     assert "chi^2" not in printed  # it is the degrees of freedom, whatever the data
     assert command("scene.yaml", "data.csv", "-o", "out") == 1
     assert "already holds" in capsys.readouterr().err
+
+
+def test_errors_that_are_given_are_printed_with_how_well_they_fit(folder, capsys):
     assert command("scene.yaml", "data.csv", "--sigma", "2 m/s") == 0
     printed = capsys.readouterr().out
     assert "each +/- 2 m/s (given)" in printed
@@ -1087,7 +1102,7 @@ def test_pressures_are_contact_forces_of_the_packing(folder, capsys):
         encoding="utf-8",
     )
     packing = change_packing(spread_over(20e-6), {"young_modulus": 1e9})
-    pressure = np.geomspace(600.0, 4000.0, 6)
+    pressure = np.geomspace(600.0, 4000.0, 3)
     state = gp.EffectiveMedium(packing).at_pressure(pressure, finite_overlap=True)
     speeds = sound_velocities(state, (0.0, 1.0)).longitudinal
     rows = "".join(

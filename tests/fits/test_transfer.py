@@ -20,6 +20,8 @@ from granphon.scene.redraw import redraw
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
 OMEGA = UNITS.angular_frequency
 HERTZ = np.linspace(0.1, 2.2, 20) * OMEGA / (2.0 * math.pi)
+#: of them the nearest to each resonance
+FEW = HERTZ[[1, 6, 9, 13, 15, 17]]
 TAU = 0.05 / OMEGA
 ETA = 0.02
 COUNT = 6
@@ -35,9 +37,9 @@ def chain(stiffer=1.0):
     return replace(network, normal_stiffness=stiffer * network.normal_stiffness)
 
 
-def closed_form(tau, eta, stiffer=1.0, gain=1.0):
+def closed_form(tau, eta, stiffer=1.0, gain=1.0, hertz=HERTZ):
     """u_N/u_0 = cos(t/2)/cos((N + 1/2) t), where omega^2 = 4 sin^2(t/2) of complex springs."""
-    omega = 2.0 * math.pi * HERTZ / OMEGA
+    omega = 2.0 * math.pi * hertz / OMEGA
     t = 2.0 * np.arcsin(omega / 2.0 / np.sqrt(stiffer * (1.0 + 1j * (eta + omega * tau * OMEGA))))
     return gain * np.cos(t / 2.0) / np.cos((COUNT + 0.5) * t)
 
@@ -55,17 +57,20 @@ def fit(measured, network=None, **more):
 
 @pytest.mark.claim("fit-damping")
 @pytest.mark.parametrize("known", ["magnitude and phase", "magnitude"])
-def test_fit_is_that_of_scipy_to_the_closed_form(known):
-    data = measure(closed_form(TAU, ETA))
+@pytest.mark.parametrize(
+    "hertz", [FEW, pytest.param(HERTZ, marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_fit_is_that_of_scipy_to_the_closed_form(known, hertz):
+    data = measure(closed_form(TAU, ETA, hertz=hertz))
     phase = known != "magnitude"
     size = np.abs(data)
     found = fit(
-        gp.TransferFunction(HERTZ, size, np.angle(data) if phase else None, 0.02 * size),
+        gp.TransferFunction(hertz, size, np.angle(data) if phase else None, 0.02 * size),
         parameters=("damping", "loss_factor"),
     )
 
     def model(_, tau, eta):
-        values = closed_form(tau * TAU, eta * ETA)
+        values = closed_form(tau * TAU, eta * ETA, hertz=hertz)
         return np.concatenate([np.abs(values) / size, np.angle(values / data)][: 1 + phase])
 
     wanted = np.concatenate([np.ones(size.size), np.zeros(size.size)][: 1 + phase])
@@ -89,17 +94,17 @@ def test_fit_is_that_of_scipy_to_the_closed_form(known):
     assert 1e-3 < found.p < 1.0 - 1e-3
     assert not found.warnings
     assert_allclose(found.damping, found.values[0])
-    assert_allclose(found.magnitude, np.abs(closed_form(*found.values)), rtol=1e-9)
-    assert_allclose(
-        np.exp(1j * found.phase), np.exp(1j * np.angle(closed_form(*found.values))), rtol=1e-9
-    )
+    best_form = closed_form(*found.values, hertz=hertz)
+    assert_allclose(found.magnitude, np.abs(best_form), rtol=1e-9)
+    assert_allclose(np.exp(1j * found.phase), np.exp(1j * np.angle(best_form)), rtol=1e-9)
 
 
 def test_stiffness_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter():
     truth = {"damping": TAU, "stiffness": 1.2, "gain": 3.0}
-    data = measure(closed_form(TAU, 0.0, 1.2, 3.0))
+    hertz = HERTZ[::2]
+    data = measure(closed_form(TAU, 0.0, 1.2, 3.0, hertz))
     # a viscosity over a stiffness that is larger: the same time
-    found = fit(gp.TransferFunction(HERTZ, np.abs(data), np.angle(data)), parameters=tuple(truth))
+    found = fit(gp.TransferFunction(hertz, np.abs(data), np.angle(data)), parameters=tuple(truth))
     assert np.all(np.abs(found.values - list(truth.values())) < 3.5 * found.stderrs)
     assert np.all(found.stderrs < 0.05 * found.values)
     assert_allclose(found.measured.phase_sigma, 0.02, rtol=0.3)
@@ -124,7 +129,7 @@ def test_a_load_multiplies_all_static_forces():
         gp.ContactLattice.of("triangular", 0.8)
         .contact_network(UNITS)
         .repeat((2, 1))
-        .cut(1, 3, ("clamped", "free"))
+        .cut(1, 2, ("clamped", "free"))
     )
     force = np.full(network.n_contacts, 0.03 * UNITS.force)
     aside = 0.5 * force[:, None] * np.cross([0.0, 0.0, 1.0], network.normal)
@@ -146,8 +151,9 @@ def test_a_load_multiplies_all_static_forces():
         )
         for load in (1.0, 1.5)
     )
-    data = gp.Waves(loaded).response(HERTZ[::5], damping=TAU, **places).coherent
-    measured = gp.TransferFunction(HERTZ[::5], np.abs(data), np.angle(data))
+    hertz = HERTZ[::9]
+    data = gp.Waves(loaded).response(hertz, damping=TAU, **places).coherent
+    measured = gp.TransferFunction(hertz, np.abs(data), np.angle(data))
     found = gp.fit_damping(held, measured, **places, parameters=("load",), damping=TAU)
     assert_allclose(found.values, 1.5, rtol=1e-8)
 
@@ -159,7 +165,7 @@ def test_damping_of_normal_and_other_motion_are_told_apart_in_the_plane():
         .repeat((2, 1))
         .cut(1, 3, ("clamped", "free"))
     )
-    hertz = np.linspace(0.1, 2.0, 15) * OMEGA / (2.0 * math.pi)
+    hertz = np.linspace(0.1, 2.0, 8) * OMEGA / (2.0 * math.pi)
     places = ((2, "x"), (5, "x"))
     values = gp.Waves(network).response(hertz, *places, damping=(TAU, 3.0 * TAU)).values[:, 0]
     found = gp.fit_damping(
@@ -172,10 +178,11 @@ def test_damping_of_normal_and_other_motion_are_told_apart_in_the_plane():
 
 
 def test_what_does_not_matter_is_told(tmp_path):
-    data = measure(closed_form(TAU, 0.0))
+    data = measure(closed_form(TAU, 0.0, hertz=FEW))
     found = fit(
-        gp.TransferFunction(HERTZ, np.abs(data), np.angle(data)),
-        parameters=("damping", "loss_factor"),
+        gp.TransferFunction(FEW, np.abs(data), np.angle(data)),
+        parameters=("loss_factor",),
+        damping=TAU,
     )
     assert any("loss_factor" in text and "from zero" in text for text in found.warnings)
     found.write(tmp_path)
@@ -189,14 +196,14 @@ def test_the_error_of_a_damping_that_is_nearly_zero(seed):
     """Magnitudes depend on its square, so that their derivative is nothing at zero, and says
     nothing of the error: the misfit rises by one up to it.
     """
-    size = np.abs(measure(closed_form(0.0, 0.0), seed=seed))
-    found = fit(gp.TransferFunction(HERTZ, size, None, 0.02 * size))
+    size = np.abs(measure(closed_form(0.0, 0.0, hertz=FEW), seed=seed))
+    found = fit(gp.TransferFunction(FEW, size, None, 0.02 * size))
     best = found.values[0]
     error = found.stderrs[0]
     assert best < error < TAU
 
     def misfit(tau):
-        return (size - np.abs(closed_form(tau, 0.0))) / (0.02 * size)
+        return (size - np.abs(closed_form(tau, 0.0, hertz=FEW))) / (0.02 * size)
 
     assert_allclose(np.linalg.norm(misfit(best + error) - misfit(best)), 1.0, rtol=2e-3)
     assert misfit(best + 2.0 * error) @ misfit(best + 2.0 * error) > found.chi2 + 1.0
@@ -205,14 +212,14 @@ def test_the_error_of_a_damping_that_is_nearly_zero(seed):
 
 def test_data_that_say_nothing_of_a_damping_are_refused():
     """Far below the first resonance the balls follow the first one, whatever the losses."""
-    data = gp.TransferFunction(1e-4 * HERTZ, np.ones(HERTZ.size), None, np.full(HERTZ.size, 0.5))
+    data = gp.TransferFunction(1e-4 * FEW, np.ones(FEW.size), None, np.full(FEW.size, 0.5))
     with pytest.raises(InputError, match="damping"):
         fit(data)
 
 
 def test_a_sigma_that_is_too_small_is_told():
-    data = measure(closed_form(TAU, 0.0))
-    wrong = fit(gp.TransferFunction(HERTZ, np.abs(data), np.angle(data), 1e-3 * np.abs(data)))
+    data = measure(closed_form(TAU, 0.0, hertz=FEW))
+    wrong = fit(gp.TransferFunction(FEW, np.abs(data), np.angle(data), 1e-3 * np.abs(data)))
     assert any("sigma is too small" in text for text in wrong.warnings)
 
 
@@ -317,7 +324,7 @@ def folder(tmp_path, monkeypatch):
     state = gp.Crystal.on("chain", [gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3)]).at_force(
         20.0
     )
-    hertz = np.linspace(400.0, 14000.0, 15)
+    hertz = np.linspace(400.0, 14000.0, 6)
     values = gp.Waves(state.network.cut(0, 6, ("floor", "free"))).response(
         hertz, "plane", (0, "x"), 2e-6, 0.01, quantity="transmissibility"
     )
@@ -339,7 +346,7 @@ def test_the_command_fits_the_response_of_a_scene(folder, capsys):
     assert command("-o", "out") == 0
     printed = capsys.readouterr().out
     assert "damping               2.000 +/- " in printed
-    assert "15 magnitudes and phases" in printed
+    assert "6 magnitudes and phases" in printed
     fit = gp.DampingFit.from_dict(read_yaml(folder / "out" / "fit.yaml"))
     assert_allclose(fit.damping, 2e-6, rtol=1e-6)
     assert_allclose(fit.loss_factor, 0.01)

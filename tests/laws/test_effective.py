@@ -33,7 +33,6 @@ from tests.references import balance, integrate_curve
 XI = {eta: local_field(mindlin_ratio=eta).xi for eta in (0.0, 0.84)}
 UNIFORM, NORMAL = UniformShape(), NormalShape(3.0)
 DENSITIES = {"uniform": UNIFORM, "normal": NORMAL}
-every_density = pytest.mark.parametrize("shape", DENSITIES.values(), ids=DENSITIES)
 every_xi = pytest.mark.parametrize("xi", XI.values(), ids=["smooth", "rough"])
 
 
@@ -225,8 +224,16 @@ def test_residual_at_thirty_digits(shape, ball, places, digits, room):
             assert abs(both.real / both.imag / f) < room
 
 
-@every_xi
-@every_density
+@pytest.mark.parametrize(
+    ("shape", "xi"),
+    [
+        (UNIFORM, XI[0.0]),
+        (NORMAL, XI[0.84]),
+        pytest.param(UNIFORM, XI[0.84], marks=pytest.mark.slow),
+        pytest.param(NORMAL, XI[0.0], marks=pytest.mark.slow),
+    ],
+    ids=["uniform-smooth", "normal-rough", "uniform-rough", "normal-smooth"],
+)
 def test_no_seam_between_steps(shape, xi):
     curve = effective_curve(shape, xi)
     for order, room in ((FORCE, 1e-14), (STIFFNESS, 1e-14), (ENERGY, 1e-12)):
@@ -366,7 +373,7 @@ def test_plain_iteration_amplifies_noise():
     assert np.all(grown(1200.0, 3) > 5.0)
 
 
-@pytest.mark.parametrize("disturbed", [0.5, 1.5])
+@pytest.mark.parametrize("disturbed", [pytest.param(0.5, marks=pytest.mark.slow), 1.5])
 def test_a_disturbed_start_is_forgotten_downwards(disturbed):
     """Half as much, or half as much again, at y = 6 leaves nothing at y = 5."""
     xi = XI[0.0]
@@ -389,7 +396,7 @@ def test_a_disturbed_start_is_forgotten_downwards(disturbed):
 @pytest.mark.parametrize("name", only(["1e-06 small", "0.01 near a large"], LOTS))
 def test_lots_against_an_integration_split_at_the_openings(name):
     curve = effective_curve(LOTS[name], XI[0.0])
-    forces = np.geomspace(1e-4, 10.0, 25)
+    forces = np.geomspace(1e-4, 10.0, 13)
     assert curve.least_force == LEAST_SOLVED_FORCE
     # LSODA cannot begin where the rarest kind opens
     how = (1e-10, "Radau") if name.startswith("1e-09") else (1e-11, "LSODA")
@@ -407,7 +414,7 @@ def test_lots_against_an_integration_split_at_the_openings(name):
     ),
     xi=st.floats(0.2, 8.0),
 )
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
     shape = kinds([0.01 * d for d, _ in data], [10.0**c for _, c in data])
     curve = effective_curve(shape, xi)
@@ -425,7 +432,7 @@ def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
         assert by_y < 0.0 < by_k
     for y in curve.overlap(
         np.geomspace(
-            curve.least_force * 1.01, 0.99 * curve.series.value(curve.series.start, FORCE), 25
+            curve.least_force * 1.01, 0.99 * curve.series.value(curve.series.start, FORCE), 13
         )
     ):
         f, _, by_k = state(y, curve.value(np.array([y]), STIFFNESS)[0])
@@ -434,7 +441,10 @@ def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
             assert curve.value(np.array([y]), FORCE)[0] == pytest.approx(f, rel=1e-8)
 
 
-@pytest.mark.parametrize("count", [33, pytest.param(66, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "count",
+    [17, pytest.param(33, marks=pytest.mark.slow), pytest.param(66, marks=pytest.mark.slow)],
+)
 def test_the_medium_takes_every_diameter_of_a_lot(steel, count):
     sizes = 8e-3 + 1e-6 * np.random.default_rng(2).normal(size=count)
     law = gp.EffectiveMedium(
@@ -525,12 +535,12 @@ def test_loads_one_by_one_and_all_at_once_are_the_same():
     # many loads are sorted by step, few bring the coefficients of each
     for shape in (UNIFORM, LOTS["ten"]):
         curve = effective_curve(shape, XI[0.0])
-        force = np.random.default_rng(3).permutation(np.geomspace(1e-5, 10.0, 40_000))
+        force = np.random.default_rng(3).permutation(np.geomspace(1e-5, 10.0, 8_000))
         y = curve.overlap(force)
-        few = np.concatenate([curve.overlap(part) for part in np.split(force, 200)])
+        few = np.concatenate([curve.overlap(part) for part in np.split(force, 80)])
         np.testing.assert_allclose(few, y, rtol=1e-13, atol=1e-15)
         for order in (ENERGY, FORCE, STIFFNESS, SLOPE):
-            parts = np.concatenate([curve.value(part, order) for part in np.split(y, 200)])
+            parts = np.concatenate([curve.value(part, order) for part in np.split(y, 80)])
             np.testing.assert_allclose(parts, curve.value(y, order), rtol=1e-13)
         np.testing.assert_allclose(
             curve.value(y, FORCE), force, rtol=2e-15 * len(curve.tables[FORCE])
@@ -541,11 +551,11 @@ def test_many_equal_kinds_become_the_uniform_distribution():
     y = np.array([0.1, 0.3, 1.0, 3.0])
     exact = effective_curve(UNIFORM, XI[0.0]).value(y, FORCE)
     errors = []
-    for n in (4, 8, 16, 32):
+    for n in (4, 8, 16):
         shape = kinds(np.arange(n), np.ones(n))
         errors.append(np.max(np.abs(effective_curve(shape, XI[0.0]).value(y, FORCE) / exact - 1.0)))
     # second order on the whole: where the kinks lie makes single ratios uneven
-    assert np.log2(errors[0] / errors[-1]) / 3.0 == pytest.approx(2.0, abs=0.5)
+    assert np.log2(errors[0] / errors[-1]) / 2.0 == pytest.approx(2.0, abs=0.5)
 
 
 # -- what is kept, and where the curve ends --------------------------------------------------------

@@ -70,8 +70,20 @@ def sum_series(y, xi):
     return f, k, [here - quarter, here, here + quarter]
 
 
-@pytest.mark.parametrize("xi", FACTORS)
-@pytest.mark.parametrize("y", [6.0, 30.0, 1e3, 1e6])
+@pytest.mark.parametrize(
+    ("xi", "y"),
+    [
+        *((xi, 6.0) for xi in FACTORS),
+        (FACTORS[1], 30.0),
+        (FACTORS[2], 1e6),
+        *(
+            pytest.param(xi, y, marks=pytest.mark.slow)
+            for xi in FACTORS
+            for y in (30.0, 1e3, 1e6)
+            if (xi, y) not in ((FACTORS[1], 30.0), (FACTORS[2], 1e6))
+        ),
+    ],
+)
 def test_the_series_solves_the_equation_at_forty_digits(xi, y):
     with mpmath.workdps(60):
         f, k, parts = sum_series(y, xi)
@@ -237,7 +249,7 @@ def test_open_contacts_exert_nothing():
 # -- statistics ------------------------------------------------------------------------------------
 
 
-def brute_statistics(law, y, n=40_000):
+def brute_statistics(law, y, n=20_000):
     """Delta f / f and N_c / 6 as Section IV prints them, with u^Q of (34), by dense sums over Q;
     closed form over Q'.
     """
@@ -299,7 +311,7 @@ def test_fluctuation_keeps_its_digits_at_any_load(name, kind):
     np.testing.assert_allclose(law.force_fluctuation(y[3:]), leading[3:], rtol=1e-11)
 
 
-@pytest.mark.parametrize("y", [6.5, 40.0, 1e5, 1e8])
+@pytest.mark.parametrize("y", [6.5, pytest.param(40.0, marks=pytest.mark.slow), 1e8])
 def test_fluctuation_at_forty_digits(y):
     law = laws("uniform")[1]
     with mpmath.workdps(50):
@@ -317,7 +329,7 @@ def test_fluctuation_at_forty_digits(y):
 @every_kind
 def test_all_contacts_close_at_high_pressure_and_disorder_fades(name, kind):
     law = laws(name)[kind]
-    y = np.linspace(-0.2, 4.0, 81)
+    y = np.linspace(-0.2, 4.0, 22)
     fluctuation = law.force_fluctuation(y)
     closed = law.contact_fraction(y)
     if name != "skew":  # where contacts of few kinds open at once, it may rise
@@ -326,7 +338,7 @@ def test_all_contacts_close_at_high_pressure_and_disorder_fades(name, kind):
     assert np.all(np.diff(closed) > -1e-6)
     assert np.all((closed > 0.0) & (closed < 1.0 + 1e-14))
     # no more are closed than there are
-    assert np.max(law.contact_fraction(np.geomspace(0.4, 1e3, 150))) == 1.0
+    assert np.max(law.contact_fraction(np.geomspace(0.4, 1e3, 40))) == 1.0
 
 
 @given(

@@ -16,7 +16,7 @@ from granphon.array.sample import STEP
 
 WIDTH = 2.04e-6
 SHAPES = {"fcc": (4, 4, 4), "hcp": (3, 4, 2), "triangular": (6, 6)}
-SMALL = {"fcc": (2, 2, 3), "triangular": (4, 4)}
+SMALL = {"fcc": (2, 2, 2), "triangular": (4, 4)}
 LARGE = [
     (lattice, shape, kind, friction)
     for (lattice, shape), kind, friction in itertools.product(

@@ -55,7 +55,7 @@ def crystals(draw):
     return crystal
 
 
-@settings(max_examples=10, deadline=None, phases=(Phase.explicit, Phase.generate))
+@settings(max_examples=6, deadline=None, phases=(Phase.explicit, Phase.generate))
 @given(
     crystals(),
     st.floats(-3.0, 3.0),
@@ -175,7 +175,7 @@ LAYER = gp.Crystal.on(
 )
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @example((CHAIN, (2,)), -4.0, [0.0] * 6, True)
 @example((CHAIN, (2,)), -4.0, [0.0] * 6, False)
 @example((LAYER, (1, 2)), -3.6, [0.0] * 6, True)

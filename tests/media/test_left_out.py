@@ -39,14 +39,14 @@ def narrow(ratio: float, **given: object) -> gp.Packing:
 
 
 def test_each_load_has_its_own_geometry_whatever_the_others_are():
-    force = FORCES * unit(REAL)
-    together = gp.DirectSimulation(REAL, (8, 8)).at_force(force)
-    assert [sample.is_exact for sample in together.samples] == [True, True, False, False, False]
+    force = FORCES[[1, 2, 4]] * unit(REAL)
+    together = gp.DirectSimulation(REAL, (6, 6)).at_force(force)
+    assert [sample.is_exact for sample in together.samples] == [True, False, False]
     assert together.finite_overlap
     velocities = gp.sound_velocities(together)
     for place, load in enumerate(force.tolist()):
-        alone = gp.DirectSimulation(REAL, (8, 8)).at_force(load)
-        assert alone.finite_overlap == (place < 2) == together[place].finite_overlap
+        alone = gp.DirectSimulation(REAL, (6, 6)).at_force(load)
+        assert alone.finite_overlap == (place < 1) == together[place].finite_overlap
         for name in ("overlap", "normal_stiffness", "pressure", "effective_density", "exponent"):
             assert_allclose(
                 np.asarray(getattr(together, name))[place], getattr(alone, name), rtol=1e-7
@@ -82,7 +82,7 @@ def test_where_the_lattice_is_chosen_it_leaves_out_less_than_a_thousandth(lattic
     change = words.index(LATTICE)
     assert words == [EXACT] * change + [LATTICE] * (len(words) - change)
     assert change > 0
-    shape = (24, 24) if lattice == "triangular" else (6, 6, 6)
+    shape = (16, 16) if lattice == "triangular" else (5, 5, 5)
     simulation = gp.DirectSimulation(packing, shape)
     here = simulation.at_force(forces[change])
     true = gp.DirectSimulation(packing, shape, geometry=EXACT).at_force(forces[change])
@@ -105,7 +105,7 @@ def test_nothing_is_left_out_without_slip_or_differences():
 
 
 def test_a_history_is_exact_unless_it_is_named_otherwise():
-    given = {"packing": REAL, "shape": (6, 6), **HISTORY}
+    given = {"packing": REAL, "shape": (3, 3), **HISTORY}
     assert gp.DirectSimulation(**given).geometry == EXACT
     assert gp.DirectSimulation(**given, geometry=LATTICE).geometry == LATTICE
     state = gp.DirectSimulation(**given).at_force(2.0)
@@ -116,13 +116,13 @@ def test_a_history_is_exact_unless_it_is_named_otherwise():
 
 def test_a_modulus_that_is_too_small_is_not_valid_and_says_so():
     force = FORCES * unit(REAL)
-    lattice = gp.DirectSimulation(REAL, (16, 16), geometry=LATTICE).at_force(force)
+    lattice = gp.DirectSimulation(REAL, (8, 8), geometry=LATTICE).at_force(force)
     assert lattice.valid.tolist() == [False, True, True, True, True]
     assert_array_equal(lattice.valid, lattice.shear_deficit <= 0.01)
     (warning,) = gp.validity(lattice).warnings
     assert "At 1 of 5 loads the simulated shear modulus is too small" in warning
-    assert gp.DirectSimulation(REAL, (16, 16)).at_force(force).valid.all()
-    assert gp.DirectSimulation(REAL, (16, 16)).at_force(force[:2]).shear_deficit is None
+    assert gp.DirectSimulation(REAL, (8, 8)).at_force(force[::2]).valid.all()
+    assert gp.DirectSimulation(REAL, (8, 8)).at_force(force[:1]).shear_deficit is None
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -139,7 +139,7 @@ SCENE = """
 material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}
 packing: {diameter: 0.5 mm, spread: {uniform: 4 um}}
 load: {force: [0.05 N, 5 N]}
-medium: {simulation: {shape: 10 10%s}}
+medium: {simulation: {shape: 6 6%s}}
 """
 
 
@@ -188,12 +188,15 @@ def test_what_a_geometry_leaves_out_belongs_to_the_expected_error():
     assert wide > fine + 0.04
 
 
-@pytest.mark.parametrize(("geometry", "told"), [(LATTICE, True), (EXACT, False), (None, False)])
+@pytest.mark.parametrize(
+    ("geometry", "told"),
+    [(LATTICE, True), (EXACT, False), pytest.param(None, False, marks=pytest.mark.slow)],
+)
 def test_from_the_gas_in_the_directions_of_the_lattice_velocities_depend_on_the_numbering(
     geometry, told
 ):
     given = {**HISTORY, "start": "gas", "step_tolerance": 1.0, "geometry": geometry}
-    state = gp.DirectSimulation(REAL, (4, 4), **given).at_force(unit(REAL))
+    state = gp.DirectSimulation(REAL, (2, 3), **given).at_force(0.15 * unit(REAL))
     warnings = [text for text in gp.validity(state).warnings if "numbering" in text]
     assert len(warnings) == told
     assert state.valid == (not told)

@@ -487,7 +487,7 @@ SPREADS = {
 def test_any_spread(steel, name):
     chosen = SPREADS[name]
     packing = gp.Packing(steel, chosen.mean or D, chosen)
-    state = simulate(packing, (10, 10), samples=4).at_force([0.2, 5.0, 5000.0])
+    state = simulate(packing, (6, 6), samples=4).at_force([0.2, 5.0, 5000.0])
     assert all(sample.residual <= 1e-10 for sample in state.samples)
     for sample in state.samples:
         assert np.mean(sample.diameters) == pytest.approx(packing.diameter, rel=1e-15)
@@ -573,7 +573,7 @@ def test_friction_does_not_touch_statics(spread, medium, states):
 )
 def test_the_exponent_of_a_sample_is_the_difference_of_log_v_over_log_p(spread, reduced, friction):
     packing = dataclasses.replace(spread, friction=friction)
-    medium = simulate(packing, (9, 8), seed=3)
+    medium = simulate(packing, (6, 5), seed=3)
     force = reduced * unit_of_force(spread)
     state, ends = medium.at_force(force), medium.at_force(force * np.exp([-STEP, STEP]))
     np.testing.assert_allclose(ends.force / force, [0.95, 1.05], atol=0.002)  # as the pages say

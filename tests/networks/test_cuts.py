@@ -164,7 +164,7 @@ def test_bands_of_a_cut_against_the_energy_of_its_pairs(lattice, axis, layers):
     assert_allclose(squares(cut, [q])[0], expected, atol=1e-12 * expected[-1])
 
 
-@pytest.mark.parametrize("axis", [(1, 1, 1), (1, 1, 2)])
+@pytest.mark.parametrize("axis", [(1, 1, 1), pytest.param((1, 1, 2), marks=pytest.mark.slow)])
 def test_sites_of_a_cell_that_lie_several_layers_apart(axis):
     # of NaCl's primitive cell, whose second site lies 1.5 and 2 layers above the first
     crystal = gp.Crystal.on("NaCl", [BALL, BALL], friction=True)

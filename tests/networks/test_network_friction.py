@@ -422,7 +422,7 @@ def test_prestress_without_tangential_forces_is_a_warning(tmp_path):
     assert not np.any(state.network.repeat((3, 3)).tangential_force)
 
 
-@pytest.mark.parametrize("mu", [0.05, 0.2])
+@pytest.mark.parametrize("mu", [pytest.param(0.05, marks=pytest.mark.slow), 0.2])
 def test_exact_histories_in_fcc_have_modes(mu):
     packing = gp.Packing(
         gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform(8e-5), lattice="fcc"

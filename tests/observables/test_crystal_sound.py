@@ -203,7 +203,7 @@ def test_a_crystal_of_close_packed_layers_yields_evenly(make):
     way=st.tuples(*[st.floats(-1.0, 1.0)] * 3),
     lattice=st.sampled_from(CUBIC),
 )
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_velocities_in_any_direction_at_any_load_at_forty_digits(load, way, lattice):
     if max(map(abs, way)) < 1e-3:
         way = (0.3, -0.5, 0.8)
@@ -241,7 +241,7 @@ def test_velocities_in_any_direction_at_any_load_at_forty_digits(load, way, latt
         ("diamond", {"torsion": 0.1}),
         ("sc", {"finite_overlap": True}),
         ("hcp", {"finite_overlap": True, "torsion": "mindlin"}),
-        (PYROCHLORE, {}),
+        pytest.param(PYROCHLORE, {}, marks=SLOW),
     ],
 )
 def test_velocities_are_the_slopes_of_the_bands(make, lattice, more):
@@ -319,12 +319,21 @@ def test_many_directions_are_each_of_them(make):
             assert_allclose(every.polarisations[load, way], single.polarisations, atol=1e-10)
 
 
-@pytest.mark.parametrize("finite", [False, True])
 @pytest.mark.parametrize(
-    ("lattice", "friction"), [("hcp", True), ("hcp", False), ("diamond", True), (PYROCHLORE, True)]
+    ("lattice", "friction", "finite"),
+    [
+        ("hcp", True, True),
+        ("hcp", False, False),
+        ("diamond", True, True),
+        (PYROCHLORE, True, False),
+        pytest.param("hcp", True, False, marks=SLOW),
+        pytest.param("hcp", False, True, marks=SLOW),
+        pytest.param("diamond", True, False, marks=SLOW),
+        pytest.param(PYROCHLORE, True, True, marks=SLOW),
+    ],
 )
 def test_torsion_of_hertz_contacts_at_many_loads(make, lattice, friction, finite):
-    forces = np.array([[0.1, 10.0, 900.0]])
+    forces = np.array([[0.1, 900.0]])
     states = make(lattice, forces, finite, friction=friction, torsion="mindlin")
     found = gp.moduli(states)
     velocities = gp.sound_velocities(states, (0.2, 0.5, 0.9))
@@ -349,7 +358,7 @@ def test_torsion_of_hertz_contacts_at_many_loads(make, lattice, friction, finite
     if not finite:
         # a strain twists contacts where balls are centres of inversion, and not between them
         ratio = found.tensor / states.normal_stiffness[..., None, None]
-        assert (np.max(np.abs(ratio[0, 2] / ratio[0, 0] - 1)[:3, :3]) > 1e-9) == (
+        assert (np.max(np.abs(ratio[0, 1] / ratio[0, 0] - 1)[:3, :3]) > 1e-9) == (
             lattice is PYROCHLORE
         )
 
@@ -546,14 +555,14 @@ def test_pulses_in_space_solve_the_dispersion_relation(make, lattice, more):
     state = make(lattice, 40.0, **more)
     contacts = state.contact_lattice()
     rate = math.sqrt(state.normal_stiffness / state.packing.mass)
-    along = np.random.default_rng(7).normal(size=(4, 3))
+    along = np.random.default_rng(7).normal(size=(2, 3))
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     frequency = 0.9 * rate / (2 * math.pi)
     found = gp.pulse_velocities(state, frequency, along)
     assert found.branches == ("longitudinal", "transverse_slow", "transverse_fast")
-    assert (found.phase.shape, found.group_vector.shape) == ((3, 4), (3, 4, 3))
+    assert (found.phase.shape, found.group_vector.shape) == ((3, 2), (3, 2, 3))
     step = 1e-5
-    for branch, way in np.ndindex(3, 4):
+    for branch, way in np.ndindex(3, 2):
         q = found.wavenumber[branch, way] * D * along[way]
         every = contacts.frequencies([q])[0]
         place = int(np.argmin(np.abs(every - 0.9)))
@@ -574,13 +583,33 @@ def test_pulses_in_space_solve_the_dispersion_relation(make, lattice, more):
     assert_allclose(long.group, expected, rtol=1e-8)
 
 
-@pytest.mark.parametrize("lattice", CUBIC)
-@pytest.mark.parametrize("way", [(1, 0, 0), (0, 0, -1), (1, 1, 1), (-1, 1, -1)])
+@pytest.mark.parametrize(
+    ("lattice", "way"),
+    [
+        ("sc", (1, 0, 0)),
+        ("bcc", (0, 0, -1)),
+        ("fcc", (1, 1, 1)),
+        ("fcc", (0, 0, -1)),
+        ("bcc", (-1, 1, -1)),
+        *(
+            pytest.param(*case, marks=SLOW)
+            for case in (
+                ("sc", (0, 0, -1)),
+                ("sc", (1, 1, 1)),
+                ("sc", (-1, 1, -1)),
+                ("bcc", (1, 0, 0)),
+                ("bcc", (1, 1, 1)),
+                ("fcc", (1, 0, 0)),
+                ("fcc", (-1, 1, -1)),
+            )
+        ),
+    ],
+)
 def test_branches_that_coincide_are_both_followed(make, lattice, way):
     state = make(lattice)
     rate = math.sqrt(state.normal_stiffness / state.packing.mass)
     along = np.array(way) / np.linalg.norm(way)
-    for part in (1e-4, 0.3, 0.8):
+    for part in (1e-4, 0.8):
         found = gp.pulse_velocities(state, part * rate / (2 * math.pi), way)
         assert_allclose(found.phase[2], found.phase[1], rtol=1e-13)
         assert found.phase[0] > 1.1 * found.phase[1]
@@ -669,14 +698,14 @@ def test_branches_that_cost_nothing_have_no_pulses(make, lattice, more, along, b
 @pytest.mark.parametrize("more", [{"finite_overlap": True}, {"torsion": "mindlin"}, {}])
 def test_pulses_over_loads_and_frequencies_are_each_of_them(make, more):
     states = make("hcp", np.array([1.0, 20.0]), **more)
-    along = np.array([[0.0, 0.0, 1.0], [0.3, 0.2, 0.8], [1.0, 0.0, 0.0]])
+    along = np.array([[0.0, 0.0, 1.0], [0.3, 0.2, 0.8]])
     frequencies = np.array([[100.0], [2000.0]])
     every = gp.pulse_velocities(
         states, frequencies, along, branches=("transverse_fast", "longitudinal")
     )
-    assert every.phase.shape == (2, 2, 2, 3)
-    assert every.group_vector.shape == (2, 2, 2, 3, 3)
-    for m, load, way in ((0, 0, 0), (1, 1, 1), (1, 0, 2), (0, 1, 1)):
+    assert every.phase.shape == (2, 2, 2, 2)
+    assert every.group_vector.shape == (2, 2, 2, 2, 3)
+    for m, load, way in ((0, 0, 0), (1, 1, 1), (0, 1, 1)):
         single = gp.pulse_velocities(
             states[load],
             frequencies[m, 0],
@@ -936,7 +965,6 @@ def test_results_come_back_from_plain_data(make):
         ("chain", {}),
         ("chain", {"motions": "all", "bending": 0.1}),
         ("square", {"motions": "all"}),
-        ("hcp", {}),
         ("square", {"motions": "out_of_plane", "bending": 0.1}),
         ("hcp", {"torsion": "mindlin"}),
     ):
@@ -979,7 +1007,7 @@ def test_velocities_that_lack_a_wave_are_refused(make):
 PAIR = gp.Lattice("pair", ((2.0,),), ((0.0,), (0.5,)))
 
 
-@pytest.mark.parametrize("torsion", [1e-6, 0.02, "mindlin"])
+@pytest.mark.parametrize("torsion", [1e-6, pytest.param(0.02, marks=SLOW), "mindlin"])
 @pytest.mark.parametrize("lattice", ["chain", PAIR], ids=["chain", "pair"])
 @pytest.mark.parametrize("motions", ["all", "out_of_plane"])
 def test_twist_wave_of_a_chain_is_the_slope_of_its_branch(lattice, torsion, motions):

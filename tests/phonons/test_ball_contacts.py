@@ -235,6 +235,13 @@ from ase.gui.images import Images
 images = Images()
 images.read(["salt_balls.csv"])
 print(len(images))
+try:
+    from ase._4.plugins import plugins
+except ImportError:
+    print("none")
+else:
+    (one,) = [one for one in plugins.calculators if one.package == "granphon"]
+    print(one.name, one.implementation.__name__, one.version)
 """
     paths = os.pathsep.join([str(tmp_path), str(ROOT)])
     run = subprocess.run(
@@ -246,20 +253,8 @@ print(len(images))
         env=os.environ | {"PYTHONPATH": paths},
     )
     assert run.returncode == 0, run.stderr
-    assert run.stdout.splitlines() == ["2 [0.5, 0.5] ['A', 'B'] True", "True True", "1"]
-    plugins = """
-from ase._4.plugins import plugins
-(one,) = [one for one in plugins.calculators if one.package == "granphon"]
-print(one.name, one.implementation.__name__, one.version)
-"""
-    run = subprocess.run(
-        [sys.executable, "-c", plugins],
-        cwd=tmp_path,
-        text=True,
-        capture_output=True,
-        check=False,
-        env=os.environ | {"PYTHONPATH": paths},
-    )
-    if "No module named 'ase._4" in run.stderr:
+    *lines, plugin = run.stdout.splitlines()
+    assert lines == ["2 [0.5, 0.5] ['A', 'B'] True", "True True", "1"]
+    if plugin == "none":
         pytest.skip("this ASE has no plug-ins")
-    assert run.stdout.split() == ["hertz-mindlin", "HertzMindlin", "0.1.0"], run.stderr
+    assert plugin.split() == ["hertz-mindlin", "HertzMindlin", "0.1.0"]

@@ -116,10 +116,11 @@ COORDINATES = {"chain along x": 1} | {
 }
 #: cells whose second differences the default selection has
 DIFFERENCED = ("membrane", "fcc", "plane skewed", "plane vacancy")
+#: balls that are moved for these differences, where not all are
+MOVED = {"membrane": [0, 4], "fcc": [0, 5]}
 every_cell = pytest.mark.parametrize("name", CELLS)
 both_frictions = pytest.mark.parametrize("friction", [False, True], ids=["smooth", "rough"])
 both_overlaps = pytest.mark.parametrize("finite_overlap", [False, True], ids=["limit", "finite"])
-every_contact = pytest.mark.parametrize("contact", ["smooth", "rough", "stiff"])
 
 
 def make(name, contact="stiff", finite_overlap=False, **more):
@@ -322,8 +323,19 @@ def test_a_layer_in_space_is_a_plane_with_all_motions():
 
 
 @pytest.mark.claim("forces-are-slopes")
-@every_cell
-@every_contact
+@pytest.mark.parametrize(
+    ("name", "contact"),
+    [
+        pytest.param(
+            name,
+            contact,
+            # a contact that is stiff has all that a rough one has
+            marks=[pytest.mark.slow] * (contact == "rough" and name not in DIFFERENCED),
+        )
+        for name in CELLS
+        for contact in ("smooth", "rough", "stiff")
+    ],
+)
 @both_overlaps
 def test_slopes_of_the_energy(name, contact, finite_overlap):
     state, sites, calc = make(name, contact, finite_overlap)
@@ -484,9 +496,12 @@ def check_force_constants(calc, balls, name, contact, atol):
     """Compare force constants with central differences (Richardson), whose order two is asserted;
     return them.
     """
-    m, exact = COORDINATES.get(name, 3), calc.get_force_constants(balls)
+    m = COORDINATES.get(name, 3)
+    chosen = MOVED.get(name, range(len(balls)))
+    exact = calc.get_force_constants(balls)[:, chosen]
     coarse, fine = (
-        differenced(calc, balls, m, contact != "smooth", SOFT / parts) for parts in (40.0, 80.0)
+        differenced(calc, balls, m, contact != "smooth", SOFT / parts, chosen)
+        for parts in (40.0, 80.0)
     )
     if name == "chain along x":
         coarse = coarse[..., :1, :1]
@@ -692,7 +707,6 @@ def listed(pairs):
     m=st.sampled_from([1, 2, 3]),
     skew=st.sampled_from([0.0, 0.5, 3.0]),
 )
-@settings(max_examples=60, deadline=None)
 def test_pairs_are_those_of_ase(seed, m, skew):
     rng = np.random.default_rng(seed)
     cell = (np.eye(m) + skew * np.triu(rng.normal(size=(m, m)), 1)) * rng.uniform(0.7, 3.0, m)[
@@ -1354,7 +1368,7 @@ def test_a_slice_of_a_sample_keeps_the_law_of_two_balls():
 # wide, so that steps of a finite difference are small against it
 SPREAD = gp.Uniform(0.1 * DIAMETER)
 #: overlaps over the width; contacts of the mean ball are open at the last
-MEAN_OVERLAPS = (0.6, 0.2, -0.1)
+MEAN_OVERLAPS = (0.6, pytest.param(0.2, marks=pytest.mark.slow), -0.1)
 every_medium = pytest.mark.parametrize("medium", [gp.AveragedForce, gp.EffectiveMedium])
 
 

@@ -145,18 +145,6 @@ def test_phonopy_reads_the_symbols_masses_and_frequencies_of_kinds(names, symbol
     assert scales == ph.scales
 
 
-def test_euphonic_reads_the_kinds_of_a_file(tmp_path):
-    euphonic = pytest.importorskip("euphonic")
-    ph = gp.Phonons(salt("Na", "Cl"))
-    ph.save(tmp_path / "phonopy_params.yaml")
-    constants = euphonic.ForceConstants.from_phonopy(
-        path=str(tmp_path), summary_name="phonopy_params.yaml"
-    )
-    assert constants.crystal.atom_type.tolist() == ["Na", "Sn", "Cl", "Sn", "He"]
-    mass = constants.crystal.atom_mass.magnitude
-    assert_allclose(mass[:4] / mass[0], [1.0, 1.0, 0.5, 0.5], rtol=1e-9)
-
-
 def test_phononwebsite_has_each_balls_own_symbol_and_gyration():
     """Kinetic energies of u and of the spin of the marks, with the inertia of each ball, add up to
     one.

@@ -53,7 +53,13 @@ STATES = {
 
 
 @pytest.mark.claim("network-bands")
-@pytest.mark.parametrize("case", STATES)
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=[pytest.mark.slow] * (case in ("finite overlap", "kagome", "fcc")))
+        for case in STATES
+    ],
+)
 def test_a_network_of_a_state_has_the_numbers_of_the_state(case):
     """Bands, velocities, moduli and pulses; a state of its own with a network is one too."""
     state = at_overlap(1e-3, **STATES[case])
@@ -201,7 +207,11 @@ def test_there_is_no_gap_where_branches_touch():
 
 @pytest.mark.parametrize(
     ("lattice", "count"),
-    [("honeycomb", 0), pytest.param("kagome", 1, marks=pytest.mark.slow)],
+    [
+        ("square", 0),
+        pytest.param("honeycomb", 0, marks=pytest.mark.slow),
+        pytest.param("kagome", 1, marks=pytest.mark.slow),
+    ],
 )
 def test_branches_that_cross_away_from_the_mesh_leave_no_gap(lattice, count):
     ball = gp.Ball(STEEL, 8e-3)

@@ -134,7 +134,7 @@ def test_motions_that_cost_nothing_are_no_waves():
     # kagome on a floor has free motions at its edge and in the bulk: rounding does not lift them to
     # a few tenths of a hertz
     network = bulk("kagome", "out_of_plane")
-    q = np.array([[0.005], [0.008], [0.013], [0.014], [0.016]])
+    q = np.array([[0.005], [0.014]])
     found = gp.Surface(network, 0, "floor").branches(q)
     ribbon = gp.Phonons(network.cut(0, 20, ("floor", "free"))).frequencies(q)
     assert np.min(found.frequencies) > 0.9 * np.min(ribbon[ribbon > 1.0])
@@ -172,9 +172,9 @@ def test_leaky_waves_are_peaks_of_the_spectrum():
 def test_the_weight_of_the_outer_layer_integrates_to_one(lattice, axis, q):
     surface = gp.Surface(balls(lattice), axis)
     top = surface.continuum(q).max()
-    x, weight = np.polynomial.legendre.leggauss(1500)
+    x, weight = np.polynomial.legendre.leggauss(400)
     angle = 0.25 * np.pi * (x + 1.0)
-    spectrum = surface.spectrum(q, top * np.tan(angle), damping=0.02 * top)
+    spectrum = surface.spectrum(q, top * np.tan(angle), damping=0.08 * top)
     measure = 0.25 * np.pi * weight * top / np.cos(angle) ** 2
     assert_allclose(spectrum.by_motion[0].T @ measure, 1.0, atol=1e-6)
     assert_allclose(np.asarray(spectrum)[0] @ measure, 1.0, atol=1e-6)
@@ -206,7 +206,7 @@ def follow_pole(own, inner, hop, w):
         ]
         return np.linalg.det(matrix / np.linalg.norm(vectors[:, picked], axis=0)), values[picked]
 
-    for step in np.linspace(0.0, 1.0, 41)[1:]:
+    for step in np.linspace(0.0, 1.0, 17)[1:]:
         _, kept = mismatch(w.real + 1j * step * w.imag, kept)
     points = [w, w * (1.0 + 1e-6)]
     for _ in range(20):  # secants
@@ -238,7 +238,7 @@ def test_leaky_waves_are_roots_of_outgoing_waves(lattice, axis, q):
 
 
 @pytest.mark.claim("leaky")
-@pytest.mark.parametrize("q", [0.02, 0.33])
+@pytest.mark.parametrize("q", [pytest.param(0.02, marks=pytest.mark.slow), 0.33])
 def test_leaky_waves_near_extremes_inside_of_bands(q):
     # two kinds of balls, whose bands have extremes between their ends: a polynomial across one of
     # them tells no width
@@ -383,7 +383,7 @@ def twisted_kagome(angle):
 
 
 @pytest.mark.claim("zak")
-@pytest.mark.parametrize("axis", [(0, 1), (1, 1), (2, 1)])
+@pytest.mark.parametrize("axis", [(0, 1), (1, 1), pytest.param((2, 1), marks=pytest.mark.slow)])
 def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
     network = twisted_kagome(0.3)
     winding = (

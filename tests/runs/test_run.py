@@ -314,13 +314,13 @@ def test_samples_of_a_sweep_are_shared_by_workers(work):
 
 
 def test_a_sweep_goes_on_in_the_midst_of_a_sample(work, monkeypatch, capsys):
-    text = SAMPLED.replace("16 16", "4 4").replace("samples: 3", "samples: 2")
+    text = SAMPLED.replace("16 16", "2 4").replace("samples: 3", "samples: 2")
     (work / "scene.yaml").write_text(text)
     run = ["run", "scene.yaml", "-q", "--no-figures", "-o", "out"]
     with monkeypatch.context() as patch:
         begun = interrupted_after(1, patch, KeyboardInterrupt())
         assert main(run) == 130
-    sample = "simulation(samples=2, seed=4, shape=4 4), seed "
+    sample = "simulation(samples=2, seed=4, shape=2 4), seed "
     assert begun == [f"{sample}{seed}" for seed in (4, 4)]
     assert "kept" in one_error(capsys)
     with monkeypatch.context() as patch:
@@ -713,7 +713,10 @@ def test_an_interruption_while_workers_come_and_go(work, monkeypatch, capsys, mo
 
 @pytest.mark.parametrize(
     ("error", "options"),
-    [(KeyboardInterrupt(), ["--resume", "--force"]), (MemoryError(), ["--resume"])],
+    [
+        (KeyboardInterrupt(), ["--resume", "--force"]),
+        pytest.param(MemoryError(), ["--resume"], marks=pytest.mark.slow),
+    ],
 )
 def test_an_interrupted_sweep_goes_on(work, whole, monkeypatch, capsys, error, options):
     with monkeypatch.context() as patch:
@@ -756,7 +759,7 @@ def test_a_file_that_is_missing_is_named(work, whole, capsys):
             SWEEP.replace("20 N", "21 N").replace("7840", "7841"),
             "force[1] is 6.32455",
         ),
-        (ONE, "other work"),
+        pytest.param(ONE, "other work", marks=pytest.mark.slow),
     ],
 )
 def test_another_scene_does_not_discard_what_a_sweep_has_finished(
@@ -997,8 +1000,8 @@ def test_an_interruption_at_the_ends_of_the_process(work, moment, which, code, t
     "moment",
     [
         "granphon.base.staging._finish",
-        "granphon.runs.store.Store.clear",
-        "granphon.cli.scenes.say_table",
+        pytest.param("granphon.runs.store.Store.clear", marks=pytest.mark.slow),
+        pytest.param("granphon.cli.scenes.say_table", marks=pytest.mark.slow),
     ],
 )
 def test_an_interruption_after_the_exchange_says_that_the_result_is_there(
@@ -1207,10 +1210,10 @@ def test_what_cannot_be_plotted_is_one_line(work, whole, capsys):
 
 
 def test_only_a_data_set_has_variables(work, capsys):
-    (work / "scene.yaml").write_text(ONE + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
-    assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
+    scene = Scene.from_text(ONE)
+    scene.run("out", figures=False)
     assert main(["plot", "out", "--variable", "bulk", "-o", "bulk.svg"]) == 0
     (work / "alone").mkdir()
-    (work / "out" / "dos.csv").rename(work / "alone" / "dos.csv")
+    gp.Phonons(scene.state()).dos((4, 4), points=12).write_csv(work / "alone" / "dos.csv")
     assert main(["plot", "alone", "--variable", "bulk", "--force"]) == 2
     assert "holds no sweep" in capsys.readouterr().err

@@ -4,6 +4,7 @@ worker is killed.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import signal
@@ -11,7 +12,8 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 
@@ -33,7 +35,8 @@ from granphon.runs.store import Store, read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers, open_executor, packages
 
-distributed = pytest.importorskip("distributed")
+if importlib.util.find_spec("distributed") is None:
+    pytest.skip("needs distributed", allow_module_level=True)
 
 SCENE = """\
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -82,6 +85,8 @@ class Nap:
 @pytest.fixture(scope="module")
 def client():
     """A client of two worker processes; one that is killed is started again."""
+    import distributed
+
     silent = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
     with (
         distributed.LocalCluster(
@@ -299,10 +304,29 @@ def test_a_task_that_kills_its_workers_is_named(client, tmp_path, how):
         wait_for(lambda: children() == before)
 
 
+class Losing(ThreadPoolExecutor):
+    """An executor of threads that says what one of processes says when a task ends its worker."""
+
+    is_broken = False
+
+    def submit(self, call, orders, *more):
+        if self.is_broken:
+            raise BrokenProcessPool("a worker was lost")
+        self.is_broken = any(task.deadly for task, _ in orders)
+        if not self.is_broken:
+            return super().submit(call, orders, *more)
+        future = Future()
+        future.set_exception(BrokenProcessPool("a worker was lost"))
+        return future
+
+
 @posix
-def test_an_executor_of_a_user_that_loses_a_worker_is_one_error(tmp_path):
+@pytest.mark.parametrize(
+    "pool", [Losing, pytest.param(ProcessPoolExecutor, marks=pytest.mark.slow)]
+)
+def test_an_executor_of_a_user_that_loses_a_worker_is_one_error(tmp_path, pool):
     naps = [Nap(n, deadly=n == 5) for n in range(8)]
-    with ProcessPoolExecutor(1) as executor, closing(Store(tmp_path / "store")) as store:
+    with pool(1) as executor, closing(Store(tmp_path / "store")) as store:
         with pytest.raises(GranphonError, match=r"^nap-[3-5]\b.* executor"):
             solve_all("naps", naps, executor, store=store)
         with pytest.raises(GranphonError, match=r"^nap-0: .* executor"):  # it takes no more work
@@ -335,6 +359,8 @@ def read_address(file):
 @pytest.fixture
 def remote(tmp_path):
     """A scheduler in a process of its own with one worker: its address, and the process."""
+    import distributed
+
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, sys.path)])
     }

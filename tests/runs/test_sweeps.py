@@ -22,7 +22,6 @@ from contextlib import closing, contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 
-import netCDF4
 import numpy as np
 import pytest
 import xarray
@@ -238,11 +237,11 @@ ERRORS = ["longitudinal_error", "transverse_error", "bulk_error", "shear_error"]
 
 def test_a_sweep_of_samples_warns_as_their_state_does(rough):
     """Of loose balls, whose shear modulus is too small, too."""
-    medium = gp.DirectSimulation(rough, (6, 6), 2, 3, geometry="lattice")
+    medium = gp.DirectSimulation(rough, (6, 6), 2, 2, geometry="lattice")
     least = 0.01 * rough.law.force(rough.width)  # f* = 0.01
     warnings = gp.validity(medium.at_force([least, 100.0 * least])).warnings
     assert any("shear modulus" in warning for warning in warnings)
-    samples = {"simulation": {**SAMPLES["simulation"], "geometry": "lattice"}}
+    samples = {"simulation": {**SAMPLES["simulation"], "samples": 2, "geometry": "lattice"}}
     ds = sweep(rough, force=[least, 100.0 * least], media=samples)
     assert [text.split(": ", 1)[1] for text in json.loads(ds.attrs["warnings"])] == list(warnings)
 
@@ -287,16 +286,16 @@ def test_an_interrupted_sample_is_not_simulated_again(rough, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "executor",
+    ("load", "executor"),
     [
-        None,
+        ({"force": [2.0, 18.446]}, None),
         *(
-            pytest.param(one, marks=pytest.mark.slow)
-            for one in (ThreadPoolExecutor, ProcessPoolExecutor)
+            pytest.param(load, executor, marks=pytest.mark.slow)
+            for load in ({"force": [18.446, 2.0, 5.0]}, {"overlap": [1e-6, -1e-7, 3e-7]})
+            for executor in (None, ThreadPoolExecutor, ProcessPoolExecutor)
         ),
     ],
 )
-@pytest.mark.parametrize("load", [{"force": [18.446, 2.0, 5.0]}, {"overlap": [1e-6, -1e-7, 3e-7]}])
 def test_each_load_of_a_sample_is_kept(rough, tmp_path, load, executor):
     """What goes on from the middle of a sample has the numbers of what went through, to the last
     bit.
@@ -818,6 +817,8 @@ def test_a_sweep_comes_back_from_its_file(rough, serial, tmp_path):
 
 def test_another_library_reads_the_file(rough, tmp_path):
     ds = sweep(rough, path=tmp_path / "sweep.nc", **ARGUMENTS)
+    import netCDF4
+
     with netCDF4.Dataset(tmp_path / "sweep.nc") as file:
         assert file.variables["longitudinal"].dimensions == ("load", "medium", "width")
         assert file.variables["longitudinal"].units == "m/s"
@@ -832,8 +833,8 @@ def test_another_library_reads_the_file(rough, tmp_path):
     [
         (None, "triangular"),
         (gp.Uniform(WIDTH), gp.Lattice("mine", ((1.0, 0.0), (-0.5, math.sqrt(0.75))))),
-        (gp.Normal(1e-6, 2.0), "triangular"),
-        (BIMODAL, "square"),
+        pytest.param(gp.Normal(1e-6, 2.0), "triangular", marks=pytest.mark.slow),
+        pytest.param(BIMODAL, "square", marks=pytest.mark.slow),
         (gp.Measured(tuple(8e-3 + 1e-10 * (n - 4999.5) for n in range(10_000))), "triangular"),
     ],
 )
@@ -993,7 +994,9 @@ def resumed(packing, folder, expected, arguments=ARGUMENTS, **options):
 
 
 @pytest.mark.claim("sweep-same-numbers")
-@pytest.mark.parametrize("options", [{}, {"resume": True, "overwrite": True}])
+@pytest.mark.parametrize(
+    "options", [{}, pytest.param({"resume": True, "overwrite": True}, marks=pytest.mark.slow)]
+)
 def test_an_interrupted_sweep_goes_on_from_what_it_has(rough, serial, interrupted, options):
     """Whatever is said; and again, if it is interrupted again."""
     meter = Meter(stop=7)
@@ -1007,7 +1010,10 @@ def test_an_interrupted_sweep_goes_on_from_what_it_has(rough, serial, interrupte
 
 @pytest.mark.parametrize(
     ("error", "pool"),
-    [(RuntimeError("out of memory"), ThreadPoolExecutor), (SystemExit(1), ProcessPoolExecutor)],
+    [
+        (RuntimeError("out of memory"), ThreadPoolExecutor),
+        pytest.param(SystemExit(1), ProcessPoolExecutor, marks=pytest.mark.slow),
+    ],
 )
 def test_any_end_leaves_the_parts(rough, serial, tmp_path, error, pool):
     with pool(2) as executor, pytest.raises(type(error)):
@@ -1027,9 +1033,15 @@ def test_any_end_leaves_the_parts(rough, serial, tmp_path, error, pool):
 @pytest.mark.parametrize(
     "more",
     [
-        {"force": [5.0, 2.0], "bands": "GK", "npoints": 3, "width": [0.0, 1e-6]},
-        {"force": [5.0, 2.0], "spread": [BIMODAL, None], "lattice": [CHAINED, "square"]},
-        {"pressure": [4e3, 500.0], "friction": [True, False], "finite_overlap": True},
+        {"force": 5.0, "bands": "GK", "npoints": 2, "width": [0.0, 1e-6]},
+        *(
+            pytest.param(more, marks=pytest.mark.slow)
+            for more in (
+                {"force": [5.0, 2.0], "bands": "GK", "npoints": 3, "width": [0.0, 1e-6]},
+                {"force": [5.0, 2.0], "spread": [BIMODAL, None], "lattice": [CHAINED, "square"]},
+                {"pressure": [4e3, 500.0], "friction": [True, False], "finite_overlap": True},
+            )
+        ),
     ],
 )
 def test_a_complete_sweep_is_read_again(rough, tmp_path, more):
@@ -1067,7 +1079,13 @@ def _flip(place):
 
 
 @pytest.mark.parametrize(
-    "change", [_flip(0), lambda entry: entry[:-1], lambda entry: None, lambda entry: "text"]
+    "change",
+    [
+        _flip(0),
+        lambda entry: None,
+        pytest.param(lambda entry: entry[:-1], marks=pytest.mark.slow),
+        pytest.param(lambda entry: "text", marks=pytest.mark.slow),
+    ],
 )
 def test_damaged_parts_are_done_again(rough, serial, interrupted, change):
     name = parts_in(interrupted)[1]
@@ -1477,7 +1495,12 @@ def test_parts_of_another_packing_or_version_are_not_discarded_unless_told(
 
 
 @pytest.mark.parametrize(
-    "change", [lambda entry: b"", _flip(0.5), lambda entry: stores._seal("", b"[" * 100_000)]
+    "change",
+    [
+        lambda entry: stores._seal("", b"[" * 100_000),
+        pytest.param(lambda entry: b"", marks=pytest.mark.slow),
+        pytest.param(_flip(0.5), marks=pytest.mark.slow),
+    ],
 )
 def test_parts_that_belong_to_nothing_known(rough, serial, interrupted, change):
     with opened(interrupted) as base:

@@ -288,7 +288,11 @@ def test_many_directions_of_a_scene(tmp_path):
 
 @pytest.mark.parametrize(
     ("lattice", "ways"),
-    [("fcc", WAYS), ("square", ((1.0, 1.0), (0.0, 1.0))), ("triangular", ((0.5, 1.0), (3.0, 4.0)))],
+    [
+        ("fcc", WAYS),
+        pytest.param("square", ((1.0, 1.0), (0.0, 1.0)), marks=pytest.mark.slow),
+        ("triangular", ((0.5, 1.0), (3.0, 4.0))),
+    ],
 )
 def test_a_sweep_has_its_directions_as_a_dimension(lattice, ways, tmp_path):
     text = scene_text(
@@ -417,7 +421,13 @@ def test_mistakes_in_python(steel):
 
 
 @pytest.mark.parametrize(
-    "preset", ["chain", "membrane", "fcc", pytest.param("hcp", marks=pytest.mark.exhaustive)]
+    "preset",
+    [
+        pytest.param("chain", marks=pytest.mark.slow),
+        "membrane",
+        "fcc",
+        pytest.param("hcp", marks=pytest.mark.exhaustive),
+    ],
 )
 def test_presets_of_each_dimension_run(tmp_path, monkeypatch, capsys, preset):
     monkeypatch.chdir(tmp_path)

@@ -452,10 +452,11 @@ sweep: {width: [1 um, 2 um]}
     [
         ("[5 N, 1e-15 N]", r"load\.force\.1: found '1e-15 N'", r"load\.force\.1: found '1e-15 N'"),
         # before the sweep the least load is tried, and in it the first that fails is named
-        (
+        pytest.param(
             "{from: 5 N, to: 1e-15 N, points: 9}",
             r"load\.force\.to: found '1e-15 N'",
             r"load\.force: found value 4 of 9 from '5 N' to '1e-15 N'",
+            marks=pytest.mark.slow,
         ),
     ],
 )
@@ -539,10 +540,10 @@ def test_what_makes_no_sweep(packing):
 
 def test_a_scene_that_no_file_can_hold(packing):
     rng = np.random.default_rng(0)
-    scene = Scene(packing, Load("force", rng.uniform(1.0, 2.0, 20_000)))
+    scene = Scene(packing, Load("force", rng.uniform(1.0, 2.0, 6_000)))
     with pytest.raises(InputError, match="100 kB"):
         scene.to_yaml()
-    ranged = Scene(packing, Load("force", space_evenly(1.0, 2.0, 200_000, "log")))
+    ranged = Scene(packing, Load("force", space_evenly(1.0, 2.0, 20_000, "log")))
     assert len(ranged.to_yaml()) < 1000
     assert Scene.from_text(ranged.to_yaml()) == ranged
 
@@ -979,7 +980,9 @@ def places_outside_comments(text):
     return places
 
 
-@pytest.mark.parametrize("name", ["steel_hexagon", "swept", "simulated"])
+@pytest.mark.parametrize(
+    "name", ["steel_hexagon", pytest.param("swept", marks=pytest.mark.slow), "simulated"]
+)
 def test_mutated_scenes_are_read_or_refused(name):
     ours = {"swept": SWEPT, "simulated": SIMULATED}
     base = ours[name] if name in ours else write_preset(name)

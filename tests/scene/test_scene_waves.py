@@ -22,7 +22,7 @@ HEAD = (
 ARRAY = HEAD + "medium: {simulation: {shape: [6, 18]}}\ndirection: [0, 1]\n"
 ALL = (
     ARRAY + "observe: [dos, spectrum, pulse]\nspectrum: {polarisation: [longitudinal, rotational],"
-    " points: 4}\n"
+    " points: 4, resolution: 1 kHz}\n"
     "pulse: {frequency: 9 kHz, cycles: 1.5, distance: 45 mm}\nphonopy: {mesh: 6 6 1}\n"
 )
 
@@ -47,7 +47,7 @@ def test_files_hold_what_the_library_finds(done):
     assert waves.transmit(9000.0, (0, 1), 0.045, 1.5, ends="free") == result.waves.pulse
     spectra = result.waves.spectra
     assert [one.polarisation for one in spectra.spectra] == ["longitudinal", "rotational"]
-    again = waves.spectral_function(spectra.spectra[0].q)
+    again = waves.spectral_function(spectra.spectra[0].q, resolution=1e3)
     np.testing.assert_array_equal(again.values, spectra.spectra[0].values)
     summary = result.summary()
     assert summary["pulse_velocity"] == pytest.approx(result.waves.pulse.velocity, rel=1e-13)
@@ -57,15 +57,15 @@ def test_files_hold_what_the_library_finds(done):
 
 
 @pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.slow)])
-def test_a_scene_at_a_low_load_gives_its_pulse(seed, tmp_path):
+def test_a_scene_at_a_low_load_gives_its_pulse(seed):
     text = (
         HEAD.replace("5 N", "2 N") + f"medium: {{simulation: {{shape: [20, 40], seed: {seed}}}}}\n"
     )
     scene = gp.Scene.from_text(
         text + "observe: [velocities, pulse]\npulse: {frequency: 5200 Hz, cycles: 2}\n"
     )
-    summary = scene.run(tmp_path / "out", figures=False).summary()
-    assert 0.9 < summary["pulse_velocity"] / summary["longitudinal"] < 0.97
+    data = scene.sweep()
+    assert 0.9 < (data["pulse_velocity"] / data["longitudinal"]).item() < 0.97
 
 
 def test_tables_are_those_of_the_results(done):

@@ -63,7 +63,11 @@ def test_a_single_state_has_a_map_and_a_table(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"), [(PACKING, {"LATTICE": "square", "AXIS": "1"}), (CRYSTAL, {})]
+    ("text", "words"),
+    [
+        (PACKING, {"LATTICE": "square", "AXIS": "1"}),
+        pytest.param(CRYSTAL, {}, marks=pytest.mark.slow),
+    ],
 )
 def test_a_run_searches_the_waves_of_a_state_once(text, words, tmp_path, monkeypatch):
     searches = []
@@ -76,7 +80,12 @@ def test_a_run_searches_the_waves_of_a_state_once(text, words, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(
-    ("text", "words"), [(PACKING, {"LATTICE": "fcc", "AXIS": "1 1 0"}), (CRYSTAL, {})]
+    ("text", "words"),
+    [
+        (PACKING, {"LATTICE": "square", "AXIS": "1"}),
+        pytest.param(PACKING, {"LATTICE": "fcc", "AXIS": "1 1 0"}, marks=pytest.mark.slow),
+        (CRYSTAL, {}),
+    ],
 )
 def test_a_sweep_has_the_waves_of_every_state(text, words, tmp_path):
     result = scene(text, FORCE="[2 N, 128 N]", **words).run(tmp_path, figures=False)
@@ -89,19 +98,17 @@ def test_a_sweep_has_the_waves_of_every_state(text, words, tmp_path):
     waves = edge.branches(edge.path(3)[0][:, : len(edge.cell)])
     here = data[1]
     assert_allclose(here[np.isfinite(here)], waves.frequencies, rtol=1e-13)
-    assert ("surface_velocity" in result.dataset) == ("fcc" in words.values())
+    assert ("surface_velocity" in result.dataset) == (text == PACKING)
 
 
-@pytest.mark.parametrize("medium", ["[ala, ema]", "ema"])
-def test_balls_that_differ_have_the_waves_of_their_mean_lattice(medium, tmp_path):
+@pytest.mark.parametrize("medium", [pytest.param("[ala, ema]", marks=pytest.mark.slow), "ema"])
+def test_balls_that_differ_have_the_waves_of_their_mean_lattice(medium):
     text = (
         PACKING.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 2 um}")
         + f"medium: {medium}\n"
     )
-    result = scene(text, LATTICE="triangular", AXIS="1", FORCE="[20 N, 40 N]").run(
-        tmp_path, figures=False
-    )
-    assert np.all(result.dataset["surface_velocity"] > 0.0)
+    data = scene(text, LATTICE="triangular", AXIS="1", FORCE="[20 N, 40 N]").sweep()
+    assert np.all(data["surface_velocity"] > 0.0)
 
 
 CUTS = {
@@ -118,7 +125,17 @@ CUTS = {
 }
 
 
-@pytest.mark.parametrize(("lattice", "axis"), CUTS.values(), ids=CUTS)
+#: of a plane and of space, with one ball in the cell and several
+FEW = "zigzag", "armchair", "across a bond", "001", "111"
+
+
+@pytest.mark.parametrize(
+    ("lattice", "axis"),
+    [
+        pytest.param(*cut, id=name, marks=() if name in FEW else pytest.mark.slow)
+        for name, cut in CUTS.items()
+    ],
+)
 def test_scenes_of_each_cut(lattice, axis):
     words = {"LATTICE": lattice, "AXIS": axis}
     one = scene(PACKING, FORCE="18 N", **words)

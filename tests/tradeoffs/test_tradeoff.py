@@ -502,11 +502,14 @@ def test_where_media_have_no_reference(steel, lattice, finite, told):
         ],
     ),
 )
-def test_media_in_space_are_judged_by_samples_in_space(steel, measured, lattice, shape, counted):
+def test_media_in_space_are_judged_by_samples_in_space(
+    steel, measured, monkeypatch, lattice, shape, counted
+):
+    monkeypatch.setattr(tradeoffs, "_MOST_DRAWS", 6)
     packing = gp.Packing(steel, 8e-3, gp.Uniform(WIDTH), lattice)
     knobs = {"sides": (4,), "counts": (1,), "reference_side": 5}
     found = measured(
-        packing, force=20.0, observe=("velocities", "dos"), knobs=knobs, budget=60.0, sample=1.0
+        packing, force=20.0, observe=("velocities", "dos"), knobs=knobs, budget=60.0, sample=1.8
     )
     run = {(point.method, point.knob): point for point in found.points if not point.failure}
     assert {
@@ -799,7 +802,7 @@ def test_the_diagrams_are_log_log_with_a_curve_for_each_method_and_can_be_read(f
 
 
 def test_a_command_writes_table_and_picture(work, capsys):
-    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "200 ms", "--loads", "1"]) == 0
+    assert main(["tradeoff", "scene.yaml", "-o", "out", "--budget", "100 ms", "--loads", "1"]) == 0
     assert sorted(path.name for path in (work / "out").iterdir()) == [
         ".granphon-files",
         "tradeoff.csv",
@@ -856,7 +859,9 @@ def test_mistakes_on_the_command_line_and_scenes_that_have_no_trade_off(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "which", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_an_interruption_leaves_nothing(work, which):
     # it says when it begins to measure, and only then is it interrupted
     code = (

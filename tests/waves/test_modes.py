@@ -43,6 +43,14 @@ def nearest(bands, count, target):
 METHODS = {"dense": (10**6, 10**6), "factorised": (1, 10**6), "filtered": (1, 1)}
 
 
+def exhaustive(*case):
+    return pytest.param(*case, marks=pytest.mark.exhaustive)
+
+
+def slow(*case):
+    return pytest.param(*case, marks=pytest.mark.slow)
+
+
 @pytest.fixture
 def limits(monkeypatch):
     """Set the limits of the methods: those of ``METHODS``, or a constant of the filters by its
@@ -269,7 +277,16 @@ def test_static_forces_lower_frequencies(method):
     assert modes.frequencies[0] < gp.Waves(network).modes(1).frequencies[0]
 
 
-@pytest.mark.parametrize("friction", [True, False])
+@pytest.mark.parametrize(
+    ("method", "friction"),
+    [
+        ("factorised", True),
+        ("dense", False),
+        slow("dense", True),
+        slow("factorised", False),
+    ],
+    indirect=["method"],
+)
 def test_tension_raises_frequencies(method, friction):
     """Spectra of rubber balls that adhere and are pulled apart are the bands of the crystal, and
     below the bound of all.
@@ -331,13 +348,9 @@ def disordered(request):
     return waves, np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi), vectors
 
 
-def exhaustive(*case):
-    return pytest.param(*case, marks=pytest.mark.exhaustive)
-
-
 #: amid the spectrum, where modes are dense; at its ends; and above all modes, below the bound of
 #: them
-@pytest.mark.parametrize("target", [None, exhaustive(900.0), 12.3e3, exhaustive(21e3), "top"])
+@pytest.mark.parametrize("target", [None, exhaustive(900.0), slow(12.3e3), exhaustive(21e3), "top"])
 def test_filters_find_what_the_dense_matrix_has(filters, disordered, target):
     waves, exact, vectors = disordered
     top = waves.operator.top / (2.0 * np.pi)

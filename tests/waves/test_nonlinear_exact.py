@@ -38,8 +38,15 @@ def angular_momentum(waves, motion):
 
 
 @pytest.mark.claim("nonlinear-balance")
-@pytest.mark.parametrize("geometry", ["lattice", "exact"])
-@pytest.mark.parametrize(("mu", "damping"), [(math.inf, 0.0), (0.2, 1e-7)])
+@pytest.mark.parametrize(
+    ("geometry", "mu", "damping"),
+    [
+        ("lattice", math.inf, 0.0),
+        pytest.param("exact", math.inf, 0.0, marks=pytest.mark.slow),
+        pytest.param("lattice", 0.2, 1e-7, marks=pytest.mark.slow),
+        ("exact", 0.2, 1e-7),
+    ],
+)
 def test_the_balance_of_energies_closes(geometry, mu, damping):
     """Of an array that is hit so that contacts open and slide, the midpoint scheme keeps the sum to
     1e-9, with losses.
@@ -72,14 +79,22 @@ def test_the_work_of_drives_is_in_the_balance():
 
 
 @pytest.mark.claim("nonlinear-exact")
-@pytest.mark.parametrize("scheme", ["verlet", "midpoint"])
-def test_momentum_and_angular_momentum_are_exact(scheme):
+@pytest.mark.parametrize(
+    ("scheme", "duration"),
+    [
+        ("verlet", 1e-4),
+        ("midpoint", 5e-5),
+        pytest.param("verlet", 2e-4, marks=pytest.mark.slow),
+        pytest.param("midpoint", 2e-4, marks=pytest.mark.slow),
+    ],
+)
+def test_momentum_and_angular_momentum_are_exact(scheme, duration):
     """A cluster that flies apart with friction, dashpots and spins."""
     waves = gp.NonlinearWaves(flower(), friction_coefficient=0.3, damping=1e-7, geometry="exact")
     velocities = np.random.default_rng(0).standard_normal((7, 2)) - [0.4, 0.1]
     spins = np.zeros((7, 3))
     spins[2, 2] = 100.0
-    motion = waves.run(2e-4, velocities=velocities, spins=spins, frames=5, scheme=scheme)
+    motion = waves.run(duration, velocities=velocities, spins=spins, frames=5, scheme=scheme)
     momentum = np.einsum("n,fna->fa", waves.network.masses, motion.velocities)
     turning = angular_momentum(waves, motion)
     assert_allclose(momentum - momentum[0], 0.0, atol=1e-13 * 7 * MASS)
@@ -106,8 +121,15 @@ def test_exact_directions_of_small_motions_are_those_of_the_lattice():
         assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
 
 
-@pytest.mark.parametrize("scheme", ["verlet", "midpoint"])
-def test_numbers_in_the_plane_are_vectors_in_space(scheme):
+@pytest.mark.parametrize(
+    ("scheme", "duration"),
+    [
+        ("verlet", 1e-5),
+        ("midpoint", 1e-5),
+        pytest.param("midpoint", 2e-5, marks=pytest.mark.slow),
+    ],
+)
+def test_numbers_in_the_plane_are_vectors_in_space(scheme, duration):
     """Balls of a plane that slide, roll, meet and part move the same as where all motions are
     allowed.
     """
@@ -135,7 +157,9 @@ def test_numbers_in_the_plane_are_vectors_in_space(scheme):
             displacement=lambda t: 1e-6 * math.sin(1e5 * t) ** 2,
         )
         found.append(
-            waves.run(2e-5, velocities=velocities, drive=drive, frames=5, step=1e-7, scheme=scheme)
+            waves.run(
+                duration, velocities=velocities, drive=drive, frames=5, step=1e-7, scheme=scheme
+            )
         )
     plane, space = found
     for name in (
@@ -198,13 +222,13 @@ def test_balls_that_meet():
 def test_a_motion_goes_on_from_a_frame_in_which_balls_that_have_met_touch():
     """Their force is there from the start."""
     waves, start = meeting()
-    whole = waves.run(0.03 * D / 2.0, **start, frames=101)
+    whole = waves.run(0.018 * D / 2.0, **start, frames=61)
     frame = int(np.argmax(whole.forces[:, 2]))
     later = waves.run(
         whole.times[-1] - whole.times[frame],
         whole.positions[frame],
         whole.velocities[frame],
-        frames=101 - frame,
+        frames=61 - frame,
         step=whole.step,
     )
     assert_allclose(later.forces[0], whole.forces[frame], rtol=1e-9, atol=1e-9)
@@ -223,14 +247,14 @@ def test_a_network_that_names_no_kinds_has_the_law_of_a_crystal_of_one():
         gp.NonlinearWaves(replace(network, kinds=None), unlike([("A", "B"), ("B", "C")]))
 
 
-TABLE = gp.TabulatedLaw([1e-8, 1e-4], [1e-5, 1e3])
+TABLE = gp.TabulatedLaw([1e-8, 1e-4], [1e-4, 1e4])
 
 
 @pytest.mark.parametrize(
     ("law", "given"),
     [
-        (gp.PowerLaw(2.0, 1e11), False),
-        (gp.DMT(1e-6), False),
+        (gp.PowerLaw(2.0, 1e12), False),
+        pytest.param(gp.DMT(1e-6), False, marks=pytest.mark.slow),
         pytest.param(TABLE, False, marks=pytest.mark.slow),
         pytest.param(TABLE, True, marks=pytest.mark.slow),
     ],
@@ -250,7 +274,7 @@ def test_balls_that_meet_have_their_own_law(law, given):
     waves = gp.NonlinearWaves(
         chain.touch() if given else chain, law if given else None, geometry="exact"
     )
-    highest = waves.run(0.03 * D / 2.0, **meeting()[1], frames=151).peaks()[1][2]
+    highest = waves.run(0.015 * D / 2.0, **meeting()[1], frames=76).peaks()[1][2]
     pair = law.between(kinds[0], kinds[2])
     assert_allclose(pair.energy(pair.overlap(highest)), 0.25 * MASS * 2.0**2, rtol=1e-3)
 
@@ -302,7 +326,9 @@ def test_balls_that_meet_resist_shear_as_their_own_pair():
     )
 
 
-@pytest.mark.parametrize("law", [None, gp.PowerLaw(2.0, 1e11)])
+@pytest.mark.parametrize(
+    "law", [None, pytest.param(gp.PowerLaw(2.0, 1e11), marks=pytest.mark.slow)]
+)
 def test_balls_over_a_floor_meet_others(law):
     """Their law is that of contacts of balls, also where those with the floor have another, or the
     same.
@@ -338,7 +364,7 @@ def test_contacts_that_carry_nothing_at_rest_do_not_push_there():
     )
 
 
-@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+@pytest.mark.parametrize("geometry", [pytest.param("lattice", marks=pytest.mark.slow), "exact"])
 def test_a_ball_settles_into_a_floor_by_its_weight(geometry):
     """From touch it sinks to (5 m g/2c)^(2/3), and comes back."""
     column = gp.Crystal.on("chain", [BALL]).cut(0, 1, edges=("floor", "free"))
@@ -351,8 +377,8 @@ def test_a_ball_settles_into_a_floor_by_its_weight(geometry):
 
 
 def test_a_ball_that_falls_on_a_floor_bounces():
-    """Gravity beside contacts: it is back at the floor after 2 v/g, and leaves it after Hertz's
-    2.94326 delta_m/v.
+    """Gravity beside contacts: thrown up with 0.3 v from where it comes down with v, it is at the
+    floor after 1.3 v/g, and leaves it after Hertz's 2.94326 delta_m/v.
 
     There the weight is small against forces, by 1e-4 of the velocity.
     """
@@ -361,10 +387,12 @@ def test_a_ball_that_falls_on_a_floor_bounces():
     v = 0.02
     c = 4.0 / 3.0 * STEEL.young_modulus / (1.0 - STEEL.poisson_ratio**2) * math.sqrt(0.5 * D)
     lasting = 2.94326 * (1.25 * MASS * v**2 / c) ** 0.4 / v
-    motion = waves.run(2.2 * v / 9.81, velocities=[[v], [0.0]], frames=401, step=1e-6)
+    top = v**2 / (2.0 * 9.81)
+    start = {"displacements": [[0.91 * top], [0.0]], "velocities": [[0.3 * v], [0.0]]}
+    motion = waves.run(1.5 * v / 9.81, **start, frames=401, step=1e-6)
     highest = int(np.argmax(motion.displacements[:, 0, 0]))
-    assert_allclose(motion.displacements[highest, 0, 0], v**2 / (2.0 * 9.81), rtol=1e-5)
-    assert_allclose(motion.arrivals(0.01)[0], 2.0 * v / 9.81, rtol=3e-3)  # a frame
+    assert_allclose(motion.displacements[highest, 0, 0], top, rtol=1e-5)
+    assert_allclose(motion.arrivals(0.01)[0], 1.3 * v / 9.81, rtol=3e-3)  # a frame
     assert_allclose(motion.velocities[-1, 0, 0], 0.8 * v + 9.81 * lasting, atol=1e-4 * v)
 
 
@@ -422,7 +450,7 @@ def test_a_floor_may_be_listed_before_the_balls():
         pytest.param(gp.JKR(0.1), 1.5, "verlet", 4e-8, 5e-4, marks=pytest.mark.slow),
         (gp.JKR(0.1), 1.5, "midpoint", 2e-6, 1e-10),
         (gp.DMT(0.1), 0.9, "verlet", 4e-7, 0.0),
-        (gp.DMT(0.1), 1.5, "verlet", 4e-8, 5e-4),
+        pytest.param(gp.DMT(0.1), 1.5, "verlet", 4e-8, 5e-4, marks=pytest.mark.slow),
         (gp.DMT(0.1), 1.5, "midpoint", 2e-6, 1e-10),
     ],
 )
@@ -469,9 +497,9 @@ def restitution(motion):
 #: of the midpoint scheme the default selection has the shortest collision alone
 COLLISIONS = [
     ("verlet", 0.1, 1e-3),
-    ("verlet", 0.02, 2e-3),
+    pytest.param("verlet", 0.02, 2e-3, marks=pytest.mark.slow),
     ("verlet", 0.01, 3e-3),
-    ("midpoint", 0.1, 4e-4),
+    ("midpoint", 0.1, 3.2e-4),
     pytest.param("midpoint", 0.02, 2e-3, marks=pytest.mark.slow),
     pytest.param("midpoint", 0.01, 3e-3, marks=pytest.mark.slow),
 ]
@@ -503,7 +531,7 @@ def test_balls_of_jkr_lose_energy_as_contacts_are_made_and_broken(scheme, speed,
 
 
 @pytest.mark.claim("nonlinear-adhesion")
-@pytest.mark.parametrize("law", [gp.DMT(0.1), gp.JKR(0.1)])
+@pytest.mark.parametrize("law", [gp.DMT(0.1), pytest.param(gp.JKR(0.1), marks=pytest.mark.slow)])
 def test_steps_where_forces_jump_are_of_second_order(law):
     contact = law.between(RUBBER, RUBBER)
     loss = contact.energy(contact.least_overlap) - contact.energy(0.0)
@@ -517,13 +545,20 @@ def test_steps_where_forces_jump_are_of_second_order(law):
 
 
 @pytest.mark.claim("nonlinear-adhesion")
-@pytest.mark.parametrize("frames", [11, 101])
-def test_the_default_step_keeps_the_energy_where_forces_jump(frames):
+@pytest.mark.parametrize(
+    ("frames", "speed"),
+    [
+        (11, 0.01),
+        (101, 0.02),
+        pytest.param(11, 0.02, marks=pytest.mark.slow),
+        pytest.param(101, 0.01, marks=pytest.mark.slow),
+    ],
+)
+def test_the_default_step_keeps_the_energy_where_forces_jump(frames, speed):
     """Whatever the frames, which change the step a little."""
-    for speed in (0.01, 0.02):
-        motion = collide(gp.DMT(0.1), speed, frames=frames)
-        assert_allclose(motion.energy[-1], motion.energy[0], rtol=2e-4)
-        assert_allclose(restitution(motion), 1.0, rtol=2e-4)
+    motion = collide(gp.DMT(0.1), speed, frames=frames)
+    assert_allclose(motion.energy[-1], motion.energy[0], rtol=2e-4)
+    assert_allclose(restitution(motion), 1.0, rtol=2e-4)
 
 
 class Sudden:
@@ -578,7 +613,7 @@ def test_laws_of_users_that_jump():
 def test_a_table_that_rises_at_once_is_followed():
     """The default step is that of the steepest part on the way, and not of the end of the table."""
     table = gp.TabulatedLaw([1e-8, 1e-6, 1.1e-6, 1e-5], [1e-9, 1e-7, 1e-5, 1.1e-5])
-    motion = collide(table, 0.01, 1.2e-2)
+    motion = collide(table, 0.01, 6e-3)
     assert motion.forces[-1, 0] == 0.0
     assert_allclose(restitution(motion), 1.0, rtol=2e-3)
 
@@ -604,7 +639,7 @@ def test_a_table_of_hertz_law_moves_as_hertz_law():
     velocities = np.zeros((8, 1))
     velocities[0] = 0.3
     found = [
-        gp.NonlinearWaves(network, law=law).run(5e-5, velocities=velocities, frames=5, step=5e-8)
+        gp.NonlinearWaves(network, law=law).run(5e-5, velocities=velocities, frames=5, step=1e-7)
         for law in (None, gp.TabulatedLaw(overlap, C * overlap**1.5))
     ]
     assert_allclose(found[1].forces, found[0].forces, rtol=1e-6, atol=1e-6)
@@ -617,7 +652,7 @@ def test_a_file_of_a_motion_grows_with_contacts_and_frames(tmp_path):
     waves, start = meeting()
     path = tmp_path / "motion.nc"
     kept, streamed = (
-        waves.run(0.02 * D / 2.0, **start, frames=61, file=where) for where in (None, path)
+        waves.run(0.014 * D / 2.0, **start, frames=43, file=where) for where in (None, path)
     )
     assert streamed == kept
     # it stays in the file, which may be larger than the memory
@@ -629,7 +664,7 @@ def test_a_file_of_a_motion_grows_with_contacts_and_frames(tmp_path):
         assert gp.Motion.read(tmp_path / "again.nc") == kept
     part = gp.Motion.read(path, frames=slice(10, 40, 3))
     assert_allclose(part.velocities, kept.velocities[10:40:3])
-    for none in (slice(61, None), slice(None, None, -1)):
+    for none in (slice(43, None), slice(None, None, -1)):
         with pytest.raises(InputError, match="frames is slice"):
             gp.Motion.read(path, frames=none)
     # a record that is not whole does not count

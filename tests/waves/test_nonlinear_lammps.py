@@ -61,9 +61,9 @@ def move_in_lammps(network, motions, step, steps, slip, overlap=OVERLAP, mu=MU, 
     return found
 
 
-def differences(slip, finer, geometry="lattice", overlap=OVERLAP):
-    """Rms differences of velocities, spins and forces over their rms, after the time of a thousand
-    coarse steps.
+def differences(slip, finer, geometry="lattice", overlap=OVERLAP, count=500):
+    """Rms differences of velocities, spins and forces over their rms, after the time of
+    ``count`` coarse steps.
 
     The forces on our balls are their masses times the change of their velocities from one coarse
     step before to one after.
@@ -82,12 +82,16 @@ def differences(slip, finer, geometry="lattice", overlap=OVERLAP):
     motions[:, :2] = speed * random.standard_normal((network.n_balls, 2))
     step = 2e-3 / speed * overlap * D
     motion = waves.run(
-        1001 * step, velocities=motions[:, :3], spins=motions[:, 3:], frames=1002, step=step / finer
+        (count + 1) * step,
+        velocities=motions[:, :3],
+        spins=motions[:, 3:],
+        frames=count + 2,
+        step=step / finer,
     )
     assert np.any(motion.forces[-1] == 0.0)
     # the network of a finite overlap has the true cell
     theirs = move_in_lammps(
-        network, motions, step / finer, 1000 * finer, slip, 0.0 if exact else overlap
+        network, motions, step / finer, count * finer, slip, 0.0 if exact else overlap
     )
     forces = (
         network.masses[:, None] * (motion.velocities[-1] - motion.velocities[-3]) / (2.0 * step)
@@ -112,7 +116,7 @@ def test_balls_with_friction_move_as_in_lammps():
     """Slip up to Coulomb's limit, in 1e-4; LAMMPS takes the stiffness at the end of a step, which
     is of first order.
     """
-    coarse, fine = (np.array(differences(True, finer)) for finer in (1, 2))
+    coarse, fine = (np.array(differences(True, finer, count=1000)) for finer in (1, 2))
     assert np.all(fine < 1e-4)
     assert np.all(np.abs(np.log2(coarse / fine) - 1.0) < 0.1)
 
@@ -139,7 +143,7 @@ def differences_of_steps(slip, mu=MU, share=0.0, finer=1):
     """Rms differences, over the rms, of velocities and spins after a thousand default steps.
 
     They are those from LAMMPS in the same steps, or in ``finer`` ones; and of default steps those
-    from steps of an eighth. The viscosity of contacts is ``share``, as tau times their frequency.
+    from steps of a quarter. The viscosity of contacts is ``share``, as tau times their frequency.
     """
     network = (
         gp.AveragedLattice(gp.Packing(STEEL, D, friction=slip))
@@ -156,7 +160,7 @@ def differences_of_steps(slip, mu=MU, share=0.0, finer=1):
     step = waves.find_step(float(np.max(np.linalg.norm(motions[:, :3], axis=1))))
     start = {"velocities": motions[:, :3], "spins": motions[:, 3:], "frames": 2}
     ours = waves.run(1000 * step, step=step / finer, **start)
-    fine = waves.run(1000 * step, step=step / 8, **start) if finer == 1 and not share else ours
+    fine = waves.run(1000 * step, step=step / 4, **start) if finer == 1 and not share else ours
     theirs = move_in_lammps(network, motions, ours.step, 1000 * finer, slip, mu=mu, tau=tau)
 
     def compare(others):

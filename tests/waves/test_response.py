@@ -95,8 +95,15 @@ def test_chain_on_a_moved_wall_inside_and_above_its_band(edge):
 
 
 @pytest.mark.claim("response-peaks")
-@pytest.mark.parametrize("method", ["direct", "krylov"])
-@pytest.mark.parametrize("points", [90, 400])
+@pytest.mark.parametrize(
+    ("points", "method"),
+    [
+        (90, "direct"),
+        pytest.param(400, "direct", marks=pytest.mark.slow),
+        pytest.param(90, "krylov", marks=pytest.mark.slow),
+        (400, "krylov"),
+    ],
+)
 def test_peaks_do_not_depend_on_the_grid(points, method):
     """Lines narrower than the step are solved for between its points: heights and Q are those of
     the damped modes.
@@ -470,8 +477,7 @@ def make_loose(kind):
     [
         "balls that nothing holds",
         "a chain with six motions",
-        "a free membrane",
-        "a free flake",
+        *(pytest.param(one, marks=pytest.mark.slow) for one in ("a free membrane", "a free flake")),
         "a flake under static forces",
     ],
 )
@@ -516,8 +522,8 @@ def test_damped_modes_leave_out_what_costs_no_energy(kind, monkeypatch):
 @pytest.mark.parametrize(
     "damping",
     [
-        {"loss_factor": 0.05},
-        {"damping": 0.04 / OMEGA},
+        pytest.param({"loss_factor": 0.05}, marks=pytest.mark.slow),
+        pytest.param({"damping": 0.04 / OMEGA}, marks=pytest.mark.slow),
         {"damping": (0.02 / OMEGA, 0.02 / OMEGA), "loss_factor": 0.02},
     ],
 )
@@ -586,8 +592,8 @@ def test_krylov_space_of_unevenly_damped_contacts_gives_what_factors_give(kind):
 @pytest.mark.parametrize(
     "damping",
     [
-        {"loss_factor": (0.1, 0.05)},
-        {"damping": (0.2 / OMEGA, 0.1 / OMEGA)},
+        pytest.param({"loss_factor": (0.1, 0.05)}, marks=pytest.mark.slow),
+        pytest.param({"damping": (0.2 / OMEGA, 0.1 / OMEGA)}, marks=pytest.mark.slow),
         {"damping": (0.05 / OMEGA, 0.1 / OMEGA), "loss_factor": (0.05, 0.1)},
     ],
 )
@@ -609,7 +615,7 @@ def test_frequencies_that_cost_most_by_a_krylov_space_are_left_to_factors(dampin
 def test_large_network_takes_a_krylov_space_and_factors_where_nothing_is_lost():
     network = ideal("triangular", 0.8).repeat((30, 30))
     waves = gp.Waves(network)
-    hertz = np.geomspace(0.01, 1.5, 8) * HERTZ
+    hertz = np.geomspace(0.01, 1.5, 5) * HERTZ
     places = [(0, "x"), (620, (-1, 0))], (20, "y")
     found = waves.response(hertz, *places, loss_factor=0.1)
     assert found.factorisations == 0
@@ -693,7 +699,7 @@ def test_fourier_transform_of_a_pulse_is_the_response(tangential):
         2,
         polarisation="longitudinal",
         damping=tau,
-        duration=(200.0 if tangential else 300.0) / OMEGA,
+        duration=(150.0 if tangential else 300.0) / OMEGA,
         **more,
     )
     hertz = np.array([0.5, 0.7, 0.9]) * HERTZ

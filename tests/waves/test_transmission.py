@@ -71,7 +71,9 @@ def test_an_interface_of_light_and_heavy_balls():
 
 
 @pytest.mark.claim("transmission")
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(one, marks=pytest.mark.slow) for one in (2, 3, 4))]
+)
 def test_a_strip_of_any_balls_and_springs_by_transfer_matrices(seed):
     random = np.random.default_rng(seed)
     n = int(random.integers(2, 12))
@@ -104,12 +106,12 @@ def test_a_strip_of_any_balls_and_springs_by_transfer_matrices(seed):
 @pytest.mark.parametrize(
     ("lattice", "axis", "cells"),
     [
-        ("triangular", 1, 4),
+        pytest.param("triangular", 1, 4, marks=pytest.mark.slow),
         ("triangular", (1, 1), 4),
         ("honeycomb", 1, 3),
-        ("fcc", (1, 1, 0), 4),
+        pytest.param("fcc", (1, 1, 0), 4, marks=pytest.mark.slow),
         ("fcc", (1, 1, 1), 4),
-        ("hcp", 2, 3),
+        pytest.param("hcp", 2, 3, marks=pytest.mark.slow),
     ],
 )
 def test_energy_is_conserved_whatever_the_strip(lattice, axis, cells):
@@ -171,7 +173,12 @@ def test_the_edge_of_a_band_is_refused_and_its_sides_are_not():
 
 
 @pytest.mark.parametrize(
-    ("lattice", "axis"), [("triangular", 1), ("fcc", (1, 1, 0)), ("honeycomb", 1)]
+    ("lattice", "axis"),
+    [
+        ("triangular", 1),
+        ("fcc", (1, 1, 0)),
+        pytest.param("honeycomb", 1, marks=pytest.mark.slow),
+    ],
 )
 def test_energy_is_conserved_or_refused_at_all_edges(lattice, axis):
     """Bands of several motions, some alike: each end of each, where waves of others may run."""
@@ -200,7 +207,10 @@ def test_energy_that_does_not_add_up_is_an_error(monkeypatch):
         gp.transmission(network, network.cut(0, 3), network, [0.3 * TOP])
 
 
-@pytest.mark.parametrize(("lattice", "axis"), [("square", 1), ("honeycomb", 1), ("sc", 2)])
+@pytest.mark.parametrize(
+    ("lattice", "axis"),
+    [("square", 1), pytest.param("honeycomb", 1, marks=pytest.mark.slow), ("sc", 2)],
+)
 def test_a_ribbon_or_slab_guides_waves(lattice, axis):
     """Its balls may stand one above another across the way; those of a strip may be listed in any
     order.
@@ -355,7 +365,9 @@ def pass_chains(length, count, spread, random):
 
 
 @pytest.mark.claim("transmission-errors")
-@pytest.mark.parametrize(("count", "spread"), [(12, 0.25), (12, 0.45), (24, 0.45)])
+@pytest.mark.parametrize(
+    ("count", "spread"), [(12, 0.25), pytest.param(12, 0.45, marks=pytest.mark.slow), (24, 0.45)]
+)
 def test_errors_of_lengths_are_the_scatter_over_samples(count, spread):
     """Of chains; in place of frequencies there are repetitions, each with samples of its own."""
     light = even(MASS)
