@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.array.geometry import LARGEST_RATIO
-from granphon.balls.hertz import force_of, overlap_of
+from granphon.balls.hertz import force_of
 from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -65,15 +65,6 @@ _OPEN_CONTACTS = {
 }
 
 
-def find_spacing(packing: Packing, force: Array) -> Array:
-    """Return the approximate a* of reduced forces."""
-    alike = np.asarray(0.5 + overlap_of(force))
-    if packing.structure.periods not in _CURVES:
-        return alike
-    known, forces = _CURVES[packing.structure.periods]
-    return np.where(force > forces[-1], alike, np.interp(force, forces, known))
-
-
 def estimate_reduced_force(packing: Packing, load: Load) -> Array:
     """Return the approximate f* of each value of an applied load."""
     reduced = np.ravel(reduce_load(packing, load))
@@ -82,9 +73,10 @@ def estimate_reduced_force(packing: Packing, load: Load) -> Array:
     alike = np.asarray(force_of(reduced - 0.5))
     if packing.structure.periods not in _CURVES:
         return alike
-    known, forces = _CURVES[packing.structure.periods]
-    near = np.exp(np.interp(np.log(np.maximum(reduced, known[0])), np.log(known), np.log(forces)))
-    return np.where(reduced > known[-1], alike, near)
+    spacings, forces = _CURVES[packing.structure.periods]
+    log_spacing = np.log(np.maximum(reduced, spacings[0]))
+    interpolated = np.exp(np.interp(log_spacing, np.log(spacings), np.log(forces)))
+    return np.where(reduced > spacings[-1], alike, interpolated)
 
 
 def estimate_open_contacts(packing: Packing, load: Load) -> Array:
