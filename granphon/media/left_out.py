@@ -93,12 +93,12 @@ def estimate_open_contacts(packing: Packing, load: Load) -> Array:
     if structure.periods not in _OPEN_CONTACTS or not packing.spread_matters:
         return np.zeros_like(force)
     with np.errstate(all="ignore"):  # a load that no array bears is refused elsewhere
-        found: Array = np.interp(
+        fraction: Array = np.interp(
             np.log(force), np.log(_OPEN_FORCES), _OPEN_CONTACTS[structure.periods]
         )
     if structure.name in ("triangular", "fcc", "hcp") and LATTICES[structure.name] == structure:
-        return found
-    return np.where(found > 0.0, 1.0, 0.0)
+        return fraction
+    return np.where(fraction > 0.0, 1.0, 0.0)
 
 
 def estimate_shear_deficit(
@@ -131,8 +131,8 @@ def expect_shear_deficit(
     if not (packing.mindlin_ratio and packing.spread_matters):
         return np.zeros(load.size)
     closed = 1.0 - estimate_open_contacts(packing, load)
-    own = packing.relative_width if ratio is None else ratio
-    return estimate_shear_deficit(closed, own, packing.structure.periods, history)
+    ratio = packing.relative_width if ratio is None else ratio
+    return estimate_shear_deficit(closed, ratio, packing.structure.periods, history)
 
 
 def find_left_out(deficit: Array, geometry: str | None) -> Array:
