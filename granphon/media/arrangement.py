@@ -180,18 +180,22 @@ class Arrangement:
             site_balls = [self._find_ball(name) for _, name in self.sites]
             positions = [list(position) for position, _ in self.sites]
             return Crystal(site_balls, self.cell, positions, name="crystal", **options)
-        order = self.order or tuple(dict(self.kinds))
-        kinds = [self._find_ball(name) for name in order]
+        kinds = [self._find_ball(name) for name in self.order or tuple(self._named_balls)]
         return Crystal.on(self.lattice, kinds, **options)
 
     def _find_ball(self, name: str) -> Ball:
-        """Return the ball of the kind of this name, which it takes."""
-        balls = dict(self.kinds)
+        """Return the ball of the kind of this name."""
+        balls = self._named_balls
         if name not in balls:
             guess = closest(name, balls)
             mend = f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}"
             raise InputError(f"there is no kind of ball {name!r}", mend=mend)
-        return replace(balls[name], name=name)
+        return balls[name]
+
+    @cached_property
+    def _named_balls(self) -> dict[str, Ball]:
+        """The ball of each kind, which has the name of the kind."""
+        return {name: replace(ball, name=name) for name, ball in self.kinds}
 
     # -- attributes that a packing has too ---------------------------------------------------------
 
@@ -367,9 +371,10 @@ class LoadedCrystal(NetworkState):
         Open contacts do not count; of a sample, whose contacts open one by one, all contacts count,
         as in :meth:`Crystal.at_force`.
         """
+        counts = self.source.normal_stiffness > 0.0
         if np.any(self.source.crystal.deviations):
-            return np.mean(values, axis=-1)[()]
-        return np.mean(values, axis=-1, where=self.source.normal_stiffness > 0.0)[()]
+            counts = np.ones_like(counts)
+        return np.mean(values, axis=-1, where=counts)[()]
 
     @property
     def force(self) -> Any:

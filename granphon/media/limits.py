@@ -172,7 +172,8 @@ class Check(Result):
         if self.name in BALL_LIMITS:
             _, quantity, unit, *_ = BALL_LIMITS[self.name]
             relation = "less" if self.at_least else "more"
-            return f"the {quantity} is {bound}{worst:.4g} {unit}, {relation} than {self.limit:g} {unit}"
+            limit = f"{self.limit:g} {unit}"
+            return f"the {quantity} is {bound}{worst:.4g} {unit}, {relation} than {limit}"
         words = {
             "worst": f"{bound}{worst:.4g}",
             "percent": f"{bound}{100.0 * worst:.4g} %",

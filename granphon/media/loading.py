@@ -208,7 +208,7 @@ class FrictionHistory:
         :class:`~granphon.base.errors.Refused` for an option out of range, a history without a
         friction coefficient, and options of a history without ``friction_history``.
         """
-        values = {}
+        values: dict[str, Any] = {}
         for name, option in HISTORY_OPTIONS.items():
             if name in options:
                 values[name] = read_inside(name, option.rule, options[name])
@@ -512,9 +512,8 @@ def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: boo
 
 def _explain_below(start: ReducedLoad, load: ReducedLoad, from_gas: bool) -> InputError:
     """Return the error of a load below the start."""
-    if load.overlap is None:
-        name = f"f* = {load.force:.4g}"
-    else:
+    name = f"f* = {load.force:.4g}"
+    if load.overlap is not None:
         name = f"a* = {load.overlap + 0.5:.4g}"
     starts = []
     if start.force:

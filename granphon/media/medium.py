@@ -278,7 +278,7 @@ class LawMedium(Medium[ContactState]):
             if np.any(overlap <= law.least_overlap):
                 raise explain_untouched(load, -law.least_overlap)
             return np.asarray(law.force(overlap)), overlap
-        if load.kind == "force":
+        if load.kind != "pressure":
             return load.array, np.asarray(law.overlap(load.array))
         # the lattice's pressure factor times f is P d^(p-1), or P a^(p-1) if the boundary follows
         # the balls; the slope is f over the power of the spacing

@@ -1364,7 +1364,9 @@ def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
     if frictionless.mechanism:
         return frictionless.mechanism
     periods = structure.periods
-    fractions = np.indices((_PROBED,) * periods).reshape(periods, -1).T / _PROBED
+    tick = np.arange(_PROBED) / _PROBED
+    grids = np.meshgrid(*[tick for _ in range(periods)], indexing="ij")
+    fractions = np.stack(grids, axis=-1).reshape(-1, periods)
     wavevectors = frictionless.wavevectors(fractions[1:])  # without q = 0
     lowest_frequencies = frictionless.frequencies(wavevectors)[:, 0]
     stands = np.all(lowest_frequencies > _SOFT)
