@@ -1401,16 +1401,13 @@ class Crystal(Result):
                 # gravity alone presses more than the goal, and less pressure changes nothing
                 break
             last_error = error
-            # a mean of the wrong sign says nothing about the size of the step
-            growth = goal / mean if mean / goal > 0.0 else 2.0
-            power = contacts.power
-            guess = pressure * (growth if kind == "force" else growth ** (1.0 / power))
-            # factor of the overlaps from which the next state is found
-            factor = growth**power if kind == "force" else growth
+            # the overlaps from which the next state is found grow by a factor, too
+            pressure_growth, growth = contacts.find_growth(kind, goal, mean)
+            guess = pressure * pressure_growth
             if differ:  # overlaps on the sites do not grow, and their mean follows no power
-                factor = 1.0
+                growth = 1.0
                 guess = search.extrapolate(pressure, mean, guess)
-            start = Rest(factor * small.x, factor * small.overlap, small.normal)
+            start = Rest(growth * small.x, growth * small.overlap, small.normal)
             next_pressure = search.choose(pressure, excess, guess)
             if next_pressure is None:
                 if error <= rounding:
@@ -1422,9 +1419,11 @@ class Crystal(Result):
             f" pressure"
         )
         why = f"At a pressure of {pressure:.4g} it is {mean:.4g}"
-        if field is None:
-            raise InputError(problem, why)
-        raise InputError(problem, f"{why}, as gravity presses more", "Give a larger one")
+        mend = ""
+        if field is not None:
+            why += ", as gravity presses more"
+            mend = "Give a larger one"
+        raise InputError(problem, why, mend)
 
     def _estimate_pressure(self, kind: str, goal: float) -> float:
         """Return the pressure at which contacts of equal forces have the mean force (N) or overlap
@@ -1608,6 +1607,16 @@ class _MeanContacts(NamedTuple):
         """Exponent f/(k delta) with which overlaps grow with the pressure."""
         work = np.mean((self.stiffness * self.overlap)[self.counts])
         return float(np.mean(self.force[self.counts]) / work)
+
+    def find_growth(self, kind: str, goal: float, mean: float) -> tuple[float, float]:
+        """Return the factors by which the pressure and the overlaps are to grow for the mean to
+        become the ``goal``.
+        """
+        # a mean of the wrong sign says nothing about the size of the step
+        growth = goal / mean if mean / goal > 0.0 else 2.0
+        if kind == "force":
+            return growth, growth**self.power
+        return growth ** (1.0 / self.power), growth
 
     def bound_rounding(self, kind: str, goal: float, differ: bool, adhere: bool) -> float:
         """Return the relative error of the mean that is put down to rounding."""
@@ -1911,32 +1920,19 @@ class CrystalState(Result):
         """Return the closed contacts as arguments of a network, those with floors last."""
         crystal = self.crystal
         table = crystal.contacts
-        floors = crystal._floors
-        i = [table.i]
-        j = [table.j]
-        arm_i = [table.arm_i]
-        arm_j = [table.arm_j]
-        for number, floor in enumerate(floors, start=crystal.n_balls):
-            i.append(floor.balls)
-            j.append(np.full(len(floor.balls), number))
-            arm_i.append(crystal._mean_radii[floor.balls])
-            arm_j.append(np.zeros(len(floor.balls)))
-        ends_i = np.concatenate(i)
-        ends_j = np.concatenate(j)
+        i, j, arm_i, arm_j = self._list_ends()
         shift = np.zeros((crystal.n_contacts, 3), np.intp)
         shift[: len(table), : crystal.periods] = table.shift
         normal = np.zeros((crystal.n_contacts, 3))
         normal[:, : crystal.dimension] = self.normal
-        all_arms_i = np.concatenate(arm_i)
-        all_arms_j = np.concatenate(arm_j)
         if self.finite_overlap:  # arms are the balls' own radii less half of the overlap
-            bulges = np.append(crystal._bulges, np.zeros(len(floors)))
+            bulges = np.append(crystal._bulges, np.zeros(len(crystal._floors)))
             half_overlap = 0.5 * self.overlap
-            all_arms_i = all_arms_i + bulges[ends_i] - half_overlap
-            all_arms_j = all_arms_j + bulges[ends_j] - half_overlap
+            arm_i = arm_i + bulges[i] - half_overlap
+            arm_j = arm_j + bulges[j] - half_overlap
         fields: dict[str, Any] = {
-            "i": ends_i,
-            "j": ends_j,
+            "i": i,
+            "j": j,
             "shift": shift,
             "normal": normal,
             "normal_force": self.normal_force,
@@ -1944,13 +1940,30 @@ class CrystalState(Result):
             "shear_stiffness": self.shear_stiffness,
             "torsion_stiffness": self.torsion_stiffness,
             "bending_stiffness": self.bending_stiffness,
-            "arm_i": all_arms_i,
-            "arm_j": all_arms_j,
+            "arm_i": arm_i,
+            "arm_j": arm_j,
         }
         contacts = {name: values[self._in_network] for name, values in fields.items()}
         if self.finite_overlap:  # the statics are those of normal forces alone
             contacts["tangential_force"] = np.zeros((np.count_nonzero(self._in_network), 3))
         return contacts
+
+    def _list_ends(self) -> tuple[Index, Index, Array, Array]:
+        """Return the balls i and j (n_c,) of the contacts, j being the number of the floor of those
+        with floors, and the arms (n_c,) to either at touch, m.
+        """
+        crystal = self.crystal
+        table = crystal.contacts
+        i = [table.i]
+        j = [table.j]
+        arm_i = [table.arm_i]
+        arm_j = [table.arm_j]
+        for number, floor in enumerate(crystal._floors, start=crystal.n_balls):
+            i.append(floor.balls)
+            j.append(np.full(len(floor.balls), number))
+            arm_i.append(crystal._mean_radii[floor.balls])
+            arm_j.append(np.zeros(len(floor.balls)))
+        return np.concatenate(i), np.concatenate(j), np.concatenate(arm_i), np.concatenate(arm_j)
 
 
 def list_balls(balls: Any) -> list[Any]:

@@ -1209,16 +1209,18 @@ def _find_stiffnesses(course: Course, piece_of_ball: Index, chosen: Index) -> Ar
     network = course.network
     axes = list(network.ball_motions.translations)
     end = np.where(network.moving[network.i], network.i, network.j)
-    mass = np.bincount(piece_of_ball[network.moving], network.masses[network.moving])
+    n_pieces = int(np.max(piece_of_ball)) + 1
+    moving = network.moving
+    mass = np.bincount(piece_of_ball[moving], network.masses[moving], n_pieces)
     squares = (network.vector @ course.direction) ** 2
     shear = network.shear_stiffness
     normal = network.normal.T
     differences = (network.normal_stiffness - shear) * squares
-    stiffness = np.zeros((len(axes), len(axes), mass.size))
+    stiffness = np.zeros((len(axes), len(axes), n_pieces))
     for row, a in enumerate(axes):
         for column, b in enumerate(axes):
             of_contacts = differences * normal[a] * normal[b] + (a == b) * shear * squares
-            stiffness[row, column] = np.bincount(piece_of_ball[end], of_contacts, mass.size)
+            stiffness[row, column] = np.bincount(piece_of_ball[end], of_contacts, n_pieces)
     tensors = np.moveaxis(stiffness, -1, 0)[chosen]
     return np.asarray(tensors / mass[chosen, None, None])
 
