@@ -49,7 +49,9 @@ def compute_form_coefficients(shape: Shape) -> tuple[float, float]:
     distribution without cutoff.
     """
     x, weights = shape.nodes(0.0, 64, whole=True)
-    second, third, fourth = (float(np.sum(weights * x**n)) for n in (2, 3, 4))
+    second = float(np.sum(weights * x**2))
+    third = float(np.sum(weights * x**3))
+    fourth = float(np.sum(weights * x**4))
     return third / second**1.5, fourth / second**2 - 3.0
 
 

@@ -675,6 +675,7 @@ def _read_options(
         quantities = load_quantities(lattice.periods)
 
         def read(kind: str, value: Any) -> float:
+            """Read the value of a load of this kind, SI."""
             is_plain = not written and not isinstance(value, str)
             return real_number(value) if is_plain else quantities[kind].read(value)
 

@@ -194,9 +194,11 @@ def time_once(work: Callable[[], object]) -> float:
     """Return the processor's time of a small piece of work, s, the shortest of some repetitions."""
     shortest = math.inf
     begin = process_time()
-    while (before := process_time()) - begin < _REPEATED_SECONDS:
+    before = begin
+    while before - begin < _REPEATED_SECONDS:
         work()
         shortest = min(shortest, process_time() - before)
+        before = process_time()
     return shortest
 
 
@@ -256,6 +258,7 @@ def _measure_matrix(eigenvectors: bool) -> float:
     matrix = parts[0] + parts[0].T + 1j * (parts[1] - parts[1].T)
 
     def solve() -> Any:
+        """Find the eigenvalues of the matrix, once."""
         return np.linalg.eigh(matrix) if eigenvectors else np.linalg.eigvalsh(matrix)
 
     return time_once(solve) / _SMALL_MATRIX**3

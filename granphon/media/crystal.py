@@ -299,8 +299,7 @@ class Crystal(Result):
         )
         table = self.contacts
         radii = self._mean_radii
-        face_balls = [balls for face in self.faces for balls in face.balls]
-        ends = np.concatenate([table.i, table.j, *face_balls])
+        ends = np.concatenate([table.i, table.j, *(side.balls for side in self._sides)])
         separations = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
         along_normal = table.normal * np.linalg.norm(separations, axis=1)[:, None]
         tolerance = TOUCH * float(np.mean(radii))
@@ -1018,7 +1017,7 @@ class Crystal(Result):
         n_free_balls = int(np.count_nonzero(is_free))
         free_number = np.full(self.n_balls, -1, np.intp)
         free_number[is_free] = np.arange(n_free_balls)
-        strains = tuple((a, b) for a in range(p) for b in range(a, p))
+        strains = tuple(itertools.combinations_with_replacement(range(p), 2))
         walls = [face for face in self.faces if face.is_pressed]
         n_free = self.dimension * n_free_balls
         return _Unknowns(free_number, n_free, strains, walls, wall_of_ball)
@@ -1124,6 +1123,7 @@ class Crystal(Result):
         values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
 
         def describe(tensor: Array) -> str:
+            """Return a stress (p, p) in words."""
             rounded = np.round(tensor, 12) if np.max(np.abs(tensor)) > 1e-6 else tensor
             return f"the stress {brief(rounded.tolist())} {_PRESSURE_UNITS[self.periods]}"
 
@@ -1204,7 +1204,7 @@ class Crystal(Result):
         """
         load_shape = values.shape[: values.ndim - rank]
         if gravity is None:
-            return values, [None] * math.prod(load_shape)
+            return values, [None for _ in range(math.prod(load_shape))]
         field = finite_array("gravity", gravity)
         d = self.dimension
         field = field[..., None] if d == 1 and field.shape[-1:] != (1,) else field
@@ -1668,6 +1668,7 @@ class CrystalState(Result):
     finite_overlap: bool = False
 
     def _field_units(self) -> dict[str, str]:
+        """The SI unit of each attribute; that of the stress depends on the number of periods."""
         return {**self.units, "stress": ("", "N", "N/m", "Pa")[self.crystal.periods]}
 
     def __getitem__(self, index: Any) -> CrystalState:
@@ -2109,8 +2110,9 @@ def _require_large_enough(structure: Lattice, cell: Array, kinds: Sequence[Ball]
     before they touch the smaller one.
     """
     p = structure.periods
-    images = np.stack(np.meshgrid(*[[-1, 0, 1]] * p), axis=-1).reshape(-1, p)
-    gap = float(np.min(np.linalg.norm(images[np.any(images, axis=1)] @ cell, axis=1)))
+    images = np.array(list(itertools.product((-1, 0, 1), repeat=p)))
+    images = images[np.any(images, axis=1)]  # without the ball itself
+    gap = float(np.min(np.linalg.norm(images @ cell, axis=1)))
     small, large = sorted(kinds, key=lambda ball: ball.diameter)
     if gap >= large.diameter * (1.0 - TOUCH):
         return

@@ -25,7 +25,9 @@ from granphon.media.loading import reduce_load
 
 #: the geometries of contacts: directions are those of the lattice, or follow from the positions of
 #: the balls
-LATTICE, EXACT = GEOMETRIES = "lattice", "exact"
+LATTICE = "lattice"
+EXACT = "exact"
+GEOMETRIES = (LATTICE, EXACT)
 #: part of the shear modulus up to which the directions of the lattice may leave it out, if no
 #: geometry is named
 _CHOSEN_LIMIT = 1e-3
@@ -165,8 +167,7 @@ def choose_geometries(
     exact, and where that is False, and not None, it is not.
     """
     if finite_overlap is not None or not can_be_exact(packing):
-        return [EXACT if finite_overlap else LATTICE] * load.size
-    return [
-        EXACT if deficit > _CHOSEN_LIMIT else LATTICE
-        for deficit in expect_shear_deficit(packing, load).tolist()
-    ]
+        is_exact = np.full(load.size, bool(finite_overlap))
+    else:
+        is_exact = expect_shear_deficit(packing, load) > _CHOSEN_LIMIT
+    return [EXACT if exact else LATTICE for exact in is_exact]

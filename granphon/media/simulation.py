@@ -134,10 +134,9 @@ class SampleLaw(EnergyLaw):
         """Return the mean over samples of a quantity at each ``overlap``, m."""
         overlaps = np.asarray(overlap, float)
         distinct, numbers = np.unique(overlaps, return_inverse=True)
-        means = [
-            np.mean([quantity(sample) for sample in self._simulate(value)])
-            for value in distinct.tolist()
-        ]
+        means = []
+        for value in distinct.tolist():
+            means.append(np.mean([quantity(sample) for sample in self._simulate(value)]))
         return np.array(means)[numbers].reshape(overlaps.shape)[()]
 
     @cached_property
@@ -149,6 +148,7 @@ class SampleLaw(EnergyLaw):
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """Return the derivative of the energy of this order, from the energy itself on."""
         names = ("energy", "force", "normal_stiffness", "stiffness_slope")
         return self._average_at(overlap, attrgetter(names[order]))
 
@@ -520,6 +520,7 @@ class SimulatedState(ContactState):
 
     @property
     def _shrinkage(self) -> Any:
+        """a/d at loads of the exact geometry, otherwise 1."""
         return np.where(self._is_exact, 1.0 - self.relative_overlap, 1.0)[()]
 
     @property
@@ -1108,7 +1109,7 @@ class DirectSimulation(Medium[SimulatedState]):
         groups = self.by_geometry(load, finite_overlap)
         if finite_overlap is not None:  # one geometry at all loads
             return groups[0][0].at(load, finite_overlap=finite_overlap)
-        samples_at: list[Sequence[Any]] = [()] * load.size
+        samples_at: list[Sequence[Any]] = [() for _ in range(load.size)]
         for simulation, indices in groups:
             try:
                 samples = simulation.at(load.flat[indices]).samples
@@ -1194,7 +1195,9 @@ class DirectSimulation(Medium[SimulatedState]):
         # the loads that all samples have reached, in the order of ``load``
         n_reached = min(len(samples) for samples, _ in results)
         steps = sorted(range(n_reached), key=lambda step_index: order[step_index])
-        reached = [samples[step_index] for step_index in steps for samples, _ in results]
+        reached = []
+        for step_index in steps:
+            reached += [samples[step_index] for samples, _ in results]
         errors = [error for samples, error in results if len(samples) == n_reached]
         error = next((error for error in errors if error is not None), None)
         if error is None:

@@ -643,6 +643,9 @@ class ContactState(State, Result):
         """
 
         def find_waves(lattice: ContactLattice, prestress: Array | None) -> Array:
+            """Return the velocities of a lattice as the first row (..., 1, n_u), and below it the
+            displacements (..., n_u, n_u).
+            """
             velocities, polarisations = lattice.sound_velocities(direction, prestress)
             return np.concatenate([velocities[..., None, :], polarisations], axis=-2)
 
@@ -903,6 +906,7 @@ class NetworkState(State):
         """
 
         def find_tensor(lattice: ContactLattice, network: ContactNetwork) -> Array:
+            """Return the tensor (n, n) of one load."""
             scales = network.scales
             unit = scales.force if lattice.periods == 1 else scales.modulus
             return np.asarray(unit * lattice.elastic_tensor())
@@ -945,6 +949,7 @@ class NetworkState(State):
         """
 
         def find_velocity(lattice: ContactLattice, network: ContactNetwork) -> float:
+            """Return the velocity at one load, m/s; zero where a contact does not resist twist."""
             torsion = np.broadcast_to(lattice.torsion, lattice.stiffness.shape) * lattice.stiffness
             if not np.all(torsion):
                 return 0.0

@@ -417,12 +417,14 @@ class MediaStudy:
             _ = EffectiveMedium(packing).local_field
 
         def prepare(field_of_medium: _Field, run: int) -> EffectiveMedium:
+            """Return the medium with its curve solved anew."""
             effective_curve.cache_clear()
             medium = EffectiveMedium(packing, field_of_medium)
             _ = cast("EffectiveLaw", medium.law).curve
             return medium
 
         def make_point(method: str, knob: str, field_of_medium: _Field) -> Point:
+            """Return the point of a local field."""
             prepared = partial(prepare, field_of_medium)
             return Point(method, knob, prepared, self.observe, self.solving)
 
@@ -437,6 +439,7 @@ class MediaStudy:
         """Return the simulation of so many ``samples`` of a ``shape``."""
 
         def prepare(run: int) -> DirectSimulation:
+            """Return the simulation of a run, whose samples no other run has."""
             first_seed = run * samples
             return DirectSimulation(self.packing, shape, first_seed, samples, **history.options)
 
@@ -705,9 +708,10 @@ class TradeOff(Result):
             head = [point.method, point.knob]
             cost = [point.seconds, point.spread, point.setup, point.memory, point.floor]
             if point.failure:
-                no_errors = [""] * 7
-                known_cost = cost if point.ran else [""] * 5
-                rows.append([*head, *no_errors, *known_cost, point.failure])
+                # no load, quantity, error, its error, draws, error of the reference, resolved
+                empty = ["", "", "", "", "", "", ""]
+                known_cost = cost if point.ran else ["" for _ in cost]
+                rows.append([*head, *empty, *known_cost, point.failure])
                 continue
             pairs = itertools.product(enumerate(self.loads), enumerate(self.observed))
             for (row, load), (column, name) in pairs:

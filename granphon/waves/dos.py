@@ -230,15 +230,13 @@ class RandomVectors:
         vectors = whole_number("vectors", vectors, 1, MOST_MOMENTS // moments)
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
         for number in range(len(self._vectors), vectors):
-            parts = []
-            for turns in self._parts:
-                draw = partial(self._draw, number, turns)
-                parts.append(Moments(self._operator, draw, keep=self._keep))
-            self._vectors.append(tuple(parts))
-        # (vectors, parts, moments)
-        traces = np.array(
-            [[part.first(moments) for part in parts] for parts in self._vectors[:vectors]]
-        )
+            draws = [partial(self._draw, number, turns) for turns in self._parts]
+            moments_of_parts = [Moments(self._operator, draw, keep=self._keep) for draw in draws]
+            self._vectors.append(tuple(moments_of_parts))
+        rows = []
+        for parts in self._vectors[:vectors]:
+            rows.append([part.first(moments) for part in parts])
+        traces = np.array(rows)  # (vectors, parts, moments)
         densities = np.zeros((vectors, 2, kernel.count))
         densities[:, : traces.shape[1]] = kernel.densities(traces / self._operator.balls.size)
         mean = densities.mean(axis=0)

@@ -378,6 +378,7 @@ class _Density:
             return math.pi
 
         def count_excess(half: float) -> float:
+            """Return the number of modes within ``half`` less the ``count``."""
             return self.within(centre, half) - count
 
         return float(brentq(count_excess, 0.0, math.pi, xtol=1e-9))
@@ -438,10 +439,10 @@ def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | N
     search = _FilterSearch(problem, count, target)
     while True:
         window, starts = search.choose_window()
-        found = search.filter(window, starts)
-        if found is None:
+        modes_of_window = search.filter(window, starts)
+        if modes_of_window is None:
             return None
-        modes, is_complete = found
+        modes, is_complete = modes_of_window
         if is_complete:
             return search.finish(modes)
         search.least = _WIDER * window.half

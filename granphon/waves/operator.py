@@ -347,7 +347,7 @@ class WaveOperator(LinearOperator):
         """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for
         :meth:`weigh`.
         """
-        return self._make_matrix(rows, [1.0] * len(rows), phase)
+        return self._make_matrix(rows, [1.0 for _ in rows], phase)
 
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
@@ -612,12 +612,15 @@ class ArrayOperator(WaveOperator):
         contacts = self._contacts
 
         def deform(x: NDArray[Any]) -> NDArray[Any]:
+            """Return the deformations of a vector (size,)."""
             return contacts.deform(x.reshape(self._fields, *self.cells)).ravel()
 
         def pull(tension: NDArray[Any]) -> NDArray[Any]:
+            """Return the forces (size,) of the tensions of all deformations."""
             return contacts.pull(tension.reshape(contacts.n_rows, *self.cells)).ravel()
 
         def weigh(weights: Array | None = None) -> Array:
+            """Return the diagonal of K, as of :meth:`WaveOperator.of_rows`."""
             springs = np.ones((2, self.network.n_contacts)) if weights is None else weights
             return self._lay(np.asarray(weigh_rows(self.rows, springs))).ravel()
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
@@ -176,7 +176,7 @@ def find_path_points(
     """
     count = whole_number("points", points, 2)
     ends = [lattice.wavevectors(piece) / spacing for piece in path]  # 1/m
-    legs = [(start, end) for piece in ends for start, end in pairwise(piece)]
+    legs = list(chain.from_iterable(pairwise(piece) for piece in ends))
     lengths = np.array([np.linalg.norm(end - start) for start, end in legs])
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
     # distances and wave vectors, by the whole numbers of waves along the periods
@@ -191,13 +191,15 @@ def find_path_points(
         targets = np.zeros((count, d))
         targets[:, :p] = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
         for q in nearest_wavevectors(network, targets):
-            distance = begin + float(np.clip((q[:p] - start) @ along, 0.0, length))
+            on_leg = float(np.clip((q[:p] - start) @ along, 0.0, length))
+            distance = begin + on_leg
             deviation = np.linalg.norm(q[:p] - start - (distance - begin) * along)
-            number = tuple(np.rint(periods[:, :d] @ q / (2.0 * np.pi)).astype(int).tolist())
             reduced = q[:p] @ reciprocal
             is_gamma = np.all(np.abs(reduced - np.rint(reduced)) <= _SAME)
             if not is_gamma and deviation <= half_step:
-                wavevectors.setdefault(number, (distance, q))
+                turns = periods[:, :d] @ q / (2.0 * np.pi)
+                numbers = tuple(np.rint(turns).astype(int).tolist())
+                wavevectors.setdefault(numbers, (distance, q))
     if not wavevectors:
         fault = "the array has no wave vector on the path but Gamma"
         raise InputError(

@@ -1354,11 +1354,11 @@ def _propagate(
     forces = operator.push(route.sources, route.push, root[route.sources])
     receivers = np.concatenate(route.groups)
     indices = operator.indices[receivers, : along.size]
-    propagation = (
-        Propagation(operator, forces, burst, route.last, tau)
-        if damped is None
-        else ViscousPropagation(operator, forces, burst, damped)
-    )
+    propagation: Propagation | ViscousPropagation
+    if damped is None:
+        propagation = Propagation(operator, forces, burst, route.last, tau)
+    else:
+        propagation = ViscousPropagation(operator, forces, burst, damped)
 
     def listen(vector: Array) -> Array:
         """Return the velocities (n_r,) of receivers along the push, of weighted ones (size,)."""

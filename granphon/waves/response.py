@@ -172,6 +172,7 @@ class Response(Result, array="values"):
     warnings: tuple[str, ...] = ()
 
     def _field_units(self) -> dict[str, str]:
+        """The SI unit of each attribute; that of the values depends on the quantity."""
         return {**self.units, "values": QUANTITIES[self.quantity]}
 
     @property
@@ -209,14 +210,15 @@ class Response(Result, array="values"):
         """
 
         def take_means(values: Complex) -> Complex:
+            """Return the means (n_f, groups) of values (n_f, n_r)."""
             return np.stack([np.mean(values[:, group], axis=1) for group in groups], axis=1)
 
         def solve(frequencies: Array) -> Complex:
+            """Return the means (n_f, groups) at other frequencies (n_f,), Hz."""
             return take_means(self._solver[0](frequencies))
 
-        return find_peaks(
-            self.frequencies, take_means(self.values), solve if self._solver else None
-        )
+        means = take_means(self.values)
+        return find_peaks(self.frequencies, means, solve if self._solver else None)
 
     @property
     def method(self) -> str:
@@ -520,6 +522,7 @@ def find_response(
     if not damped.is_none:  # without losses a peak has no height
 
         def solve(frequencies: Array) -> Complex:
+            """Return the values (n_f, n_r) at other frequencies (n_f,), Hz."""
             return _solve_for_quantity(problem, frequencies, options).values
 
         object.__setattr__(response, "_solver", (solve,))
@@ -565,9 +568,8 @@ class Places:
         self, network: ContactNetwork, direction: Any, polarisation: Any, distance: float | None
     ) -> None:
         self.network = network
-        if direction is None:  # across the periods, if there is a direction across them
-            free = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
-            direction = np.eye(3)[free[0] if free else 0]
+        if direction is None:
+            direction = _find_open_axis(network)
         self.along = read_vector("direction", direction, network.dimension)
         self.polarisation = polarisation
         self.distance = None if distance is None else positive("distance", distance, "m")
@@ -619,8 +621,9 @@ class Places:
                 "It is held: its mass is infinite",
                 "Ask for the transmissibility, to move it" if name == "source" else "",
             )
-        ends = np.stack([network.i, network.j])
-        if held and not np.any(np.isin(ends, balls) & network.moving[ends[::-1]]):
+        touches_i = np.isin(network.i, balls) & network.moving[network.j]
+        touches_j = np.isin(network.j, balls) & network.moving[network.i]
+        if held and not np.any(touches_i | touches_j):
             fault = f"the {name} touches no ball that moves"
             mend = "Give those balls of the wall that touch others"
             raise InputError(fault, "Nothing moves when it does", mend)
@@ -663,6 +666,12 @@ class Places:
             )
         heights = course.heights[still]
         return np.asarray(still[heights <= np.min(heights) + 0.5 * course.spacing])
+
+
+def _find_open_axis(network: ContactNetwork) -> Array:
+    """Return the unit vector (3,) of the first axis across the periods, or x."""
+    open_axes = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
+    return np.asarray(np.eye(3)[open_axes[0] if open_axes else 0])
 
 
 # -- solutions -------------------------------------------------------------------------------------
@@ -1015,6 +1024,7 @@ class _Problem:
         dashpots = viscous / top
 
         def apply(x: Complex) -> Complex:
+            """Return H times velocities (size,) and deformations (rows,)."""
             strain = parts.deform(x[:n])
             stress = x[n:] * spring
             stress -= dashpots * strain
@@ -1025,21 +1035,22 @@ class _Problem:
 
         if self.moved:
             # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
-            start = np.concatenate(
-                [-parts.pull(viscous * self.stretched), top * spring * self.stretched]
-            )
+            on_balls = -parts.pull(viscous * self.stretched)
+            start = np.concatenate([on_balls, top * spring * self.stretched])
+            scale: Any = -1.0 / top * np.ones(w.size)
         else:
             start = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
-        scale: Any = -1.0 / top * (np.ones(w.size) if self.moved else _invert(1j * omega))
+            scale = -1.0 / top * _invert(1j * omega)
         largest = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
         reach = np.where(w > 0.0, (w + largest) * _invert(work.distance), np.inf)
         if work.is_strong:
             silent = np.zeros((w.size, len(self.heard)))
             return _Space(apply, np.vdot, start, 1j * w, scale, reach, silent)
-        direct = 1j * (scale / (1.0 + w))[:, None] * self._listen(start)
-        return _Space(
-            apply, np.dot, start - 1j * apply(start), 1j * w, scale / (1.0 + w), reach, direct
-        )
+        # the space is that of 1 - i H times the source
+        scale = scale / (1.0 + w)
+        direct = 1j * scale[:, None] * self._listen(start)
+        start = start - 1j * apply(start)
+        return _Space(apply, np.dot, start, 1j * w, scale, reach, direct)
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
         """Return the signals (n_r,) of receivers for motions x (size,)."""
@@ -1333,6 +1344,7 @@ def _invert(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _explain_resonance(omega: float) -> InputError:
+    """Return the error of a response at the angular frequency of a mode, rad/s."""
     fault = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
     why = "The network has a mode of this frequency that loses no energy"
     return InputError(fault, why, "Give a damping or a loss_factor, or another frequency")
