@@ -512,26 +512,28 @@ class _Lead(NamedTuple):
         near = operator.balls[order[:size]]
         places = strip.positions[near]
         sites = cut.positions[block]
-        # each ball near the end may be the first of the block: (first, block, strip)
-        from_first = (sites - sites[0])[None, :, None]
-        vectors = places[None, None] - from_first - places[:, None, None]
-        cells = np.rint(vectors[..., :p] @ np.linalg.inv(periods[:, :p]))
-        vectors[..., :p] -= cells @ periods[:, :p]
-        distances = np.linalg.norm(vectors, axis=-1)
+        distances, cells = _measure_sites(places, sites - sites[0], periods)
         nearest = np.argmin(distances, axis=2)  # (first, block)
-        worst = np.take_along_axis(distances, nearest[..., None], axis=2)[..., 0].max(axis=1)
+        worst = np.min(distances, axis=2).max(axis=1)
         is_shared = [np.unique(balls).size < size for balls in nearest]
         worst[is_shared] = np.inf
         # of several fits, as where two kinds of balls alternate, the one that leaves the frame of
         # the lead unchanged
-        frame = np.concatenate([periods, self.space.layers.stack[None]])[:, : p + 1]
-        steps = (places - sites[0])[:, : p + 1] @ np.linalg.inv(frame)
-        moved = np.linalg.norm((steps - np.rint(steps)) @ frame, axis=1)
+        moved = self._find_moves(places - sites[0], periods)
         most = _SAME_SITE * float(2.0 * np.mean(cut.radii[block]))
         first = int(np.argmin(np.where(worst <= most, moved, np.inf)))
         if worst[first] > most:
             return None
         return near[nearest[first]], cells[first, np.arange(size), nearest[first]]
+
+    def _find_moves(self, vectors: Array, periods: Array) -> Array:
+        """Return how far ``vectors`` (n, d), m, are from the nearest steps of the frame of the
+        lead: the ``periods`` (p, d) and the step from layer to layer.
+        """
+        p = len(periods)
+        frame = np.concatenate([periods, self.space.layers.stack[None]])[:, : p + 1]
+        steps = vectors[:, : p + 1] @ np.linalg.inv(frame)
+        return np.asarray(np.linalg.norm((steps - np.rint(steps)) @ frame, axis=1))
 
     def _compose_end(self, operator: WaveOperator, balls: Index, cells: Array) -> Any:
         """Return S, sparse, for the ``balls`` (block,) of the strip, and the ``cells`` (block, p)
@@ -570,6 +572,18 @@ class _Lead(NamedTuple):
             raise InputError(
                 misfit, "A floor or clamped balls stand between them", "Cut it with free edges"
             )
+
+
+def _measure_sites(places: Array, sites: Array, periods: Array) -> tuple[Array, Array]:
+    """Return the distances (first, block, n) of balls at ``places`` (n, d) from the ``sites``
+    (block, d) of a block that begins at each of the balls, to their nearest images, m; and the
+    cells (first, block, n, p) of these images.
+    """
+    p = len(periods)
+    vectors = places[None, None] - sites[None, :, None] - places[:, None, None]
+    cells = np.rint(vectors[..., :p] @ np.linalg.inv(periods[:, :p]))
+    vectors[..., :p] -= cells @ periods[:, :p]
+    return np.linalg.norm(vectors, axis=-1), cells
 
 
 def _scatter(
