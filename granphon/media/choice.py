@@ -279,11 +279,11 @@ class MediumChoice:
         name = require("medium", _read_name, self.name)
         options = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
-        known = find_medium(name).options
+        defaults = {option: rule.default for option, rule in find_medium(name).options.items()}
         changed = [
             (option, value)
             for option, value in sorted(options.items())
-            if value != known[option].default
+            if value != defaults[option]
         ]
         object.__setattr__(self, "options", tuple(changed))
 

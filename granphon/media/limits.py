@@ -101,7 +101,9 @@ _LIMITS = {
 
 def _write_force(force: float) -> str:
     """Text of a force, N, with four digits."""
-    size, unit = (1.0, "N") if force == 0.0 or 0.01 <= force < 1e4 else prefixed(force, "N")
+    if force == 0.0 or 0.01 <= force < 1e4:
+        return f"{force:.4g} N"
+    size, unit = prefixed(force, "N")
     return f"{force / size:.4g} {unit}"
 
 

@@ -793,7 +793,8 @@ def find_damped(
     values = np.zeros((count, operator.network.n_balls, operator.motions.count), complex)
     values[:, operator.balls] = np.moveaxis(operator.values(shapes), -1, 0)
     # without losses, a motion of this shape has the frequency of Rayleigh's quotient
-    squares = np.sum(shapes.conj() * (operator.matrix @ shapes), axis=0).real
+    pressed = np.asarray(operator.matrix @ shapes)
+    squares = np.sum(shapes.conj() * pressed, axis=0).real
     highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
     return DampedModes(omega / (2.0 * math.pi), values, None, damped.find_warnings(highest))
 

@@ -447,7 +447,9 @@ def _read_network(values: Mapping[str, Any], about: Mapping[str, str]) -> Contac
         if name in arrays:
             arrays[name] = arrays[name].astype(np.intp)
     plain_values = json.loads(about["network"])
-    return restore({"class": "ContactNetwork", **plain_values, **arrays}, ContactNetwork)
+    data = {"class": "ContactNetwork", **plain_values, **arrays}
+    network: ContactNetwork = restore(data, ContactNetwork)
+    return network
 
 
 class Frames:

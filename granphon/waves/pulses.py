@@ -566,10 +566,10 @@ def _fit_top(envelope: Array, top: int) -> float:
     """
     low = np.flatnonzero(envelope < _NEAR * envelope[top])
     split = int(np.searchsorted(low, top))
-    before = int(low[split - 1]) if split else -1
-    after = int(low[split]) if split < low.size else envelope.size
-    first = min(top - 1, before + 1)
-    last = max(top + 1, after - 1)
+    last_below = int(low[split - 1]) if split else -1
+    next_below = int(low[split]) if split < low.size else envelope.size
+    first = min(top - 1, last_below + 1)
+    last = max(top + 1, next_below - 1)
     near = envelope[first : last + 1] / envelope[top]
     # weights that vanish at the ends: no reading counts more or less when the next one is left out
     weight = np.sqrt(np.maximum(near - _NEAR, 1e-9))

@@ -313,10 +313,8 @@ def _find_tops(magnitude: Array) -> tuple[Index, NDArray[np.bool_]]:
     """Return the rows (n,) of ``magnitude`` (n_f, n_r) in which a receiver has a highest value, and
     which receivers have one there, (n, n_r).
     """
-    before = magnitude[:-2]
     inner = magnitude[1:-1]
-    after = magnitude[2:]
-    is_top = (inner > before) & (inner >= after)
+    is_top = (inner > magnitude[:-2]) & (inner >= magnitude[2:])
     inner_rows = np.flatnonzero(np.any(is_top, axis=1))
     return 1 + inner_rows, is_top[inner_rows]
 
@@ -1116,7 +1114,8 @@ class _Problem:
             if process.is_degenerate:
                 break
             is_small = process.length * process.last_entry <= trial_residual
-            for number in np.flatnonzero(active & (is_small | process.is_complete)):
+            is_tried = active & (is_small | process.is_complete)
+            for number in np.flatnonzero(is_tried).tolist():
                 trial = self._try_solution(process, number)
                 values[number] = trial.signals
                 error[number] = trial.rounding + trial.cut
@@ -1170,7 +1169,7 @@ class _Trial(NamedTuple):
         """Return the residual, over the source, at which the next solution is tried; zero if none
         is needed, or none would be better.
         """
-        size = abs(process.size)
+        size = float(abs(process.size))
         # before receivers hear anything nothing is known
         least = _ROUNDING * size * process.growth if np.any(self.signals) else 0.0
         if process.is_complete or self.cut <= tolerance or self.residual <= least:

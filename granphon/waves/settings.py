@@ -272,8 +272,11 @@ class Signal:
         if len(self.times) != len(self.values) or len(self.times) < 2:
             fault = f"{len(self.times)} times and {len(self.values)} values"
             raise Refused(fault, "two or more times, each with a value")
-        if self.times[0] < 0.0 or np.any(np.diff(self.times) <= 0.0):
-            row = 0 if self.times[0] < 0.0 else int(np.argmax(np.diff(self.times) <= 0.0)) + 1
+        # a time before 0 s, or not after the one before
+        is_early = np.diff(self.times, prepend=-math.inf) <= 0.0
+        is_early[0] = self.times[0] < 0.0
+        if np.any(is_early):
+            row = int(np.argmax(is_early))
             raise Refused(
                 f"the time {self.times[row]:g} s in row {row + 1}",
                 "times from 0 s on, each after the one before",
