@@ -103,7 +103,8 @@ NOT_HERTZ = {
     "observables/validity.py:_compute_validity": "the paper's criterion (f/E d^2)^(1/6)",
     "scene/plan.py:_estimate_waves": "a bound with a margin",
     "tradeoffs/measure.py:find_reference": "a margin of time",
-    "tradeoffs/measure.py:solve": "the same",
+    "tradeoffs/measure.py:_repeat": "the same",
+    "tradeoffs/measure.py:solve": "a share of time",
     "waves/propagation.py:order": "the width of Bessel functions near their turning point",
 }
 #: what states laws, averages Hertz's over distributions, or knows no contact
