@@ -136,7 +136,7 @@ class Table:
         has no unit, if there are no rows, or if a cell is not what the kind allows.
         """
         requested = Heading.parse(name)
-        place = self._require_one(requested, kind, mend)
+        place = self._require_one(name, kind, mend)
         if not self.lines:
             raise InputError(
                 f"{self.name} has no rows below its headings", mend="Write numbers there"
@@ -164,13 +164,14 @@ class Table:
             values = self._read_cells(place, kind, unit, quoted)
         return values
 
-    def _require_one(self, requested: Heading, kind: Quantity, mend: str) -> int:
-        """Return the place of the column with the requested name; InputError if there is none, or
-        more than one.
+    def _require_one(self, name: str, kind: Quantity, mend: str) -> int:
+        """Return the place of the column with a name, which may carry a unit; InputError if there
+        is none, or more than one.
         """
-        places = self._find_places(requested.name)
+        places = self._find_places(name)
         if len(places) == 1:
             return places[0]
+        requested = Heading.parse(name)
         names = [heading.name for heading in self.headings]
         guess = closest(requested.name, names)
         if guess and not places:
