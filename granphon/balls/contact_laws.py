@@ -162,9 +162,9 @@ class PowerLaw(EnergyLaw):
         delta = np.asarray(real_array("overlap", overlap))
         a = self.exponent
         factor = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))[order] * self.coefficient
-        out = np.zeros(delta.shape)
-        np.power(delta, a + 1.0 - order, out=out, where=(delta > 0.0) & (factor > 0.0))
-        return (factor * out)[()]
+        powers = np.zeros(delta.shape)
+        np.power(delta, a + 1.0 - order, out=powers, where=(delta > 0.0) & (factor > 0.0))
+        return (factor * powers)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if it is negative."""
@@ -193,6 +193,7 @@ class _Adhesive:
         return tension
 
     def _refuse(self) -> InputError:
+        """Return the error of an adhesion that is beyond double precision."""
         problem = (
             f"an adhesion of {self.adhesion:g} J/m^2 is beyond double precision for these balls"
         )
@@ -219,10 +220,8 @@ class DMT(_Adhesive):
 
     def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies."""
-        return DMTLaw(
-            Hertz().between(ball, other),
-            self._find_tension(ContactConstants.of(ball, other).radius),
-        )
+        radius = ContactConstants.of(ball, other).radius
+        return DMTLaw(Hertz().between(ball, other), self._find_tension(radius))
 
 
 @dataclass(frozen=True)
@@ -240,8 +239,11 @@ class DMTLaw(EnergyLaw):
         value = self.hertz._evaluate(overlap, order)
         if order > FORCE:
             return value
-        pull = np.where(np.asarray(real_array("overlap", overlap)) >= 0.0, self.tension, 0.0)
-        return (value - (pull if order == FORCE else pull * np.asarray(overlap)))[()]
+        delta = np.asarray(real_array("overlap", overlap))
+        pull = np.where(delta >= 0.0, self.tension, 0.0)
+        if order == FORCE:
+            return (value - pull)[()]
+        return (value - pull * delta)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does
@@ -323,7 +325,9 @@ class JKRLaw(EnergyLaw):
         return radius[()]
 
     def _solve(self, delta: Array) -> tuple[Array, Flags]:
-        """Return u at overlaps, and where the contact is whole."""
+        """Return u at overlaps ``delta``, m, and where the contact is not broken; both of the shape
+        of ``delta``.
+        """
         with np.errstate(all="ignore"):
             reduced = delta / self.length
             whole = ~(reduced < _JKR_LEAST * (1.0 + 4e-16))

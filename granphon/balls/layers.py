@@ -53,18 +53,21 @@ class Layers:
         indices (p,). Raises
         :class:`~granphon.base.errors.InputError` for another one, and for a cell without periods.
         """
-        (p, d), basis = cell.shape, _find_basis(axis, cell)
+        p, d = cell.shape
+        basis = _find_basis(axis, cell)
         vectors = basis @ cell
         turn = np.eye(d)
 
         def turn_upright() -> None:
+            """Set the rotation of the periods, so that those of a layer lie along x, or in the xy
+            plane.
+            """
             q, r = np.linalg.qr((basis @ cell)[:, :p].T)
             turn[:p, :p] = (q * np.sign(np.diag(r))).T
 
-        if (
-            np.any(np.abs(vectors[:-1, p - 1 :]) > _LEVEL * np.max(np.abs(vectors)))
-            or vectors[-1, p - 1] < 0.0
-        ):
+        is_tilted = np.any(np.abs(vectors[:-1, p - 1 :]) > _LEVEL * np.max(np.abs(vectors)))
+        leads_down = vectors[-1, p - 1] < 0.0
+        if is_tilted or leads_down:
             turn_upright()
         if np.linalg.det(turn) < 0.0 and p > 1:
             basis[0] = -basis[0]
@@ -124,7 +127,9 @@ def read_axis(value: Any) -> Any:
     """
     words = value
     if isinstance(value, str):
-        words = [int(one) if one.removeprefix("-").isdecimal() else one for one in value.split()]
+        words = [
+            int(word) if word.removeprefix("-").isdecimal() else word for word in value.split()
+        ]
     if is_whole(value) and 0 <= value <= 2:
         return int(value)
     if not isinstance(words, list | tuple):

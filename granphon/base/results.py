@@ -49,13 +49,12 @@ def write_html(title: str, rows: Iterable[tuple[str, Any, str]]) -> str:
     A value is described by :func:`describe_value`. The unit "1", of a number without a unit, is
     left blank.
     """
-    cells = (
-        (name, describe_value(value), "" if unit == "1" else unit) for name, value, unit in rows
-    )
-    body = "".join(
-        f"<tr><th>{_clean(name)}</th><td>{_clean(value)}</td><td>{_clean(unit)}</td></tr>"
-        for name, value, unit in cells
-    )
+    lines = []
+    for name, value, unit in rows:
+        shown = _clean(describe_value(value))
+        shown_unit = "" if unit == "1" else _clean(unit)
+        lines.append(f"<tr><th>{_clean(name)}</th><td>{shown}</td><td>{shown_unit}</td></tr>")
+    body = "".join(lines)
     head = "<tr><th>name</th><th>value</th><th>unit</th></tr>"
     caption = f"<caption>{_clean(title)}</caption>"
     return f"<table>{caption}<thead>{head}</thead><tbody>{body}</tbody></table>"

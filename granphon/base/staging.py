@@ -81,35 +81,38 @@ def read_written_files(folder: StrPath, what: str = "files") -> dict[str, str]:
     with suppress(GranphonError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         data = json.loads(read_bytes(Path(folder) / LIST))
         if data["schema"] == LIST_SCHEMA:
-            digests = {
-                name: digest for name, digest in data[what].items() if isinstance(digest, str)
-            }
             return {
-                name: digests[name]
-                for name in digests
-                if Path(name).name == name and name not in ("", ".", "..")
+                name: digest
+                for name, digest in data[what].items()
+                if isinstance(digest, str) and _is_bare(name)
             }
     return {}
 
 
+def _is_bare(name: str) -> bool:
+    """Whether a name is that of a file, and leads into no other folder."""
+    return Path(name).name == name and name not in ("", ".", "..")
+
+
 def _digest_file(path: Path) -> str:
+    """Return the SHA-256 of a file."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _is_written(path: Path, *digests: str) -> bool:
     """Whether ``path`` is a regular file, not a link, whose SHA-256 is one of ``digests``."""
-    return (
-        bool(digests) and path.is_file() and not path.is_symlink() and _digest_file(path) in digests
-    )
+    if not digests or not path.is_file() or path.is_symlink():
+        return False
+    return _digest_file(path) in digests
 
 
 def is_whole(folder: StrPath, names: Sequence[str]) -> bool:
     """Whether ``folder`` holds files of all ``names`` as granphon has written them."""
     written = read_written_files(folder)
-    return all(name in written for name in names) and all(
-        _is_written(Path(folder) / name, written[name]) for name in names
-    )
+    if not all(name in written for name in names):
+        return False
+    return all(_is_written(Path(folder) / name, written[name]) for name in names)
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,7 @@ class ResultFiles:
         OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a
             folder.
         """
-        if any(one.endswith(".nc") for one in self.names):
+        if any(name.endswith(".nc") for name in self.names):
             require_installed("A netCDF file", "h5netcdf", "h5py")
         with suppress(OSError, ValueError):
             # the check that follows reports what is wrong with the folder
@@ -175,9 +178,10 @@ class ResultFiles:
         made = list[Path]()
         try:
             with explaining(target):
-                for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
-                    missing.mkdir(exist_ok=True)
-                    made.append(missing)
+                missing = [folder for folder in (target, *target.parents) if not folder.exists()]
+                for folder in reversed(missing):  # the outermost first
+                    folder.mkdir(exist_ok=True)
+                    made.append(folder)
             with _hold_lock(target) as alone:
                 with explaining(target):
                     _finish(target, alone)

@@ -85,10 +85,10 @@ def hold_back_signals() -> Iterator[None]:
     arrived = list[int]()
     handlers = dict[int, Any]()
     if threading.current_thread() is threading.main_thread():  # which alone handles signals
-        for kind in _STOPS:
-            handler = signal.getsignal(kind)
+        for stop in _STOPS:
+            handler = signal.getsignal(stop)
             if handler is not None:
-                handlers[kind] = handler
+                handlers[stop] = handler
     mask = None
     if hasattr(signal, "pthread_sigmask"):
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, ())

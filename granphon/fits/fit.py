@@ -411,10 +411,10 @@ def _try_widths(problem: FitProblem, index: int) -> tuple[list[Array], list[floa
             if not starts:  # even the narrowest width fails: the width is not the cause
                 raise
             break
-        others = matrix[:, is_other]
-        step = np.linalg.lstsq(others, residuals, rcond=SAME_EFFECT)[0]
+        derivatives = matrix[:, is_other]
+        step = np.linalg.lstsq(derivatives, residuals, rcond=SAME_EFFECT)[0]
         starts.append(logs)
-        squares.append(float(np.sum((residuals - others @ step) ** 2)))
+        squares.append(float(np.sum((residuals - derivatives @ step) ** 2)))
         fitted = problem.velocity / problem.sigma - residuals
         effect = max(effect, float(np.max(np.abs(matrix[:, index] / fitted))))
     if effect < _NO_EFFECT:

@@ -256,9 +256,11 @@ class _SourceColumns:
             " other names, granphon fit takes"
             f" --column '{example}=NAME ({unit})', Python columns={{'{example}': 'NAME ({unit})'}}"
         )
-        found = list_names(repr(str(heading)) for heading in self.table.headings)
+        headings_of_table = list_names(repr(str(heading)) for heading in self.table.headings)
         raise InputError(
-            f"{self.table.name} has {', and '.join(lacks)}", f"Its columns are {found}", mend
+            f"{self.table.name} has {', and '.join(lacks)}",
+            f"Its columns are {headings_of_table}",
+            mend,
         )
 
     def read_force(self, load: str, convert: Callable[[float], float] | None) -> Array:

@@ -183,11 +183,11 @@ class _SourceColumns:
         """Raise InputError if the table has no column of this kind."""
         if self.has(kind):
             return
-        found = list_names(repr(str(heading)) for heading in self.table.headings)
+        listed = list_names(repr(str(heading)) for heading in self.table.headings)
         mend = f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}': 'NAME'}}"
         raise InputError(
             f"{self.table.name} has no column named {self.headings[kind]!r}",
-            f"Its columns are {found}",
+            f"Its columns are {listed}",
             mend,
         )
 

@@ -136,11 +136,9 @@ class EffectiveLaw(SpreadLaw):
     @cached_property
     def _energy_offset(self) -> float:
         # energies of the curve are counted from its start, and those of the series from zero
-        curve = self.curve
-        series = curve.series
-        return float(
-            curve.value(np.array(series.start), ENERGY) - series.value(series.start, ENERGY)
-        )
+        series = self.curve.series
+        energy_of_curve = self.curve.value(np.array(series.start), ENERGY)
+        return float(energy_of_curve - series.value(series.start, ENERGY))
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
         curve = self.curve
@@ -217,9 +215,9 @@ class EffectiveCurve:
         step.
         """
         table = self.tables[order]
-        return np.stack(
-            [np.sum(table[::2], axis=0) - np.sum(table[1::2], axis=0), np.sum(table, axis=0)]
-        )
+        # Chebyshev polynomials are 1 at the upper end, and 1, -1, 1, ... at the lower one
+        lower = np.sum(table[::2], axis=0) - np.sum(table[1::2], axis=0)
+        return np.stack([lower, np.sum(table, axis=0)])
 
     def value(self, y: Array, order: int) -> Array:
         """Return a derivative of the energy at y between the start of the curve, from which
@@ -292,13 +290,12 @@ class EffectiveCurve:
         t = (root - middle) / half
         if order < SLOPE:
             return np.asarray(chebyshev.chebval(t, self.tables[order][:, index], tensor=False))
-        whole, divided = (
-            chebyshev.chebval(t, table[:, index], tensor=False) for table in self._slopes
-        )
-        rise = 2.0 * half * root
-        return np.asarray(
-            whole + np.divide(divided, rise, out=np.zeros_like(rise), where=divided != 0.0)
-        )
+        quotients, numerators = self._slopes
+        whole = chebyshev.chebval(t, quotients[:, index], tensor=False)
+        numerator = chebyshev.chebval(t, numerators[:, index], tensor=False)
+        rise = 2.0 * half * root  # dy/dt
+        divided = np.divide(numerator, rise, out=np.zeros_like(rise), where=numerator != 0.0)
+        return np.asarray(whole + divided)
 
     def _evaluate_by_step(
         self, index: NDArray[np.intp], values: Array, function: Callable[[Index, Array], Array]

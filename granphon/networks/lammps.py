@@ -101,27 +101,44 @@ def read_dumps(
         raise InputError(
             f"{dump} and {pairs} have different boxes", mend="Are they of one simulation?"
         )
-    length, mass, force = _find_units(units, atoms, touching)
+    scales = _find_units(units, atoms, touching)
     if columns is not None:
         touching.names = _read_names(columns, touching)
-    lacking = [name for name in ("i", "j") if name not in touching.names]
+    contacts = _read_contacts(touching, scales, normal_stiffness, shear_stiffness)
+    balls = _read_balls(atoms, scales)
+    length, _, _ = scales
+    return Source(balls, contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
+
+
+def _read_contacts(
+    pairs: _Frame,
+    scales: tuple[float, float, float],
+    normal_stiffness: float | None,
+    shear_stiffness: float | None,
+) -> Contacts:
+    """Return the contacts of a dump of pairs, SI; ``scales`` are those of :func:`_find_units`, and
+    stiffnesses, N/m, those of all contacts.
+    """
+    length, _, force = scales
+    lacking = [name for name in ("i", "j") if name not in pairs.names]
     if lacking:
-        fault = f"{pairs} has no column {' and no column '.join(lacking)}"
-        raise InputError(fault, f"Its columns are {list_names(touching.names)}", _NAME_PAIRS)
-    i = _read_ids(touching, "i")
-    j = _read_ids(touching, "j")
+        fault = f"{pairs.name} has no column {' and no column '.join(lacking)}"
+        raise InputError(fault, f"Its columns are {list_names(pairs.names)}", _NAME_PAIRS)
+    i = _read_ids(pairs, "i")
+    j = _read_ids(pairs, "j")
     # LAMMPS writes the vector from j to i, and the force on i
-    vector = touching.find_vectors("dx", "dy", "dz")
-    tangential = touching.find_vectors("tx", "ty", "tz")
-    normal_force = force * touching.read("force") if "force" in touching.names else None
-    count = len(touching.rows)
-    normal_springs = shear_springs = None
+    vector = pairs.find_vectors("dx", "dy", "dz")
+    tangential = pairs.find_vectors("tx", "ty", "tz")
+    normal_force = force * pairs.read("force") if "force" in pairs.names else None
+    count = len(pairs.rows)
+    normal_springs = None
     if normal_stiffness is not None:
         normal_springs = np.full(count, positive("normal_stiffness", normal_stiffness, "N/m"))
+    shear_springs = None
     if shear_stiffness is not None:
         shear_springs = np.full(count, not_negative("shear_stiffness", shear_stiffness, "N/m"))
-    contacts = Contacts(
-        touching.name,
+    return Contacts(
+        pairs.name,
         i,
         j,
         vector=None if vector is None else -length * vector,
@@ -130,6 +147,11 @@ def read_dumps(
         normal_stiffness=normal_springs,
         shear_stiffness=shear_springs,
     )
+
+
+def _read_balls(atoms: _Frame, scales: tuple[float, float, float]) -> Balls:
+    """Return the balls of a dump of atoms, SI; ``scales`` are those of :func:`_find_units`."""
+    length, mass, _ = scales
     positions, rounding = _read_positions(atoms)
     for name, alternative in (("id", "id"), ("radius", "diameter")):
         if name not in atoms.names and alternative not in atoms.names:
@@ -138,7 +160,7 @@ def read_dumps(
     radii = atoms.read("radius") if "radius" in atoms.names else 0.5 * atoms.read("diameter")
     masses = mass * atoms.read("mass") if "mass" in atoms.names else None
     kinds = _read_kinds(atoms)
-    balls = Balls(
+    return Balls(
         atoms.name,
         length * (positions + atoms.origin),
         length * radii,
@@ -148,7 +170,6 @@ def read_dumps(
         radius_rounding=length * find_rounding(radii),
         kinds=kinds if len(set(kinds)) > 1 else None,
     )
-    return Source(balls, contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
 
 
 def _find_units(
@@ -215,6 +236,7 @@ def _read_kinds(atoms: _Frame) -> tuple[str, ...]:
 
 
 def _read_ids(frame: _Frame, column: str) -> Index:
+    """Return the whole numbers (rows,) of a column."""
     try:
         return read_whole_numbers(column, frame.read(column))
     except InputError as error:
@@ -304,8 +326,8 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
 def _require_kind(name: str, found: str, kind: str) -> None:
     """Raise :class:`InputError` if a dump has a list of another kind than needed."""
     if found != kind:
-        needed = "atoms (dump custom)" if kind == "ATOMS" else "pairs (dump local)"
-        raise InputError(f"{name} is a dump of {found.lower()}, and a dump of {needed} is needed")
+        required = "atoms (dump custom)" if kind == "ATOMS" else "pairs (dump local)"
+        raise InputError(f"{name} is a dump of {found.lower()}, and a dump of {required} is needed")
 
 
 @dataclass
@@ -371,9 +393,11 @@ class _Lines:
 
     def read_rows(self, frame: _Frame, columns: list[str], count: int, kind: str) -> None:
         """Read ``count`` rows of columns into a frame; InputError if the file ends before."""
-        rest = len(self.texts) - self.place
-        if count < 0 or count > rest:
-            fault = f"{self.name} ends before its {count} {kind.lower()} do: {rest} are there"
+        lines_below = len(self.texts) - self.place
+        if count < 0 or count > lines_below:
+            fault = (
+                f"{self.name} ends before its {count} {kind.lower()} do: {lines_below} are there"
+            )
             raise InputError(fault, "The file is not whole")
         odd = [column for column in columns if not (column.isascii() and column.isprintable())]
         if odd:
@@ -393,12 +417,12 @@ class _Lines:
         where = f"{self.name}:{len(self.texts)}"
         if frame.rows and frame.rows[-1][0] == len(self.texts):
             cells_of_last = len(frame.rows[-1][1].split())
-            needed = len(frame.names)
+            required = len(frame.names)
             if len(frame.rows) > 1:
-                needed = min(len(frame.rows[0][1].split()), needed)
-            if cells_of_last < needed:
+                required = min(len(frame.rows[0][1].split()), required)
+            if cells_of_last < required:
                 raise InputError(
-                    f"{where}: the last row has {cells_of_last} cells, and {needed} are needed",
+                    f"{where}: the last row has {cells_of_last} cells, and {required} are needed",
                     "The file is not whole",
                 )
         if self.is_broken:

@@ -672,7 +672,8 @@ class ContactNetwork(Result):
         contacts: dict[str, Any] = {}
         for name in self.contact_fields:
             values = getattr(self, name)
-            contacts[name] = np.tile(values, (count, *[1] * (values.ndim - 1)))
+            repetitions = (count,) if values.ndim == 1 else (count, 1)
+            contacts[name] = np.tile(values, repetitions)
         contacts |= {"i": i, "j": j, "shift": shift}
         # balls of many arrays side by side are not in the order of the cells of one
         is_cell = self.lattice and max(self.shape or (1,)) == 1
