@@ -535,7 +535,8 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     :class:`InputError` for lengths that are not whole numbers >= 0, for more than 2^48 sites, or
     for a seed that is not a whole number from 0 to 2^64 - 1.
     """
-    plain: Any = shape.tolist() if isinstance(shape, np.ndarray) else shape
+    given: Any = shape
+    plain = given.tolist() if isinstance(given, np.ndarray) else given
     is_list = isinstance(plain, Sequence) and not isinstance(plain, bytes)
     listed = tuple(plain) if is_list else (plain,)
     lengths = tuple(whole_number("shape", length, 0) for length in listed)

@@ -431,7 +431,7 @@ def fit_damping(
         experiment.
     measured : the transfer function, :class:`TransferFunction`.
     source, receiver, quantity, direction, polarisation, distance : as for
-    :meth:`granphon.Waves.response`; of several receivers, those of a plane say, the mean is
+        :meth:`granphon.Waves.response`; of several receivers, those of a plane say, the mean is
         compared.
     parameters : one or more of "damping", s; "loss_factor"; "tangential_damping" and
         "tangential_loss_factor", of slip, twist and rolling, which are otherwise those of normal
@@ -666,7 +666,7 @@ class _Comparison:
         response = self.respond(scaled)
         if self.measured.phase is None:
             return np.angle(response)
-        return self.measured.phase - np.angle(self.phasor / response)
+        return np.asarray(self.measured.phase - np.angle(self.phasor / response))
 
 
 def _make_pair(loss: Any) -> tuple[Any, Any]:

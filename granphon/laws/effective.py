@@ -777,7 +777,7 @@ def _estimate(
     ``guess``, or else a constant.
     """
     ratio = np.ones(block.y.shape) if guess is None else np.interp(block.y, *guess)
-    return balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1]))
+    return np.asarray(balls.mean * ratio * (top / (balls.mean[0, -1] * ratio[0, -1])))
 
 
 def _halve_rough(steps: list[Step], is_rough: Flags) -> list[Step]:
