@@ -28,17 +28,12 @@ from numpy.typing import ArrayLike
 from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
 from granphon.balls.contact_laws import (
-    DMT,
-    JKR,
-    Hertz,
     PairLaw,
-    PowerLaw,
-    TabulatedLaw,
     check_law,
     law_of_pair,
     read_laws,
 )
-from granphon.balls.contact_model import ContactModel, PlainLaw
+from granphon.balls.contact_model import ContactModel, GivenLaw
 from granphon.balls.contact_table import (
     TOUCH,
     ContactTable,
@@ -213,15 +208,7 @@ class Crystal(Result):
     cell: Annotated[Array, "p d", "", "finite"]
     positions: Annotated[Array, "n d", "", "finite"]
     contacts: ContactTable
-    law: (
-        Hertz
-        | PowerLaw
-        | DMT
-        | JKR
-        | TabulatedLaw
-        | tuple[tuple[tuple[str, str], PlainLaw], ...]
-        | Any
-    )
+    law: GivenLaw
     friction: bool
     motions: str | None
     torsion: float | str
