@@ -96,7 +96,7 @@ NOT_HERTZ = {
     "balls/lattices.py:": "places in a cell",
     "dynamics/contact_lattice.py:top_frequency": "wave vectors",
     "dynamics/local_field.py:compute_xi": "equations 35 and 45: six contacts at 60 degrees",
-    "dynamics/local_field.py:_make_response": "place of a neighbour's far contact",
+    "dynamics/local_field.py:_list_kinds": "place of a neighbour's far contact",
     "fits/velocity_model.py:velocity": "coefficients of a one-sided difference",
     "media/accuracy.py:compute_form_coefficients": "the skewness of a distribution",
     "media/left_out.py:": "tabulated forces",
