@@ -124,7 +124,7 @@ class ZoneMesh(NamedTuple):
         edges = []
         for order in itertools.permutations(range(p)):
             edges.append([np.zeros(p, int), *axes[list(order)]])
-        return np.cumsum(edges, axis=1) * sense
+        return np.asarray(np.cumsum(edges, axis=1) * sense)
 
 
 def _add_counts(counts: Array, limits: Array, knots: Array, weights: Array) -> None:
