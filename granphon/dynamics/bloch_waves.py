@@ -162,11 +162,11 @@ def _list_steps(inner: Complex, up: Complex, down: Complex, w: Array, layer: int
     """
     reach = inner.shape[-1] // layer
     first = slice(0, layer)
-    others = [slice(s * layer, (s + 1) * layer) for s in range(1, reach)]
+    next_layers = [slice(s * layer, (s + 1) * layer) for s in range(1, reach)]
     steps = [down[:, first, first]]
-    steps += [inner[:, other, first] for other in reversed(others)]
+    steps += [inner[:, away, first] for away in reversed(next_layers)]
     steps += [inner[:, first, first] - w[:, None, None] * np.eye(layer)]
-    steps += [inner[:, first, other] for other in others]
+    steps += [inner[:, first, away] for away in next_layers]
     steps += [up[:, first, first]]
     return steps
 

@@ -489,27 +489,27 @@ class HalfSpace:
         """Find leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S + dw
         S' on the real axis.
         """
-        found = self._find_narrow(q)
-        depth = np.abs(found.shift.imag + _BAND_BROADENING * self.highest)
+        narrow = self._find_narrow(q)
+        depth = np.abs(narrow.shift.imag + _BAND_BROADENING * self.highest)
         least = _POLE_NOISE * self.highest
-        is_narrow = depth < 2.0 * _MOST_WIDTH * found.w
-        kept = np.flatnonzero(is_narrow & (found.moved < np.inf) & (found.weight > _TOP_PART))
+        is_narrow = depth < 2.0 * _MOST_WIDTH * narrow.w
+        kept = np.flatnonzero(is_narrow & (narrow.moved < np.inf) & (narrow.weight > _TOP_PART))
         # many resonances lead to one pole
-        roots = found.w[kept] - 1j * depth[kept]
-        kept = kept[self._find_different(found.point[kept], roots, _SAME_POLE)]
-        point = found.point[kept]
-        poles = found.w[kept].astype(complex)
-        is_settled = found.moved[kept] <= _NEWTON_TOLERANCE * found.w[kept]
+        roots = narrow.w[kept] - 1j * depth[kept]
+        kept = kept[self._find_different(narrow.point[kept], roots, _SAME_POLE)]
+        point = narrow.point[kept]
+        poles = narrow.w[kept].astype(complex)
+        is_settled = narrow.moved[kept] <= _NEWTON_TOLERANCE * narrow.w[kept]
         outer, inner, hop = self.blocks(q)
         for n in np.flatnonzero((depth[kept] > least) | ~is_settled):
-            start = complex(found.w[kept[n]], -max(depth[kept[n]], least))
+            start = complex(narrow.w[kept[n]], -max(depth[kept[n]], least))
             poles[n] = self._find_pole(outer[point[n]], inner[point[n]], hop[point[n]], start)
-        low, high = found.gap[:, kept]
+        low, high = narrow.gap[:, kept]
         is_within = (poles.real >= low) & (poles.real <= high) & (poles.imag <= least)
         leaks = np.flatnonzero(is_within & (poles.imag > -2.0 * _MOST_WIDTH * poles.real))
         leaks = leaks[self._find_different(point[leaks], poles[leaks])]
         squares = poles[leaks].real + 1j * np.minimum(poles[leaks].imag, 0.0)
-        return EdgeWaves(point[leaks], squares, found.weight[kept[leaks]])
+        return EdgeWaves(point[leaks], squares, narrow.weight[kept[leaks]])
 
     def _find_narrow(self, q: Array) -> _Resonances:
         """Return the narrow resonances at q (n_q, p - 1) to which Newton's method on the real axis
@@ -944,9 +944,9 @@ class _EdgeBlocks(NamedTuple):
             choices.append((factors[columns], np.min(distances, axis=1)))
             return is_chosen
 
-        left = np.block([[none, eye], [-self.hop.conj().T, w * eye - self.inner]])
-        right = np.block([[eye, none], [none, self.hop]])
-        vectors = ordqz(left, right, choose, "complex")[5][:, :size]
+        forward = np.block([[none, eye], [-self.hop.conj().T, w * eye - self.inner]])
+        backward = np.block([[eye, none], [none, self.hop]])
+        vectors = ordqz(forward, backward, choose, "complex")[5][:, :size]
         factors, distances = choices[0]
         return _Decay(factors, distances, np.asarray(vectors, complex))
 
