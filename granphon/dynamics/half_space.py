@@ -799,7 +799,8 @@ def _choose_side(matrix: Complex, beyond: Complex, on_top: Complex, count: int) 
     top = moved_on_top.conj().T @ moved_on_top
     scale = np.linalg.inv(np.linalg.cholesky(top + moved_beyond.conj().T @ moved_beyond))
     share, turned = np.linalg.eigh(scale @ top @ scale.conj().T)
-    return (free @ scale.conj().T @ turned).T[share > 0.5]
+    waves = (free @ scale.conj().T @ turned).T
+    return np.asarray(waves[share > 0.5])
 
 
 def _find_clear(bands: Array, top: float) -> list[tuple[float, float]]:
@@ -984,7 +985,7 @@ class _EdgeContinuum(NamedTuple):
     @property
     def normal(self) -> Array:
         """The direction (p,) across the edge."""
-        return np.eye(len(self.along))[-1]
+        return np.asarray(np.eye(len(self.along))[-1])
 
     def velocities_along(self, angle: Any) -> Any:
         """Return the velocity along the edge (...) of the slowest bulk wave that runs at an

@@ -756,7 +756,7 @@ class Phonons:
         starts = self.lattice.wavevectors(points[_choose_starts(values, edges)])  # (e, n_starts, p)
         heights = self._climb_edges(edges, starts, spacing)
         is_narrow = edges.is_narrow(heights, _NARROW * float(tops[-1]))
-        for edge in np.flatnonzero(is_narrow):
+        for edge in np.flatnonzero(is_narrow).tolist():
             # branches that cross at a point of their own make a cone, whose tip no path along
             # group velocities reaches: the edges of a narrow gap are sought on finer meshes too
             closest = _find_closest(values, edges.below_gap(edge), _CLOSEST * starts.shape[1])
@@ -979,7 +979,9 @@ def _secant_step(moved: Array, change: Array, steepness: Array) -> Array:
     """
     bend = np.abs(np.sum(moved * change, axis=1))
     squared = np.sum(moved**2, axis=1)
-    return np.divide(squared * steepness, bend, out=np.zeros(len(bend)), where=bend > 0.0)
+    lengths = np.zeros(len(bend))
+    np.divide(squared * steepness, bend, out=lengths, where=bend > 0.0)
+    return lengths
 
 
 def _directions_along(paths: Array) -> Array:
